@@ -9,6 +9,7 @@ import importlib
 import os
 from functools import cache
 from types import ModuleType
+from typing import Any
 
 from hagoromo.errors import InputError
 
@@ -47,6 +48,17 @@ def mitsuba() -> ModuleType:
 
     mi.set_variant(f"{name()}_ad_rgb")
     return mi
+
+
+def clip(value: Any, low: Any, high: Any) -> Any:
+    """`value` held between `low` and `high`, for Python floats and Dr.Jit arrays.
+
+    Kernels use this, `dr.fmin` and `dr.fmax` instead of `dr.clip`, `dr.minimum` and `dr.maximum`: those propagate NaN
+    by an instruction that libLLVM before 17 cannot compile on x86, where the process aborts.
+    """
+    import drjit as dr
+
+    return dr.fmin(dr.fmax(value, low), high)
 
 
 def _works(backend: str) -> bool:

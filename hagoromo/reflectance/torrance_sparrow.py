@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
+from hagoromo.backend import clip
+
 LN2 = math.log(2.0)
 SMALLEST_COSINE = 1e-6  # keeps quotients of cosines finite where the reflectance is 0 anyway
 
@@ -39,12 +41,12 @@ def cosines(normal: Any, to_lamp: Any, to_eye: Any) -> Cosines:
     incidence, view = dr.dot(normal, to_lamp), dr.dot(normal, to_eye)
     deviation = cos_deviation(dr.dot(to_lamp, to_eye))
     half = (incidence + view) / (2.0 * deviation)
-    return Cosines(incidence, view, dr.clip(half, -1.0, 1.0), deviation)
+    return Cosines(incidence, view, clip(half, -1.0, 1.0), deviation)
 
 
 def cos_deviation(cos_phase: Any) -> Any:
     """cosθ_Q = cos(χ/2) from cosχ = L·V; kept above 0, where L = −V makes the half vector undefined."""
-    return dr.sqrt(dr.maximum(0.5 + 0.5 * cos_phase, SMALLEST_COSINE**2))
+    return dr.sqrt(dr.fmax(0.5 + 0.5 * cos_phase, SMALLEST_COSINE**2))
 
 
 def facet_density(cos_half: Any, gamma: Any) -> Any:
@@ -58,10 +60,10 @@ def facet_density(cos_half: Any, gamma: Any) -> Any:
 
 def squared_angle(cosine: Any) -> Any:
     """φ² from cosφ, finite slope at φ = 0: below 0.1 rad by the series of arccos² in s = 1 − cosφ, else arccos²."""
-    s = dr.maximum(1.0 - cosine, 0.0)
+    s = dr.fmax(1.0 - cosine, 0.0)
     # arccos(1−s)² = 2s + s²/3 + 4s³/45 + s⁴/35 + …  (relative error < 1e-9 for s < 0.005)
     near = s * (2.0 + s * (1.0 / 3.0 + s * (4.0 / 45.0 + s / 35.0)))
-    far = dr.acos(dr.clip(cosine, -1.0 + 1e-7, 1.0 - 0.004))
+    far = dr.acos(clip(cosine, -1.0 + 1e-7, 1.0 - 0.004))
     return dr.select(s < 0.005, near, far * far)
 
 
@@ -76,7 +78,7 @@ def fresnel(cos_deviation: Any, n: Any) -> Any:
 def masking(at: Cosines) -> Any:
     """Share of facets neither shadowed nor masked: G = min{1, 2 cosφ cosθ_r/cosθ_Q, 2 cosφ cosθ_i/cosθ_Q}."""
     # Tanaka eq. (6)
-    return dr.minimum(1.0, 2.0 * at.half * dr.minimum(at.view, at.incidence) / at.deviation)
+    return dr.fmin(1.0, 2.0 * at.half * dr.fmin(at.view, at.incidence) / at.deviation)
 
 
 def torrance_sparrow(normal: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any) -> Weights:

@@ -1,0 +1,140 @@
+"""Micro-elements: the reflectance seen on a small plane, cylinder or sphere (MODEL §2, "Micro-elements").
+
+One Torrance–Sparrow reflectance is averaged over the normals that the eye sees of the element:
+body parts in closed form, interface parts by Gauss–Legendre nodes placed where D is not negligible.
+Directions are unit and leave the element; arguments are Python floats or Dr.Jit arrays alike.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, clip
+from hagoromo.reflectance.torrance_sparrow import (
+    LN2,
+    Weights,
+    cos_deviation,
+    facet_density,
+    fresnel,
+    squared_angle,
+    torrance_sparrow,
+)
+
+ELEMENTS = ("plane", "cylinder", "sphere")
+NEGLIGIBLE_FACETS = 1e-4  # facet densities below this share of the peak are left out of the nodes
+CYLINDER_NODES = 10
+SPHERE_NODES = 24  # per angle
+
+
+def element_weights(
+    element: str, axis: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any
+) -> Weights:
+    """Weights of f for an `element` of ELEMENTS: `axis` is the plane's normal or the cylinder's tangent [1/sr]."""
+    if element == "plane":
+        return torrance_sparrow(axis, to_lamp, to_eye, alpha, beta, gamma, n)
+    cos_phase = dr.dot(to_lamp, to_eye)
+    mirror = beta * fresnel(cos_deviation(cos_phase), n)
+    if element == "cylinder":
+        return Weights(
+            alpha * cylinder_body(axis, to_lamp, to_eye), mirror * cylinder_facets(axis, to_lamp, to_eye, gamma)
+        )
+    return Weights(alpha * sphere_body(cos_phase), mirror * sphere_facets(cos_phase, gamma))
+
+
+def sphere_body(cos_phase: Any) -> Any:
+    """Mean of cosθ_i over the visible sphere: (2/3π)(sin χ + (π−χ) cos χ), cosχ = L·V."""
+    cosine = clip(cos_phase, -1.0, 1.0)
+    phase = dr.acos(clip(cosine, -1.0 + 1e-7, 1.0 - 1e-7))
+    return dr.fmax((2.0 / (3.0 * math.pi)) * (_sine(cosine) + (math.pi - phase) * cosine), 0.0)
+
+
+def cylinder_body(axis: Any, to_lamp: Any, to_eye: Any) -> Any:
+    """Mean of cosθ_i over the visible cylinder: sinθ_L (sin Δ + (π−Δ) cos Δ)/4, Δ between L and V along the axis."""
+    lamp, eye = _across(axis, to_lamp), _across(axis, to_eye)
+    sine_lamp, sine_eye = _length(lamp), _length(eye)
+    cosine = clip(dr.dot(lamp, eye) / (sine_lamp * sine_eye), -1.0, 1.0)
+    turn = dr.acos(clip(cosine, -1.0 + 1e-7, 1.0 - 1e-7))
+    return 0.25 * sine_lamp * (_sine(cosine) + (math.pi - turn) * cosine)
+
+
+def cylinder_facets(axis: Any, to_lamp: Any, to_eye: Any, gamma: Any, nodes: int = CYLINDER_NODES) -> Any:
+    """∮ D G dψ / ∮ max(N·V,0) dψ over the normals that see both lamp and eye [1/sr without β F].
+
+    cosθ_r cancels against the projected area, ∮ max(N·V,0) dψ = 2 sinθ_V. ψ is counted from Q across the axis, so
+    cosφ = q cosψ with q = |Q across|; the nodes span |ψ| ≤ w with D(w) = NEGLIGIBLE_FACETS · D(0), cut by the
+    horizons of lamp and eye. With 10 nodes the error is below 1 % of the largest value for γ ≤ 0.4.
+    """
+    lamp, eye = _across(axis, to_lamp), _across(axis, to_eye)
+    sine_lamp, sine_eye = _length(lamp), _length(eye)
+    deviation = cos_deviation(dr.dot(to_lamp, to_eye))
+    half = (lamp + eye) / (2.0 * deviation)
+    q = _length(half)
+    towards_lamp = dr.acos(clip(dr.dot(lamp, half) / (sine_lamp * q), -1.0 + 1e-7, 1.0 - 1e-7))
+    towards_eye = dr.acos(clip(dr.dot(eye, half) / (sine_eye * q), -1.0 + 1e-7, 1.0 - 1e-7))
+    # lamp at +towards_lamp, eye at −towards_eye as counted from Q; both see N within ±π/2 of themselves
+    tail = squared_angle(q) - math.log(NEGLIGIBLE_FACETS) / LN2 * gamma * gamma
+    reach = dr.acos(clip(dr.cos(dr.fmin(dr.sqrt(tail), math.pi)) / q, -1.0 + 1e-7, 1.0 - 1e-7))
+    first = dr.fmax(towards_lamp - 0.5 * math.pi, -reach)
+    last = dr.fmin(0.5 * math.pi - towards_eye, reach)
+    width = dr.fmax(last - first, 0.0)
+    total: Any = 0.0
+    for node, weight in _legendre(nodes):
+        turn = first + width * node
+        cos_half = q * dr.cos(turn)
+        view, incidence = sine_eye * dr.cos(turn + towards_eye), sine_lamp * dr.cos(turn - towards_lamp)
+        shade = clip(2.0 * cos_half * dr.fmin(view, incidence) / deviation, 0.0, 1.0)
+        total = total + weight * facet_density(cos_half, gamma) * shade
+    return total * width / (2.0 * sine_eye)
+
+
+def sphere_facets(cos_phase: Any, gamma: Any, nodes: int = SPHERE_NODES) -> Any:
+    """∫ D G dN / π over the normals that see both lamp and eye [1/sr without β F], a function of χ alone.
+
+    With the pole at Q the horizon of lamp and eye is tanφ = cotθ_Q / |cosω|; four quadrants ω are alike. Kernels
+    read it from `sphere_table`; this is the quadrature behind the table.
+    """
+    deviation = cos_deviation(cos_phase)
+    slant = dr.sqrt(dr.fmax(1.0 - deviation * deviation, 0.0))
+    reach = dr.fmin(gamma * math.sqrt(-math.log(NEGLIGIBLE_FACETS) / LN2), 0.5 * math.pi)
+    total: Any = 0.0
+    for node, weight in _legendre(nodes):
+        across = slant * math.cos(0.5 * math.pi * node)
+        last = dr.fmin(dr.atan2(deviation, across), reach)
+        for inner, inner_weight in _legendre(nodes):
+            half = last * inner
+            least = dr.cos(half) * deviation - dr.sin(half) * across
+            shade = clip(2.0 * dr.cos(half) * least / deviation, 0.0, 1.0)
+            density = dr.exp(-LN2 * dr.square(half / gamma))
+            total = total + weight * inner_weight * last * density * shade * dr.sin(half)
+    return total * 2.0  # four quadrants of length π/2, over π
+
+
+def sphere_table(gamma: float, entries: int) -> np.ndarray:
+    """`sphere_facets` at `entries` equal steps of χ from 0 to π: (entries,) float32, for linear look-up in kernels."""
+    Float64 = arrays().Float64
+    phases = np.linspace(0.0, math.pi, entries)
+    return np.array(sphere_facets(Float64(np.cos(phases)), Float64(gamma)), np.float32)
+
+
+def _across(axis: Any, direction: Any) -> Any:
+    """Part of `direction` across the unit `axis`."""
+    return direction - axis * dr.dot(axis, direction)
+
+
+def _length(vector: Any) -> Any:
+    """Length, kept above 0: a direction along the axis has no part across it."""
+    return dr.sqrt(dr.fmax(dr.squared_norm(vector), 1e-12))
+
+
+def _sine(cosine: Any) -> Any:
+    return dr.sqrt(dr.fmax(1.0 - cosine * cosine, 1e-14))
+
+
+def _legendre(count: int) -> list[tuple[float, float]]:
+    """Gauss–Legendre nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return [(0.5 + 0.5 * float(x), 0.5 * float(w)) for x, w in zip(nodes, weights, strict=True)]

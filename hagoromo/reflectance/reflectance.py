@@ -1,0 +1,105 @@
+"""Reflectance: the parameters of eq. (3), the colours of eq. (2) and the micro-element that carries them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays
+from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.element import ELEMENTS
+from hagoromo.reflectance.torrance_sparrow import LN2, cosines, weights_at
+
+VISIBLE = (400.0, 700.0)  # nm, the range of eq. (10)
+LARGEST_GAMMA = math.pi / 2
+VIEWS = np.radians([0, 15, 30, 45, 55, 65, 72, 78, 83, 86, 88, 89, 89.7])  # where energy conservation is checked
+
+
+@dataclass(frozen=True)
+class Reflectance:
+    """Dichromatic Torrance–Sparrow reflectance of a material.
+
+    alpha, beta: weights of body and interface [1/sr]; gamma: half width of the facets [rad]; n: refractive index;
+    body_colour, interface_colour: Spectra without unit; element: plane, cylinder or sphere.
+    Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
+    """
+
+    alpha: float
+    beta: float
+    gamma: float
+    n: float
+    body_colour: Spectrum
+    interface_colour: Spectrum = Spectrum.constant(1.0)
+    element: str = "plane"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        who = f"reflectance {self.name!r}" if self.name else "reflectance"
+        for key, low, high in (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", 1e-4, LARGEST_GAMMA), ("n", 1, 10)):
+            value = getattr(self, key)
+            if not (isinstance(value, (int, float)) and low <= value <= high):
+                raise InputError(f"{who}: {key} is {value}: give a number from {low} to {high:.4g}")
+        if self.element not in ELEMENTS:
+            raise InputError(f"{who}: element is {self.element!r}: give one of {', '.join(ELEMENTS)}")
+        for key in ("body_colour", "interface_colour"):
+            if min(getattr(self, key).values) < 0:
+                raise InputError(f"{who}: {key} is below 0 at some wavelength: a colour is 0 or more")
+        albedo = self.directional_albedo()
+        worst = int(np.argmax(albedo))
+        if albedo[worst] > 1 + 1e-6:
+            raise InputError(
+                f"{who} breaks energy conservation: seen at {math.degrees(VIEWS[worst]):.0f}° it reflects "
+                f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
+            )
+
+    @property
+    def body_albedo(self) -> float:
+        """π α c_b at the wavelength (400–700 nm) where the body reflects most."""
+        return math.pi * self.alpha * _largest(self.body_colour)
+
+    @property
+    def interface_albedo(self) -> float:
+        """∫ of the interface part over the lamps' directions, seen along the normal, for e = 1."""
+        return self.beta * float(interface_albedo(self.gamma, self.n)[0])
+
+    def directional_albedo(self) -> np.ndarray:
+        """∫ f dL over all lamp directions for the views VIEWS, at the worst wavelength: (len(VIEWS),)."""
+        interface = self.beta * interface_albedo(self.gamma, self.n) * _largest(self.interface_colour)
+        return self.body_albedo + interface
+
+    def with_element(self, element: str) -> Reflectance:
+        """The same reflectance on another micro-element."""
+        return replace(self, element=element)
+
+
+@lru_cache(maxsize=256)
+def interface_albedo(gamma: float, n: float, angles: int = 48) -> np.ndarray:
+    """∫ D F G / cosθ_r dL for each of VIEWS, by quadrature over the half vector Q (dL = 4 cosθ_Q dQ): (len(VIEWS),)."""
+    Array3, Float64 = arrays().Array3f64, arrays().Float64
+    nodes, weights = np.polynomial.legendre.leggauss(angles)
+    reach = min(math.pi / 2, gamma * math.sqrt(math.log(1e6) / LN2))  # D below 1e-6 is left out
+    polar, turn = reach * (nodes + 1) / 2, 2 * math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)
+    view, polar_grid, turn_grid = (grid.ravel() for grid in np.meshgrid(VIEWS, polar, turn, indexing="ij"))
+    measure = np.sin(polar_grid) * np.tile(np.repeat(weights * reach / 2, turn.size), VIEWS.size) * math.pi / angles
+    half = Array3(*map(Float64, _direction(polar_grid, turn_grid)))
+    to_eye = Array3(*map(Float64, _direction(view, np.zeros_like(view))))
+    cos_eye = dr.dot(half, to_eye)
+    to_lamp = 2.0 * cos_eye * half - to_eye
+    f = weights_at(cosines(Array3(0, 0, 1), to_lamp, to_eye), 0.0, 1.0, gamma, n).interface
+    values = np.array(dr.select(cos_eye > 0, 4.0 * cos_eye * f, 0.0)) * measure
+    return values.reshape(VIEWS.size, -1).sum(axis=1)
+
+
+def _direction(polar: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)
+
+
+def _largest(colour: Spectrum) -> float:
+    """Largest value between 400 and 700 nm; a piecewise linear spectrum has it at a knot or at a limit."""
+    inside = [w for w in colour.wavelengths if VISIBLE[0] < w < VISIBLE[1]]
+    return float(np.max(colour.at(np.array([*VISIBLE, *inside]))))

@@ -1,0 +1,47 @@
+"""Directions drawn in proportion to the reflectance of a plane, with their density (for `path`).
+
+A mixture: with probability `share` a half vector by the Gaussian of eq. (4), else a cosine-weighted direction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+
+from hagoromo.reflectance.torrance_sparrow import LN2, cosines, facet_density
+
+
+def sample_to_lamp(view: Any, share: Any, gamma: Any, choice: Any, u: Any, v: Any) -> Any:
+    """Direction to the lamp [local axes, normal = +z] for the eye `view`, from three uniform numbers in [0, 1).
+
+    A mirrored direction may fall below the horizon: it carries density there and the reflectance is 0.
+    """
+    kind, turn = type(view), 2.0 * math.pi * v
+    radius = dr.sqrt(u)
+    diffuse = kind(radius * dr.cos(turn), radius * dr.sin(turn), dr.sqrt(dr.fmax(1.0 - u, 0.0)))
+    polar = gamma * dr.sqrt(-dr.log(1.0 - u * _inside(gamma)) / LN2)
+    half = kind(dr.sin(polar) * dr.cos(turn), dr.sin(polar) * dr.sin(turn), dr.cos(polar))
+    mirrored = 2.0 * dr.dot(view, half) * half - view
+    return dr.select(choice < share, mirrored, diffuse)
+
+
+def density_to_lamp(to_lamp: Any, view: Any, share: Any, gamma: Any) -> Any:
+    """Density of `sample_to_lamp` per solid angle [1/sr] at the direction `to_lamp`."""
+    at = cosines(type(view)(0, 0, 1), to_lamp, view)
+    diffuse = dr.fmax(at.incidence, 0.0) / math.pi
+    half = _half_density(at.half, gamma) + _half_density(-at.half, gamma)  # Q and −Q mirror V alike
+    return share * half / (4.0 * at.deviation) + (1.0 - share) * diffuse
+
+
+def _half_density(cos_half: Any, gamma: Any) -> Any:
+    """Density of the half vector [1/sr]: φ is drawn from 2 ln2 φ/γ² D(φ), cut at the horizon φ = π/2."""
+    polar = dr.acos(dr.fmin(dr.fmax(cos_half, 0.0), 1.0 - 1e-7))
+    radial = 2.0 * LN2 / (gamma * gamma) * facet_density(cos_half, gamma) / _inside(gamma)
+    return dr.select(cos_half > 0.0, radial * polar / (2.0 * math.pi * dr.sin(polar)), 0.0)
+
+
+def _inside(gamma: Any) -> Any:
+    """Share of the Gaussian above the horizon."""
+    return 1.0 - dr.exp(-LN2 * dr.square(0.5 * math.pi / gamma))
