@@ -1,0 +1,3 @@
+"""Hagoromo: from calibrated photographs to measured reflectance, volume boxes and rendered images."""
+
+__version__ = "0.1.0"

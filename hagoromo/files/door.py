@@ -1,0 +1,61 @@
+"""The door: checks that every file and every large array passes before it is let in."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from hagoromo.errors import InputError
+
+SHARE_OF_MEMORY = 0.9  # of the free memory that one array may take; the rest is left for work on it
+
+
+def existing_file(path: str | Path) -> Path:
+    """`path` as a `Path`; `InputError` when it is not an existing file."""
+    found = Path(path)
+    if found.is_dir():
+        raise InputError(f"{found} is a folder: give a file")
+    if not found.exists():
+        raise InputError(f"{found} does not exist: check the path")
+    return found
+
+
+def existing_folder(path: str | Path) -> Path:
+    """`path` as a `Path`; `InputError` when it is not an existing folder."""
+    found = Path(path)
+    if not found.exists():
+        raise InputError(f"{found} does not exist: check the path")
+    if not found.is_dir():
+        raise InputError(f"{found} is a file: give a folder")
+    return found
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """All bytes of an existing file, its size checked against the free memory first."""
+    found = existing_file(path)
+    check_memory(found.stat().st_size, str(found))
+    return found.read_bytes()
+
+
+def check_memory(size: float, what: str) -> None:
+    """Refuse with `InputError`, before anything is allocated, `what` that needs more than the free memory.
+
+    size: bytes that `what` will take.
+    """
+    free = free_memory()
+    if not size <= SHARE_OF_MEMORY * free:
+        raise InputError(
+            f"{what} needs {size / 2**30:.3g} GiB of memory and {free / 2**30:.3g} GiB are free: make it smaller"
+        )
+
+
+def free_memory() -> int:
+    """Free memory [bytes]; all physical memory where the system does not say what is free."""
+    pages = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass  # not Linux
+    return os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")

@@ -1,0 +1,83 @@
+"""OpenEXR: named float32 channels with text metadata."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_file
+
+MAGIC = b"\x76\x2f\x31\x01"
+
+
+def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None) -> None:
+    """Write `channels`, name → (height, width), as float32 with lossless compression.
+
+    `InputError` when there is no channel or their shapes differ.
+    """
+    import OpenEXR
+
+    arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
+    shapes = sorted({values.shape for values in arrays.values()})
+    if len(shapes) != 1 or len(shapes[0]) != 2 or 0 in shapes[0]:
+        raise InputError(f"an EXR needs channels of one (height, width): given {shapes}")
+    header = {**(metadata or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, arrays) as file:
+        file.write(str(path))
+
+
+def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
+    """Channels, name → (height, width) float32, and the text metadata of the first part.
+
+    `InputError` when the file is missing, no EXR, cut off, or larger than the free memory.
+    """
+    found = existing_file(path)
+    with found.open("rb") as file:
+        if file.read(4) != MAGIC:
+            raise InputError(f"{found} is no EXR file: give one")
+    header = _open(found, header_only=True)
+    (left, top), (right, bottom) = (map(int, corner) for corner in header.header()["dataWindow"])
+    check_memory(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(found))
+    part = _open(found)
+    channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in part.channels().items()}
+    text = {name: value for name, value in part.header().items() if isinstance(value, str)}
+    return channels, text
+
+
+def _open(path: Path, header_only: bool = False) -> Any:
+    import OpenEXR
+
+    try:
+        with _quiet():
+            file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
+    except (RuntimeError, ValueError, MemoryError) as error:
+        raise InputError(f"{path} cannot be read as EXR, it may be cut off: {_one_line(error)}") from error
+    if not file.parts:
+        raise InputError(f"{path} cannot be read as EXR: it is cut off or damaged: copy it again")
+    return file
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing on standard output and error: the OpenEXR library writes there about a file that it then refuses."""
+    kept = os.dup(1), os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        for at, file in enumerate(kept, 1):
+            os.dup2(file, at)
+            os.close(file)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,70 @@
+"""PNG: 8- or 16-bit integer images in the file's own depth, channels in the order R, G, B, A."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, read_bytes
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16."""
+    import cv2
+
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"a PNG holds uint8 or uint16: given {image.dtype}")
+    if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (3, 4)):
+        raise InputError(f"a PNG is (height, width), with 3 or 4 channels if any: given shape {image.shape}")
+    done, encoded = cv2.imencode(".png", _swapped(image))
+    if not done:
+        raise OSError(f"{path} could not be encoded as PNG")
+    Path(path).write_bytes(encoded.tobytes())
+
+
+def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The image: (height, width[, 3 or 4]), uint8 or uint16 as the file has it.
+
+    `InputError` when the file is missing, no PNG, cut off, damaged, or larger than the free memory.
+    """
+    import cv2
+
+    data = read_bytes(path)
+    _check_chunks(data, path)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"{path} cannot be decoded as PNG: make it anew")
+    return _swapped(image)
+
+
+def _swapped(image: NDArray) -> NDArray:
+    """R, G, B ↔ B, G, R (OpenCV's order); alpha stays last."""
+    if image.ndim == 2:
+        return image
+    return np.ascontiguousarray(image[..., [2, 1, 0, 3][: image.shape[2]]])
+
+
+def _check_chunks(data: bytes, path: str | Path) -> None:
+    """Walk the chunks with their check sums: OpenCV decodes half a file without a word."""
+    if not data.startswith(SIGNATURE):
+        raise InputError(f"{path} is no PNG file: give one")
+    at, kind = len(SIGNATURE), b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise InputError(f"{path} is cut off: copy it again")
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if at + 12 + length > len(data):
+            raise InputError(f"{path} is cut off: copy it again")
+        if zlib.crc32(data[at + 4 : at + 8 + length]) != struct.unpack_from(">I", data, at + 8 + length)[0]:
+            raise InputError(f"{path} is damaged (check sum of chunk {kind!r}): copy it again")
+        if kind == b"IHDR":
+            width, height = struct.unpack_from(">II", data, at + 8)
+            check_memory(float(width) * height * 8, str(path))
+        at += 12 + length

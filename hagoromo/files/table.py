@@ -1,0 +1,71 @@
+"""CSV tables of numbers: a header row of column names, then one row of numbers each."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import read_bytes
+
+
+def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
+    """Column name → (rows,) float64, in the file's order; empty lines and lines that start with # are skipped.
+
+    `InputError` when the file is missing, no text, has no header, no rows, a row of another length or a cell that
+    is no finite number.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+        rows = [
+            (number, row)
+            for number, row in enumerate(csv.reader(text.splitlines()), 1)
+            if any(cell.strip() for cell in row) and not row[0].startswith("#")
+        ]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} is no CSV text: {error}") from error
+    if len(rows) < 2:
+        raise InputError(f"{path} has {len(rows)} rows: a table needs a header row and at least one row of numbers")
+    names = [cell.strip() for cell in rows[0][1]]
+    if _number(names[0]) is not None:
+        raise InputError(f"{path} has no header row: name its columns in the first row, such as wavelength_nm,value")
+    if len(set(names)) != len(names) or "" in names:
+        raise InputError(f"{path} has columns {', '.join(names)}: give each its own name")
+    values = np.empty((len(rows) - 1, len(names)))
+    for index, (line, row) in enumerate(rows[1:]):
+        values[index] = _numbers(row, names, f"{path} line {line}")
+    return {name: values[:, column].copy() for column, name in enumerate(names)}
+
+
+def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
+    """Write `columns`, name → (rows,), so that `read_table` gives the same float64 numbers back."""
+    arrays = [np.asarray(values, dtype=np.float64) for values in columns.values()]
+    if len({array.shape for array in arrays}) != 1 or arrays[0].ndim != 1:
+        raise InputError(f"a table needs columns of one length: given shapes {[array.shape for array in arrays]}")
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([repr(float(value)) for value in row] for row in zip(*arrays, strict=True))
+
+
+def _numbers(row: list[str], names: list[str], where: str) -> list[float]:
+    if len(row) != len(names):
+        raise InputError(f"{where} has {len(row)} cells and the header has {len(names)}: it may be cut off")
+    numbers = []
+    for cell, name in zip(row, names, strict=True):
+        value = _number(cell)
+        if value is None or not np.isfinite(value):
+            raise InputError(f"{where}, column {name}: {cell!r} is no finite number")
+        numbers.append(value)
+    return numbers
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None

@@ -1,0 +1,1 @@
+"""Light before it meets anything: spectra, the colour people see, lamps."""

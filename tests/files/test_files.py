@@ -1,0 +1,186 @@
+"""Write → read gives the same numbers; a bad file is refused in one line."""
+
+import numpy as np
+import pytest
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory
+from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.png import read_png, write_png
+from hagoromo.files.record import inside, number, numbers, one_of, read_json, read_toml, take, text, write_json
+from hagoromo.files.table import read_table, write_table
+from hagoromo.files.whole import whole_file, whole_folder
+
+RANDOM = np.random.default_rng(7)
+READERS = {"exr": read_exr, "png": read_png, "csv": read_table, "json": read_json, "toml": read_toml}
+
+
+def test_exr_reads_what_was_written(tmp_path):
+    channels = {name: RANDOM.normal(size=(5, 7)).astype(np.float32) for name in ("R", "N.X", "alpha")}
+    write_exr(tmp_path / "a.exr", channels, {"hagoromo": '{"τ": 1}', "colourSpace": "lin_rec709"})
+    read, metadata = read_exr(tmp_path / "a.exr")
+    assert sorted(read) == sorted(channels)
+    for name, values in channels.items():
+        np.testing.assert_array_equal(read[name], values)
+    assert metadata["hagoromo"] == '{"τ": 1}' and metadata["colourSpace"] == "lin_rec709"
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3), (5, 7, 4)])
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_png_reads_what_was_written(tmp_path, shape, depth):
+    image = RANDOM.integers(0, np.iinfo(depth).max, shape, dtype=depth, endpoint=True)
+    write_png(tmp_path / "a.png", image)
+    read = read_png(tmp_path / "a.png")
+    assert read.dtype == depth
+    np.testing.assert_array_equal(read, image)
+
+
+def test_table_reads_what_was_written(tmp_path):
+    columns = {"wavelength_nm": RANDOM.normal(size=5), "R": RANDOM.normal(size=5)}
+    write_table(tmp_path / "a.csv", columns)
+    read = read_table(tmp_path / "a.csv")
+    assert list(read) == list(columns)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(read[name], values)
+
+
+def test_json_reads_what_was_written(tmp_path):
+    record = {"name": "布", "values": [0.1, 2, None, True]}
+    write_json(tmp_path / "a.json", record)
+    assert read_json(tmp_path / "a.json") == record
+    with pytest.raises(InputError, match="cannot be written"):
+        write_json(tmp_path / "b.json", {"a": float("nan")})
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_missing_file_a_folder_and_noise_are_refused_in_one_line(tmp_path, kind):
+    path = tmp_path / f"a.{kind}"
+    for make in (lambda: None, path.mkdir, lambda: path.rmdir() or path.write_bytes(RANDOM.bytes(997))):
+        make()
+        with pytest.raises(InputError) as refused:
+            READERS[kind](path)
+        assert "\n" not in str(refused.value) and str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", ["exr", "png"])
+def test_a_truncated_image_is_refused_wherever_it_is_cut(tmp_path, kind):
+    image = RANDOM.integers(0, 255, (31, 37, 3), dtype=np.uint8)
+    path = tmp_path / f"a.{kind}"
+    if kind == "png":
+        write_png(path, image)
+    else:
+        write_exr(path, {"R": image[..., 0], "G": image[..., 1]})
+    whole = path.read_bytes()
+    for share in (0.0, 0.003, 0.02, 0.1, 0.5, 0.9, 0.999):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError):
+            READERS[kind](path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "0 rows"),
+        ("400,1\n500,2\n", "no header"),
+        ("a,b\n", "1 rows"),
+        ("a,b\n1,2\n3\n", "line 3 has 1 cells"),
+        ("a,b\n1,x\n", "column b: 'x'"),
+        ("a,b\n1,nan\n", "no finite number"),
+        ("a,a\n1,2\n", "its own name"),
+    ],
+)
+def test_a_bad_table_is_refused(tmp_path, content, said):
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(InputError, match=said):
+        read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("content", ['{"a": NaN}', '{"a": 1', "[" * 100_000])
+def test_bad_json_is_refused(tmp_path, content):
+    (tmp_path / "a.json").write_text(content)
+    with pytest.raises(InputError):
+        read_json(tmp_path / "a.json")
+
+
+def test_a_png_that_promises_more_than_memory_is_refused_before_allocation(tmp_path):
+    import struct
+    import zlib
+
+    write_png(tmp_path / "a.png", np.zeros((5, 7), np.uint8))
+    data = bytearray((tmp_path / "a.png").read_bytes())
+    data[16:24] = struct.pack(">II", 2**31 - 1, 2**31 - 1)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    (tmp_path / "a.png").write_bytes(data)
+    with pytest.raises(InputError, match="GiB of memory"):
+        read_png(tmp_path / "a.png")
+
+
+def test_memory_is_checked_before_allocation():
+    check_memory(1.0, "a byte")
+    with pytest.raises(InputError, match=r"the lattice needs .* GiB"):
+        check_memory(1e18, "the lattice")
+    with pytest.raises(InputError):
+        check_memory(float("nan"), "the lattice")
+
+
+def test_take_checks_every_key():
+    spec = {"size": number, "name": (text, "box"), "kind": (one_of("plane", "sphere"), "plane")}
+    assert take({"size": 2}, spec, "f") == {"size": 2.0, "name": "box", "kind": "plane"}
+    for record, said in [
+        ({}, "lacks the key 'size'"),
+        ({"size": 1, "sise": 2}, "unknown key 'sise': known are size, name, kind"),
+        ({"size": "x"}, "f: size must be a finite number: given 'x'"),
+        ({"size": float("inf")}, "finite number"),
+        ({"size": True}, "finite number"),
+        ({"size": 1, "kind": "cone"}, "one of plane, sphere"),
+        ([1], "must be a table"),
+    ]:
+        with pytest.raises(InputError, match=said):
+            take(record, spec, "f")
+    with pytest.raises(InputError, match="list of 3 finite numbers"):
+        take({"p": [1, 2]}, {"p": numbers(3)}, "f")
+
+
+def test_paths_in_files_stay_in_the_folder(tmp_path):
+    assert inside(tmp_path, "./a/../b.png") == tmp_path / "b.png"
+    for relative in ("../b.png", "/etc/passwd", "a/../../b", ".."):
+        with pytest.raises(InputError, match="leads out"):
+            inside(tmp_path, relative)
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
+def test_a_failed_write_leaves_what_was_there(tmp_path, failure):
+    (tmp_path / "old.txt").write_text("old")
+    with whole_folder(tmp_path / "old") as folder:
+        (folder / "a").write_text("old")
+    before = sorted(tmp_path.rglob("*"))
+    for name in ("new", "old"):
+        with pytest.raises(failure), whole_file(tmp_path / f"{name}.txt", force=True) as path:
+            path.write_text("half")
+            raise failure
+        with pytest.raises(failure), whole_folder(tmp_path / name, force=True) as path:
+            (path / "a").write_text("half")
+            raise failure
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / "old.txt").read_text() == (tmp_path / "old" / "a").read_text() == "old"
+
+
+def test_an_existing_output_is_replaced_with_force_only(tmp_path):
+    for content, force in (("one", False), ("two", True)):
+        with whole_file(tmp_path / "a" / "b.txt", force) as path:
+            path.write_text(content)
+        with whole_folder(tmp_path / "c", force) as folder:
+            (folder / content).touch()
+    assert (tmp_path / "a" / "b.txt").read_text() == "two"
+    assert [p.name for p in (tmp_path / "c").iterdir() if not p.name.startswith(".")] == ["two"]
+    for output in (whole_file(tmp_path / "a" / "b.txt"), whole_folder(tmp_path / "c")):
+        with pytest.raises(InputError, match="--force"), output:
+            pass
+
+
+def test_a_folder_of_other_files_is_never_replaced(tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.jpg").touch()
+    with pytest.raises(InputError, match="did not write"), whole_folder(tmp_path / "photos", force=True):
+        pass
+    assert (tmp_path / "photos" / "a.jpg").exists()
