@@ -59,4 +59,4 @@ def delta_e_2000(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 
     white = colour.XYZ_to_xy(xyz_from_srgb([1.0, 1.0, 1.0]))
     lab_a, lab_b = (colour.XYZ_to_Lab(xyz_from_srgb(rgb), white) for rgb in (a, b))
-    return np.asarray(colour.delta_E(lab_a, lab_b, method="CIE 2000"))
+    return np.asarray(colour.delta_E(lab_a, lab_b, method="CIE 2000"), dtype=np.float64)

@@ -1,0 +1,37 @@
+# make setup | demo | test | test-slow | bench | figures: each sets up what it needs; all may be run again at any time.
+SHELL := /bin/bash
+BIN := .venv/bin
+READY := .venv/ready
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
+
+.PHONY: setup demo test test-slow bench figures
+
+setup: $(READY)
+
+# Wheels only, all versions pinned, the build backend too; the stamp is written last, so a broken set-up starts again.
+$(READY): pyproject.toml constraints.txt .ci/venv .ci/llvm
+	.ci/venv .venv
+	$(INSTALL) hatchling editables
+	$(INSTALL) --no-build-isolation -e '.[dev]'
+	.ci/llvm $(BIN)/python
+	touch $@
+
+demo: $(READY)
+	$(BIN)/hagoromo demo --out out/demo --force
+
+test: $(READY)
+	$(BIN)/ruff check --quiet .
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/pytest -q -n 2 -m "not slow"
+
+test-slow: $(READY)
+	$(BIN)/pytest -q -n 2 -m slow
+
+bench: $(READY)
+	$(BIN)/python benchmarks/march.py
+
+# Every picture in README and docs.
+figures: $(READY)
+	$(BIN)/hagoromo demo --out out/figures --size full --force
