@@ -1,0 +1,244 @@
+"""Camera geometry (MODEL §4, Tanaka eq. 7–9 and 12): world points → image points, image points → rays.
+
+The camera frame is OpenCV's (+x right, +y down, +z forward). An image point (x, y) [px] counts from the upper left
+corner of the image: the centre of pixel (row, column) is at (column + ½, row + ½). World units are metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hagoromo import backend
+from hagoromo.camera.lens import Lens, distort, lens_from_coefficients, undistort
+from hagoromo.camera.response import Response
+from hagoromo.camera.sensor import CANON_EOS_300D, Sensor
+from hagoromo.errors import InputError
+
+ROTATION_TOLERANCE = 1e-6  # largest entry of R Rᵀ − I in a pose that is taken for a rigid one
+ROUNDING = 1e-12  # the same, up to which a pose is kept to the last bit
+PRESETS = ("canon_eos_kiss_digital",)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera with lens distortion, and the sensor behind it.
+
+    width, height: size of the image [px]. focal: (α_x, α_y) [px]. principal: (x_0, y_0) [px].
+    distortion: OpenCV's (k1, k2, p1, p2, k3). world_to_camera: (4, 4) rigid pose [m].
+    response, sensor: colour response and noise, where known. Raises `InputError` when a figure makes no camera.
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    principal: tuple[float, float]
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    world_to_camera: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    response: Response | None = None
+    sensor: Sensor | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check every figure once and freeze the pose."""
+        if int(self.width) != self.width or int(self.height) != self.height or min(self.width, self.height) < 1:
+            raise InputError(f"the image is {self.width} × {self.height} px: give two whole numbers above 0")
+        keep = object.__setattr__
+        keep(self, "width", int(self.width))
+        keep(self, "height", int(self.height))
+        keep(self, "focal", _figures("focal length", self.focal, 2))
+        keep(self, "principal", _figures("principal point", self.principal, 2))
+        keep(self, "distortion", _figures("distortion k1 k2 p1 p2 k3", self.distortion, 5))
+        if min(self.focal) <= 0.0:
+            raise InputError(f"the focal length is {self.focal} px: both figures must be above 0")
+        pose = rigid_pose(self.world_to_camera, "world_to_camera")
+        pose.setflags(write=False)
+        keep(self, "world_to_camera", pose)
+
+    @staticmethod
+    def preset(name: str, focal_mm: float = 55.0, binning: int = 1) -> Camera:
+        """A camera by name, at the origin, looking along +z.
+
+        "canon_eos_kiss_digital" (the paper's; also sold as EOS 300D): 22.7 × 15.1 mm, 3072 × 2048 px, RGGB mosaic.
+        focal_mm: focal length of the lens [mm]. binning: see `binned`.
+        """
+        if name not in PRESETS:
+            raise InputError(f"no camera is called {name!r}: choose one of {', '.join(PRESETS)}")
+        width, height, width_mm, height_mm = 3072, 2048, 22.7, 15.1  # Canon EOS 300D, manufacturer's data sheet
+        return Camera(
+            width,
+            height,
+            focal=(focal_mm * width / width_mm, focal_mm * height / height_mm),
+            principal=(width / 2, height / 2),
+            response=Response.load("canon_eos_300d"),
+            sensor=CANON_EOS_300D,
+            name=name,
+        ).binned(binning)
+
+    def binned(self, k: int) -> Camera:
+        """The camera whose pixels are the means of k × k pixels (of one colour each, where there is a mosaic)."""
+        if int(k) != k or k < 1 or self.width % k or self.height % k:
+            raise InputError(
+                f"binning {k} does not divide the image of {self.width} × {self.height} px: choose a common divisor"
+            )
+        return replace(
+            self,
+            width=self.width // int(k),
+            height=self.height // int(k),
+            focal=(self.focal[0] / k, self.focal[1] / k),
+            principal=(self.principal[0] / k, self.principal[1] / k),
+            sensor=self.sensor.binned(int(k)) if self.sensor else None,
+        )
+
+    def with_pose(self, world_to_camera: ArrayLike) -> Camera:
+        """The same camera at another (4, 4) pose."""
+        return replace(self, world_to_camera=np.asarray(world_to_camera, np.float64))
+
+    def look_at(self, eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Camera:
+        """The same camera at `eye` [m], looking at `target` [m], with `up` pointing up in the image.
+
+        Raises `InputError` where `eye` and `target` coincide or `up` lies along the line between them.
+        """
+        eye, target, up = (_vector(n, v) for n, v in (("eye", eye), ("target", target), ("up", up)))
+        forward = target - eye
+        right = np.cross(forward, up)
+        if not np.linalg.norm(forward) > 1e-12 * (1.0 + np.linalg.norm(eye)):
+            raise InputError(f"the camera at {eye.tolist()} looks at itself: move its target or its eye")
+        if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up) > 0.0:
+            raise InputError(f"up = {up.tolist()} lies along the line of sight {forward.tolist()}: choose another up")
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        rotation /= np.linalg.norm(rotation, axis=1, keepdims=True)
+        return self.with_pose(_pose(rotation, -rotation @ eye))
+
+    @property
+    def camera_to_world(self) -> NDArray[np.float64]:
+        """(4, 4) pose of the camera frame in the world [m]."""
+        return _inverse_pose(self.world_to_camera)
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(3,) centre of projection in the world [m]."""
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(3, 4) M of s [x y 1]ᵀ = M [X Y Z 1]ᵀ, the projection without distortion."""
+        (ax, ay), (x0, y0) = self.focal, self.principal
+        # Tanaka eq. (9), with the third row that eq. (8) prints as zero
+        return np.array([[ax, 0.0, x0, 0.0], [0.0, ay, y0, 0.0], [0.0, 0.0, 1.0, 0.0]]) @ self.world_to_camera
+
+    def project(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Image points (..., 2) (x, y) [px] of world points (..., 3) [m]; NaN behind the camera or outside the lens."""
+        points = np.asarray(points, np.float64)
+        local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+        depth = np.where(local[..., 2:] > 0.0, local[..., 2:], np.nan)
+        return self._through_lens(distort, local[..., :2] / depth) * self.focal + self.principal
+
+    def unproject(self, image_points: ArrayLike) -> NDArray[np.float64]:
+        """Unit world directions (..., 3) of rays through image points (..., 2) (x, y) [px]; NaN outside the lens."""
+        xy = (np.asarray(image_points, np.float64) - self.principal) / self.focal
+        xy = self._through_lens(undistort, xy)
+        # Tanaka eq. (12)
+        direction = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1) @ self.world_to_camera[:3, :3]
+        return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+    def pixel_directions(self) -> NDArray[np.float64]:
+        """Unit world directions (height, width, 3) of the rays through the centres of all pixels."""
+        x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        return self.unproject(np.stack([x, y], axis=-1))
+
+    def rays(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Origin [m] and unit direction (Dr.Jit Array3f, world axes) of the rays through image points (x, y) [px].
+
+        x, y: Dr.Jit Float. The camera's figures enter as data, so a camera that moves compiles no new kernel.
+        """
+        jit = backend.arrays()
+        (ax, ay), (x0, y0) = (_opaque(self.focal), _opaque(self.principal))
+        x, y = (x - x0) / ax, (y - y0) / ay
+        if any(self.distortion):
+            x, y = undistort(x, y, Lens(*_opaque(lens_from_coefficients(self.distortion))))
+        right, down, forward = (jit.Array3f(*_opaque(row)) for row in self.world_to_camera[:3, :3])
+        # Tanaka eq. (12)
+        return jit.Array3f(*_opaque(self.position)), dr.normalize(x * right + y * down + forward)
+
+    def _through_lens(self, way: Any, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """`distort` or `undistort` of (..., 2) normalised points, in double precision."""
+        if not any(self.distortion) or xy.size == 0:
+            return xy
+        double = backend.arrays().Float64
+        lens = Lens(*(dr.opaque(double, k) for k in lens_from_coefficients(self.distortion)))
+        x, y = way(double(xy[..., 0].ravel()), double(xy[..., 1].ravel()), lens)
+        return np.stack([x.numpy(), y.numpy()], axis=-1).reshape(xy.shape)
+
+
+def rigid_pose(matrix: ArrayLike, what: str, tolerance: float = ROTATION_TOLERANCE) -> NDArray[np.float64]:
+    """A copy of a (4, 4) rigid transformation, or an `InputError` that calls it `what`.
+
+    tolerance: largest entry of R Rᵀ − I that passes; beyond rounding, the rotation nearest to R is given back.
+    """
+    pose = np.array(matrix, np.float64) if _is_matrix(matrix) else np.empty(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-9):
+        raise InputError(f"{what} is no pose: give 4 × 4 finite numbers, the last row 0 0 0 1")
+    off = np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max()
+    if off > tolerance or np.linalg.det(pose[:3, :3]) < 0.0:
+        raise InputError(f"{what} is no rotation (R Rᵀ differs from 1 by {off:.2g}, or mirrors): give a rigid pose")
+    if off > ROUNDING:
+        u, _, vt = np.linalg.svd(pose[:3, :3])
+        pose[:3, :3] = u @ vt
+    return pose
+
+
+def opencv_from_opengl(camera_to_world: ArrayLike) -> NDArray[np.float64]:
+    """Camera-to-world (4, 4) for OpenCV's axes from one for OpenGL's and Blender's (+x right, +y up, −z forward)."""
+    return np.asarray(camera_to_world, np.float64) @ np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def opengl_from_opencv(camera_to_world: ArrayLike) -> NDArray[np.float64]:
+    """The inverse of `opencv_from_opengl` (the same flip of y and z)."""
+    return opencv_from_opengl(camera_to_world)
+
+
+def mitsuba_from_opencv(camera_to_world: ArrayLike) -> NDArray[np.float64]:
+    """Camera-to-world (4, 4) for Mitsuba's axes (+x left, +y up, +z forward) from one for OpenCV's."""
+    return np.asarray(camera_to_world, np.float64) @ np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def _pose(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    return pose
+
+
+def _inverse_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    return _pose(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])
+
+
+def _opaque(figures: Sequence[float] | NDArray[np.float64]) -> list[Any]:
+    return [dr.opaque(backend.arrays().Float, float(figure)) for figure in figures]
+
+
+def _figures(what: str, figures: Sequence[float], count: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(figure) for figure in figures)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise InputError(f"{what} is {figures!r}: give {count} finite numbers")
+    return numbers
+
+
+def _vector(what: str, vector: ArrayLike) -> NDArray[np.float64]:
+    return np.array(_figures(what, np.asarray(vector).ravel().tolist(), 3))
+
+
+def _is_matrix(matrix: ArrayLike) -> bool:
+    try:
+        np.asarray(matrix, np.float64)
+    except (TypeError, ValueError):
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""Photographs: linear sensor values with their variance, and folders of them."""
