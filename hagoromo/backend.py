@@ -61,6 +61,15 @@ def clip(value: Any, low: Any, high: Any) -> Any:
     return dr.fmin(dr.fmax(value, low), high)
 
 
+def opaque_vector(values: Any) -> Any:
+    """Three numbers as an Array3f that kernels read from memory: other numbers do not compile a new kernel."""
+    import drjit as dr
+
+    vector = arrays().Array3f(*(float(value) for value in values))
+    dr.make_opaque(vector)
+    return vector
+
+
 def _works(backend: str) -> bool:
     import drjit as dr
 

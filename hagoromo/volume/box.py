@@ -1,0 +1,142 @@
+"""VolumeBox: the paper's volume box, a subspace of the world filled with density, axis, material and body colour."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hagoromo.backend import arrays
+from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.bricks import BRICK, STORED, Bricks, bricks_from_arrays, bricks_from_field, table_shape
+
+Field = Callable[[Any], tuple[Any, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeBox:
+    """A volume box: `bricks` of edge-to-edge voxels [m], in its own axes from 0 to shape · voxel_size.
+
+    pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m] (σ = τ ρ). materials: one Reflectance
+    per material number. basis: spectra that the per-voxel body colours are coefficients of (empty: a material's own).
+    """
+
+    bricks: Bricks
+    voxel_size: float
+    tau: float
+    materials: tuple[Reflectance, ...]
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    basis: tuple[Spectrum, ...] = ()
+    name: str = ""
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for key in ("voxel_size", "tau"):
+            value = getattr(self, key)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"volume box {self.name!r}: {key} is {value}: give a finite number above 0")
+        if not self.materials:
+            raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
+        if len(self.basis) > 4:
+            raise InputError(f"volume box {self.name!r}: basis has {len(self.basis)} spectra: give at most 4")
+        pose = np.asarray(self.pose, float)
+        rigid = pose.shape == (4, 4) and np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-5)
+        if not (rigid and np.isfinite(pose).all() and np.allclose(pose[3], (0, 0, 0, 1))):
+            raise InputError(f"volume box {self.name!r}: pose is not a rotation and a shift: {pose.tolist()}")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        density: np.ndarray,
+        axis: np.ndarray,
+        voxel_size: float,
+        tau: float,
+        materials: Sequence[Reflectance],
+        material: np.ndarray | None = None,
+        body_colour: np.ndarray | None = None,
+        **record: Any,
+    ) -> VolumeBox:
+        """From dense arrays: density (nz, ny, nx), axis (nz, ny, nx, 3), material (nz, ny, nx), body_colour (nz, ny, nx, j)."""
+        if axis.shape != (*density.shape, 3):
+            raise InputError(f"axis is {axis.shape}: density {density.shape} needs {(*density.shape, 3)}")
+        if material is not None and material.size and material.max() >= len(materials):
+            raise InputError(f"material number {material.max()} of {len(materials)} materials: numbers start at 0")
+        bricks = bricks_from_arrays(density, axis, body_colour, material)
+        return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
+
+    @classmethod
+    def from_field(
+        cls,
+        field: Field,
+        shape: tuple[int, int, int],
+        voxel_size: float,
+        tau: float,
+        materials: Sequence[Reflectance],
+        occupied: Callable[[Any, float], Any] | None = None,
+        **record: Any,
+    ) -> VolumeBox:
+        """From a function of position, evaluated brick by brick; shape is (nx, ny, nz) voxels.
+
+        field(p): p Array3f, voxel centres in box axes [m] → (density, axis[, material UInt[, colour list]]).
+        occupied(centre, radius): optional, False promises that the ball [m] around `centre` (Array3f) is empty.
+        """
+        kinds, (nx, ny, nz) = arrays(), shape
+        if not np.isfinite(voxel_size) or voxel_size <= 0:
+            raise InputError(f"voxel_size is {voxel_size}: give a finite number above 0 [m]")
+
+        def voxels(x: Any, y: Any, z: Any) -> dict[str, Any]:
+            position = (kinds.Array3f(x, y, z) + 0.5) * float(voxel_size)
+            return dict(zip(("density", "axis", "material", "colour"), field(position), strict=False))
+
+        may = None if occupied is None else _may_hold(occupied, (nz, ny, nx), voxel_size)
+        bricks = bricks_from_field(voxels, (nz, ny, nx), may)
+        return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
+
+    @property
+    def size(self) -> np.ndarray:
+        """Edge lengths (x, y, z) [m]."""
+        return np.array(self.bricks.shape[::-1]) * self.voxel_size
+
+    @cached_property
+    def lattice_from_world(self) -> np.ndarray:
+        """World point [m] → lattice coordinates, whole at voxel centres: (4, 4)."""
+        lattice = np.diag([*[1 / self.voxel_size] * 3, 1.0])
+        lattice[:3, 3] = -0.5
+        return lattice @ np.linalg.inv(self.pose)
+
+    def corners(self) -> np.ndarray:
+        """The eight corners in the world [m]: (8, 3)."""
+        unit = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+        return unit * self.size @ self.pose[:3, :3].T + self.pose[:3, 3]
+
+    def contains(self, point: np.ndarray) -> bool:
+        """Whether a world point [m] is inside the box."""
+        inside = np.linalg.inv(self.pose)[:3] @ np.append(point, 1.0)
+        return bool((inside > 0).all() and (inside < self.size).all())
+
+    def with_pose(self, pose: np.ndarray) -> VolumeBox:
+        """The same box elsewhere."""
+        return replace(self, pose=np.asarray(pose, float))
+
+    def with_materials(self, materials: Sequence[Reflectance]) -> VolumeBox:
+        """The same matter with other reflectances, one per material number."""
+        if len(materials) != len(self.materials):
+            raise InputError(f"volume box {self.name!r} needs {len(self.materials)} materials, {len(materials)} given")
+        return replace(self, materials=tuple(materials))
+
+
+def _may_hold(occupied: Callable[[Any, float], Any], shape: tuple[int, int, int], voxel_size: float) -> np.ndarray:
+    """`occupied` asked once per brick: bool table."""
+    import drjit as dr
+
+    kinds, (mz, my, mx) = arrays(), table_shape(shape)
+    index = dr.arange(kinds.UInt, mx * my * mz)
+    place = kinds.Array3f(index % mx, (index // mx) % my, index // (mx * my))
+    middle = place * BRICK + 0.5 * STORED
+    radius = 0.5 * 3**0.5 * STORED * voxel_size
+    return np.array(occupied(middle * voxel_size, radius)).reshape(mz, my, mx)
