@@ -31,7 +31,7 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     if len(rows) < 2:
         raise InputError(f"{path} has {len(rows)} rows: a table needs a header row and at least one row of numbers")
     names = [cell.strip() for cell in rows[0][1]]
-    if _number(names[0]) is not None:
+    if all(_number(name) is not None for name in names):
         raise InputError(f"{path} has no header row: name its columns in the first row, such as wavelength_nm,value")
     if len(set(names)) != len(names) or "" in names:
         raise InputError(f"{path} has columns {', '.join(names)}: give each its own name")
