@@ -1,0 +1,175 @@
+"""The command line: `hagoromo VERB`, one verb of the package each; every result names the files it wrote.
+
+Exit status: 0 done; 2 wrong use or bad input, with one line on standard error; 130 interrupted; 1 a bug.
+Verbs import what they need when they run, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import json
+import re
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from tyro.conf import Positional, arg
+
+import hagoromo
+from hagoromo.app.progress import progress_bar
+from hagoromo.errors import InputError
+
+DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
+DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
+ANSI = re.compile(r"\x1b\[[0-9;]*m")
+
+Out = Annotated[Path, arg(help="where to write the result")]
+Force = Annotated[bool, arg(help="replace an existing result")]
+
+verbs, calibrations = tyro.extras.SubcommandApp(), tyro.extras.SubcommandApp()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the verb that `arguments` (default: those of the process) name; gives the exit status."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    if arguments == ["--version"]:
+        print(f"hagoromo {hagoromo.__version__}")
+        return DONE
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
+        try:
+            _parsed(arguments)()
+        except (InputError, OSError) as error:
+            print(f"hagoromo: {_one_line(error)}", file=sys.stderr)
+            return BAD_INPUT
+        except KeyboardInterrupt:
+            print("hagoromo: interrupted: nothing was written", file=sys.stderr)
+            return INTERRUPTED
+    return DONE
+
+
+def _parsed(arguments: list[str]) -> Callable[[], None]:
+    """The verb with its arguments, ready to run; wrong use is an `InputError`."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return verbs.cli(
+                prog="hagoromo", description=DESCRIPTION, args=arguments, config=(tyro.conf.FlagCreatePairsOff,)
+            )
+    except SystemExit as end:
+        if not end.code:
+            raise  # --help
+        raise InputError(_from_box(said.getvalue())) from None
+
+
+def _from_box(text: str) -> str:
+    """Tyro's box of an error as one line: its rows joined, its rules (─) as the ends of clauses."""
+    rows = [ANSI.sub("", row).strip("│╭╮╰╯ ") for row in text.splitlines()[1:-1]]
+    clauses = " ".join("\n" if set(row) == {"─"} else row for row in rows).split("\n")
+    return "; ".join(_one_line(clause) for clause in clauses)
+
+
+def _one_line(message: object) -> str:
+    return " ".join(str(message).split())
+
+
+def _verb(group: Any, name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a function a verb of `group`; parsing gives it back with its arguments, not yet run."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def prepared(*args: Any, **kwargs: Any) -> Callable[[], None]:
+            return functools.partial(function, *args, **kwargs)
+
+        group.command(prepared, name=name or function.__name__)
+        return function
+
+    return register
+
+
+def _wrote(*paths: Path) -> None:
+    for path in paths:
+        print(f"wrote {path}")
+
+
+@_verb(verbs)
+def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = False) -> None:
+    """The paper end to end: simulated photographs, measurement, volume boxes, figures 6–8, report.html.
+
+    Args:
+        size: small takes minutes on two cores; full draws larger pictures.
+    """
+    from hagoromo.app.demo import demo
+
+    with progress_bar("demo") as progress:
+        report = demo(out, size=size, force=force, progress=progress)
+    _wrote(report)
+
+
+calibrate = verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
+
+
+@_verb(calibrations, "camera")
+def calibrate_camera(
+    photographs: Positional[tuple[Path, ...]], out: Out, board: str, square: float, force: Force = False
+) -> None:
+    """Photographs of a chessboard → intrinsics, distortion, their standard deviations, rms.
+
+    Args:
+        photographs: PNG or JPEG, all of one size, three or more.
+        board: inner corners, columns x rows, such as 9x6.
+        square: side of a square [m].
+    """
+    from hagoromo.camera.calibrate import calibrate_camera
+    from hagoromo.files.picture import read_picture
+    from hagoromo.files.record import write_json
+    from hagoromo.files.whole import whole_file
+
+    corners = re.fullmatch(r"(\d+)x(\d+)", board)
+    if corners is None:
+        raise InputError(f"--board is {board!r}: give inner corners as columns x rows, such as 9x6")
+    with whole_file(out, force) as partial:
+        pictures = {str(path): read_picture(path) for path in photographs}
+        found = calibrate_camera(pictures, (int(corners[1]), int(corners[2])), square)
+        write_json(partial, found.record())
+    print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
+    _wrote(out)
+
+
+@_verb(calibrations, "response")
+def calibrate_response(pairs: Positional[Path], out: Out, force: Force = False) -> None:
+    """Known spectra and what the camera read of them → spectral sensitivities.
+
+    Args:
+        pairs: CSV, a row per spectrum: its values in columns named by wavelength [nm], the readings in the others.
+    """
+    from hagoromo.camera.calibrate_response import calibrate_response, read_pairs
+    from hagoromo.files.table import write_table
+    from hagoromo.files.whole import whole_file
+
+    with whole_file(out, force) as partial:
+        found = calibrate_response(*read_pairs(pairs))
+        response = found.response
+        columns = dict(zip(response.channels, response.values.T, strict=True))
+        write_table(partial, {"wavelength_nm": response.wavelengths, **columns})
+    for channel, residual in zip(response.channels, found.residual, strict=True):
+        print(f"{channel}: residual {100 * residual:.2f} % of the mean reading")
+    _wrote(out)
+
+
+@_verb(verbs)
+def info(file: Positional[Path]) -> None:
+    """What is in a file or folder.
+
+    Args:
+        file: capture, box.zarr, EXR, PNG, JPEG, scene or matter TOML, materials.json, camera.json, spectrum CSV.
+    """
+    from hagoromo.app.info import describe
+
+    for key, value in describe(file).items():
+        print(f"{key}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}")

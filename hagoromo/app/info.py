@@ -1,0 +1,127 @@
+"""What is in a file or folder of any kind that the package reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import existing_file
+from hagoromo.files.exr import read_exr
+from hagoromo.files.picture import read_picture
+from hagoromo.files.record import read_json, read_toml
+from hagoromo.files.table import read_table
+
+Facts = dict[str, Any]
+
+
+def describe(path: str | Path) -> Facts:
+    """Facts about `path`, name → text or plain numbers, the kind first.
+
+    `InputError` when it does not exist, is of no known kind, or cannot be read as the kind that its name says.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _folder(path)
+    kind = KINDS.get(existing_file(path).suffix.lower())
+    if kind is None:
+        raise InputError(f"{path} is of no kind known here: give a folder or one of {', '.join(KINDS)}")
+    return kind(path)
+
+
+def _folder(path: Path) -> Facts:
+    if (path / "transforms.json").exists():
+        return _transforms(path / "transforms.json")
+    if (path / "zarr.json").exists():
+        return _box(path)
+    raise InputError(f"{path} is neither a capture (transforms.json) nor a volume box (zarr.json): give one")
+
+
+def _transforms(path: Path) -> Facts:
+    record = read_json(path)
+    frames = record.get("frames") if isinstance(record, dict) else None
+    if not isinstance(frames, list):
+        raise InputError(f"{path} has no list of frames: it is no capture")
+    return {
+        "kind": "capture",
+        "frames": len(frames),
+        "size": [record.get("w"), record.get("h")],
+        "lamps": len(record.get("lamps", [])),
+        "sensor": "sensor" in record,
+        "truth": "truth" in record,
+    }
+
+
+def _box(path: Path) -> Facts:
+    attributes = read_json(path / "zarr.json").get("attributes", {})
+    return {"kind": "volume box", **{key: _short(value) for key, value in attributes.items()}}
+
+
+def _exr(path: Path) -> Facts:
+    channels, metadata = read_exr(path)
+    height, width = next(iter(channels.values())).shape
+    ranges = {name: [float(np.nanmin(values)), float(np.nanmax(values))] for name, values in channels.items()}
+    return {"kind": "EXR image", "size": [width, height], **ranges, **{k: _short(v) for k, v in metadata.items()}}
+
+
+def _picture(path: Path) -> Facts:
+    image = read_picture(path)
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    size = [image.shape[1], image.shape[0]]
+    return {
+        "kind": "picture",
+        "size": size,
+        "channels": channels,
+        "bits": 8 * image.itemsize,
+        "range": [int(image.min()), int(image.max())],
+    }
+
+
+def _toml(path: Path) -> Facts:
+    record = read_toml(path)
+    kind = "scene" if "camera" in record else "matter"
+    return {"kind": kind, **{key: _short(value) for key, value in record.items()}}
+
+
+def _json(path: Path) -> Facts:
+    record = read_json(path)
+    if isinstance(record, list) and record and all(isinstance(entry, dict) and "alpha" in entry for entry in record):
+        return {"kind": "materials", **{str(m.get("name", k)): _material(m) for k, m in enumerate(record)}}
+    if isinstance(record, dict) and "fl_x" in record:
+        return {"kind": "capture" if "frames" in record else "camera", **{k: _short(v) for k, v in record.items()}}
+    if isinstance(record, dict) and "lamps" in record:
+        return {"kind": "lamps", **{str(k): _short(lamp) for k, lamp in enumerate(record["lamps"])}}
+    raise InputError(f"{path} is JSON of no kind known here: materials, camera, lamps or capture")
+
+
+def _material(record: dict[str, Any]) -> dict[str, Any]:
+    return {key: record[key] for key in ("pixels", "alpha", "beta", "gamma", "n", "element") if key in record}
+
+
+def _csv(path: Path) -> Facts:
+    table = read_table(path)
+    rows = len(next(iter(table.values())))
+    return {"kind": "table", "rows": rows, **{k: [float(v.min()), float(v.max())] for k, v in table.items()}}
+
+
+def _short(value: Any) -> Any:
+    """Long lists and tables by their size only."""
+    if isinstance(value, list) and len(value) > 4:
+        return f"{len(value)} entries"
+    if isinstance(value, dict):
+        return {key: _short(entry) for key, entry in value.items()}
+    return value if not isinstance(value, str) or len(value) <= 200 else value[:197] + "..."
+
+
+KINDS: dict[str, Callable[[Path], Facts]] = {
+    ".exr": _exr,
+    ".png": _picture,
+    ".jpg": _picture,
+    ".jpeg": _picture,
+    ".toml": _toml,
+    ".json": _json,
+    ".csv": _csv,
+}

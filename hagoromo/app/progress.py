@@ -1,0 +1,29 @@
+"""Progress of a long verb on standard error: a bar on a terminal, nothing in a file or pipe."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+Progress = Callable[[float, str], None]
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A function to call with the share done (0–1) and, where it helps, the name of the step at hand."""
+    if not sys.stderr.isatty():
+        yield lambda share, step="": None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda share, step="": bar.update(task, completed=share, description=f"{title} {step}".strip())
