@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -67,16 +67,15 @@ def _open(path: Path, header_only: bool = False) -> Any:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Nothing on standard output and error: the OpenEXR library writes there about a file that it then refuses."""
-    kept = os.dup(1), os.dup(2)
+    kept = os.dup(2)
     with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
         os.dup2(nowhere.fileno(), 2)
-    try:
-        yield
-    finally:
-        for at, file in enumerate(kept, 1):
-            os.dup2(file, at)
-            os.close(file)
+        try:
+            with redirect_stdout(nowhere):
+                yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _one_line(error: Exception) -> str:

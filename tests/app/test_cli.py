@@ -1,0 +1,115 @@
+"""The command line answers at once, and each verb writes what it says."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hagoromo
+from hagoromo.app.cli import main
+from hagoromo.files.exr import write_exr
+from hagoromo.files.picture import read_picture
+from hagoromo.files.png import write_png
+from hagoromo.files.record import read_json, write_json
+from hagoromo.files.table import read_table, write_table
+
+REAL = Path(__file__).parents[3] / "shared" / "data" / "opencv_left" / "left"
+
+
+def test_help_answers_within_a_second():
+    """The best of three stands for an idle machine."""
+    took = []
+    for _ in range(3):
+        start = time.perf_counter()
+        command = [sys.executable, "-c", "from hagoromo.app.cli import main; main(['--help'])"]
+        shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        took.append(time.perf_counter() - start)
+        assert "info" in shown and "calibrate" in shown
+    assert min(took) < 1.0
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"hagoromo {hagoromo.__version__}\n"
+
+
+def test_calibrate_response_writes_the_curves(tmp_path, capsys):
+    random = np.random.default_rng(3)
+    wavelengths = np.arange(400, 701, 20)
+    spectra = np.exp(-0.5 * ((wavelengths - random.uniform(400, 700, (29, 1))) / 30) ** 2)
+    readings = spectra @ np.linspace(0.1, 1.0, len(wavelengths))
+    columns = {"R": readings, **{str(w): spectra[:, k] for k, w in enumerate(wavelengths)}}
+    write_table(tmp_path / "pairs.csv", columns)
+    out = tmp_path / "response.csv"
+    assert main(["calibrate", "response", str(tmp_path / "pairs.csv"), "--out", str(out)]) == 0
+    assert f"wrote {out}" in capsys.readouterr().out
+    assert list(read_table(out)) == ["wavelength_nm", "R"]
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the photographs of OpenCV's board are not beside this repository")
+def test_calibrate_camera_writes_the_lens(tmp_path, capsys):
+    photographs = [str(path) for path in sorted(REAL.glob("left0[1-5].jpg"))]
+    out = tmp_path / "camera.json"
+    assert main(["calibrate", "camera", *photographs, "--board", "9x6", "--square", "0.025", "--out", str(out)]) == 0
+    assert "over 5 photographs" in capsys.readouterr().out
+    assert read_json(out)["w"] == 640
+
+
+def test_info_tells_what_is_in_every_kind_of_file(tmp_path, capsys):
+    write_exr(tmp_path / "a.exr", {"R": np.full((5, 7), 0.5), "N.X": np.zeros((5, 7))}, {"note": "here"})
+    write_png(tmp_path / "a.png", np.full((5, 7, 3), 1000, np.uint16))
+    write_table(tmp_path / "a.csv", {"wavelength_nm": [400, 700], "R": [0, 1]})
+    write_json(tmp_path / "materials.json", [{"name": "silk", "alpha": 0.1, "gamma": 0.2, "n": 1.5}])
+    write_json(tmp_path / "lamps.json", {"lamps": [{"to_lamp": [0, 0, 1]}]})
+    (tmp_path / "a.toml").write_text("[skin]\ntau = 3\n")
+    (tmp_path / "capture").mkdir()
+    write_json(tmp_path / "capture" / "transforms.json", {"w": 7, "h": 5, "frames": [{}, {}]})
+    for name, said in [
+        ("a.exr", ["EXR image", "[7, 5]", "N.X", "note: here"]),
+        ("a.png", ["picture", "bits: 16", "[1000, 1000]"]),
+        ("a.csv", ["table", "rows: 2", "R: [0.0, 1.0]"]),
+        ("materials.json", ["materials", "silk", "0.2"]),
+        ("lamps.json", ["lamps", "to_lamp"]),
+        ("a.toml", ["matter", "tau"]),
+        ("capture", ["capture", "frames: 2"]),
+    ]:
+        assert main(["info", str(tmp_path / name)]) == 0
+        shown = capsys.readouterr().out
+        assert all(word in shown for word in said), shown
+
+
+def test_jpeg_is_read_whole_or_refused(tmp_path):
+    """Quality 95 of a smooth picture, colour stored at half resolution: within 6 of 255."""
+    import cv2
+
+    from hagoromo.errors import InputError
+
+    row, column = np.mgrid[:53, :71]
+    image = np.stack([row * 4, column * 3, 0 * row + 90], axis=-1).astype(np.uint8)
+    data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    (tmp_path / "a.jpg").write_bytes(data)
+    assert np.abs(read_picture(tmp_path / "a.jpg").astype(int) - image).max() <= 6
+    for share in (0.01, 0.1, 0.5, 0.99):
+        (tmp_path / "a.jpg").write_bytes(data[: int(share * len(data))])
+        with pytest.raises(InputError):
+            read_picture(tmp_path / "a.jpg")
+
+
+def test_a_bug_is_a_traceback_not_a_line(monkeypatch):
+    def broken(_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("hagoromo.app.info.describe", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["info", "a.png"])
+
+
+def test_records_are_plain_json(tmp_path, capsys):
+    write_json(tmp_path / "camera.json", {"fl_x": 1.0, "standard_deviation": {"fl_x": 0.1}})
+    assert main(["info", str(tmp_path / "camera.json")]) == 0
+    lines = dict(line.split(": ", 1) for line in capsys.readouterr().out.splitlines())
+    assert json.loads(lines["standard_deviation"]) == {"fl_x": 0.1}
