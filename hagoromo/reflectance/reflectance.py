@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
+from hagoromo.files.record import number, one_of, take, text
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.torrance_sparrow import LN2, cosines, weights_at
@@ -72,9 +75,24 @@ class Reflectance:
         interface = self.beta * interface_albedo(self.gamma, self.n) * _largest(self.interface_colour)
         return self.body_albedo + interface
 
+    def record(self) -> dict[str, Any]:
+        """Plain figures; `reflectance_from_record` reads them back."""
+        figures = {key: getattr(self, key) for key in ("name", "alpha", "beta", "gamma", "n", "element")}
+        return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
+
     def with_element(self, element: str) -> Reflectance:
         """The same reflectance on another micro-element."""
         return replace(self, element=element)
+
+
+def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
+    """A Reflectance from a table: alpha, beta, gamma [rad], n, and colours as `Spectrum.load` takes them."""
+    colour = lambda source: Spectrum.load(source, folder)  # noqa: E731
+    spec = {
+        "alpha": number, "beta": number, "gamma": number, "n": number, "body_colour": colour,
+        "interface_colour": (colour, Spectrum.constant(1.0)), "element": (one_of(*ELEMENTS), "plane"), "name": (text, ""),
+    }  # fmt: skip
+    return Reflectance(**take(record, spec, where))
 
 
 @lru_cache(maxsize=256)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.backend import arrays
+from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
@@ -44,10 +45,7 @@ class VolumeBox:
             raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
         if len(self.basis) > 4:
             raise InputError(f"volume box {self.name!r}: basis has {len(self.basis)} spectra: give at most 4")
-        pose = np.asarray(self.pose, float)
-        rigid = pose.shape == (4, 4) and np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-5)
-        if not (rigid and np.isfinite(pose).all() and np.allclose(pose[3], (0, 0, 0, 1))):
-            raise InputError(f"volume box {self.name!r}: pose is not a rotation and a shift: {pose.tolist()}")
+        object.__setattr__(self, "pose", rigid_pose(self.pose, f"the pose of volume box {self.name!r}"))
 
     @classmethod
     def from_arrays(

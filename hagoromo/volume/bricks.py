@@ -7,7 +7,6 @@ trilinear interpolation stays inside it. A voxel is a packet of four halves: den
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory
 
 BRICK = 8  # voxels a side
 STORED = BRICK + 1  # voxels a side as kept
@@ -77,7 +77,7 @@ def bricks_from_field(field: Callable[[Any, Any, Any], dict[str, Any]], shape: S
     occupied: optional bool array (table shape); False promises that a brick is empty and it is not looked at.
     """
     check_shape(shape)
-    need_memory(int(np.prod(table_shape(shape), dtype=np.int64)) * 8, f"the brick table of a lattice {shape[::-1]}")
+    check_memory(int(np.prod(table_shape(shape), dtype=np.int64)) * 8, f"the brick table of a lattice of {shape[::-1]} voxels")
     candidates = np.ones(table_shape(shape), bool) if occupied is None else occupied
     keep = np.zeros(table_shape(shape), bool)
     for places in _chunks(candidates):
@@ -85,7 +85,7 @@ def bricks_from_field(field: Callable[[Any, Any, Any], dict[str, Any]], shape: S
         _check_density(density)
         keep[tuple(places.T)] = (density.reshape(-1, VOXELS) > 0).any(axis=1)
     places = np.argwhere(keep)
-    need_memory(len(places) * VOXELS * 8, f"{len(places)} bricks of 9³ voxels")
+    check_memory(len(places) * VOXELS * 8, f"{len(places)} bricks of 9³ voxels")
     return Bricks(shape, table_of(keep), *_fill(field, places, shape))
 
 
@@ -96,7 +96,7 @@ def bricks_from_arrays(
     check_shape(density.shape)
     _check_density(density)
     nz, ny, nx = density.shape
-    need_memory(3 * density.size * 8, f"a dense lattice {density.shape[::-1]} and its bricks")
+    check_memory(24 * density.size, f"a dense lattice of {density.shape[::-1]} voxels with its bricks")
     kinds = arrays()
     held = {"density": kinds.Float(np.ascontiguousarray(density, np.float32).ravel())}
     for k in range(3):
@@ -148,16 +148,6 @@ def check_shape(shape: tuple[int, ...]) -> None:
     """Raises `InputError` unless `shape` is three numbers of at least 2 voxels."""
     if len(shape) != 3 or min(shape) < 2:
         raise InputError(f"lattice is {tuple(shape)[::-1]} voxels: give three numbers of at least 2 (x, y, z)")
-
-
-def need_memory(needed: int, what: str) -> None:
-    """Raises `InputError` when `needed` bytes are more than this machine has free; said before allocation."""
-    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > free:
-        raise InputError(
-            f"{what} would need {needed / 2**30:.1f} GiB, {free / 2**30:.1f} GiB are free: "
-            "use fewer voxels or several boxes"
-        )
 
 
 def _fill(field: Callable[..., dict[str, Any]], places: np.ndarray, shape: Shape) -> tuple[Any, Any, Any]:

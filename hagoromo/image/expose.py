@@ -1,0 +1,34 @@
+"""Expose: image → Photograph, through the camera's response (eq. 10) and its sensor (MODEL §6)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hagoromo.camera.sensor import develop_raw, native_channels
+from hagoromo.camera.sensor import expose as raw_exposure
+from hagoromo.errors import InputError
+from hagoromo.image.image import Image
+from hagoromo.image.scene import Scene
+from hagoromo.photograph.photograph import Photograph
+
+
+def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "") -> Photograph:
+    """The photograph that the scene's camera takes of `image`: noise, mosaic and bits, developed again with its variance.
+
+    The sensor is metered so that the brightest half percent fills four fifths of its range.
+    """
+    camera = scene.camera
+    if camera.response is None or camera.sensor is None:
+        raise InputError(f"camera {camera.name!r} has no response or no sensor: a photograph needs both")
+    signal = image.expose(camera.response)
+    sensor = camera.sensor.metered(max(float(np.percentile(signal, 99.5)), 1e-30))
+    developed = develop_raw(raw_exposure(signal, sensor, seed), sensor)
+    return Photograph(
+        values=developed.values,
+        variance=developed.variance,
+        mask=developed.valid,
+        camera=camera,
+        lamps=scene.lamps,
+        name=name,
+        native=native_channels(sensor, camera.height, camera.width),
+    )

@@ -1,0 +1,121 @@
+"""Image: what a camera would see, kept as geometric weights, and its exposure through any response and lamp spectrum.
+
+ρ_c = Σ_k [ Σ_j W_kj ∫ B_j E_k R_c dλ ], k the groups of lamps with one spectrum, B_j the body and interface colours of the
+scene (MODEL §5): the integrals are small matrices, so another camera or lamp spectrum needs no new rendering.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.response import Response, response_matrix
+from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.whole import whole_file
+from hagoromo.image.lighting import Palette
+from hagoromo.light.colour import srgb_encode, srgb_from_xyz
+from hagoromo.light.spectrum import Spectrum
+
+KEY = 0.9  # display value that the brightest half percent of a picture is exposed to
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """Weights (height, width, lamps · colours) float32 [1/m² per unit of lamp intensity], and coverage alpha (height, width).
+
+    metadata: scene, settings, seed and version that made it.
+    """
+
+    weights: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    palette: Palette
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def expose(self, response: Response, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.float32]:
+        """ρ_c of eq. (10) for every pixel: (height, width, channels). `lamps`: other spectra, one per lamp group."""
+        lamps = self.palette.lamps if lamps is None else tuple(lamps)
+        if len(lamps) != len(self.palette.lamps):
+            raise InputError(f"{len(lamps)} lamp spectra given: the image has {len(self.palette.lamps)} lamp groups")
+        # MODEL §5, eq. (10)
+        matrix = np.concatenate([response_matrix(self.palette.colours, lamp, response) for lamp in lamps], axis=1)
+        return (self.weights @ matrix.T.astype(np.float32)).astype(np.float32)
+
+    def xyz(self, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.float32]:
+        """CIE XYZ, Y = 1 for a white diffuser seen under an irradiance of π of the first lamp's spectrum."""
+        observer = Response.load("cie1931")
+        whites = self.palette.lamps if lamps is None else tuple(lamps)
+        scale = response_matrix([Spectrum.constant(1.0)], whites[0], observer)[1, 0]
+        return self.expose(observer, lamps) / np.float32(scale)
+
+    def display(self, exposure: float | None = None, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.uint8]:
+        """sRGB (height, width, 3) for people: white balanced to the first lamp, exposed by `exposure` (default: KEY)."""
+        whites = self.palette.lamps if lamps is None else tuple(lamps)
+        rgb = srgb_from_xyz(self.xyz(lamps) * _balance(whites[0]))
+        return srgb_encode(rgb * (auto_exposure(rgb, self.alpha) if exposure is None else exposure))
+
+    def write(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
+        """EXR with R, G, B (through `response`, else linear sRGB), A and all weights, and a PNG beside it; their paths."""
+        target = Path(path)
+        if target.suffix.lower() != ".exr":
+            raise InputError(f"{target} is no EXR name: an image is written as NAME.exr with NAME.png beside it")
+        rgb = self.expose(response) if response else srgb_from_xyz(self.xyz() * _balance(self.palette.lamps[0]))
+        channels = {name: rgb[..., k] for k, name in enumerate(response.channels if response else "RGB")}
+        channels |= {"A": self.alpha}
+        for k, name in enumerate(self.channel_names()):
+            channels[name] = self.weights[..., k]
+        header = {
+            "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
+            "hagoromo": json.dumps(self.metadata),
+            "palette": json.dumps({key: [s.record() for s in getattr(self.palette, key)] for key in PALETTE_KEYS}),
+        }
+        picture = target.with_suffix(".png")
+        with whole_file(target, force) as exr, whole_file(picture, force) as png:
+            write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
+            write_png(png, self.display())
+        return [target, picture]
+
+    def channel_names(self) -> list[str]:
+        """EXR channel names of the weights: lamp group, then body or interface colour."""
+        palette = self.palette
+        colours = [f"body{j}" for j in range(len(palette.bodies))]
+        colours += [f"interface{j}" for j in range(len(palette.interfaces))]
+        return [f"lamp{k}.{colour}" for k in range(len(palette.lamps)) for colour in colours]
+
+
+PALETTE_KEYS = ("bodies", "interfaces", "lamps")
+
+
+def read_image(path: str | Path) -> Image:
+    """The Image in an EXR that `Image.write` wrote; `InputError` for any other EXR (`read_exr` reads those)."""
+    channels, header = read_exr(path)
+    try:
+        record = json.loads(header["palette"])
+        palette = Palette(*(tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS))
+        metadata = json.loads(header["hagoromo"])
+        empty = np.zeros(channels["A"].shape, np.float32)
+        names = Image(empty[..., None], empty, palette).channel_names()
+        weights = np.stack([channels[name] for name in names], axis=-1)
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path} holds no weights of Hagoromo: render it again ({error})") from error
+    return Image(weights, channels["A"], palette, metadata)
+
+
+def auto_exposure(rgb: NDArray, alpha: NDArray) -> float:
+    """Factor that brings the 99.5th percentile of the brightest channel where there is matter to KEY."""
+    seen = rgb[alpha > 0.5]
+    bright = float(np.percentile(seen.max(axis=-1), 99.5)) if seen.size else 0.0
+    return KEY / bright if bright > 0 else 1.0
+
+
+def _balance(lamp: Spectrum) -> NDArray[np.float32]:
+    """Factors on X, Y, Z that show the lamp's colour as the display's white (D65)."""
+    xyz = response_matrix([Spectrum.constant(1.0)], lamp, Response.load("cie1931"))[:, 0]
+    return (np.array([0.95047, 1.0, 1.08883]) * xyz[1] / np.maximum(xyz, 1e-12)).astype(np.float32)

@@ -1,0 +1,107 @@
+"""Scene: volume boxes, surfaces, lamps and a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.image.surface import Surface
+from hagoromo.light.lamp import Lamp
+from hagoromo.volume.box import VolumeBox
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is photographed, by which camera, under which lamps.
+
+    Raises `InputError` for a scene without lamps or matter, a lamp inside a volume box, or a camera that sees nothing.
+    """
+
+    camera: Camera
+    lamps: tuple[Lamp, ...]
+    boxes: tuple[VolumeBox, ...] = ()
+    surfaces: tuple[Surface, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in ("lamps", "boxes", "surfaces"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
+        if not self.lamps:
+            raise InputError("the scene has no lamp: give at least one")
+        if not self.boxes and not self.surfaces:
+            raise InputError("the scene is empty: give at least one volume box or surface")
+        for number, lamp in enumerate(self.lamps):
+            for box in self.boxes:
+                if lamp.position is not None and box.contains(lamp.position):
+                    where = ", ".join(f"{x:g}" for x in lamp.position)
+                    raise InputError(
+                        f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out"
+                    )
+        if not any(_in_view(self.camera, thing.corners()) for thing in (*self.boxes, *self.surfaces)):
+            raise InputError(
+                f"the camera at {np.round(self.camera.position, 4).tolist()} m looks at nothing: turn it towards the scene"
+            )
+
+    def with_camera(self, camera: Camera) -> Scene:
+        """The same scene through another camera."""
+        return replace(self, camera=camera)
+
+    def with_lamps(self, *lamps: Lamp) -> Scene:
+        """The same scene under other lamps."""
+        return replace(self, lamps=lamps)
+
+    def record(self) -> dict[str, Any]:
+        """The scene as plain figures, for the metadata of what is made from it."""
+        return {
+            "camera": {
+                "name": self.camera.name, "size": [self.camera.width, self.camera.height],
+                "focal": list(self.camera.focal), "principal": list(self.camera.principal),
+                "distortion": list(self.camera.distortion), "world_to_camera": self.camera.world_to_camera.tolist(),
+                "response": self.camera.response.name if self.camera.response else None,
+            },
+            "lamps": [_lamp_record(lamp) for lamp in self.lamps],
+            "boxes": [
+                {
+                    "name": box.name, "voxels": list(box.bricks.shape[::-1]), "voxel_size": box.voxel_size,
+                    "tau": box.tau, "pose": box.pose.tolist(), "materials": [m.record() for m in box.materials],
+                    "provenance": box.provenance,
+                }
+                for box in self.boxes
+            ],
+            "surfaces": [
+                {"name": s.name, "shape": s.shape, "pose": s.pose.tolist(), "reflectance": s.reflectance.record()}
+                for s in self.surfaces
+            ],
+        }  # fmt: skip
+
+
+def _lamp_record(lamp: Lamp) -> dict[str, Any]:
+    where = ("position", lamp.position) if lamp.position is not None else ("to_lamp", lamp.to_lamp)
+    return {
+        "name": lamp.name,
+        where[0]: np.asarray(where[1]).tolist(),
+        "intensity": lamp.intensity,
+        "spectrum": lamp.spectrum.record(),
+    }
+
+
+def _in_view(camera: Camera, corners: np.ndarray) -> bool:
+    """Whether the convex hull of `corners` (n, 3) may be seen: it is not wholly beyond one side of the picture.
+
+    The sides are planes through the camera's centre; a lens with distortion is given a tenth of its width more.
+    """
+    local = corners @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+    margin = 0.1 * camera.width if any(camera.distortion) else 0.0
+    (ax, ay), (x0, y0) = camera.focal, camera.principal
+    x, y, z = local.T
+    sides = (
+        z,
+        ax * x + (x0 + margin) * z,
+        (camera.width + margin - x0) * z - ax * x,
+        ay * y + (y0 + margin) * z,
+        (camera.height + margin - y0) * z - ay * y,
+    )
+    return all(bool((side > 0).any()) for side in sides)

@@ -1,0 +1,143 @@
+"""Surface: what is no volume box stands in the scene as a plain inhomogeneous dielectric, met by Mitsuba's rays.
+
+Enters: meshes (arrays, or any file that trimesh reads) and Mitsuba's exact shapes. Surfaces are lit from both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, mitsuba
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_file
+from hagoromo.reflectance.reflectance import Reflectance
+
+SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
+LIFT = 2e-5  # how far a point is lifted off its surface before it looks for lamps, of the scene's extent
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A surface with one reflectance: `shape` of SHAPES, or a mesh of vertices (n, 3) [m] and faces (m, 3).
+
+    pose: shape to world, (4, 4) affine (scale included). smooth: interpolate the normals of a mesh's vertices.
+    """
+
+    reflectance: Reflectance
+    shape: str = "mesh"
+    vertices: np.ndarray | None = None
+    faces: np.ndarray | None = None
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    smooth: bool = True
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        who = f"surface {self.name!r}" if self.name else "surface"
+        pose = np.asarray(self.pose, float)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3])) < 1e-30:
+            raise InputError(f"{who}: pose is not an invertible 4 × 4 matrix of finite numbers")
+        if self.reflectance.element != "plane":
+            raise InputError(f"{who}: its reflectance has element {self.reflectance.element!r}: a surface needs 'plane'")
+        if self.shape in SHAPES:
+            return
+        if self.shape != "mesh" or self.vertices is None or self.faces is None:
+            raise InputError(f"{who}: shape is {self.shape!r}: give a mesh or one of {', '.join(SHAPES)}")
+        vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not len(vertices) or not np.isfinite(vertices).all():
+            raise InputError(f"{who}: vertices are {vertices.shape}: give (n, 3) finite numbers")
+        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+            raise InputError(f"{who}: faces are {faces.shape}: give (m, 3) indices of its {len(vertices)} vertices")
+
+    @classmethod
+    def sphere(cls, centre: Sequence[float], radius: float, reflectance: Reflectance, name: str = "") -> Surface:
+        """An exact sphere [m]."""
+        pose = np.diag([radius, radius, radius, 1.0])
+        pose[:3, 3] = centre
+        return cls(reflectance, "sphere", pose=pose, name=name)
+
+    @classmethod
+    def floor(cls, height: float, half_width: float, reflectance: Reflectance, name: str = "floor") -> Surface:
+        """A square at z = height, facing up [m]."""
+        pose = np.diag([half_width, half_width, 1.0, 1.0])
+        pose[2, 3] = height
+        return cls(reflectance, "rectangle", pose=pose, name=name)
+
+    @classmethod
+    def from_file(cls, path: str | Path, reflectance: Reflectance, **record: Any) -> Surface:
+        """A mesh file; several parts become one mesh."""
+        import trimesh
+
+        check_memory(20 * existing_file(path).stat().st_size, str(path))
+        try:
+            mesh = trimesh.load(str(path), force="mesh")
+        except Exception as error:
+            raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())}") from error
+        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+            raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
+        return cls(reflectance, "mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces), **record)
+
+    def corners(self) -> np.ndarray:
+        """Corners of its bounding box in the world [m]: (8, 3)."""
+        low, high = -np.ones(3), np.ones(3)
+        if self.vertices is not None:
+            low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        unit = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+        return (low + unit * (high - low)) @ self.pose[:3, :3].T + self.pose[:3, 3]
+
+
+class Surfaces:
+    """All surfaces of a scene as Mitsuba holds them; `first_material` is the row of the first one's reflectance."""
+
+    def __init__(self, surfaces: Sequence[Surface], first_material: int) -> None:
+        mi = mitsuba()
+        self.first_material = first_material
+        self.shapes = [_shape(surface) for surface in surfaces]
+        self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(self.shapes)}})
+        corners = np.concatenate([surface.corners() for surface in surfaces])
+        self.lift = dr.opaque(arrays().Float, LIFT * float(np.linalg.norm(np.ptp(corners, axis=0))))
+
+    def meet(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
+        """Distance [m] (inf: none), point lifted towards the eye, unit normal facing the eye, and material of the hits."""
+        mi, kinds = mitsuba(), arrays()
+        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        flat, normal = kinds.Array3f(hit.n), kinds.Array3f(hit.sh_frame.n)
+        back = dr.dot(flat, direction) > 0
+        flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
+        material = kinds.UInt(self.first_material)
+        for k, shape in enumerate(self.shapes[1:], 1):
+            material = dr.select(hit.shape == mi.ShapePtr(shape), self.first_material + k, material)
+        point = dr.fma(direction, hit.t, origin) + flat * self.lift
+        return kinds.Float(hit.t), point, normal, material
+
+    def visible(self, point: Any, to_lamp: Any, distance: Any) -> Any:
+        """Whether no surface stands between points and the lamp."""
+        mi = mitsuba()
+        ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to_lamp))
+        ray.maxt = dr.fma(mi.Float(distance), 1.0 - 1e-5, -self.lift)
+        return ~self.scene.ray_test(ray)
+
+
+def _shape(surface: Surface) -> Any:
+    mi = mitsuba()
+    pose = mi.ScalarTransform4f(surface.pose.tolist())
+    if surface.shape != "mesh":
+        return mi.load_dict({"type": surface.shape, "to_world": pose})
+    assert surface.vertices is not None and surface.faces is not None
+    world = surface.vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
+    mesh = mi.Mesh(surface.name or "mesh", len(world), len(surface.faces), has_vertex_normals=surface.smooth)
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = np.ascontiguousarray(world, np.float32).ravel()
+    values["faces"] = np.ascontiguousarray(surface.faces, np.uint32).ravel()
+    if surface.smooth:
+        import trimesh
+
+        normals = trimesh.Trimesh(world, surface.faces, process=False).vertex_normals
+        values["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
+    values.update()
+    return mesh
