@@ -20,12 +20,13 @@ DEEPEST = 16.0  # optical depth at which a lamp counts as hidden: exp(−16) = 1
 
 
 @dr.syntax
-def march(medium: Medium, lighting: Lighting, origin: Any, direction: Any, near: Any, far: Any, skip: bool = True) -> Any:
+def march(medium: Medium, lighting: Lighting, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0, skip: bool = True) -> Any:
     """Weights of the radiance towards the ray's origin (list of Float, one per channel) and the transmittance left.
 
-    origin, direction (unit): Array3f, world. near, far: Float [m]. `skip=False` visits empty bricks too (the plain march).
+    origin, direction (unit): Array3f, world. near, far: Float [m]. phase: see `Medium.cross`.
+    `skip=False` steps through empty bricks too.
     """
-    crossing = medium.cross(origin, direction, near, far)
+    crossing = medium.cross(origin, direction, near, far, phase)
     taken = crossing.start()
     transmittance = dr.ones(arrays().Float, dr.width(direction))
     channels = [dr.zeros(arrays().Float, dr.width(direction)) for _ in range(lighting.materials.palette.channels)]

@@ -59,10 +59,10 @@ def render(scene: Scene, settings: Settings | None = None, progress: Progress | 
     check_memory(8 * camera.width * camera.height * (channels + 1), f"an image of {camera.width} × {camera.height} pixels")
     sums = np.zeros((camera.height * camera.width, channels + 1), np.float64)
     order = tile_order(camera.width, camera.height)
-    for sample, (dx, dy) in enumerate(pixel_points(settings.samples, settings.seed)):
+    for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
         for start in range(0, order.size, RAYS):
             pixels = order[start : start + RAYS]
-            sums[pixels] += _trace(light, camera, pixels, dx, dy)
+            sums[pixels] += _trace(light, camera, pixels, point)
             if progress:
                 progress((sample + (start + pixels.size) / order.size) / settings.samples)
     mean = (sums / settings.samples).reshape(camera.height, camera.width, -1).astype(np.float32)
@@ -97,7 +97,7 @@ class Light:
             share = dr.select(self.surfaces.visible(point, to_lamp, distance), share, 0.0)
         return share
 
-    def along(self, origin: Any, direction: Any) -> tuple[list[Any], Any]:
+    def along(self, origin: Any, direction: Any, phase: Any = 0.0) -> tuple[list[Any], Any]:
         """Weights of the radiance towards `origin` along rays, and the share of them that ends on matter."""
         kinds, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [kinds.Float(0)] * self.lighting.materials.palette.channels
@@ -108,7 +108,7 @@ class Light:
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, kinds.Float(0))
-        channels, passed = march(self.medium, self.lighting, origin, direction, kinds.Float(0), far)
+        channels, passed = march(self.medium, self.lighting, origin, direction, kinds.Float(0), far, phase)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
 
@@ -122,20 +122,21 @@ def tile_order(width: int, height: int) -> np.ndarray:
 
 
 def pixel_points(samples: int, seed: int) -> np.ndarray:
-    """Points of a pixel, (samples, 2) in 0…1: its middle, or the R2 sequence (Roberts 2018) from a random start."""
+    """Points of a pixel and phases of the march, (samples, 3) in 0…1: the middle, or the R3 sequence (Roberts 2018)."""
     if samples == 1:
-        return np.array([[0.5, 0.5]])
-    steps = np.outer(np.arange(samples), (0.7548776662466927, 0.5698402909980532))
-    return (np.random.default_rng(seed).random(2) + steps) % 1.0
+        return np.array([[0.5, 0.5, 0.0]])
+    steps = np.outer(np.arange(samples), (0.8191725133961645, 0.6710436067037893, 0.5497004779019703))
+    return (np.random.default_rng(seed).random(3) + steps) % 1.0
 
 
-def _trace(light: Light, camera: Camera, pixels: np.ndarray, dx: float, dy: float) -> np.ndarray:
-    """Weights and alpha (pixels, channels + 1) of one ray a pixel, through the point (dx, dy) of each."""
+def _trace(light: Light, camera: Camera, pixels: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Weights and alpha (pixels, channels + 1) of one ray a pixel, through the `point` (dx, dy, phase) of each."""
+    dx, dy, phase = point
     kinds = arrays()
     number = kinds.UInt(pixels)
     across = dr.opaque(kinds.UInt, camera.width)
     x = kinds.Float(number % across) + dr.opaque(kinds.Float, float(dx))
     y = kinds.Float(number // across) + dr.opaque(kinds.Float, float(dy))
-    channels, alpha = light.along(*camera.rays(x, y))
+    channels, alpha = light.along(*camera.rays(x, y), dr.opaque(kinds.Float, float(phase)))
     dr.eval(channels, alpha)
     return np.stack([np.array(channel) for channel in (*channels, alpha)], axis=-1)

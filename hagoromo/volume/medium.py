@@ -76,9 +76,12 @@ class Medium:
         self.frames = [_frame(box, start, steps_per_voxel) for box, start in zip(self.boxes, first, strict=False)]
         dr.eval(self.table, self.voxels, self.colours, self.materials)
 
-    def cross(self, origin: Any, direction: Any, near: Any, far: Any) -> Crossing:
-        """Where rays (world, direction unit) are inside each box between the distances `near` and `far` [m]."""
-        return Crossing(self.frames, origin, direction, near, far)
+    def cross(self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0) -> Crossing:
+        """Where rays (world, direction unit) are inside each box between the distances `near` and `far` [m].
+
+        phase: part of a step, 0…1, by which the first one is shortened; pictures averaged over it show no rings.
+        """
+        return Crossing(self.frames, origin, direction, near, far, phase)
 
     def next(self, crossing: Crossing, taken: list[Any]) -> Step:
         """The sample next in depth over all boxes."""
@@ -151,8 +154,9 @@ class Ray(NamedTuple):
 class Crossing:
     """Rays on the lattices of all boxes, and the order in which they meet their samples."""
 
-    def __init__(self, frames: list[Frame], origin: Any, direction: Any, near: Any, far: Any) -> None:
-        self.frames, self.rays = frames, [_ray(frame, origin, direction, near, far) for frame in frames]
+    def __init__(self, frames: list[Frame], origin: Any, direction: Any, near: Any, far: Any, phase: Any) -> None:
+        self.frames, self.phase = frames, phase
+        self.rays = [_ray(frame, origin, direction, near, far, phase) for frame in frames]
 
     def start(self) -> list[Any]:
         """Number of the next sample in each box: 0."""
@@ -186,7 +190,7 @@ class Crossing:
         cell = kinds.Array3i(step.place) >> 3
         face = dr.select(ray.direction > 0.0, cell + 1 + reach, cell - reach) * BRICK
         distance = dr.min((kinds.Array3f(face) - ray.origin) / ray.direction)
-        samples = dr.ceil((distance - ray.near) / ray.step - 0.5)
+        samples = dr.ceil((distance - ray.near) / ray.step + (self.phase - 0.5))
         return dr.maximum(step.number + 1, kinds.UInt(dr.fmax(samples, 0.0)))
 
     def take(self, step: Step, number: Any, taken: list[Any]) -> list[Any]:
@@ -196,10 +200,11 @@ class Crossing:
         return [dr.select(step.box == k, number, old) for k, old in enumerate(taken)]
 
     def _sample(self, k: int, number: Any) -> tuple[Any, Any]:
-        """Middle and length of a sample; behind all others once the box is done. The last one may be shorter."""
+        """Middle and length of a sample; behind all others once the box is done. The first and last may be shorter."""
         ray = self.rays[k]
-        begin = dr.fma(arrays().Float(number), ray.step, ray.near)
-        length = dr.fmin(ray.step, ray.far - begin)
+        before = arrays().Float(number) - self.phase
+        begin = dr.fma(dr.fmax(before, 0.0), ray.step, ray.near)
+        length = dr.fmin(dr.fma(before + 1.0, ray.step, ray.near), ray.far) - begin
         middle = dr.fma(length, 0.5, begin)
         return (middle if len(self.rays) == 1 else dr.select(number < ray.end, middle, math.inf)), length
 
@@ -222,7 +227,7 @@ def _frame(box: VolumeBox, first: int, steps_per_voxel: float) -> Frame:
     )  # fmt: skip
 
 
-def _ray(frame: Frame, origin: Any, direction: Any, near: Any, far: Any) -> Ray:
+def _ray(frame: Frame, origin: Any, direction: Any, near: Any, far: Any, phase: Any) -> Ray:
     kinds, (x, y, z) = arrays(), frame.columns
     start = origin.x * x + origin.y * y + origin.z * z + frame.shift
     along = direction.x * x + direction.y * y + direction.z * z
@@ -230,7 +235,7 @@ def _ray(frame: Frame, origin: Any, direction: Any, near: Any, far: Any) -> Ray:
     faces = (-0.5 - start) / along, (frame.last + 0.5 - start) / along
     enter = dr.fmax(dr.max(kinds.Array3f(*map(dr.fmin, *faces))), near)
     leave = dr.fmin(dr.min(kinds.Array3f(*map(dr.fmax, *faces))), far)
-    samples = dr.ceil((leave - enter) / frame.step - EDGE)
+    samples = dr.ceil((leave - enter) / frame.step + (phase - EDGE))
     return Ray(start, along, enter, leave, kinds.UInt(dr.fmax(samples, 0.0)), frame.step)
 
 
