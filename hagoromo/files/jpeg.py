@@ -1,0 +1,48 @@
+"""JPEG: 8-bit photographs that other people's captures hold. Read only; camera RAW and PNG lose nothing, JPEG does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, read_bytes
+
+START, END = b"\xff\xd8\xff", b"\xff\xd9"
+BYTES_PER_PIXEL = 6  # decoded, twice
+
+
+def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
+    """The image as stored, not turned upright: (height, width) grey or (height, width, 3) in the order R, G, B.
+
+    `InputError` when the file is missing, no JPEG, cut off, damaged, or larger than the free memory.
+    """
+    import cv2
+
+    data = read_bytes(path)
+    if not data.startswith(START):
+        raise InputError(f"{path} is no JPEG file: give one")
+    if END not in data[-64:]:  # some cameras pad the end
+        raise InputError(f"{path} is cut off: copy it again")
+    height, width = _size(data, path)
+    check_memory(float(BYTES_PER_PIXEL) * height * width, str(path))
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        image = None
+    if image is None or image.dtype != np.uint8:
+        raise InputError(f"{path} cannot be decoded as JPEG: copy it again")
+    return np.asarray(image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1]), np.uint8)
+
+
+def _size(data: bytes, path: str | Path) -> tuple[int, int]:
+    """(height, width) from the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        kind, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if kind in range(0xC0, 0xD0) and kind not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big")
+        at += 2 + length
+    raise InputError(f"{path} is a damaged JPEG: copy it again")

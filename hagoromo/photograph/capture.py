@@ -1,0 +1,236 @@
+"""Capture: a folder of photographs of one object, with `transforms.json` beside them.
+
+`load_capture` reads ours and those of nerfstudio, instant-ngp and NeRF as they are; `save_capture` writes sensor
+numbers (PNG) where they give the photograph back exactly, else linear values with their variance (EXR).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.response import Response
+from hagoromo.camera.sensor import Demosaic
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory
+from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.record import inside, list_of, one_of, positive, read_json, table, take, text, write_json
+from hagoromo.files.table import write_table
+from hagoromo.files.whole import whole_folder
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
+from hagoromo.photograph.transforms import (
+    camera_from_record,
+    lamp_from_record,
+    lamps_of_frame,
+    record_from_camera,
+    record_from_lamp,
+    record_from_sensor,
+    response_from_record,
+)
+
+TRANSFORMS = "transforms.json"
+CAPTURE = {
+    "frames": list_of(table),
+    "name": (text, None),
+    "lamps": (list_of(table), []),
+    "sensor": (table, {}),
+    "truth": (table, None),
+    "points_path": (text, None),
+    "normals_path": (text, None),
+}
+FRAME = {
+    "file_path": text,
+    "name": (text, None),
+    "mask_path": (text, None),
+    "exposure_s": (positive, 1.0),
+    "iso": (positive, 100.0),
+    "sensor": (table, {}),
+    "transfer": (one_of("linear", "srgb"), "linear"),
+}
+OF_ONE_FRAME = ("file_path", "name", "mask_path", "transform_matrix", "lamps")
+VECTORS = {"points": ("P.X", "P.Y", "P.Z"), "normals": ("N.X", "N.Y", "N.Z")}  # EXR channels
+BYTES_PER_VALUE = 9  # value, variance and native of a photograph
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Photographs of one object.
+
+    folder: where it was read from. truth: what a simulation knows, as its file has it. points: (height, width, 3) [m]
+    and normals: (height, width, 3) unit, world axes, 0 where unknown: the shape, where it is known; all photographs are
+    then of one camera in one place. Raises `InputError` when there is no photograph, or the parts do not go together.
+    """
+
+    photographs: tuple[Photograph, ...]
+    name: str = ""
+    folder: Path | None = None
+    truth: dict[str, Any] | None = None
+    points: NDArray[np.float32] | None = None
+    normals: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the parts go together."""
+        object.__setattr__(self, "photographs", tuple(self.photographs))
+        if not self.photographs:
+            raise InputError(f"capture {self.name!r} has no photograph: give at least one")
+        cameras = [photograph.camera for photograph in self.photographs]
+        size = (cameras[0].height, cameras[0].width, 3)
+        for what, vectors in (("points", self.points), ("normals", self.normals)):
+            if vectors is not None and vectors.shape != size:
+                raise InputError(f"{what} of shape {vectors.shape} for a photograph that needs {size}: make them fit")
+            if vectors is not None and not all(np.allclose(c.matrix, cameras[0].matrix, rtol=1e-6) for c in cameras):
+                raise InputError(f"{what} are of one view, the photographs of several: leave {what} out")
+
+
+def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demosaic = "bilinear") -> Capture:
+    """The capture in `folder` (or in a transforms file of another name), or a slice of its frames.
+
+    Values are in units of ρ where the sensor's `exposure` is known, else (DN − black)/(white − black) per second of
+    exposure and at ISO 100. PNG and JPEG are taken for linear unless `transfer` is "srgb"; a pixel that is saturated,
+    not opaque or black in the mask is invalid. Where the file does not tell the sensor's figures the variance is that
+    of a usual one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps` nor `pl_pos` has no lamps. Frames
+    without an image are left out with a warning; `InputError` for whatever else is missing or contradicts itself.
+    """
+    file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
+    record, home = read_json(file), file.parent
+    top = take(record, CAPTURE, str(file), strict=False)
+    lamps = [lamp_from_record(lamp, home, f"{file} lamp {i}") for i, lamp in enumerate(top["lamps"])]
+    response = response_from_record(top["sensor"], home, str(file))
+    shared = {key: value for key, value in record.items() if key not in CAPTURE}
+    photographs: list[Photograph] = []
+    chosen = _present(file, list(enumerate(top["frames"]))[frames or slice(None)])
+    for i, frame, path in chosen:
+        where = f"{file} frame {i} ({path.name})"
+        sensor = take(frame, {"sensor": (table, {})}, where, strict=False)["sensor"]
+        settings = {**shared, **frame, "sensor": {**top["sensor"], **sensor}}
+        photograph = _photograph(settings, path, home, response.channels if response else (), demosaic, where)
+        lit = lamps_of_frame(frame, lamps, where)
+        if not photographs:
+            check_memory(float(BYTES_PER_VALUE) * photograph.values.size * len(chosen), str(file))
+        photographs.append(replace(photograph, camera=replace(photograph.camera, response=response), lamps=lit))
+    return Capture(
+        tuple(photographs),
+        home.resolve().name if top["name"] is None else top["name"],
+        home,
+        top["truth"],
+        _read_vectors(home, top["points_path"], "points"),
+        _read_vectors(home, top["normals_path"], "normals"),
+    )
+
+
+def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> Path:
+    """Write `capture` to `folder`, whole or not at all; `load_capture` gives the same photographs back.
+
+    `InputError` when the folder exists without `force`, or the photographs differ in their response.
+    """
+    response = capture.photographs[0].camera.response
+    if not all(_same(photograph.camera.response, response) for photograph in capture.photographs):
+        raise InputError(f"capture {capture.name!r} has several camera responses: save one capture for each")
+    lamps: dict[str, int] = {}
+    with whole_folder(folder, force) as home:
+        frames = [_write_frame(photograph, i, home, lamps) for i, photograph in enumerate(capture.photographs)]
+        shared = {
+            key: value
+            for key, value in frames[0].items()
+            if key not in OF_ONE_FRAME and all(frame.get(key) == value for frame in frames)
+        }
+        if response:
+            name = re.sub(r"[^\w .()-]", "_", response.name or "response") + ".csv"
+            curves = dict(zip(response.channels, response.values.T, strict=True))
+            write_table(home / name, {"wavelength_nm": response.wavelengths, **curves})
+            shared["sensor"] = {**shared.get("sensor", {}), "response": name}
+        for what, vectors in (("points", capture.points), ("normals", capture.normals)):
+            if vectors is not None:
+                write_exr(home / f"{what}.exr", dict(zip(VECTORS[what], np.moveaxis(vectors, 2, 0), strict=True)))
+                shared[f"{what}_path"] = f"{what}.exr"
+        if capture.truth is not None:
+            shared["truth"] = capture.truth
+        own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
+        listed = [json.loads(lamp) for lamp in lamps]
+        write_json(home / TRANSFORMS, {"name": capture.name, **shared, "lamps": listed, "frames": own})
+    return Path(folder)
+
+
+def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple[int, dict[str, Any], Path]]:
+    """(index, frame, path of its image) of the frames whose image exists."""
+    located = [(i, frame, _image_path(file, i, frame)) for i, frame in frames]
+    present = [entry for entry in located if entry[2].exists()]
+    if not present:
+        raise InputError(f"{file}: none of the {len(located)} frames asked for has an image: check its folder")
+    if len(present) < len(located):
+        absent = len(located) - len(present)
+        warnings.warn(f"{file}: {absent} of {len(located)} frames have no image and are left out", stacklevel=3)
+    return present
+
+
+def _image_path(file: Path, index: int, frame: Mapping[str, Any]) -> Path:
+    """The image of a frame; NeRF's files leave its suffix out."""
+    path = inside(file.parent, take(frame, {"file_path": text}, f"{file} frame {index}", strict=False)["file_path"])
+    if path.suffix.lower() in SUFFIXES:
+        return path
+    if path.is_file():
+        raise InputError(f"{path} is no image of a known kind: give one of {', '.join(SUFFIXES)}")
+    named = [path.with_name(path.name + suffix) for suffix in SUFFIXES]
+    return next((candidate for candidate in named if candidate.exists()), named[0])
+
+
+def _photograph(
+    settings: Mapping[str, Any], path: Path, home: Path, channels: tuple[str, ...], demosaic: Demosaic, where: str
+) -> Photograph:
+    frame = take(settings, FRAME, where, strict=False)
+    pixels = read_pixels(path, frame, channels or default_channels(3), demosaic, where)
+    height, width = pixels.values.shape[:2]
+    camera = replace(camera_from_record(settings, (height, width), where), sensor=pixels.sensor)
+    valid = pixels.valid
+    if frame["mask_path"] is not None:
+        valid = valid & read_mask(inside(home, frame["mask_path"]), (height, width))
+    name = path.stem if frame["name"] is None else frame["name"]
+    return Photograph(pixels.values, pixels.variance, valid, camera, (), name, pixels.native)
+
+
+def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str, int]) -> dict[str, Any]:
+    """Write the images of a photograph; its frame. lamps: those already listed, as JSON, with their index."""
+    (home / "images").mkdir(exist_ok=True)
+    image = write_pixels(photograph, home / "images" / f"{index:04d}")
+    lit = [json.dumps(record_from_lamp(lamp)) for lamp in photograph.lamps]
+    frame = {
+        "file_path": str(image.relative_to(home)),
+        "name": photograph.name,
+        **record_from_camera(photograph.camera),
+        "lamps": [lamps.setdefault(lamp, len(lamps)) for lamp in lit],
+    }
+    if photograph.camera.sensor:
+        frame["sensor"] = record_from_sensor(photograph.camera.sensor)
+    if not photograph.mask.all():
+        (home / "masks").mkdir(exist_ok=True)
+        frame["mask_path"] = f"masks/{index:04d}.png"
+        write_png(home / frame["mask_path"], photograph.mask.astype(np.uint8) * 255)
+    return frame
+
+
+def _same(one: Response | None, other: Response | None) -> bool:
+    if one is None or other is None or one is other:
+        return one is other
+    knots = np.array_equal(one.wavelengths, other.wavelengths)
+    return knots and one.channels == other.channels and np.array_equal(one.values, other.values)
+
+
+def _read_vectors(home: Path, relative: str | None, what: str) -> NDArray[np.float32] | None:
+    if relative is None:
+        return None
+    path = inside(home, relative)
+    layers, _ = read_exr(path)
+    lacking = [name for name in VECTORS[what] if name not in layers]
+    if lacking:
+        raise InputError(f"{path} lacks the channel {lacking[0]}: {what} have {', '.join(VECTORS[what])}")
+    return np.stack([layers[name] for name in VECTORS[what]], axis=2)

@@ -1,0 +1,53 @@
+"""Photograph: the linear sensor values of one exposure, their variance, its camera and the lamps that were on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.light.lamp import Lamp
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """One exposure, linear in light.
+
+    values: (height, width, channels) float32, in units of ρ of Tanaka eq. (10). variance: the same shape, its square.
+    mask: (height, width), true where the pixel is valid (not saturated, part of the object). camera, lamps: what took
+    it and what lit it. native: (height, width, channels), true where the sensor itself measured the channel and the
+    value is independent of its neighbours; None when it did everywhere. Raises `InputError` when the shapes differ, a
+    valid pixel is not finite or has no variance.
+    """
+
+    values: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    mask: NDArray[np.bool_]
+    camera: Camera
+    lamps: tuple[Lamp, ...] = field(default=())
+    name: str = ""
+    native: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes and numbers once."""
+        size = (self.camera.height, self.camera.width)
+        if self.values.ndim != 3 or self.values.shape[:2] != size or self.values.shape[2] < 1:
+            raise InputError(f"photograph {self.name!r} of shape {self.values.shape}: its camera takes {size} pixels")
+        object.__setattr__(self, "values", np.asarray(self.values, np.float32))
+        object.__setattr__(self, "variance", np.asarray(self.variance, np.float32))
+        object.__setattr__(self, "mask", np.asarray(self.mask, np.bool_))
+        object.__setattr__(self, "lamps", tuple(self.lamps))
+        for what, array, shape in (
+            ("variance", self.variance, self.values.shape),
+            ("mask", self.mask, size),
+            ("native", self.native, self.values.shape),
+        ):
+            if array is not None and array.shape != shape:
+                raise InputError(f"photograph {self.name!r}: {what} of shape {array.shape}, it must be {shape}")
+        if not (np.isfinite(self.values).all(axis=2) | ~self.mask).all():
+            raise InputError(f"photograph {self.name!r} has values that are not finite: mask them")
+        if not ((np.isfinite(self.variance) & (self.variance > 0.0)).all(axis=2) | ~self.mask).all():
+            raise InputError(f"photograph {self.name!r} has pixels without a variance above 0: mask them")

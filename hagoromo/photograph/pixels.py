@@ -1,0 +1,158 @@
+"""Pixels of one image file: sensor numbers (PNG, JPEG) or linear values (EXR) → values and variance, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.sensor import Demosaic, Sensor, develop_raw, native_channels
+from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.jpeg import read_jpeg
+from hagoromo.files.png import read_png, write_png
+from hagoromo.light.colour import srgb_decode
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, sensor_from_record
+
+READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg}
+SUFFIXES = (*READERS, ".exr")
+VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside those of the values
+
+
+class Pixels(NamedTuple):
+    """values, variance, native: as `Photograph`; valid (height, width); sensor: None where its figures are assumed."""
+
+    values: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    native: NDArray[np.bool_] | None
+    sensor: Sensor | None
+
+
+def read_pixels(
+    path: Path, frame: Mapping[str, Any], channels: Sequence[str], demosaic: Demosaic, where: str
+) -> Pixels:
+    """Pixels of the image at `path`.
+
+    frame: its `sensor`, `exposure_s`, `iso` and `transfer`. channels: names in the order of the values, for EXR.
+    `InputError` for a file that is no image, or contradicts the sensor.
+    """
+    reader = READERS.get(path.suffix.lower())
+    image = None if reader is None else reader(path)
+    depth = 16 if image is None else 8 * image.dtype.itemsize
+    sensor = sensor_from_record(frame["sensor"], depth, frame["exposure_s"], frame["iso"], where)
+    known = sensor if any(k != "response" for k in frame["sensor"]) and frame["transfer"] == "linear" else None
+    if image is None:
+        return _from_exr(path, channels, frame["exposure_s"] * frame["iso"] / 100.0)._replace(sensor=known)
+    numbers, opaque = _opaque(image)
+    if sensor.largest < numbers.max(initial=0):
+        raise InputError(f"{path} holds {numbers.max()}, more than {sensor.bits} bits: mend the sensor's bits")
+    mosaic = sensor.mosaic if numbers.ndim == 2 else ""
+    raw = numbers if mosaic or numbers.ndim == 3 else numbers[..., None]
+    if frame["transfer"] == "srgb":
+        values, variance, valid = _from_srgb(raw, sensor)
+    else:
+        values, variance, valid = develop_raw(raw, replace(sensor, mosaic=mosaic), demosaic)
+    native = native_channels(sensor, *numbers.shape[:2]) if mosaic else None
+    return Pixels(values, variance, valid & opaque, native, known)
+
+
+def read_mask(path: Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """True where the PNG at `path` is not black (nor transparent); `InputError` when it is not of `shape`."""
+    mask, opaque = _opaque(read_png(path))
+    if mask.shape[:2] != shape:
+        raise InputError(f"{path} is of shape {mask.shape[:2]} and its photograph of {shape}: make them the same")
+    return opaque & (mask.reshape(*shape, -1) > 0).any(axis=2)
+
+
+def write_pixels(photograph: Photograph, stem: Path) -> Path:
+    """Write the photograph beside `stem`: PNG where sensor numbers give it back exactly, else EXR; the path written."""
+    numbers = _sensor_numbers(photograph)
+    if numbers is not None:
+        write_png(stem.with_suffix(".png"), numbers)
+        return stem.with_suffix(".png")
+    count = photograph.values.shape[2]
+    response = photograph.camera.response
+    names = response.channels if response and len(response.channels) == count else default_channels(count)
+    layers = {"": photograph.values, VARIANCE: photograph.variance}
+    if photograph.native is not None:
+        layers[NATIVE] = photograph.native.astype(np.float32)
+    channels = {prefix + name: layer[..., i] for prefix, layer in layers.items() for i, name in enumerate(names)}
+    write_exr(stem.with_suffix(".exr"), channels, {"colourSpace": "camera, linear, in units of ρ of eq. (10)"})
+    return stem.with_suffix(".exr")
+
+
+def default_channels(count: int) -> tuple[str, ...]:
+    """Names of `count` channels of which nothing is known."""
+    return {1: ("Y",), 3: ("R", "G", "B")}.get(count, tuple(f"band{i:03d}" for i in range(count)))
+
+
+def _from_exr(path: Path, channels: Sequence[str], scale: float) -> Pixels:
+    layers, _ = read_exr(path)
+    names = [name for name in layers if not name.startswith((VARIANCE, NATIVE)) and name != ALPHA]
+    for order in (tuple(channels), default_channels(len(names))):
+        names = list(order) if set(order) == set(names) else names
+    if not names:
+        raise InputError(f"{path} has no channel of values: give one such as Y, or R, G and B")
+    values = np.stack([layers[name] for name in names], axis=2)
+    finite = np.isfinite(values).all(axis=2)
+    if all(VARIANCE + name in layers for name in names):
+        variance = np.stack([layers[VARIANCE + name] for name in names], axis=2)
+    else:
+        electron = max(float(values[finite].max(initial=0.0)), 1e-30) / ASSUMED_FULL_WELL
+        variance = electron**2 * (np.maximum(values / electron, 0.0) + 1.0 + ASSUMED_READ_NOISE**2)
+    native = None
+    if all(NATIVE + name in layers for name in names):
+        native = np.stack([layers[NATIVE + name] > 0.5 for name in names], axis=2)
+    valid = np.asarray(finite & np.isfinite(variance).all(axis=2), np.bool_)
+    if ALPHA in layers:
+        valid &= layers[ALPHA] == 1.0
+    return Pixels(values / np.float32(scale), variance / np.float32(scale**2), valid, native, None)
+
+
+def _opaque(image: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
+    """The image without its alpha, and where that is full: a half transparent pixel shows the background too."""
+    if image.ndim == 2 or image.shape[2] == 3:
+        return image, np.ones(image.shape[:2], np.bool_)
+    return image[..., :3], image[..., 3] == np.iinfo(image.dtype).max
+
+
+def _from_srgb(numbers: NDArray, sensor: Sensor) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """Develop display numbers; their rounding is coarser in light than in the dark."""
+    at = np.arange(sensor.largest + 2.0) - 0.5
+    light = sensor.largest * srgb_decode(255.0 * np.clip(at, 0.0, sensor.largest) / sensor.largest)
+    centre = sensor.largest * srgb_decode(255.0 * (at[:-1] + 0.5) / sensor.largest)
+    developed = develop_raw(centre[numbers], replace(sensor, mosaic=""))
+    # develop_raw has taken the rounding for that of one linear number, 1/12
+    rounding = (np.diff(light)[numbers] ** 2 - 1.0) / 12.0 * (sensor.gain / sensor.exposure) ** 2
+    return developed.values, (developed.variance + rounding).astype(np.float32), developed.valid
+
+
+def _sensor_numbers(photograph: Photograph) -> NDArray | None:
+    """Sensor numbers that `develop_raw` turns into this photograph, None where there are none."""
+    sensor, native = photograph.camera.sensor, photograph.native
+    height, width, count = photograph.values.shape
+    if sensor is None or count not in (1, 3):
+        return None
+    numbers = np.rint(photograph.values.astype(np.float64) * sensor.exposure / sensor.gain + sensor.black_level)
+    if not ((numbers >= 0) & (numbers <= sensor.largest))[True if native is None else native].all():
+        return None
+    if native is None:
+        sensor = replace(sensor, mosaic="")
+    elif sensor.mosaic and (native == native_channels(sensor, height, width)).all():
+        numbers = np.where(native, numbers, 0.0).sum(axis=2)
+    else:
+        return None
+    again = develop_raw(numbers, sensor)
+    if (photograph.mask & ~again.valid).any():
+        return None
+    for mine, theirs in ((photograph.values, again.values), (photograph.variance, again.variance)):
+        if not np.allclose(mine, theirs, rtol=1e-5, atol=1e-5 * float(theirs.max())):
+            return None
+    depth = np.uint8 if sensor.bits <= 8 else np.uint16
+    return (numbers[..., 0] if count == 1 and numbers.ndim == 3 else numbers).astype(depth)

@@ -1,0 +1,167 @@
+"""The records of a capture's `transforms.json`, each to its noun and back: camera, sensor, lamp.
+
+The file is nerfstudio's (and instant-ngp's, and NeRF's): intrinsics for all frames or per frame, camera-to-world
+matrices with OpenGL axes. Ours beside it: `sensor`, `lamps`, `pl_pos`, `transfer`, `mask_path`, `exposure_s`, `iso`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo.camera.camera import Camera, opencv_from_opengl, opengl_from_opencv, rigid_pose
+from hagoromo.camera.response import Response
+from hagoromo.camera.sensor import MOSAICS, Sensor
+from hagoromo.errors import InputError
+from hagoromo.files.record import anything, count, inside, number, numbers, one_of, positive, take, text
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+
+POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
+PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE", "FULL_OPENCV")
+INTRINSICS = {
+    **dict.fromkeys(("w", "h", "fl_x", "fl_y"), (positive, None)),
+    **dict.fromkeys(("cx", "cy", "camera_angle_x", "camera_angle_y"), (number, None)),
+    **dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4"), (number, 0.0)),
+    "camera_model": (one_of(*PINHOLES), "OPENCV"),
+    "camera": (text, ""),
+}
+SENSOR = {
+    **dict.fromkeys(("exposure", "full_well", "gain", "white_level"), (positive, None)),
+    **dict.fromkeys(("read_noise", "black_level"), (number, None)),
+    "bits": (count, None),
+    "mosaic": (one_of(*MOSAICS), ""),
+    "response": (text, None),
+}
+LAMP = {
+    "position": (numbers(3), None),
+    "to_lamp": (numbers(3), None),
+    "intensity": (lambda value: number(value) if not isinstance(value, list) else numbers()(value), 1.0),
+    "spectrum": (anything, 1.0),
+    "name": (text, ""),
+}
+# What a sensor is taken for where its file does not say: both are usual for a consumer camera at ISO 100.
+ASSUMED_FULL_WELL = 20_000.0  # electrons at white level
+ASSUMED_READ_NOISE = 10.0  # electrons
+
+
+def camera_from_record(record: Mapping[str, Any], size: tuple[int, int], where: str) -> Camera:
+    """Camera of a frame (its keys over the top level's); what is missing follows from the image's (height, width).
+
+    `InputError` for another lens than OpenCV's pinhole, another size than the image's or a matrix that is no pose.
+    """
+    height, width = size
+    k = take(record, INTRINSICS, where, strict=False)
+    if k["k4"] != 0.0 or record.get("is_fisheye"):
+        raise InputError(f"{where} has a fisheye lens: undistort its images first")
+    told = k["w"] or width, k["h"] or height
+    if told != (width, height):
+        raise InputError(f"{where} is {width} × {height} px and must be {told[0]:g} × {told[1]:g}: mend w and h")
+    fl_x = k["fl_x"] or _focal(k["camera_angle_x"], width, where)
+    fl_y = k["fl_y"] or (_focal(k["camera_angle_y"], height, where) if k["camera_angle_y"] else fl_x)
+    matrix = take(record, {"transform_matrix": anything}, where, strict=False)["transform_matrix"]
+    pose = rigid_pose(matrix, f"{where}: transform_matrix", POSE_TOLERANCE)
+    return Camera(
+        width,
+        height,
+        (fl_x, fl_y),
+        (width / 2 if k["cx"] is None else k["cx"], height / 2 if k["cy"] is None else k["cy"]),
+        (k["k1"], k["k2"], k["p1"], k["p2"], k["k3"]),
+        name=k["camera"],
+    ).with_pose(np.linalg.inv(opencv_from_opengl(pose)))
+
+
+def record_from_camera(camera: Camera) -> dict[str, Any]:
+    """The intrinsics and pose of a frame."""
+    return {
+        "camera": camera.name,
+        "camera_model": "OPENCV",
+        **dict(zip(("w", "h"), (camera.width, camera.height), strict=True)),
+        **dict(zip(("fl_x", "fl_y", "cx", "cy"), camera.focal + camera.principal, strict=True)),
+        **dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion, strict=True)),
+        "transform_matrix": opengl_from_opencv(camera.camera_to_world).tolist(),
+    }
+
+
+def sensor_from_record(record: Mapping[str, Any], depth: int, exposure_s: float, iso: float, where: str) -> Sensor:
+    """Sensor of a frame. `gain` [e⁻/DN] is that at ISO 100; `exposure` [e⁻ per unit of ρ] that of one second.
+
+    depth: bits of the image file. Without `exposure` one unit of value is white level after 1 s at ISO 100; without
+    `gain` and `read_noise` the sensor is taken for one of ASSUMED_FULL_WELL and ASSUMED_READ_NOISE.
+    """
+    k = take(record, SENSOR, f"{where}: sensor")
+    bits, black = k["bits"] or depth, k["black_level"] or 0.0
+    span = (k["white_level"] or 2.0**bits - 1.0) - black
+    if span <= 0.0:
+        raise InputError(f"{where}: the white level {span + black:g} is not above the black level {black:g}")
+    gain = k["gain"] or ASSUMED_FULL_WELL / span
+    return Sensor(
+        exposure=(k["exposure"] or span * gain) * exposure_s,
+        full_well=k["full_well"] or span * gain * 100.0 / iso,
+        read_noise=ASSUMED_READ_NOISE if k["read_noise"] is None else k["read_noise"],
+        gain=gain * 100.0 / iso,
+        black_level=black,
+        bits=bits,
+        mosaic=k["mosaic"],
+    )
+
+
+def record_from_sensor(sensor: Sensor) -> dict[str, Any]:
+    """The figures of a sensor, at ISO 100 and one second."""
+    return {
+        "exposure": sensor.exposure,
+        "full_well": sensor.full_well,
+        "read_noise": sensor.read_noise,
+        "gain": sensor.gain,
+        "black_level": sensor.black_level,
+        "white_level": sensor.white_level,
+        "bits": sensor.bits,
+        "mosaic": sensor.mosaic,
+    }
+
+
+def response_from_record(record: Mapping[str, Any], folder: Path, where: str) -> Response | None:
+    """The response that the sensor's record names: a CSV in `folder` or a known camera."""
+    source = take(record, SENSOR, f"{where}: sensor")["response"]
+    if source is None:
+        return None
+    return Response.load(inside(folder, source) if source.lower().endswith(".csv") else source)
+
+
+def lamp_from_record(record: Any, folder: Path, where: str) -> Lamp:
+    """Lamp of the top-level list; its spectrum as `Spectrum.load` takes it."""
+    k = take(record, LAMP, where)
+    try:
+        return Lamp(k["position"], k["to_lamp"], k["intensity"], Spectrum.load(k["spectrum"], folder), k["name"])
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def record_from_lamp(lamp: Lamp) -> dict[str, Any]:
+    """What `lamp_from_record` reads back."""
+    place = {"to_lamp": lamp.to_lamp} if lamp.position is None else {"position": lamp.position}
+    return {
+        **{key: None if vector is None else vector.tolist() for key, vector in place.items()},
+        "intensity": list(lamp.intensity) if isinstance(lamp.intensity, tuple) else lamp.intensity,
+        "spectrum": lamp.spectrum.record(),
+        "name": lamp.name,
+    }
+
+
+def lamps_of_frame(frame: Mapping[str, Any], lamps: Sequence[Lamp], where: str) -> tuple[Lamp, ...]:
+    """The lamps that a frame names: `lamps`, indices into the list, and `pl_pos`, the position [m] of one more."""
+    position = take(frame, {"pl_pos": (numbers(3), None)}, where, strict=False)["pl_pos"]
+    indices = frame.get("lamps", [])
+    if not isinstance(indices, list) or not all(type(i) is int and 0 <= i < len(lamps) for i in indices):
+        raise InputError(f"{where}: lamps must be indices below {len(lamps)}, into the list of lamps: given {indices}")
+    return (*(lamps[i] for i in indices), *([] if position is None else [Lamp(position)]))
+
+
+def _focal(angle: float | None, pixels: int, where: str) -> float:
+    """Focal length [px] of the full field of view `angle` [rad] over `pixels`."""
+    if angle is None or not 0.0 < angle < np.pi:
+        raise InputError(f"{where} has no focal length: give fl_x [px], or camera_angle_x between 0 and π [rad]")
+    return pixels / 2.0 / float(np.tan(angle / 2.0))
