@@ -68,7 +68,7 @@ def test_saturated_transparent_and_masked_pixels_are_invalid(tmp_path):
 
 
 def test_opengl_axes_become_opencv_axes(tmp_path):
-    """At the identity pose an OpenGL camera looks along −z: the point (0.1, 0.2, −2) lies right of the middle, above."""
+    """At the identity pose an OpenGL camera looks along −z: (0.1, 0.2, −2) is right of the middle, above."""
     shot = load_capture(write_foreign(tmp_path, np.zeros((5, 7, 3), np.uint8))).photographs[0]
     x, y = shot.camera.project([0.1, 0.2, -2.0])
     assert (x, y) == (pytest.approx(3.5 + 20.0 * 0.05), pytest.approx(2.5 - 20.0 * 0.1))
