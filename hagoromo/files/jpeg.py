@@ -24,9 +24,9 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     data = read_bytes(path)
     if not data.startswith(START):
         raise InputError(f"{path} is no JPEG file: give one")
-    if END not in data[-64:]:  # some cameras pad the end
+    height, width, frame = _frame(data, path)
+    if END not in data[frame:]:  # after it some cameras add more; before it stands the end of a thumbnail
         raise InputError(f"{path} is cut off: copy it again")
-    height, width = _size(data, path)
     check_memory(float(BYTES_PER_PIXEL) * height * width, str(path))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -37,12 +37,12 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     return np.asarray(image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1]), np.uint8)
 
 
-def _size(data: bytes, path: str | Path) -> tuple[int, int]:
-    """(height, width) from the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
+def _frame(data: bytes, path: str | Path) -> tuple[int, int, int]:
+    """Height, width and place of the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
     at = 2
     while at + 9 <= len(data) and data[at] == 0xFF:
         kind, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
         if kind in range(0xC0, 0xD0) and kind not in (0xC4, 0xC8, 0xCC):
-            return int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big")
+            return int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big"), at
         at += 2 + length
     raise InputError(f"{path} is a damaged JPEG: copy it again")
