@@ -111,6 +111,20 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
     _wrote(report)
 
 
+@_verb(verbs)
+def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
+    """Scene → photographs as its camera would take them (noise, mosaic, bits), one per lamp, the truth beside them.
+
+    Args:
+        scene: scene TOML.
+    """
+    from hagoromo.app.simulate import simulate
+
+    with progress_bar("simulate") as progress:
+        folder = simulate(scene, out, force=force, progress=progress)
+    _wrote(folder)
+
+
 calibrate = verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
 
 
@@ -160,6 +174,56 @@ def calibrate_response(pairs: Positional[Path], out: Out, force: Force = False) 
     for channel, residual in zip(response.channels, found.residual, strict=True):
         print(f"{channel}: residual {100 * residual:.2f} % of the mean reading")
     _wrote(out)
+
+
+@_verb(verbs)
+def measure(capture: Positional[Path], out: Out, n: float | None = None, force: Force = False) -> None:
+    """Capture → materials.json, normals.exr, labels.png and a picture of each photograph's residuals.
+
+    Args:
+        capture: folder with transforms.json, its shape and lamps known.
+        n: refractive index, where it is known.
+    """
+    from hagoromo.files.whole import whole_folder
+    from hagoromo.photograph.capture import load_capture
+    from hagoromo.reflectance.measure import fill_measurement, measure
+
+    with whole_folder(out, force) as partial, progress_bar("measure") as progress:
+        measured = measure(load_capture(capture), n=n, progress=progress)
+        fill_measurement(measured, partial)
+    for material in measured.materials:
+        known = [name for name, told in material.identifiable.items() if told]
+        print(f"{material.name}: {material.pixels} pixels, told by the photographs: {', '.join(known) or 'nothing'}")
+    _wrote(out)
+
+
+@_verb(verbs)
+def render(scene: Positional[Path], out: Out, mode: Literal["march"] = "march", force: Force = False) -> None:
+    """Scene → EXR (linear, with its weights) and PNG (sRGB) beside it.
+
+    Args:
+        scene: scene TOML.
+        mode: march sees one scattering event and has no noise.
+    """
+    from hagoromo.app.render_scene import render_scene
+
+    with progress_bar("render") as progress:
+        paths = render_scene(scene, out, mode=mode, force=force, progress=progress)
+    _wrote(*paths)
+
+
+@_verb(verbs)
+def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None) -> None:
+    """Two images → JSON on standard output: psnr, ssim, delta_e_2000, relative_rmse.
+
+    Args:
+        a: image, PNG or EXR.
+        b: its reference, of the same kind.
+        mask: PNG, not black where to compare.
+    """
+    from hagoromo.image.compare import compare
+
+    print(json.dumps(compare(a, b, mask)))
 
 
 @_verb(verbs)
