@@ -1,0 +1,88 @@
+"""Simulate: scene → Capture. The scene's camera photographs it under one lamp after another, noise and all.
+
+The truth lies beside the photographs: the scene's own record, and the point and normal of the surface that the centre
+of each pixel meets (0 where it meets none, or matter in a volume box first).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays
+from hagoromo.errors import InputError
+from hagoromo.image.expose import photograph
+from hagoromo.image.render import Settings, render
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surfaces
+from hagoromo.photograph.capture import Capture
+
+CLEAR = 1e-3  # share of a pixel's light from volume boxes above which its surface counts as hidden
+
+
+class Shape(NamedTuple):
+    """points (height, width, 3) [m], normals (height, width, 3) unit, world, both 0 where nothing is met.
+
+    surface: (height, width), index into the scene's surfaces, −1 where nothing is met.
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    surface: NDArray[np.int64]
+
+
+def simulate(
+    scene: Scene,
+    settings: Settings | None = None,
+    name: str = "",
+    progress: Callable[[float, str], None] | None = None,
+) -> Capture:
+    """One photograph per lamp of `scene`, by its camera's response and sensor, and what is true.
+
+    `settings.seed` seeds the noise; lamp k takes seed + k. `InputError` when the camera has no response or sensor.
+    """
+    settings = settings or Settings()
+    if scene.camera.response is None or scene.camera.sensor is None:
+        raise InputError(f"camera {scene.camera.name!r} has no response or no sensor: a photograph needs both")
+    photographs = []
+    for k, lamp in enumerate(scene.lamps):
+        step = f"lamp {k + 1} of {len(scene.lamps)}"
+        tell = (lambda share, k=k, step=step: progress((k + share) / len(scene.lamps), step)) if progress else None
+        lit = scene.with_lamps(lamp)
+        image = render(lit, settings, tell)
+        photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}"))
+    shape = seen_shape(scene) if scene.surfaces else None
+    known = {} if shape is None else {"points": shape.points, "normals": shape.normals}
+    return Capture(tuple(photographs), name, truth=scene.record(), **known)
+
+
+def seen_shape(scene: Scene) -> Shape:
+    """The shape of the scene's surfaces, of which there is one at least, as its camera sees it."""
+    kinds, camera = arrays(), scene.camera
+    number = dr.arange(kinds.UInt, camera.width * camera.height)
+    x, y = kinds.Float(number % camera.width) + 0.5, kinds.Float(number // camera.width) + 0.5
+    origin, direction = camera.rays(x, y)
+    surfaces = Surfaces(scene.surfaces, 0)  # must outlive the evaluation of the rays
+    distance, _, normal, surface = surfaces.meet(origin, direction)
+    seen = dr.isfinite(distance) & kinds.Bool(_in_the_open(scene).ravel())
+    point = dr.select(seen, origin + direction * dr.select(seen, distance, 0.0), 0.0)
+    normal = dr.select(seen, normal, 0.0)
+    size = (camera.height, camera.width)
+    return Shape(
+        np.array(point, np.float32).T.reshape(*size, 3),
+        np.array(normal, np.float32).T.reshape(*size, 3),
+        np.where(np.array(seen), np.array(surface, np.int64), -1).reshape(size),
+    )
+
+
+def _in_the_open(scene: Scene) -> NDArray[np.bool_]:
+    """Pixels (height, width) whose light no volume box adds to or takes from."""
+    if not scene.boxes:
+        return np.ones((scene.camera.height, scene.camera.width), np.bool_)
+    boxes_alone = render(replace(scene, surfaces=()), Settings(shadows="none"))
+    return boxes_alone.alpha < CLEAR

@@ -1,0 +1,151 @@
+"""A scene file gives the scene it describes; photographs of it carry what is true."""
+
+import numpy as np
+import pytest
+
+from hagoromo.app.render_scene import render_scene
+from hagoromo.app.simulate import simulate
+from hagoromo.camera.response import Response
+from hagoromo.errors import InputError
+from hagoromo.files.record import write_json
+from hagoromo.image.image import read_image
+from hagoromo.image.render import Settings, render
+from hagoromo.image.scene_file import load_scene
+from hagoromo.photograph.capture import load_capture
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.store import save_box
+
+SCENE = """
+[camera]
+size = [53, 37]
+focal = [90.0, 90.0]
+response = "cie1931"
+sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
+eye = [0.0, -1.0, 0.0]
+
+[[lamp]]
+name = "key"
+position = [0.5, -2.0, 1.0]
+intensity = 3.0
+
+[[lamp]]
+name = "sun"
+to_lamp = [-1.0, -1.0, 0.0]
+spectrum = "D65"
+
+[[surface]]
+name = "ball"
+shape = "sphere"
+scale = 0.15
+position = [0.0, 0.2, 0.0]
+reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
+
+[render]
+seed = 7
+"""
+
+
+@pytest.fixture
+def scene_path(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path / "scene.toml"
+
+
+def test_a_scene_file_gives_the_scene_it_describes(scene_path):
+    scene, settings = load_scene(scene_path)
+    assert (scene.camera.width, scene.camera.height, scene.camera.focal) == (53, 37, (90.0, 90.0))
+    np.testing.assert_allclose(scene.camera.position, (0, -1, 0), atol=1e-12)  # rounding of the inverse pose
+    assert [lamp.name for lamp in scene.lamps] == ["key", "sun"]
+    assert scene.surfaces[0].name == "ball"
+    np.testing.assert_allclose(scene.surfaces[0].pose[:3, 3], (0.0, 0.2, 0.0))
+    assert settings == Settings(seed=7)
+
+
+def test_a_preset_is_binned_and_posed(scene_path):
+    scene_path.write_text(SCENE.replace("size = [53, 37]\nfocal = [90.0, 90.0]", PRESET))
+    camera = load_scene(scene_path)[0].camera
+    assert (camera.width, camera.height) == (384, 256)
+    np.testing.assert_allclose(camera.focal[0], 85.0 * 384 / 22.7)
+
+
+PRESET = 'preset = "canon_eos_kiss_digital"\nfocal_mm = 85.0\nbinning = 8'
+
+
+def test_boxes_meshes_and_calibrated_cameras_are_found_beside_the_file(scene_path):
+    import trimesh
+
+    density = np.ones((5, 3, 7), np.float32)
+    up = np.broadcast_to(np.array([0, 0, 1], np.float32), (*density.shape, 3))
+    reflectance = load_scene(scene_path)[0].surfaces[0].reflectance
+    box = VolumeBox.from_arrays(density, up, 0.01, 100.0, [reflectance], name="slab")
+    save_box(box, scene_path.parent / "slab.zarr")
+    trimesh.creation.box().export(scene_path.parent / "cube.ply")
+    lens = {"w": 53, "h": 37, "fl_x": 91.0, "fl_y": 92.0, "cx": 26.0, "cy": 18.0}
+    write_json(scene_path.parent / "camera.json", lens | dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.0))
+    more = SCENE.replace("size = [53, 37]", 'file = "camera.json"').replace("focal = [90.0, 90.0]\n", "")
+    more = more.replace('shape = "sphere"', 'mesh = "cube.ply"')
+    other = "{alpha = 0.1, beta = 0.1, gamma = 0.3, n = 1.4, body_colour = 1.0, element = 'sphere'}"
+    place = "position = [0.0, 0.0, 0.3]\nrotation_deg = [0.0, 0.0, 90.0]"
+    scene_path.write_text(f'{more}[[box]]\nfile = "slab.zarr"\ntau = 7.0\nmaterials = [{other}]\n{place}\n')
+    scene, _ = load_scene(scene_path)
+    slab = scene.boxes[0]
+    assert scene.camera.focal == (91.0, 92.0) and slab.name == "slab" and slab.tau == 7.0
+    assert slab.materials[0].element == "sphere"
+    np.testing.assert_allclose(slab.pose @ (1, 0, 0, 1), (0.0, 1.0, 0.3, 1.0), atol=1e-12)  # rounding of cos 90°
+    assert np.shape(scene.surfaces[0].faces) == (12, 3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("size = [53, 37]", "", "one of preset"),
+        ("eye = [0.0, -1.0, 0.0]", "", "either eye"),
+        ("size = [53, 37]", "size = [53, 37]\nzoom = 2", "unknown key 'zoom'.* known are preset"),
+        ("intensity = 3.0", "intensty = 3.0", "unknown key 'intensty'"),
+        ('shape = "sphere"', 'shape = "blob"', "must be one of"),
+        ('shape = "sphere"', "", "either shape"),
+        ("alpha = 0.2", "alpha = 0.9", "energy conservation"),
+        ("scale = 0.15", "scale = [1, 2]", "3 finite numbers"),
+        ("scale = 0.15", "scale = 0.0", "invertible"),
+        ("[0.0, 0.2, 0.0]", "[0.0, -3.0, 0.0]", "looks at nothing"),
+        ('"cie1931"', '"../secret.csv"', "leads out"),
+        ('shape = "sphere"', 'mesh = "absent.ply"', "does not exist"),
+        ("seed = 7", 'shadows = "soft"', "one of map, march, none"),
+        ("[render]", "[rendering]", "unknown key 'rendering': known are camera, lamp"),
+    ],
+)
+def test_a_bad_scene_is_refused(scene_path, old, new, said):
+    assert old in SCENE
+    scene_path.write_text(SCENE.replace(old, new))
+    with pytest.raises(InputError, match=said) as refused:
+        load_scene(scene_path)
+    assert "scene.toml" in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_a_capture_has_a_photograph_per_lamp_and_the_true_shape(scene_path):
+    """Points lie on the sphere to float32 rays: 1e-6 of the distance. Values: 6 standard deviations as stated."""
+    simulate(scene_path, scene_path.parent / "ball")
+    scene, _ = load_scene(scene_path)
+    capture = load_capture(scene_path.parent / "ball")
+    assert [p.name for p in capture.photographs] == ["key", "sun"] and capture.truth is not None
+    points, normals = capture.points, capture.normals
+    assert points is not None and normals is not None
+    seen = np.linalg.norm(normals, axis=2) > 0
+    centre = np.array([0.0, 0.2, 0.0])
+    np.testing.assert_allclose(np.linalg.norm(points[seen] - centre, axis=1), 0.15, atol=2e-6)
+    np.testing.assert_allclose(normals[seen] * 0.15, points[seen] - centre, atol=5e-6)
+    for photograph, lamp in zip(capture.photographs, scene.lamps, strict=True):
+        truth = render(scene.with_lamps(lamp)).expose(Response.load("cie1931"))
+        valid = photograph.mask & seen
+        deviation = (photograph.values - truth)[valid] / np.sqrt(photograph.variance[valid])
+        assert np.abs(deviation).max() < 6
+    assert capture.truth["surfaces"][0]["reflectance"]["n"] == 1.5
+
+
+def test_a_rendered_scene_file_is_its_scene_rendered(scene_path):
+    paths = render_scene(scene_path, scene_path.parent / "a.exr")
+    scene, settings = load_scene(scene_path)
+    assert [path.name for path in paths] == ["a.exr", "a.png"]
+    np.testing.assert_array_equal(read_image(paths[0]).weights, render(scene, settings).weights)
+    with pytest.raises(InputError, match=r"a\.exr exists"):
+        render_scene(scene_path, paths[0])
