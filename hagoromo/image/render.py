@@ -56,7 +56,9 @@ def render(scene: Scene, settings: Settings | None = None, progress: Progress | 
     camera = scene.camera
     light = Light(scene, settings)
     channels = light.lighting.materials.palette.channels
-    check_memory(8 * camera.width * camera.height * (channels + 1), f"an image of {camera.width} × {camera.height} pixels")
+    check_memory(
+        8 * camera.width * camera.height * (channels + 1), f"an image of {camera.width} × {camera.height} pixels"
+    )
     sums = np.zeros((camera.height * camera.width, channels + 1), np.float64)
     order = tile_order(camera.width, camera.height)
     for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
@@ -122,11 +124,16 @@ def tile_order(width: int, height: int) -> np.ndarray:
 
 
 def pixel_points(samples: int, seed: int) -> np.ndarray:
-    """Points of a pixel and phases of the march, (samples, 3) in 0…1: the middle, or the R3 sequence (Roberts 2018)."""
+    """Points of a pixel and phases of the march, (samples, 3) in 0…1: the middle, or one in each of `samples` equal
+    strips along each axis, in the order of the R3 sequence (Roberts 2018).
+
+    Their mean is the middle of the pixel exactly: another one would shift the picture.
+    """
     if samples == 1:
         return np.array([[0.5, 0.5, 0.0]])
     steps = np.outer(np.arange(samples), (0.8191725133961645, 0.6710436067037893, 0.5497004779019703))
-    return (np.random.default_rng(seed).random(3) + steps) % 1.0
+    order = np.argsort((np.random.default_rng(seed).random(3) + steps) % 1.0, axis=0)
+    return (np.argsort(order, axis=0) + 0.5) / samples
 
 
 def _trace(light: Light, camera: Camera, pixels: np.ndarray, point: np.ndarray) -> np.ndarray:
