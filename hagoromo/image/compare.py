@@ -60,12 +60,12 @@ def differences(
     if not (peak > 0.0 and size > 0.0):
         raise InputError("the reference is black: there is nothing to compare with")
     settings: dict[str, Any] = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
-    _, similarity = structural_similarity(a, b, data_range=peak, channel_axis=2, full=True, **settings)
+    found: Any = structural_similarity(a, b, data_range=peak, channel_axis=2, full=True, **settings)
     colours = [np.broadcast_to(values[mask], (*values[mask].shape[:-1], 3)) for values in (a, b)]
     linear = [srgb_decode(255.0 * values) if displayed else np.clip(values / peak, 0.0, None) for values in colours]
     return {
         "psnr": 20.0 * float(np.log10(peak / rmse)) if rmse > 0.0 else None,
-        "ssim": float(similarity[mask].mean()),
+        "ssim": float(found[1][mask].mean()),
         "delta_e_2000": float(delta_e_2000(*linear).mean()),
         "relative_rmse": rmse / size,
         "peak": peak,

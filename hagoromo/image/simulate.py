@@ -57,8 +57,8 @@ def simulate(
         image = render(lit, settings, tell)
         photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}"))
     shape = seen_shape(scene) if scene.surfaces else None
-    known = {} if shape is None else {"points": shape.points, "normals": shape.normals}
-    return Capture(tuple(photographs), name, truth=scene.record(), **known)
+    points, normals = (None, None) if shape is None else shape[:2]
+    return Capture(tuple(photographs), name, None, scene.record(), points, normals)
 
 
 def seen_shape(scene: Scene) -> Shape:

@@ -92,7 +92,8 @@ def test_boxes_meshes_and_calibrated_cameras_are_found_beside_the_file(scene_pat
     assert scene.camera.focal == (91.0, 92.0) and slab.name == "slab" and slab.tau == 7.0
     assert slab.materials[0].element == "sphere"
     np.testing.assert_allclose(slab.pose @ (1, 0, 0, 1), (0.0, 1.0, 0.3, 1.0), atol=1e-12)  # rounding of cos 90°
-    assert np.shape(scene.surfaces[0].faces) == (12, 3)
+    faces = scene.surfaces[0].faces
+    assert faces is not None and faces.shape == (12, 3)
 
 
 @pytest.mark.parametrize(
