@@ -1,0 +1,243 @@
+"""From the fit of a material to its estimate: intervals, what is identifiable, and what is said where it is not.
+
+A parameter counts as identifiable when its 95 % interval closes inside the admissible range and amounts to a relative
+standard error of RELATIVE_LIMIT at most (of n − 1 for n: that is what the interface reflects by). Before that, the
+interface term must be detected at all: χ² must fall by more than noise lets it over all γ and n.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.reflectance.interval import inflation, interval, interval_of_n, profile_over_n
+from hagoromo.reflectance.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.material_fit import (
+    START_GAMMA,
+    MaterialFit,
+    Residuals,
+    fit_material,
+    inverse_over,
+    with_colour_error,
+)
+from hagoromo.reflectance.observations import Observations
+from hagoromo.reflectance.quantity import (
+    Quantity,
+    albedo_per_beta,
+    alpha,
+    body_colour,
+    coordinate,
+    log_albedo,
+    log_beta,
+)
+from hagoromo.reflectance.robust_fit import GAMMA_RANGE, N_RANGE, minimise
+from hagoromo.reflectance.sight import Array
+
+RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
+DETECTION = 21.1  # fall of χ² that noise reaches with probability 1e-4 for three parameters
+ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
+PRIOR_N = 1.5  # most dielectrics, plastic, skin and fibre among them: 1.3–1.7
+WIDTH_95 = 2 * 1.959964  # of a 95 % interval, in standard errors
+
+
+def estimate_material(
+    seen: Observations, name: str, pixels: int, n: float | None = None, white_error: Array | None = None
+) -> MaterialEstimate:
+    """α, β, γ, n and body colour of what is `seen`.
+
+    n: refractive index where it is known. white_error: (C, C) covariance of ln white, where that was estimated.
+    `InputError` that names the material when there is too little to fit or the fit does not settle.
+    """
+    error = np.zeros((seen.channels, seen.channels)) if white_error is None else white_error
+    try:
+        fit = with_colour_error(fit_material(seen, n), error)
+        if _detected(fit):
+            return _glossy(seen, fit, name, pixels, error)
+        return _matte(with_colour_error(fit_material(seen, n, with_interface=False), error), name, pixels, n)
+    except InputError as wrong:
+        raise InputError(f"{name}: {wrong}") from wrong
+
+
+def _detected(fit: MaterialFit) -> bool:
+    """Whether χ² falls by more than DETECTION, in units of what noise does, when the interface term is added."""
+    c = len(fit.theta) - 3
+    if fit.theta[c] <= 0.0:
+        return False
+    without = np.where(np.arange(c + 3) == c, 0.0, fit.theta)[None]
+    cost = minimise(fit.objective, without, np.arange(c + 3) < c).cost[0]
+    fall = 2.0 * (cost - fit.objective.at(fit.theta[None])[0][0])
+    return bool(fall > DETECTION * inflation(fit, coordinate(c)))
+
+
+def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error: Array) -> MaterialEstimate:
+    """Estimate with the interface term: n estimated, given, or unknown and then chosen."""
+    profile = profile_over_n(fit)
+    c, given = seen.channels, not fit.free[-1]
+    log_n = interval_of_n(profile)
+    intervals: dict[str, Any] = {
+        "alpha": interval(profile, alpha),
+        "beta": _exp(interval(profile, log_beta)),
+        "gamma": _exp(interval(profile, coordinate(-2))),
+        "n": tuple(1.0 + bound for bound in _exp(log_n)),
+        "specular_albedo": _exp(interval(profile, log_albedo)),
+        "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(c)),
+    }
+    identifiable = {
+        "alpha": _tells(fit.theta[:c].mean(), intervals["alpha"], (0.0, math.inf)),
+        "beta": _tells(fit.theta[c], intervals["beta"], (0.0, math.inf)),
+        "gamma": _tells(math.exp(fit.theta[-2]), intervals["gamma"], GAMMA_RANGE),
+        "n": not given and _tells(math.exp(fit.theta[-1]), _exp(log_n), ADMISSIBLE_N),
+    }
+    # where the range of n ends before its interval does, it is the range that bounds β
+    identifiable["beta"] &= given or _inside(_exp(log_n), ADMISSIBLE_N)
+    remarks = _remarks(fit.residuals)
+    point, direct = fit, True
+    if given:
+        remarks.append(f"n = {1 + math.exp(fit.theta[-1]):.4g} was given, not measured")
+    elif not identifiable["n"]:
+        chosen = float(np.clip(PRIOR_N, *intervals["n"]))
+        point, direct = with_colour_error(fit_material(seen, chosen), error), False
+        remarks.append(f"n is not told by these photographs: {chosen:.3g} was chosen, the intervals hold for all n")
+    unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
+    if unknown:
+        remarks.append(f"not told by these photographs: {', '.join(unknown)}")
+    values = _values(point.theta)
+    return MaterialEstimate(
+        name,
+        pixels,
+        interface_colour=(1.0,) * c,
+        standard_error=_errors(point if direct else None, values, intervals),
+        interval_95=intervals,
+        correlation=_correlation(fit),
+        identifiable=identifiable,
+        chi_square=fit.residuals.chi_square,
+        remarks=tuple(remarks),
+        **values,
+    )
+
+
+def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> MaterialEstimate:
+    """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded."""
+    c = len(fit.theta) - 3
+    profile = profile_over_n(fit)
+    values = _values(fit.theta)
+    intervals: dict[str, Any] = {
+        "alpha": interval(profile, alpha),
+        "beta": (0.0, math.inf),
+        "gamma": GAMMA_RANGE,
+        "n": N_RANGE if n is None else (n, n),
+        "specular_albedo": (0.0, _largest_albedo(fit)),
+        "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(c)),
+    }
+    told = _tells(values["alpha"], intervals["alpha"], (0.0, math.inf))
+    return MaterialEstimate(
+        name,
+        pixels,
+        interface_colour=(1.0,) * c,
+        standard_error=_errors(fit, values, intervals) | dict.fromkeys(("beta", "gamma", "n", "specular_albedo")),
+        interval_95=intervals,
+        correlation=_correlation(fit),
+        identifiable={"alpha": told, "beta": False, "gamma": False, "n": False},
+        chi_square=fit.residuals.chi_square,
+        remarks=(
+            *_remarks(fit.residuals),
+            "no interface reflection was detected: beta, gamma and n are not told by these photographs",
+        ),
+        **values,
+    )
+
+
+def _values(theta: Array) -> dict[str, Any]:
+    """The parameters at θ, by their names in `MaterialEstimate`."""
+    body = theta[:-3]
+    alpha = float(body.mean())
+    if not alpha > 0.0:
+        raise InputError(f"its body reflects nothing (α = {alpha:.2g}): there is no body colour to measure")
+    return {
+        "body_colour": tuple((body / alpha).tolist()),
+        "alpha": alpha,
+        "beta": float(theta[-3]),
+        "gamma": math.exp(theta[-2]),
+        "n": 1.0 + math.exp(theta[-1]),
+        "specular_albedo": float(theta[-3] * albedo_per_beta(theta[None])[0][0]),
+    }
+
+
+def _errors(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[str, Any]) -> dict[str, Any]:
+    """Standard errors by the covariance of `fit`, or (None) those that the intervals amount to."""
+    if fit is None:
+        widths = {
+            key: np.diff(np.array(interval, np.float64), axis=-1)[..., 0] / WIDTH_95
+            for key, interval in intervals.items()
+        }
+        return {key: tuple(width.tolist()) if width.ndim else float(width) for key, width in widths.items()}
+
+    def error(quantity: Quantity) -> float:
+        gradient = quantity(fit.theta[None])[1][0]
+        return float(np.sqrt(gradient @ fit.covariance @ gradient))
+
+    return {
+        "alpha": error(alpha),
+        "beta": values["beta"] * error(log_beta),
+        "gamma": values["gamma"] * error(coordinate(-2)),
+        "n": (values["n"] - 1.0) * error(coordinate(-1)) if fit.inside[-1] else None,
+        "specular_albedo": values["specular_albedo"] * error(log_albedo),
+        "body_colour": tuple(error(body_colour(channel)) for channel in range(len(fit.theta) - 3)),
+    }
+
+
+def _correlation(fit: MaterialFit) -> tuple[tuple[float | None, ...], ...]:
+    """Correlation of α, β, γ, n (in the order of PARAMETERS), None where one was not estimated."""
+    size = len(fit.theta)
+    gradients = np.zeros((len(PARAMETERS), size))
+    gradients[0, : size - 3], gradients[1:, -3:] = 1.0, np.eye(3)
+    covariance = gradients @ fit.covariance @ gradients.T
+    spread = np.sqrt(np.diag(covariance))
+    known = spread > 0.0
+    return tuple(
+        tuple(
+            float(covariance[i, j] / float(spread[i] * spread[j])) if known[i] and known[j] else None
+            for j in range(len(PARAMETERS))
+        )
+        for i in range(len(PARAMETERS))
+    )
+
+
+def _tells(value: float, bounds: tuple[float, float], admissible: tuple[float, float]) -> bool:
+    """Whether a 95 % interval closes inside the admissible range and is narrow enough for its value."""
+    return _inside(bounds, admissible) and bool(bounds[1] - bounds[0] <= WIDTH_95 * RELATIVE_LIMIT * value)
+
+
+def _inside(bounds: tuple[float, float], admissible: tuple[float, float]) -> bool:
+    return bool(bounds[0] > admissible[0] * (1 + 1e-6) and bounds[1] < admissible[1] * (1 - 1e-6))
+
+
+def _remarks(residuals: Residuals) -> list[str]:
+    """What the residuals say of the model."""
+    remarks = []
+    if residuals.model_error:
+        remarks.append(
+            f"the model lacks: residuals are {residuals.scale:.3g} times the noise (χ² per degree of freedom "
+            f"{residuals.chi_square:.3g}); a model error of {100 * residuals.model_error:.2g} % joined the variance"
+        )
+    if residuals.outliers > 0.001:
+        remarks.append(f"{100 * residuals.outliers:.2g} % of the values lie beyond 6 standard deviations")
+    return remarks
+
+
+def _exp(bounds: tuple[float, float]) -> tuple[float, float]:
+    return math.exp(bounds[0]), math.exp(bounds[1])
+
+
+def _largest_albedo(fit: MaterialFit) -> float:
+    """Upper end of the 95 % interval of the specular albedo: the largest over START_GAMMA, for PRIOR_N; at most 1."""
+    theta = np.tile(fit.theta, (len(START_GAMMA), 1))
+    theta[:, -2], theta[:, -1] = np.log(START_GAMMA), math.log(PRIOR_N - 1.0)
+    linear = np.arange(theta.shape[1]) <= theta.shape[1] - 3
+    rows = minimise(fit.objective, theta, linear)
+    spread = np.sqrt([inverse_over(curvature, linear)[-3, -3] for curvature in rows.curvature])
+    largest = np.maximum(rows.theta[:, -3], 0.0) + WIDTH_95 / 2 * spread
+    return float(min(np.max(largest * albedo_per_beta(rows.theta)[0]), 1.0))

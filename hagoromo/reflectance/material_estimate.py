@@ -1,0 +1,75 @@
+"""MaterialEstimate: the measured parameters of a material, their uncertainty, and which of them are known at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hagoromo.camera.response import Response, response_matrix, white
+from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.reflectance.reflectance import Reflectance
+
+PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialEstimate:
+    """One material of a capture.
+
+    pixels: how many carry its label. body_colour: per channel, mean 1. interface_colour: per channel. alpha, beta
+    [1/sr], gamma [rad], n: see `torrance_sparrow`. specular_albedo: ∫ of the interface part, seen along the normal.
+    standard_error, interval_95: of each of these, None where there is none; body_colour has one per channel.
+    correlation: between PARAMETERS (4, 4), None where one of them was not estimated.
+    identifiable: whether the photographs tell the parameter; where not, its value is a stated choice (see `remarks`).
+    chi_square: of the residuals, per degree of freedom.
+    """
+
+    name: str
+    pixels: int
+    body_colour: tuple[float, ...]
+    interface_colour: tuple[float, ...]
+    alpha: float
+    beta: float
+    gamma: float
+    n: float
+    specular_albedo: float
+    standard_error: Mapping[str, float | tuple[float, ...] | None]
+    interval_95: Mapping[str, tuple]
+    correlation: tuple[tuple[float | None, ...], ...]
+    identifiable: Mapping[str, bool]
+    element: str = "plane"
+    chi_square: float | None = None
+    remarks: tuple[str, ...] = field(default=())
+
+    def reflectance(
+        self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None
+    ) -> Reflectance:
+        """The reflectance with a smooth spectrum that this camera sees as `body_colour` under this lamp.
+
+        The spectrum is Σ q_j B_j of `smooth_rgb_basis`, with q solved exactly from Σ_j q_j ∫B_j E R_c = b_c ∫E R_c.
+        Without `response` the channels are taken for the basis itself. `InputError` for other than three channels, a
+        colour that no such spectrum has, or a reflectance that breaks energy conservation.
+        """
+        if len(self.body_colour) != 3:
+            raise InputError(f"material {self.name!r} has {len(self.body_colour)} channels: a spectrum needs three")
+        basis, weights = smooth_rgb_basis(), np.array(self.body_colour)
+        if response is not None:
+            lamp = Spectrum.constant(1.0) if lamp_spectrum is None else lamp_spectrum
+            weights = np.linalg.solve(response_matrix(basis, lamp, response), weights * white(lamp, response))
+        if weights.min() < 0.0:
+            raise InputError(
+                f"material {self.name!r}: no smooth spectrum above 0 has the body colour {_short(self.body_colour)} "
+                f"(its weights would be {_short(weights)}): check the lamp's spectrum and the camera's response"
+            )
+        spectrum = Spectrum(basis[0].wavelengths, np.array([band.values for band in basis]).T @ weights)
+        constant = Spectrum.constant(1.0)
+        return Reflectance(
+            self.alpha, self.beta, self.gamma, self.n, spectrum, constant, element or self.element, self.name
+        )
+
+
+def _short(values: Sequence[float] | np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"

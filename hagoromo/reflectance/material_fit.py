@@ -1,0 +1,203 @@
+"""Fit of one material: variance-weighted robust least squares for α c_b, β, γ, n, and the covariance of the estimate.
+
+Weights and variances follow from each other and from the model, so they are repeated until the estimate stands still.
+Coordinates θ = (α c_b per channel, β, ln γ, ln(n − 1)), as in `robust_fit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root_scalar
+
+from hagoromo.errors import InputError
+from hagoromo.reflectance.observations import Observations
+from hagoromo.reflectance.robust_fit import GAMMA_RANGE, Loss, Objective, at_bound, minimise
+from hagoromo.reflectance.sight import Array, Sight
+
+START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a lobe off by less than 1.3 in width keeps its overlap with the data
+START_N = (1.2, 1.7)
+RANKING_STEPS = 6  # the linear fits at the starts are only compared, not kept
+ROUNDS = 30
+STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
+NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
+LACK = 1.2  # robust scale beyond which the model lacks: 10 % of gross outliers would raise it to 1.14 only
+SATURATION_MARGIN = 4.0  # standard deviations below the ceiling
+OUTLIER = 6.0  # standard deviations
+LOG_MODEL_ERROR = (np.log(1e-6), np.log(10.0))  # range searched, relative
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How well the model fits.
+
+    scale: robust standard deviation of the residuals, in stated standard deviations. model_error: relative error of
+    the model that explains a scale beyond LACK, else 0. chi_square: per degree of freedom, of all values. outliers:
+    share of the values beyond 6 of those standard deviations that the fit used.
+    """
+
+    scale: float
+    model_error: float
+    chi_square: float
+    outliers: float
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialFit:
+    """Estimate θ (P,) of one material with what its intervals need.
+
+    objective: the least squares, frozen at the estimate, and its weight W (N, C). curvature: (P, P) JᵀWJ. covariance:
+    (P, P), sandwich. free: (P,) coordinates that were estimated. inside: (P,) those of them inside their range.
+    """
+
+    theta: Array
+    objective: Objective
+    weight: Array
+    curvature: Array
+    covariance: Array
+    free: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
+    residuals: Residuals
+
+
+def fit_material(seen: Observations, n: float | None = None, with_interface: bool = True) -> MaterialFit:
+    """α c_b, β, γ and n of one material; n is kept where given, β = 0 without `with_interface`.
+
+    Huber's loss finds the estimate. Where the residuals are then what the noise allows, Tukey's biweight takes over:
+    what remains beyond 6σ is no reflection of this kind (cast shadow, dust). Where they are not, large residuals may be
+    the model's own, so none is thrown away: Huber's loss stays, and a relative model error joins the variance.
+    Raises `InputError` when there are too few values or the rounds do not come to a standstill.
+    """
+    free = np.ones(seen.channels + 3, bool)
+    free[-1] = n is None and with_interface
+    free[-3:-1] = with_interface
+    if np.sum(seen.used) < 10 * free.sum():
+        raise InputError(f"{np.sum(seen.used)} usable values cannot tell {free.sum()} parameters: give more pixels")
+    theta = _start(seen, n, free) if with_interface else _matte_start(seen, n)
+    for _ in range(ROUNDS):
+        model = expected(seen.sight, theta)
+        seen = replace(seen, used=seen.used & _below_ceiling(seen, model))
+        scale = _scale(seen, model)
+        model_error = _model_error(seen, model) if scale > LACK else 0.0
+        objective = Objective(seen, seen.variance_at(model, model_error), Loss(biweight=scale <= LACK))
+        rows = minimise(objective, theta[None], free)
+        moved = (rows.theta[0] - theta)[free]
+        theta = rows.theta[0]
+        change = float(moved @ rows.curvature[0][np.ix_(free, free)] @ moved) ** 0.5
+        if change < STANDSTILL and rows.converged[0]:
+            return _with_covariance(objective, theta, free, scale, model_error)
+    raise InputError(f"the fit still moves by {change:.2g} standard errors after {ROUNDS} rounds")
+
+
+def with_colour_error(fit: MaterialFit, error: Array) -> MaterialFit:
+    """`fit` with the error of the lamp's colour in its covariance; error: (C, C) covariance of its ln, per channel.
+
+    An error δ of ln white changes every model value by itself times δ, and the estimate by H⁻¹JᵀW times that.
+    """
+    seen = fit.objective.seen
+    pull = np.einsum("ncp,nc->pc", _jacobian(seen.sight, fit.theta), fit.weight * expected(seen.sight, fit.theta))
+    gain = inverse_over(fit.curvature, fit.inside) @ pull
+    return replace(fit, covariance=fit.covariance + gain @ error @ gain.T)
+
+
+def inverse_over(curvature: Array, free: NDArray[np.bool_]) -> Array:
+    """Inverse of `curvature` (P, P) over the free coordinates, 0 elsewhere."""
+    inverse = np.zeros_like(curvature)
+    inner = curvature[np.ix_(free, free)]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    inverse[np.ix_(free, free)] = np.linalg.pinv(inner * np.outer(scale, scale), hermitian=True) * np.outer(
+        scale, scale
+    )
+    return inverse
+
+
+def expected(seen: Sight, theta: Array) -> Array:
+    """Expected values (N, C) at θ (P,)."""
+    interface = seen.interface(theta[-2:-1], theta[-1:])[0][0]
+    return theta[:-3] * seen.body + theta[-3] * interface
+
+
+def _start(seen: Observations, n: float | None, free: NDArray[np.bool_]) -> Array:
+    """The best of several starts in γ and n, brought to its minimum under Huber's loss."""
+    grid = np.array([(g, m) for g in START_GAMMA for m in (START_N if n is None else (n,))])
+    theta = np.zeros((len(grid), seen.channels + 3))
+    theta[:, -2:] = np.log(grid - [0.0, 1.0])
+    objective = Objective(seen, seen.noise, Loss())
+    linear = np.arange(theta.shape[1]) <= seen.channels
+    ranked = minimise(objective, theta, linear, RANKING_STEPS)
+    rows = minimise(objective, ranked.theta[np.argsort(ranked.cost)[:3]], free)
+    return rows.theta[np.argmin(rows.cost)]
+
+
+def _matte_start(seen: Observations, n: float | None) -> Array:
+    theta = np.zeros(seen.channels + 3)
+    theta[-2:] = np.log([GAMMA_RANGE[0] * GAMMA_RANGE[1], (n or 1.5) - 1.0])
+    return theta
+
+
+def _below_ceiling(seen: Observations, model: Array) -> NDArray[np.bool_]:
+    """What would not saturate: judged by the model, since the noise itself decides which values near the ceiling do."""
+    return model + SATURATION_MARGIN * np.sqrt(seen.variance_at(model)) < seen.ceiling
+
+
+def _scale(seen: Observations, model: Array) -> float:
+    """Robust standard deviation of the residuals, in stated standard deviations."""
+    squared = (seen.values - model) ** 2 / seen.variance_at(model)
+    return float(np.sqrt(np.median(squared[seen.used]) / NORMAL_MEDIAN))
+
+
+def _model_error(seen: Observations, model: Array) -> float:
+    """Relative error of the model that, with the noise, makes the median of the squared residuals a normal one's."""
+    used = seen.used
+    squared, noise, signal = ((seen.values - model)[used]) ** 2, seen.variance_at(model)[used], model[used] ** 2
+
+    def excess(log_error: float) -> float:
+        return float(np.median(squared / (noise + np.exp(2 * log_error) * signal))) - NORMAL_MEDIAN
+
+    low, high = LOG_MODEL_ERROR
+    if excess(high) >= 0.0:
+        return float(np.exp(high))
+    return float(np.exp(root_scalar(excess, bracket=(low, high)).root))
+
+
+def _with_covariance(
+    objective: Objective, theta: Array, free: NDArray[np.bool_], scale: float, model_error: float
+) -> MaterialFit:
+    """The fit with weights frozen where they are, and the sandwich covariance A⁻¹BA⁻¹ of the estimate (Huber 1981).
+
+    A = Σ ρ'' jjᵀ/v and B = Σ ρ'² jjᵀ/v, each term divided by 1 − its leverage. Where the model lacks, the residuals of
+    neighbours are alike: B then sums ρ' j/√v over each image tile before it squares.
+    """
+    seen, inside = objective.seen, free & ~at_bound(theta)
+    used = seen.used
+    model = expected(seen.sight, theta)
+    deviation = (seen.values - model)[used]
+    r = deviation / np.sqrt(objective.variance[used])
+    j = _jacobian(seen.sight, theta)[used][:, inside] / np.sqrt(objective.variance[used])[:, None]
+    a = np.einsum("m,mp,mq->pq", objective.loss.curvature(r), j, j)
+    inverse = np.linalg.pinv(a, hermitian=True)
+    leverage = objective.loss.weight(r) * np.einsum("mp,pq,mq->m", j, inverse, j)
+    score = j * (r * objective.loss.weight(r) / np.sqrt(np.maximum(1.0 - leverage, 0.1)))[:, None]
+    if model_error:
+        tile = np.unique(np.broadcast_to(seen.tile[:, None], used.shape)[used], return_inverse=True)[1]
+        score = np.stack([np.bincount(tile, column) for column in score.T], axis=1)
+    covariance = np.zeros((theta.size, theta.size))
+    covariance[np.ix_(inside, inside)] = inverse @ (score.T @ score) @ inverse
+    weights = np.zeros_like(seen.values)
+    weights[used] = objective.loss.weight(r)
+    frozen = replace(objective, weights=weights)
+    curvature = frozen.at(theta[None])[2][0]
+    squared = deviation**2 / seen.variance_at(model)[used]
+    chi_square = float(np.sum(squared) / (squared.size - np.sum(inside)))
+    residuals = Residuals(scale, model_error, chi_square, float(np.mean(np.abs(r) > OUTLIER)))
+    return MaterialFit(theta, frozen, weights / objective.variance, curvature, covariance, free, inside, residuals)
+
+
+def _jacobian(seen: Sight, theta: Array) -> Array:
+    """Derivatives of the expected values by θ: (N, C, P)."""
+    interface, by_gamma, by_n = (part[0] for part in seen.interface(theta[-2:-1], theta[-1:]))
+    body = seen.body[:, :, None] * np.eye(len(theta) - 3)
+    shared = np.stack([interface, theta[-3] * by_gamma, theta[-3] * by_n], axis=-1)
+    return np.concatenate([body, shared], axis=-1)

@@ -1,0 +1,172 @@
+"""Measure: the reflectance of the materials of a capture whose shape and lamps are known (MODEL §7.3).
+
+Materials by body colour, then α, β, γ, n and body colour of each by robust least squares; every parameter with its
+standard error, its 95 % interval and whether the photographs tell it at all.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.whole import whole_folder
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.estimate import estimate_material
+from hagoromo.reflectance.lamp_colour import LampColour, lamp_colour
+from hagoromo.reflectance.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material_fit import expected
+from hagoromo.reflectance.materials_file import write_materials
+from hagoromo.reflectance.observations import Pixels, known_shape, observations, shape
+from hagoromo.reflectance.segment import interior, segment
+from hagoromo.reflectance.sight import sight
+
+SEED = 0  # of the choice of pixels; the same capture gives the same measurement
+FULL_COLOUR = 5.0  # standard deviations at which a residual's picture is fully red or blue
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What was measured of a capture.
+
+    materials: by falling number of pixels. labels: (h, w) index into materials, −1 unknown. predicted: per photograph
+    (h, w, C) values that the materials give, NaN where they say nothing. residuals: per photograph (h, w, C), values −
+    predicted in stated standard deviations, NaN where nothing is predicted or the pixel is invalid. normals: (h, w, 3)
+    used. lamp_colour: where it was measured.
+    """
+
+    materials: tuple[MaterialEstimate, ...]
+    labels: NDArray[np.integer]
+    predicted: tuple[NDArray[np.float32], ...]
+    residuals: tuple[NDArray[np.float32], ...]
+    normals: NDArray[np.float32]
+    lamp_colour: LampColour | None = None
+
+
+def measure(
+    capture: Capture,
+    labels: NDArray[np.integer] | None = None,
+    n: float | None = None,
+    colour_from_highlights: bool = False,
+    progress: Progress | None = None,
+) -> Measurement:
+    """Reflectance of every material of `capture`, whose points and normals are known.
+
+    labels: (h, w) materials 0, 1, …, −1 unknown; found from the body colours when not given. n: refractive index where
+    it is known. colour_from_highlights: measure the colour of the lamps, which the capture then does not know; without
+    it their spectra and the camera's response are trusted (white is 1 where no response is known).
+    Raises `InputError` when the shape or the lamps are missing, no pixel is usable, or a fit does not settle.
+    """
+    tell = progress or (lambda share, step: None)
+    _check(capture, labels)
+    tell(0.0, "materials")
+    labels = segment(capture) if labels is None else np.asarray(labels, np.int64)
+    colour = lamp_colour(capture, labels) if colour_from_highlights else None
+    numbers = [number for number in np.unique(labels) if number >= 0]
+    found: dict[int, MaterialEstimate] = {}
+    refused = []
+    for i, number in enumerate(numbers):
+        tell((i + 1) / (len(numbers) + 2), f"material {i + 1} of {len(numbers)}")
+        try:
+            found[number] = _material(capture, labels, number, n, colour)
+        except InputError as error:
+            refused.append(str(error))
+    if not found:
+        raise InputError("; ".join(refused) or "labels name no material: give a number from 0 on to its pixels")
+    for reason in refused:
+        warnings.warn(f"{reason}: its pixels stay unknown", stacklevel=2)
+    index = np.full(labels.max() + 2, -1)
+    index[list(found)] = np.arange(len(found))
+    labels, materials = index[np.where(labels >= 0, labels, -1)], tuple(found.values())
+    tell((len(numbers) + 1) / (len(numbers) + 2), "residuals")
+    predicted = tuple(_predicted(photograph, capture, labels, materials, colour) for photograph in capture.photographs)
+    residuals = tuple(_residual(*pair) for pair in zip(capture.photographs, predicted, strict=True))
+    normals = np.where(known_shape(capture)[..., None], np.nan_to_num(shape(capture)[1]), 0.0).astype(np.float32)
+    tell(1.0, "")
+    return Measurement(materials, labels, predicted, residuals, normals, colour)
+
+
+def write_measurement(measurement: Measurement, folder: str | Path, force: bool = False) -> Path:
+    """Write `measurement` to `folder`, whole or not at all; see `fill_measurement`."""
+    with whole_folder(folder, force) as home:
+        fill_measurement(measurement, home)
+    return Path(folder)
+
+
+def fill_measurement(measurement: Measurement, home: Path) -> None:
+    """materials.json, normals.exr, labels.png (0 unknown, 1 the first material, …) and a picture of each residual.
+
+    In residual_NN.png white is what the noise allows, red brighter and blue darker than predicted, full at 5 standard
+    deviations; grey is unknown.
+    """
+    write_materials(measurement.materials, home / "materials.json", force=True)
+    axes = zip(("N.X", "N.Y", "N.Z"), np.moveaxis(measurement.normals, 2, 0), strict=True)
+    write_exr(home / "normals.exr", dict(axes))
+    write_png(home / "labels.png", (measurement.labels + 1).astype(np.uint8))
+    for i, residual in enumerate(measurement.residuals):
+        write_png(home / f"residual_{i:02d}.png", _picture(residual))
+
+
+def _check(capture: Capture, labels: NDArray[np.integer] | None) -> None:
+    points, _ = shape(capture)
+    for photograph in capture.photographs:
+        if not photograph.lamps:
+            raise InputError(f"photograph {photograph.name!r} has no lamp: calibrate the lamps first")
+        if photograph.values.shape != capture.photographs[0].values.shape:
+            raise InputError(f"photograph {photograph.name!r} has another size than the first: give photographs of one")
+    if labels is not None and np.shape(labels) != points.shape[:2]:
+        raise InputError(f"labels of shape {np.shape(labels)} for photographs of {points.shape[:2]} pixels")
+    if not known_shape(capture).any():
+        raise InputError(f"capture {capture.name!r} has no pixel with a point and a unit normal: give its shape")
+
+
+def _material(
+    capture: Capture, labels: NDArray[np.integer], number: int, n: float | None, colour: LampColour | None
+) -> MaterialEstimate:
+    region = known_shape(capture) & interior(labels, number)
+    seen = observations(capture, region, None if colour is None else colour.value, SEED)
+    error = None if colour is None else colour.relative_covariance
+    return estimate_material(seen, f"material {number + 1}", int(np.sum(labels == number)), n, error)
+
+
+def _predicted(
+    photograph: Photograph,
+    capture: Capture,
+    labels: NDArray[np.integer],
+    materials: tuple[MaterialEstimate, ...],
+    colour: LampColour | None,
+) -> NDArray[np.float32]:
+    """Values (h, w, C) by the materials at every pixel that has one, NaN elsewhere."""
+    values = np.full(photograph.values.shape, np.nan, np.float32)
+    for number, material in enumerate(materials):
+        pixels = Pixels.where(capture, (labels == number) & known_shape(capture))
+        seen = sight(photograph, pixels.points, pixels.normals, None if colour is None else colour.value)
+        body = material.alpha * np.array(material.body_colour)
+        theta = np.array([*body, material.beta, np.log(material.gamma), np.log(material.n - 1.0)])
+        values[pixels.rows, pixels.columns] = expected(seen, theta)
+    return values
+
+
+def _residual(photograph: Photograph, predicted: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Values − predicted, in stated standard deviations: (h, w, C), NaN where nothing is predicted or valid."""
+    known = photograph.mask[..., None] & np.isfinite(predicted)
+    deviation = np.where(known, photograph.values - predicted, np.nan)
+    return (deviation / np.sqrt(np.where(known, photograph.variance, 1.0))).astype(np.float32)
+
+
+def _picture(residual: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The mean residual (h, w, C) of the channels: white at 0, red above, blue below, grey where unknown."""
+    mean = residual.mean(axis=2)
+    strength = np.clip(np.nan_to_num(mean) / FULL_COLOUR, -1.0, 1.0)
+    fading = 1.0 - np.abs(strength)
+    picture = np.stack([np.where(strength > 0, 1.0, fading), fading, np.where(strength < 0, 1.0, fading)], axis=2)
+    return np.rint(255.0 * np.where(np.isnan(mean)[..., None], 0.5, picture)).astype(np.uint8)
