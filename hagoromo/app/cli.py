@@ -68,10 +68,10 @@ def _parsed(arguments: list[str]) -> Callable[[], None]:
 
 
 def _from_box(text: str) -> str:
-    """Tyro's box of an error as one line: its rows joined, its rules (─) as the ends of clauses."""
-    rows = [ANSI.sub("", row).strip("│╭╮╰╯ ") for row in text.splitlines()[1:-1]]
-    clauses = " ".join("\n" if set(row) == {"─"} else row for row in rows).split("\n")
-    return "; ".join(_one_line(clause) for clause in clauses)
+    """Tyro's box of an error as one line: its rows joined, its rules (─, or - where that cannot be shown) as stops."""
+    rows = [ANSI.sub("", row).strip("│|╭╮╰╯+ ") for row in text.splitlines()[1:-1]]
+    clauses = " ".join("\n" if set(row) in ({"─"}, {"-"}) else row for row in rows).split("\n")
+    return "; ".join(_one_line(clause) for clause in clauses if clause.strip())
 
 
 def _one_line(message: object) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
 
 Facts = dict[str, Any]
+MATERIAL = ("element", "alpha", "beta", "gamma", "n", "body_colour", "identifiable")
 
 
 def describe(path: str | Path) -> Facts:
@@ -56,8 +58,21 @@ def _transforms(path: Path) -> Facts:
 
 
 def _box(path: Path) -> Facts:
-    attributes = read_json(path / "zarr.json").get("attributes", {})
-    return {"kind": "volume box", **{key: _short(value) for key, value in attributes.items()}}
+    from hagoromo.volume.store import load_box
+
+    box = load_box(path)
+    return {
+        "kind": "volume box",
+        "name": box.name,
+        "voxels": list(box.bricks.shape[::-1]),
+        "voxel_size": box.voxel_size,
+        "size": box.size.tolist(),
+        "pose": box.pose.tolist(),
+        "tau": box.tau,
+        "materials": [material.name for material in box.materials],
+        "bricks": f"{box.bricks.kept} of {box.bricks.table.size} hold matter, {box.bricks.bytes / 2**20:.1f} MiB",
+        **{key: _short(value) for key, value in box.provenance.items()},
+    }
 
 
 def _exr(path: Path) -> Facts:
@@ -82,23 +97,39 @@ def _picture(path: Path) -> Facts:
 
 def _toml(path: Path) -> Facts:
     record = read_toml(path)
-    kind = "scene" if "camera" in record else "matter"
-    return {"kind": kind, **{key: _short(value) for key, value in record.items()}}
+    if "camera" not in record:
+        return {"kind": "matter", **{key: _short(value) for key, value in record.items()}}
+    from hagoromo.image.scene_file import load_scene
+
+    scene, settings = load_scene(path)
+    return {
+        "kind": "scene",
+        "camera": scene.camera.name,
+        "size": [scene.camera.width, scene.camera.height],
+        "lamps": [lamp.name for lamp in scene.lamps],
+        "boxes": [box.name for box in scene.boxes],
+        "surfaces": [surface.name for surface in scene.surfaces],
+        "render": asdict(settings),
+    }
 
 
 def _json(path: Path) -> Facts:
     record = read_json(path)
-    if isinstance(record, list) and record and all(isinstance(entry, dict) and "alpha" in entry for entry in record):
-        return {"kind": "materials", **{str(m.get("name", k)): _material(m) for k, m in enumerate(record)}}
+    if isinstance(record, list):
+        return {"kind": "materials", **_materials(path)}
+    if isinstance(record, dict) and "frames" in record:
+        return _transforms(path)
     if isinstance(record, dict) and "fl_x" in record:
-        return {"kind": "capture" if "frames" in record else "camera", **{k: _short(v) for k, v in record.items()}}
-    if isinstance(record, dict) and "lamps" in record:
+        return {"kind": "camera", **{key: _short(value) for key, value in record.items()}}
+    if isinstance(record, dict) and isinstance(record.get("lamps"), list):
         return {"kind": "lamps", **{str(k): _short(lamp) for k, lamp in enumerate(record["lamps"])}}
     raise InputError(f"{path} is JSON of no kind known here: materials, camera, lamps or capture")
 
 
-def _material(record: dict[str, Any]) -> dict[str, Any]:
-    return {key: record[key] for key in ("pixels", "alpha", "beta", "gamma", "n", "element") if key in record}
+def _materials(path: Path) -> Facts:
+    from hagoromo.reflectance.materials_file import read_materials
+
+    return {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL}} for m in read_materials(path)}
 
 
 def _csv(path: Path) -> Facts:
@@ -108,12 +139,12 @@ def _csv(path: Path) -> Facts:
 
 
 def _short(value: Any) -> Any:
-    """Long lists and tables by their size only."""
+    """Long lists, tables and texts by their size only."""
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} entries"
     if isinstance(value, dict):
         return {key: _short(entry) for key, entry in value.items()}
-    return value if not isinstance(value, str) or len(value) <= 200 else value[:197] + "..."
+    return f"{len(value)} characters" if isinstance(value, str) and len(value) > 200 else value
 
 
 KINDS: dict[str, Callable[[Path], Facts]] = {

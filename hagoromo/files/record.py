@@ -33,8 +33,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 def read_json(path: str | Path) -> Any:
     """The object in a JSON file; `InputError` when it is missing, no JSON, or holds NaN or Infinity."""
+    data = read_bytes(path)
     try:
-        return json.loads(read_bytes(path).decode("utf-8-sig"), parse_constant=_refuse)
+        return json.loads(data.decode("utf-8-sig"), parse_constant=_refuse)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON, it may be cut off: {error}") from error
 

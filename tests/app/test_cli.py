@@ -63,7 +63,6 @@ def test_info_tells_what_is_in_every_kind_of_file(tmp_path, capsys):
     write_exr(tmp_path / "a.exr", {"R": np.full((5, 7), 0.5), "N.X": np.zeros((5, 7))}, {"note": "here"})
     write_png(tmp_path / "a.png", np.full((5, 7, 3), 1000, np.uint16))
     write_table(tmp_path / "a.csv", {"wavelength_nm": [400, 700], "R": [0, 1]})
-    write_json(tmp_path / "materials.json", [{"name": "silk", "alpha": 0.1, "gamma": 0.2, "n": 1.5}])
     write_json(tmp_path / "lamps.json", {"lamps": [{"to_lamp": [0, 0, 1]}]})
     (tmp_path / "a.toml").write_text("[skin]\ntau = 3\n")
     (tmp_path / "capture").mkdir()
@@ -72,7 +71,6 @@ def test_info_tells_what_is_in_every_kind_of_file(tmp_path, capsys):
         ("a.exr", ["EXR image", "[7, 5]", "N.X", "note: here"]),
         ("a.png", ["picture", "bits: 16", "[1000, 1000]"]),
         ("a.csv", ["table", "rows: 2", "R: [0.0, 1.0]"]),
-        ("materials.json", ["materials", "silk", "0.2"]),
         ("lamps.json", ["lamps", "to_lamp"]),
         ("a.toml", ["matter", "tau"]),
         ("capture", ["capture", "frames: 2"]),
