@@ -1,0 +1,80 @@
+"""The samples of the demo: four materials on smooth balls, and the bench on which they are photographed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.response import camera_response, white
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+
+LAMP = "D65"  # spectrum of the white point lamps
+RADIUS = 0.030  # [m] of a ball
+SPACING = 0.066  # [m] between the centres of two balls
+DISTANCE = 0.70  # [m] from the camera to the row of balls
+KNOTS = (380.0, 420.0, 450.0, 480.0, 510.0, 542.0, 560.0, 576.0, 600.0, 630.0, 660.0, 700.0, 730.0)  # [nm]
+
+# Diffuse reflectance at KNOTS, drawn by hand for this demo, no measurements. Skin: after the mean of 100 forearms in
+# Cooksey, Allen & Tsai (2017), "Reference data set of human skin reflectance", with the dips of oxygenated haemoglobin at
+# 420, 542 and 576 nm. Cloth: an indigo dye, which absorbs around 610 nm and lets blue and deep red pass. Feather: white
+# keratin, slightly yellow. Dielectric: a grey-green glaze.
+SPECTRA = {
+    "skin": (0.16, 0.17, 0.25, 0.30, 0.35, 0.31, 0.34, 0.32, 0.47, 0.56, 0.60, 0.63, 0.64),
+    "cloth": (0.22, 0.32, 0.40, 0.40, 0.31, 0.20, 0.15, 0.12, 0.10, 0.09, 0.11, 0.24, 0.36),
+    "feather": (0.40, 0.49, 0.55, 0.60, 0.63, 0.66, 0.67, 0.68, 0.69, 0.70, 0.71, 0.72, 0.72),
+    "dielectric": (0.17, 0.20, 0.24, 0.29, 0.33, 0.35, 0.34, 0.32, 0.29, 0.26, 0.24, 0.24, 0.25),
+}
+# β [1/sr], γ [rad], n. β is near ln2 / 4πγ², which a normalised distribution of facets would give, or what energy leaves
+# layer, Ding et al. 2006), indigo-dyed cellulose 1.54, keratin 1.56, soda-lime glaze 1.50, all rounded.
+INTERFACE = {
+    "skin": (0.55, 0.30, 1.40),
+    "cloth": (0.40, 0.37, 1.54),
+    "feather": (0.60, 0.22, 1.56),
+    "dielectric": (3.00, 0.13, 1.50),
+}
+
+
+def true_reflectances(camera: Camera) -> dict[str, Reflectance]:
+    """The materials by name; body colours are scaled to a mean of 1 over the channels that `camera` sees under LAMP."""
+    response, lamp = camera.response, Spectrum.named(LAMP)
+    assert response is not None
+    found = {}
+    for name, (beta, gamma, n) in INTERFACE.items():
+        albedo = Spectrum(KNOTS, SPECTRA[name])
+        mean = float(np.mean(camera_response(albedo, lamp, response) / white(lamp, response)))
+        found[name] = Reflectance(mean / np.pi, beta, gamma, n, albedo.scaled(1.0 / mean), name=name)
+    return found
+
+
+def bench(reflectances: dict[str, Reflectance], camera: Camera) -> Scene:
+    """A row of balls before the camera, and four white point lamps, each to be lit alone.
+
+    The first three make the capture: beside the camera, high, and from behind below, so that light is deviated by
+    θ_Q = 10°, 35° and 60°: the Fresnel factor tells n. The fourth is kept aside for the relit view. All four stand on
+    the plane that halves the row, or near it, so that no ball throws its shadow on another.
+    """
+    row = SPACING * (np.arange(len(reflectances)) - (len(reflectances) - 1) / 2)
+    balls = [
+        Surface.sphere((x, 0.0, 0.0), RADIUS, reflectance, name)
+        for x, (name, reflectance) in zip(row, reflectances.items(), strict=True)
+    ]
+    return Scene(camera.look_at((0.0, -DISTANCE, 0.0), (0.0, 0.0, 0.0)), BENCH_LAMPS, surfaces=tuple(balls))
+
+
+def _lamp(name: str, turn: float, aside: float = 0.0, distance: float = 0.9) -> Lamp:
+    """A lamp `turn`° above the line of sight (180: behind the balls), seen from them, moved `aside` [m] along the row."""
+    angle = np.radians(turn)
+    place = (aside, -distance * np.cos(angle), distance * np.sin(angle))
+    return Lamp(position=place, intensity=distance**2, spectrum=Spectrum.named(LAMP), name=name)
+
+
+BENCH_LAMPS = (
+    _lamp("beside the camera", 20.0),
+    _lamp("above", 70.0),
+    _lamp("below, behind", -120.0),
+    _lamp("kept aside", 45.0, 0.2),
+)
