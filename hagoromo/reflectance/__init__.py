@@ -1,0 +1,1 @@
+"""Reflectance: the dichromatic Torrance–Sparrow model, its micro-elements, and their measurement."""
