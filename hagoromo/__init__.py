@@ -17,14 +17,30 @@ if TYPE_CHECKING:
     from hagoromo.camera.response import Response as Response
     from hagoromo.camera.sensor import Sensor as Sensor
     from hagoromo.errors import InputError as InputError
+    from hagoromo.image.compare import compare as compare
+    from hagoromo.image.image import Image as Image
+    from hagoromo.image.image import read_image as read_image
+    from hagoromo.image.render import render as render
+    from hagoromo.image.scene import Scene as Scene
+    from hagoromo.image.scene_file import load_scene as load_scene
+    from hagoromo.image.surface import Surface as Surface
     from hagoromo.light.lamp import Lamp as Lamp
     from hagoromo.light.spectrum import Spectrum as Spectrum
+    from hagoromo.photograph.capture import Capture as Capture
+    from hagoromo.photograph.capture import load_capture as load_capture
+    from hagoromo.photograph.capture import save_capture as save_capture
+    from hagoromo.photograph.photograph import Photograph as Photograph
+    from hagoromo.reflectance.materials_file import read_materials as read_materials
+    from hagoromo.reflectance.measure import measure as measure
     from hagoromo.reflectance.reflectance import Reflectance as Reflectance
     from hagoromo.volume.box import VolumeBox as VolumeBox
+    from hagoromo.volume.store import load_box as load_box
+    from hagoromo.volume.store import save_box as save_box
 
 __version__ = "0.1.0"
 
 HOMES = {
+    "InputError": "errors",
     "Spectrum": "light.spectrum",
     "Lamp": "light.lamp",
     "Response": "camera.response",
@@ -32,9 +48,23 @@ HOMES = {
     "Camera": "camera.camera",
     "calibrate_camera": "camera.calibrate",
     "calibrate_response": "camera.calibrate_response",
+    "Photograph": "photograph.photograph",
+    "Capture": "photograph.capture",
+    "load_capture": "photograph.capture",
+    "save_capture": "photograph.capture",
     "Reflectance": "reflectance.reflectance",
+    "measure": "reflectance.measure",
+    "read_materials": "reflectance.materials_file",
     "VolumeBox": "volume.box",
-    "InputError": "errors",
+    "load_box": "volume.store",
+    "save_box": "volume.store",
+    "Surface": "image.surface",
+    "Scene": "image.scene",
+    "load_scene": "image.scene_file",
+    "Image": "image.image",
+    "render": "image.render",
+    "read_image": "image.image",
+    "compare": "image.compare",
 }
 
 __all__ = ["__version__", *HOMES]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -1,8 +1,10 @@
 """Importing the package is fast and changes nothing."""
 
+import ast
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -40,6 +42,18 @@ def test_no_mitsuba_variant_is_set_by_import():
 def test_every_public_name_is_there(name):
     assert getattr(hagoromo, name) is not None
     assert name in dir(hagoromo)
+
+
+def test_types_and_values_of_the_public_names_come_from_the_same_places():
+    tree = ast.parse(Path(hagoromo.__file__).read_text(encoding="utf-8"))
+    typed = {
+        (alias.asname, str(node.module).removeprefix("hagoromo."))
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if str(node.module).startswith("hagoromo.")
+    }
+    assert typed == set(hagoromo.HOMES.items())
 
 
 def test_another_name_is_an_attribute_error():
