@@ -14,7 +14,7 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.reflectance.interval import inflation, interval, interval_of_n, profile_over_n
-from hagoromo.reflectance.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material_fit import (
     START_GAMMA,
     MaterialFit,
@@ -26,7 +26,7 @@ from hagoromo.reflectance.material_fit import (
 from hagoromo.reflectance.observations import Observations
 from hagoromo.reflectance.quantity import (
     Quantity,
-    albedo_per_beta,
+    albedo_per_strength,
     alpha,
     body_colour,
     coordinate,
@@ -87,7 +87,7 @@ def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error:
     }
     identifiable = {
         "alpha": _tells(fit.theta[:c].mean(), intervals["alpha"], (0.0, math.inf)),
-        "beta": _tells(fit.theta[c], intervals["beta"], (0.0, math.inf)),
+        "beta": _tells(_values(fit.theta)["beta"], intervals["beta"], (0.0, math.inf)),
         "gamma": _tells(math.exp(fit.theta[-2]), intervals["gamma"], GAMMA_RANGE),
         "n": not given and _tells(math.exp(fit.theta[-1]), _exp(log_n), ADMISSIBLE_N),
     }
@@ -152,17 +152,17 @@ def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> Materia
 
 def _values(theta: Array) -> dict[str, Any]:
     """The parameters at θ, by their names in `MaterialEstimate`."""
-    body = theta[:-3]
-    alpha = float(body.mean())
-    if not alpha > 0.0:
-        raise InputError(f"its body reflects nothing (α = {alpha:.2g}): there is no body colour to measure")
+    body, n = theta[:-3], 1.0 + math.exp(theta[-1])
+    mean = float(body.mean())
+    if not mean > 0.0:
+        raise InputError(f"its body reflects nothing (α = {mean:.2g}): there is no body colour to measure")
     return {
-        "body_colour": tuple((body / alpha).tolist()),
-        "alpha": alpha,
-        "beta": float(theta[-3]),
+        "body_colour": tuple((body / mean).tolist()),
+        "alpha": mean,
+        "beta": float(theta[-3]) * ((n + 1.0) / (n - 1.0)) ** 2,
         "gamma": math.exp(theta[-2]),
-        "n": 1.0 + math.exp(theta[-1]),
-        "specular_albedo": float(theta[-3] * albedo_per_beta(theta[None])[0][0]),
+        "n": n,
+        "specular_albedo": float(theta[-3] * albedo_per_strength(theta[None])[0][0]),
     }
 
 
@@ -191,18 +191,15 @@ def _errors(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[str
 
 def _correlation(fit: MaterialFit) -> tuple[tuple[float | None, ...], ...]:
     """Correlation of α, β, γ, n (in the order of PARAMETERS), None where one was not estimated."""
-    size = len(fit.theta)
-    gradients = np.zeros((len(PARAMETERS), size))
-    gradients[0, : size - 3], gradients[1:, -3:] = 1.0, np.eye(3)
+    quantities = (alpha, log_beta, coordinate(-2), coordinate(-1))
+    gradients = np.stack([quantity(fit.theta[None])[1][0] for quantity in quantities])
     covariance = gradients @ fit.covariance @ gradients.T
     spread = np.sqrt(np.diag(covariance))
-    known = spread > 0.0
+    known = np.outer(spread, spread) > 0.0
+    correlation = np.divide(covariance, np.outer(spread, spread), out=np.zeros_like(covariance), where=known)
     return tuple(
-        tuple(
-            float(covariance[i, j] / float(spread[i] * spread[j])) if known[i] and known[j] else None
-            for j in range(len(PARAMETERS))
-        )
-        for i in range(len(PARAMETERS))
+        tuple(r if k else None for r, k in zip(*row, strict=True))
+        for row in zip(correlation.tolist(), known, strict=True)
     )
 
 
@@ -239,5 +236,5 @@ def _largest_albedo(fit: MaterialFit) -> float:
     linear = np.arange(theta.shape[1]) <= theta.shape[1] - 3
     rows = minimise(fit.objective, theta, linear)
     spread = np.sqrt([inverse_over(curvature, linear)[-3, -3] for curvature in rows.curvature])
-    largest = np.maximum(rows.theta[:, -3], 0.0) + WIDTH_95 / 2 * spread
-    return float(min(np.max(largest * albedo_per_beta(rows.theta)[0]), 1.0))
+    largest = rows.theta[:, -3] + WIDTH_95 / 2 * spread
+    return float(min(np.max(largest * albedo_per_strength(rows.theta)[0]), 1.0))

@@ -95,8 +95,13 @@ def interval_of_n(profile: Profile) -> tuple[float, float]:
 
 
 def inflation(fit: MaterialFit, quantity: Quantity) -> float:
-    """κ: variance of the robust estimate of `quantity` over its variance in the frozen least squares."""
-    gradient = quantity(fit.theta[None])[1][0]
+    """κ: variance of the robust estimate of `quantity` over its variance in the frozen least squares.
+
+    Where the estimate is at the end of its range, so that neither has a variance, κ is that of β F₀.
+    """
+    gradient = quantity(fit.theta[None])[1][0] * fit.inside
+    if not gradient.any():
+        gradient = np.eye(len(fit.theta))[-3]
     return float(gradient @ fit.covariance @ gradient / (gradient @ inverse_over(fit.curvature, fit.inside) @ gradient))
 
 

@@ -1,7 +1,7 @@
 """Fit of one material: variance-weighted robust least squares for α c_b, β, γ, n, and the covariance of the estimate.
 
 Weights and variances follow from each other and from the model, so they are repeated until the estimate stands still.
-Coordinates θ = (α c_b per channel, β, ln γ, ln(n − 1)), as in `robust_fit`.
+Coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.optimize import root_scalar
 
 from hagoromo.errors import InputError
 from hagoromo.reflectance.observations import Observations
-from hagoromo.reflectance.robust_fit import GAMMA_RANGE, Loss, Objective, at_bound, minimise
+from hagoromo.reflectance.robust_fit import Loss, Objective, at_bound, minimise
 from hagoromo.reflectance.sight import Array, Sight
 
 START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a lobe off by less than 1.3 in width keeps its overlap with the data
@@ -122,9 +122,12 @@ def expected(seen: Sight, theta: Array) -> Array:
 def _start(seen: Observations, n: float | None, free: NDArray[np.bool_]) -> Array:
     """The best of several starts in γ and n, brought to its minimum under Huber's loss."""
     grid = np.array([(g, m) for g in START_GAMMA for m in (START_N if n is None else (n,))])
-    theta = np.zeros((len(grid), seen.channels + 3))
+    matte = _matte_start(seen, n)
+    theta = np.tile(matte, (len(grid), 1))
     theta[:, -2:] = np.log(grid - [0.0, 1.0])
-    objective = Objective(seen, seen.noise, Loss())
+    # where the model lacks, residuals of many standard deviations would make the loss a sum of absolute values
+    scale = max(_scale(seen, expected(seen.sight, matte)), 1.0)
+    objective = Objective(seen, scale**2 * seen.noise, Loss())
     linear = np.arange(theta.shape[1]) <= seen.channels
     ranked = minimise(objective, theta, linear, RANKING_STEPS)
     rows = minimise(objective, ranked.theta[np.argsort(ranked.cost)[:3]], free)
@@ -132,9 +135,11 @@ def _start(seen: Observations, n: float | None, free: NDArray[np.bool_]) -> Arra
 
 
 def _matte_start(seen: Observations, n: float | None) -> Array:
-    theta = np.zeros(seen.channels + 3)
-    theta[-2:] = np.log([GAMMA_RANGE[0] * GAMMA_RANGE[1], (n or 1.5) - 1.0])
-    return theta
+    """Coordinates of the matte surface nearest by least squares."""
+    body, weight = seen.sight.body, np.where(seen.used, 1.0 / seen.noise, 0.0)
+    matte = np.sum(weight * body * seen.values, axis=0) / np.maximum(np.sum(weight * body**2, axis=0), 1e-300)
+    middle = np.sqrt(START_GAMMA[0] * START_GAMMA[-1])
+    return np.array([*matte, 0.0, np.log(middle), np.log((n or 1.5) - 1.0)])
 
 
 def _below_ceiling(seen: Observations, model: Array) -> NDArray[np.bool_]:

@@ -26,6 +26,7 @@ from hagoromo.reflectance.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material_fit import expected
 from hagoromo.reflectance.materials_file import write_materials
 from hagoromo.reflectance.observations import Pixels, known_shape, observations, shape
+from hagoromo.reflectance.quantity import theta_of
 from hagoromo.reflectance.segment import interior, segment
 from hagoromo.reflectance.sight import sight
 
@@ -151,7 +152,7 @@ def _predicted(
         pixels = Pixels.where(capture, (labels == number) & known_shape(capture))
         seen = sight(photograph, pixels.points, pixels.normals, None if colour is None else colour.value)
         body = material.alpha * np.array(material.body_colour)
-        theta = np.array([*body, material.beta, np.log(material.gamma), np.log(material.n - 1.0)])
+        theta = theta_of(body, material.beta, material.gamma, material.n)
         values[pixels.rows, pixels.columns] = expected(seen, theta)
     return values
 

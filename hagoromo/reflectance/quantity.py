@@ -1,6 +1,6 @@
-"""Quantities of a material as functions of the coordinates θ = (α c_b per channel, β, ln γ, ln(n − 1)) of its fit.
+"""Quantities of a material as functions of the coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)) of its fit.
 
-Each takes rows θ (K, P) and gives its values (K,) with their gradients (K, P).
+Each takes rows θ (K, P) and gives its values (K,) with their gradients (K, P). F₀ = F(0, n) = ((n − 1)/(n + 1))².
 """
 
 from __future__ import annotations
@@ -14,7 +14,12 @@ from hagoromo.reflectance.torrance_sparrow import Cosines
 
 Quantity = Callable[[Array], tuple[Array, Array]]
 
-SMALLEST = 1e-12  # keeps the logarithm of a β that vanishes finite
+SMALLEST = 1e-12  # keeps the logarithm of a β F₀ that vanishes finite
+
+
+def theta_of(alpha_body: Array, beta: float, gamma: float, n: float) -> Array:
+    """Coordinates θ (P,) of a material; alpha_body: α c_b per channel."""
+    return np.array([*alpha_body, beta * ((n - 1.0) / (n + 1.0)) ** 2, np.log(gamma), np.log(n - 1.0)])
 
 
 def coordinate(index: int) -> Quantity:
@@ -47,22 +52,30 @@ def body_colour(channel: int) -> Quantity:
 
 def log_beta(theta: Array) -> tuple[Array, Array]:
     """ln β."""
-    beta = np.maximum(theta[:, -3], SMALLEST)
-    gradient = np.zeros_like(theta)
-    gradient[:, -3] = 1.0 / beta
-    return np.log(beta), gradient
+    value, gradient = _log_strength(theta)
+    n = 1.0 + np.exp(theta[:, -1])
+    gradient[:, -1] = -4.0 / (n + 1.0)
+    return value - 2.0 * np.log((n - 1.0) / (n + 1.0)), gradient
 
 
 def log_albedo(theta: Array) -> tuple[Array, Array]:
     """ln of the specular albedo, ∫ of the interface part over all lamp directions, seen along the normal."""
-    value, gradient = log_beta(theta)
-    albedo, by_gamma, by_n = albedo_per_beta(theta)
+    value, gradient = _log_strength(theta)
+    albedo, by_gamma, by_n = albedo_per_strength(theta)
     gradient[:, -2], gradient[:, -1] = by_gamma / albedo, by_n / albedo
     return value + np.log(albedo), gradient
 
 
-def albedo_per_beta(theta: Array) -> tuple[Array, Array, Array]:
-    """∫ f dL seen along the normal for β = 1, and its derivatives by ln γ and ln(n − 1): three (K,).
+def _log_strength(theta: Array) -> tuple[Array, Array]:
+    """ln(β F₀)."""
+    strength = np.maximum(theta[:, -3], SMALLEST)
+    gradient = np.zeros_like(theta)
+    gradient[:, -3] = 1.0 / strength
+    return np.log(strength), gradient
+
+
+def albedo_per_strength(theta: Array) -> tuple[Array, Array, Array]:
+    """∫ f dL seen along the normal for β F₀ = 1, and its derivatives by ln γ and ln(n − 1): three (K,).
 
     It is what a place gives that is lit from all around: a lamp at every node of a quadrature over θ_L, its irradiance
     the solid angle of the node.

@@ -1,7 +1,8 @@
 """Robust least squares of eq. (2)–(6) on observed values: Levenberg–Marquardt for many starting points at once.
 
-Enters: `Observations` of one material and rows of coordinates θ = (α c_b per channel, β, ln γ, ln(n − 1)).
-Leaves: rows at their minimum. Each row is an own fit, so starts and points of a profile share every kernel.
+Enters: `Observations` of one material and rows of coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), with
+F₀ = F(0, n): β alone would have to follow n along a bent valley. Leaves: rows at their minimum. Each row is an own
+fit, so starts and points of a profile share every kernel.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ class Objective:
         c = self.seen.channels
         body = self.seen.sight.body
         s, by_gamma, by_n = self.seen.sight.interface(theta[:, -2], theta[:, -1])
-        beta = theta[:, c, None, None]
-        deviation = self.seen.values - theta[:, None, :c] * body - beta * s
+        strength = theta[:, c, None, None]
+        deviation = self.seen.values - theta[:, None, :c] * body - strength * s
         r = deviation / np.sqrt(self.variance)
         known = self.seen.used
         if self.weights is None:
@@ -86,7 +87,7 @@ class Objective:
         else:
             weight = np.broadcast_to(np.where(known, self.weights, 0.0) / self.variance, r.shape)
             cost = 0.5 * np.sum(weight * deviation**2, axis=(1, 2))
-        shared = (s, beta * by_gamma, beta * by_n)  # derivatives by β, ln γ, ln(n − 1)
+        shared = (s, strength * by_gamma, strength * by_n)  # derivatives by β F₀, ln γ, ln(n − 1)
         gradient = np.empty_like(theta)
         curvature = np.zeros((*theta.shape, theta.shape[1]))
         gradient[:, :c] = -np.einsum("knc,nc,knc->kc", weight, body, deviation)
@@ -103,8 +104,8 @@ class Objective:
 def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps: int = STEPS) -> Rows:
     """Rows theta (K, P) moved to their nearest minimum; coordinates where `free` (P,) is false stay.
 
-    Levenberg–Marquardt with Marquardt's scaling; ln γ and ln(n − 1) stay in their admissible range. A row that has not
-    converged after `steps` steps says so in `Rows.converged`.
+    Levenberg–Marquardt with Marquardt's scaling; β F₀ stays 0 or more, ln γ and ln(n − 1) in their admissible range. A
+    row that has not converged after `steps` steps says so in `Rows.converged`.
     """
     theta = _admissible(theta)
     cost, gradient, curvature = objective.at(theta)
@@ -129,7 +130,7 @@ def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps:
 
 
 def at_bound(theta: Array) -> NDArray[np.bool_]:
-    """(P,) where ln γ or ln(n − 1) has come to the end of its admissible range."""
+    """(P,) where a coordinate has come to the end of its admissible range."""
     low, high = _bounds(theta.shape[-1])
     return (theta <= low) | (theta >= high)
 
@@ -156,6 +157,7 @@ def _step(
 
 def _bounds(size: int) -> tuple[Array, Array]:
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    low[-3] = 0.0
     low[-2:], high[-2:] = np.log([(GAMMA_RANGE[0], N_RANGE[0] - 1), (GAMMA_RANGE[1], N_RANGE[1] - 1)])
     return low, high
 

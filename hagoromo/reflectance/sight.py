@@ -1,7 +1,7 @@
 """Sight: where lamps, eye and surface stand to each other at places of known shape, and what light arrives there.
 
 Enters: points [m], normals (unit, world), the lamps and the camera of a photograph. Leaves: the value per unit of
-α c_b and of β at each place, for any γ and n, with its derivatives.
+α c_b and of β F₀ at each place, for any γ and n, with its derivatives; F₀ = F(0, n) = ((n − 1)/(n + 1))².
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hagoromo.backend import arrays
 from hagoromo.camera.response import white
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.torrance_sparrow import Cosines, weights_at
+from hagoromo.reflectance.torrance_sparrow import Cosines, fresnel, weights_at
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Sight:
         return np.einsum("nlc,nl->nc", self.irradiance, np.where(seen, self.cosines.incidence, 0.0))
 
     def interface(self, log_gamma: Array, log_n1: Array) -> tuple[Array, Array, Array]:
-        """Value per unit of β at K pairs (ln γ, ln(n − 1)), and its derivatives by the two: three (K, N, C).
+        """Value per unit of β F₀ at K pairs (ln γ, ln(n − 1)), and its derivatives by the two: three (K, N, C).
 
         Forward-mode derivatives of the one implementation of eq. (3), in double precision.
         """
@@ -54,7 +54,8 @@ class Sight:
         for row in rows:
             dr.enable_grad(row)
             dr.set_grad(row, 1.0)
-            value = weights_at(at, 0.0, 1.0, dr.exp(rows[0]), 1.0 + dr.exp(rows[1])).interface
+            n = 1.0 + dr.exp(rows[1])
+            value = weights_at(at, 0.0, 1.0 / fresnel(1.0, n), dr.exp(rows[0]), n).interface
             slope = dr.forward_to(value)
             found = found or [dr.detach(value)]
             found.append(slope)
