@@ -26,6 +26,7 @@ from hagoromo.errors import InputError
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
+LAMP = ("name", "to_lamp", "intensity")  # of a lamp in a capture's transforms.json
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 Out = Annotated[Path, arg(help="where to write the result")]
@@ -92,6 +93,14 @@ def _verb(group: Any, name: str | None = None) -> Callable[[Callable[..., None]]
     return register
 
 
+def _pictures(paths: Sequence[Path]) -> dict[str, Any]:
+    """Name → pixels; a name that two files share is given with its folder."""
+    from hagoromo.files.picture import read_picture
+
+    names = [path.name for path in paths]
+    return {path.name if names.count(path.name) == 1 else str(path): read_picture(path) for path in paths}
+
+
 def _wrote(*paths: Path) -> None:
     for path in paths:
         print(f"wrote {path}")
@@ -140,7 +149,6 @@ def calibrate_camera(
         square: side of a square [m].
     """
     from hagoromo.camera.calibrate import calibrate_camera
-    from hagoromo.files.picture import read_picture
     from hagoromo.files.record import write_json
     from hagoromo.files.whole import whole_file
 
@@ -148,10 +156,39 @@ def calibrate_camera(
     if corners is None:
         raise InputError(f"--board is {board!r}: give inner corners as columns x rows, such as 9x6")
     with whole_file(out, force) as partial:
-        pictures = {str(path): read_picture(path) for path in photographs}
-        found = calibrate_camera(pictures, (int(corners[1]), int(corners[2])), square)
+        found = calibrate_camera(_pictures(photographs), (int(corners[1]), int(corners[2])), square)
         write_json(partial, found.record())
     print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
+    _wrote(out)
+
+
+@_verb(calibrations, "lamps")
+def calibrate_lamps(
+    photographs: Positional[tuple[Path, ...]], mask: Path, out: Out, camera: Path | None = None, force: Force = False
+) -> None:
+    """Photographs of a chrome ball, one lamp on in each → where the lamps stand, one each.
+
+    Args:
+        photographs: PNG or JPEG, one per lamp, all from one place.
+        mask: picture that is white on the ball and black elsewhere.
+        camera: camera.json of `calibrate camera`; without it the view is taken for orthographic.
+    """
+    from hagoromo.camera.calibrate import read_camera
+    from hagoromo.files.picture import read_picture
+    from hagoromo.files.record import write_json
+    from hagoromo.files.whole import whole_file
+    from hagoromo.photograph.lamps import calibrate_lamps
+
+    with whole_file(out, force) as partial, progress_bar("calibrate lamps") as progress:
+        lens = None if camera is None else read_camera(camera)
+        ball, readings = calibrate_lamps(_pictures(photographs), read_picture(mask), lens, progress)
+        records = [reading.record() for reading in readings]
+        lamps = [{key: record[key] for key in LAMP} for record in records]  # as a capture lists them
+        shape = {"centre_px": ball.centre, "radius_px": ball.radius, "rms_px": ball.rms}
+        write_json(partial, {"lamps": lamps, "ball": shape, "readings": records})
+    for reading in readings:
+        x, y, z = reading.to_lamp
+        print(f"{reading.name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {reading.standard_error_deg:.2f}°")
     _wrote(out)
 
 
@@ -178,23 +215,26 @@ def calibrate_response(pairs: Positional[Path], out: Out, force: Force = False) 
 
 @_verb(verbs)
 def measure(capture: Positional[Path], out: Out, n: float | None = None, force: Force = False) -> None:
-    """Capture → materials.json, normals.exr, labels.png and a picture of each photograph's residuals.
+    """Capture → materials.json, normals.exr, labels.png, a picture of each photograph's residuals, report.html.
 
     Args:
         capture: folder with transforms.json, its shape and lamps known.
         n: refractive index, where it is known.
     """
+    from hagoromo.app.measure_report import write_measure_report
     from hagoromo.files.whole import whole_folder
     from hagoromo.photograph.capture import load_capture
     from hagoromo.reflectance.measure import fill_measurement, measure
 
     with whole_folder(out, force) as partial, progress_bar("measure") as progress:
-        measured = measure(load_capture(capture), n=n, progress=progress)
+        photographed = load_capture(capture)
+        measured = measure(photographed, n=n, progress=progress)
         fill_measurement(measured, partial)
+        write_measure_report(partial / "report.html", photographed, measured)
     for material in measured.materials:
         known = [name for name, told in material.identifiable.items() if told]
         print(f"{material.name}: {material.pixels} pixels, told by the photographs: {', '.join(known) or 'nothing'}")
-    _wrote(out)
+    _wrote(out / "report.html")
 
 
 @_verb(verbs)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.files.record import count, number, read_json, take
 
 FEWEST_BOARDS = 3  # below it the focal length and principal point are not determined by planes (Zhang 2000)
 NAMES = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -79,6 +81,13 @@ def calibrate_camera(
             f"photographs and {FEWEST_BOARDS} are needed: check --board, or take more photographs"
         )
     return _fit(corners, skipped, _points(board, square), next(iter(photographs.values())).shape[:2])
+
+
+def read_camera(path: str | Path) -> Camera:
+    """The camera in a JSON file that holds what `Calibration.record` gives, at the world's origin."""
+    figures = take(read_json(path), {"w": count, "h": count, **dict.fromkeys(NAMES, number)}, str(path), strict=False)
+    ax, ay, x0, y0, *distortion = (figures[name] for name in NAMES)
+    return Camera(figures["w"], figures["h"], (ax, ay), (x0, y0), tuple(distortion), name=Path(path).stem)
 
 
 def find_corners(photograph: NDArray, board: tuple[int, int]) -> NDArray | None:

@@ -17,7 +17,31 @@ from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.files.table import read_table, write_table
 
+CHROME = Path(__file__).parents[3] / "shared" / "data" / "uw_psm" / "chrome"
 REAL = Path(__file__).parents[3] / "shared" / "data" / "opencv_left" / "left"
+SCENE = """
+[camera]
+size = [97, 71]
+focal = [150.0, 150.0]
+response = "canon_eos_300d"
+sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
+eye = [0.0, -1.0, 0.0]
+
+[[lamp]]
+position = [0.5, -2.0, 1.0]
+
+[[lamp]]
+position = [-0.5, -2.0, 1.0]
+
+[[lamp]]
+position = [0.0, -1.5, 2.0]
+
+[[surface]]
+name = "ball"
+shape = "sphere"
+scale = 0.15
+reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
+"""
 
 
 def test_help_answers_within_a_second():
@@ -111,3 +135,39 @@ def test_records_are_plain_json(tmp_path, capsys):
     assert main(["info", str(tmp_path / "camera.json")]) == 0
     lines = dict(line.split(": ", 1) for line in capsys.readouterr().out.splitlines())
     assert json.loads(lines["standard_deviation"]) == {"fl_x": 0.1}
+
+
+@pytest.mark.skipif(not CHROME.is_dir(), reason="the photographs of a chrome ball are not beside this repository")
+def test_calibrate_lamps_writes_lamps_that_a_capture_can_list(tmp_path, capsys):
+    """The laboratory that took them read (0.4934, 0.4695, 0.7322) off the ball for lamp 0; within 1°."""
+    from hagoromo.photograph.transforms import lamp_from_record
+
+    photographs = [str(CHROME / f"chrome.{k}.png") for k in range(3)]
+    out = tmp_path / "lamps.json"
+    assert main(["calibrate", "lamps", *photographs, "--mask", str(CHROME / "chrome.mask.png"), "--out", str(out)]) == 0
+    assert "chrome.0.png: to_lamp" in capsys.readouterr().out
+    lamps = [lamp_from_record(lamp, tmp_path, "lamps.json") for lamp in read_json(out)["lamps"]]
+    assert len(lamps) == 3 and lamps[0].to_lamp is not None
+    assert np.degrees(np.arccos(lamps[0].to_lamp @ [0.493408, 0.469501, 0.732201])) < 1.0
+
+
+def test_a_scene_is_photographed_measured_rendered_and_compared(tmp_path, capsys):
+    """From a scene file to its reflectance; what each verb says it wrote is there."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE)
+    for verb, given, out, files in [
+        ("simulate", "scene.toml", "capture", ["transforms.json", "points.exr", "normals.exr"]),
+        ("measure", "capture", "measured", ["materials.json", "normals.exr", "labels.png", "report.html"]),
+        ("render", "scene.toml", "image.exr", []),
+    ]:
+        assert main([verb, str(tmp_path / given), "--out", str(tmp_path / out)]) == 0
+        wrote = [Path(line[6:]) for line in capsys.readouterr().out.splitlines() if line.startswith("wrote ")]
+        assert wrote and all(path.exists() for path in wrote)
+        assert all((tmp_path / out / name).is_file() for name in files)
+    assert main(["compare", str(tmp_path / "image.exr"), str(tmp_path / "image.exr")]) == 0
+    assert json.loads(capsys.readouterr().out)["relative_rmse"] == 0.0
+    for name, said in [("scene.toml", "ball"), ("capture", "frames: 3"), ("measured/materials.json", "identifiable")]:
+        assert main(["info", str(tmp_path / name)]) == 0
+        assert said in capsys.readouterr().out
+    page = (tmp_path / "measured" / "report.html").read_text(encoding="utf-8")
+    assert "material 1" in page and "data:image" in page and "http" not in page
