@@ -1,4 +1,4 @@
-"""Demo: the paper end to end. Simulated photographs → measured reflectance → volume boxes → figures 6–8 → report.html."""
+"""Demo: the paper end to end: simulated photographs → measurement → volume boxes → figures 6–8 → report.html."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hagoromo import __version__, backend
 from hagoromo.app.demo_figures import FIGURES, scene_of
 from hagoromo.app.demo_measurement import coverage, named, rightly_labelled, rows
 from hagoromo.app.demo_relit import relit
-from hagoromo.app.demo_samples import LAMP, bench, true_reflectances
+from hagoromo.app.demo_samples import FOCAL_MM, LAMP, PRESET, bench, bench_camera, true_reflectances
 from hagoromo.app.report import Report, write_report
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
@@ -29,7 +27,6 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture, save_capture
 from hagoromo.reflectance.measure import fill_measurement, measure
 
-PRESET, FOCAL_MM = "canon_eos_kiss_digital", 55.0
 LAMPS_MEASURED = 3  # of the bench's lamps; the last is kept aside
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
 Progress = Callable[[float, str], None]
@@ -37,7 +34,7 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Size:
-    """How large the demo is: binning of the camera for the capture and for the figures, samples a pixel, voxels a side."""
+    """How large the demo is: binning of the camera and rays a pixel for capture and figures, voxels a side of a box."""
 
     capture_binning: int
     capture_samples: int
@@ -48,7 +45,7 @@ class Size:
 
 
 SIZES = {
-    "tiny": Size(capture_binning=16, capture_samples=16, figure_binning=16, figure_samples=1, resolution=48),
+    "tiny": Size(capture_binning=8, capture_samples=1, figure_binning=16, figure_samples=1, resolution=48),
     "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=256),
     "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=8, resolution=512),
 }
@@ -89,14 +86,14 @@ def demo(out: str | Path, size: str = "small", force: bool = False, progress: Pr
 
 
 def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
-    camera = Camera.preset(PRESET, FOCAL_MM, size.capture_binning)
+    camera = bench_camera(size.capture_binning)
     response, lamp = camera.response, Spectrum.named(LAMP)
     assert response is not None
     truth = true_reflectances(camera)
     samples = bench(truth, camera)
     settings = Settings(samples=size.capture_samples, seed=size.seed)
     with stages.stage("capture") as tell:
-        save_capture(simulate(samples, settings, "samples", tell), home / "capture")
+        save_capture(simulate(samples, settings, "samples", tell, percentile=100.0), home / "capture")
         surface = seen_shape(samples).surface
     with stages.stage("measurement") as tell:
         capture = load_capture(home / "capture", frames=slice(0, LAMPS_MEASURED))

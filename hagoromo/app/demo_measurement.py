@@ -73,18 +73,13 @@ def rows(
         colour = camera_response(true.body_colour, lamp, response) / white(lamp, response)
         values = {key: getattr(true, key) for key in PARAMETERS} | {"alpha": true.alpha * float(colour.mean())}
         for key in PARAMETERS:
-            bounds = material.interval_95[key]
+            low, high = material.interval_95[key]
             told = material.identifiable[key]
-            found.append(Row(material.name, key, values[key], getattr(material, key), *bounds, told))
-        for channel, value, estimate, bounds in zip(
-            response.channels,
-            colour / colour.mean(),
-            material.body_colour,
-            material.interval_95["body_colour"],
-            strict=True,
-        ):
-            told = material.identifiable["alpha"]
-            found.append(Row(material.name, f"c_{channel}", float(value), estimate, *bounds, told))
+            found.append(Row(material.name, key, values[key], getattr(material, key), low, high, told))
+        told, share = material.identifiable["alpha"], colour / colour.mean()
+        for k, channel in enumerate(response.channels):
+            low, high = material.interval_95["body_colour"][k]
+            found.append(Row(material.name, f"c_{channel}", float(share[k]), material.body_colour[k], low, high, told))
     return found
 
 

@@ -21,12 +21,14 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance
 
+RIM = 3  # pixels
+
 
 @dataclass(frozen=True, eq=False)
 class Relit:
     """Linear sRGB (height, width, 3) of prediction and photograph, 1 being a white diffuser that faces the lamp.
 
-    mask: where the samples are. measured, ideal: differences from the photograph of the prediction, and of a rendering
+    mask: what is compared. measured, ideal: differences from the photograph of the prediction, and of a rendering
     with the true reflectances: what remains there is noise, demosaicing and the spectra's truth.
     """
 
@@ -51,9 +53,8 @@ class Relit:
         folder.mkdir()
         for name in ("predicted", "photograph"):
             channels = dict(zip("RGB", np.moveaxis(getattr(self, name), 2, 0), strict=True))
-            write_exr(
-                folder / f"{name}.exr", channels, {"colour_space": "linear sRGB, 1 = white diffuser facing the lamp"}
-            )
+            scale = "linear sRGB, 1 is a white diffuser that faces the lamp"
+            write_exr(folder / f"{name}.exr", channels, {"colour_space": scale})
         write_png(folder / "mask.png", self.mask.astype(np.uint8) * 255)
         for name, picture in self.pictures().items():
             write_png(folder / f"{name}.png", picture)
@@ -68,10 +69,14 @@ def relit(
 ) -> Relit:
     """`photograph` of the `scene` (its surfaces named as `reflectances`) predicted from those reflectances.
 
-    mask: (height, width), true where the samples are.
+    mask: (height, width), true where the samples are; RIM pixels along its edge, where a pixel holds both sample and
+    background, are not compared.
     """
+    from scipy.ndimage import binary_erosion
+
     response, lamps = scene.camera.response, photograph.lamps
     assert response is not None
+    mask = np.asarray(binary_erosion(mask, iterations=RIM), np.bool_) & photograph.mask
     measured = [replace(surface, reflectance=reflectances[surface.name]) for surface in scene.surfaces]
     alone = scene.with_lamps(*lamps)
     # ρ of a white diffuser (f = 1/π) that faces the lamp from the middle of the samples
@@ -84,5 +89,5 @@ def relit(
         for alone_scene in (replace(alone, surfaces=tuple(measured)), alone)
     ]
     taken = photograph.values.astype(np.float64) @ matrix.T
-    compared = [differences(view, taken, mask & photograph.mask, peak=1.0) for view in views]
-    return Relit(views[0], taken, mask & photograph.mask, *compared)
+    compared = [differences(view, taken, mask, peak=1.0) for view in views]
+    return Relit(views[0], taken, mask, *compared)

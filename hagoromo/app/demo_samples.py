@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hagoromo.camera.camera import Camera
@@ -12,6 +14,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 
+PRESET, FOCAL_MM, ISO = "canon_eos_kiss_digital", 55.0, 400.0
 LAMP = "D65"  # spectrum of the white point lamps
 RADIUS = 0.030  # [m] of a ball
 SPACING = 0.066  # [m] between the centres of two balls
@@ -19,23 +22,33 @@ DISTANCE = 0.70  # [m] from the camera to the row of balls
 KNOTS = (380.0, 420.0, 450.0, 480.0, 510.0, 542.0, 560.0, 576.0, 600.0, 630.0, 660.0, 700.0, 730.0)  # [nm]
 
 # Diffuse reflectance at KNOTS, drawn by hand for this demo, no measurements. Skin: after the mean of 100 forearms in
-# Cooksey, Allen & Tsai (2017), "Reference data set of human skin reflectance", with the dips of oxygenated haemoglobin at
-# 420, 542 and 576 nm. Cloth: an indigo dye, which absorbs around 610 nm and lets blue and deep red pass. Feather: white
-# keratin, slightly yellow. Dielectric: a grey-green glaze.
+# Cooksey, Allen & Tsai (2017), "Reference data set of human skin reflectance", with the dips of oxygenated haemoglobin
+# at 420, 542 and 576 nm. Cloth: an indigo dye, which absorbs around 610 nm and lets blue and deep red pass. Feather:
+# white keratin, slightly yellow. Dielectric: a slate-grey glaze.
 SPECTRA = {
     "skin": (0.16, 0.17, 0.25, 0.30, 0.35, 0.31, 0.34, 0.32, 0.47, 0.56, 0.60, 0.63, 0.64),
     "cloth": (0.22, 0.32, 0.40, 0.40, 0.31, 0.20, 0.15, 0.12, 0.10, 0.09, 0.11, 0.24, 0.36),
     "feather": (0.40, 0.49, 0.55, 0.60, 0.63, 0.66, 0.67, 0.68, 0.69, 0.70, 0.71, 0.72, 0.72),
-    "dielectric": (0.17, 0.20, 0.24, 0.29, 0.33, 0.35, 0.34, 0.32, 0.29, 0.26, 0.24, 0.24, 0.25),
+    "dielectric": (0.19, 0.21, 0.22, 0.225, 0.22, 0.215, 0.21, 0.205, 0.195, 0.185, 0.18, 0.18, 0.18),
 }
-# β [1/sr], γ [rad], n. β is near ln2 / 4πγ², which a normalised distribution of facets would give, or what energy leaves
-# layer, Ding et al. 2006), indigo-dyed cellulose 1.54, keratin 1.56, soda-lime glaze 1.50, all rounded.
+# β [1/sr], γ [rad], n. β is near ln2 / 4πγ², which a normalised distribution of facets would give, or the less that
+# energy conservation leaves beside the body. n, rounded: outer layer of skin 1.40 (Ding et al. 2006), cellulose 1.54,
+# keratin 1.56, soda-lime glaze 1.50.
 INTERFACE = {
     "skin": (0.55, 0.30, 1.40),
     "cloth": (0.40, 0.37, 1.54),
     "feather": (0.60, 0.22, 1.56),
-    "dielectric": (3.00, 0.13, 1.50),
+    "dielectric": (1.90, 0.17, 1.50),
 }
+
+
+def bench_camera(binning: int) -> Camera:
+    """The paper's camera and lens at ISO: 100 / ISO of the electrons fill a pixel, and of those that make a DN."""
+    camera = Camera.preset(PRESET, FOCAL_MM, binning)
+    assert camera.sensor is not None
+    share = 100.0 / ISO
+    sensor = replace(camera.sensor, full_well=camera.sensor.full_well * share, gain=camera.sensor.gain * share)
+    return replace(camera, sensor=sensor)
 
 
 def true_reflectances(camera: Camera) -> dict[str, Reflectance]:
@@ -66,14 +79,14 @@ def bench(reflectances: dict[str, Reflectance], camera: Camera) -> Scene:
 
 
 def _lamp(name: str, turn: float, aside: float = 0.0, distance: float = 0.9) -> Lamp:
-    """A lamp `turn`° above the line of sight (180: behind the balls), seen from them, moved `aside` [m] along the row."""
+    """A lamp `turn`° above the line of sight as the balls see it (180: behind), moved `aside` [m] along the row."""
     angle = np.radians(turn)
     place = (aside, -distance * np.cos(angle), distance * np.sin(angle))
     return Lamp(position=place, intensity=distance**2, spectrum=Spectrum.named(LAMP), name=name)
 
 
 BENCH_LAMPS = (
-    _lamp("beside the camera", 20.0),
+    _lamp("beside the camera", -25.0),
     _lamp("above", 70.0),
     _lamp("below, behind", -120.0),
     _lamp("kept aside", 45.0, 0.2),

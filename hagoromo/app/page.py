@@ -24,7 +24,8 @@ figcaption b { color: #1c1c1c; }
 img, svg { max-width: 100%; height: auto; display: block; }
 .row { display: flex; gap: .5rem; align-items: flex-start; }
 .row > div { min-width: 0; }
-.row span { font-size: .8rem; color: #555; }
+.grid { display: grid; grid-template-columns: 1fr 1fr; gap: .5rem .6rem; }
+.label { display: block; font-size: .78rem; line-height: 1.3; color: #555; margin: .15rem 0 .35rem; }
 table { border-collapse: collapse; font-size: .86rem; margin: 1rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .2rem .75rem .2rem 0; text-align: left; vertical-align: top; }
 th { border-bottom: 1.5px solid #999; font-weight: 600; }
@@ -59,11 +60,15 @@ class Page:
 
     def figure(self, caption: str, *bodies: str) -> None:
         """Images or SVG side by side under one numbered caption."""
-        self.figures += 1
-        inner = (
-            bodies[0] if len(bodies) == 1 else f'<div class="row">{"".join(f"<div>{b}</div>" for b in bodies)}</div>'
-        )
-        self.parts.append(f"<figure>{inner}<figcaption><b>Figure {self.figures}.</b> {caption}</figcaption></figure>")
+        self._figure(caption, "row", bodies)
+
+    def grid(self, caption: str, *bodies: str) -> None:
+        """Images in two columns under one numbered caption."""
+        self._figure(caption, "grid", bodies)
+
+    def stack(self, caption: str, *bodies: str) -> None:
+        """Images one above the other under one numbered caption."""
+        self._figure(caption, "stack", bodies)
 
     def table(self, caption: str, head: Sequence[str], body: Sequence[Sequence[str]], group: int = 0) -> None:
         """A numbered table; cells are HTML, numbers stand to the right; a line is drawn before every `group` rows."""
@@ -85,10 +90,18 @@ class Page:
         body = "\n".join(self.parts)
         return f'<!doctype html>\n<html lang="en"><head>{head}{viewport}</head>\n<body>\n{body}\n</body></html>\n'
 
+    def _figure(self, caption: str, kind: str, bodies: Sequence[str]) -> None:
+        self.figures += 1
+        inner = "".join(f"<div>{body}</div>" for body in bodies)
+        self.parts.append(
+            f'<figure><div class="{kind}">{inner}</div>'
+            f"<figcaption><b>Figure {self.figures}.</b> {caption}</figcaption></figure>"
+        )
 
-def image(picture: NDArray[np.uint8], title: str, lossless: bool = False) -> str:
-    """An <img> that carries its picture; the title stands under it."""
-    label = f"<span>{escape(title)}</span>"
+
+def image(picture: NDArray[np.uint8], title: str = "", lossless: bool = False) -> str:
+    """An <img> that carries its picture; the title, if any, stands under it."""
+    label = f'<span class="label">{escape(title)}</span>' if title else ""
     return f'<img alt="{escape(title)}" src="{data_uri(picture, lossless)}">{label}'
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from hagoromo.light.spectrum import Spectrum
 
 COLOURS = {"skin": "#b5651d", "cloth": "#2f5d9b", "feather": "#8a8a8a", "dielectric": "#3b7d5a"}
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
-FEWEST_WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
+WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
 
 
 def measured_against_true(rows: Sequence[Row]) -> str:
@@ -26,14 +27,8 @@ def measured_against_true(rows: Sequence[Row]) -> str:
             style = {"color": COLOURS.get(row.material, "black"), "capsize": 4, "marker": "o", "markersize": 4.5}
             fill = {} if row.identifiable else {"markerfacecolor": "white"}
             axis.errorbar(place, middle, [[max(middle - low, 0.0)], [max(high - middle, 0.0)]], **style, **fill)
-            axis.annotate(
-                f"{row.true:.4g}",
-                (place, 0.02),
-                xycoords=("data", "axes fraction"),
-                ha="center",
-                fontsize=7.5,
-                color="#555",
-            )
+            below = {"xycoords": ("data", "axes fraction"), "ha": "center", "fontsize": 7.5, "color": "#555"}
+            axis.annotate(f"{row.true:.3g}", (place, 0.02), **below)
         axis.axhline(0.0, color="#999", linewidth=0.8, zorder=0)
         axis.set_xticks(range(len(shown)), [row.material for row in shown], fontsize=8, rotation=20)
         axis.set_xlim(-0.6, len(shown) - 0.4)
@@ -47,13 +42,15 @@ def spectra(true: Mapping[str, Spectrum], recovered: Mapping[str, Spectrum]) -> 
     """Albedo spectra π α c_b(λ): true (line) and recovered from three channels (dashed)."""
     figure, (axis,) = _figure(1, 6.4, 3.4)
     for name, spectrum in true.items():
-        axis.plot(FEWEST_WAVELENGTHS, spectrum.at(FEWEST_WAVELENGTHS), color=COLOURS.get(name), label=name)
-        axis.plot(FEWEST_WAVELENGTHS, recovered[name].at(FEWEST_WAVELENGTHS), color=COLOURS.get(name), linestyle="--")
+        axis.plot(WAVELENGTHS, spectrum.at(WAVELENGTHS), color=COLOURS.get(name), label=name)
+        axis.plot(WAVELENGTHS, recovered[name].at(WAVELENGTHS), color=COLOURS.get(name), linestyle="--")
     axis.set_xlim(400.0, 700.0)
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("wavelength [nm]", fontsize=9)
     axis.set_ylabel("body albedo π α c_b", fontsize=9)
-    axis.legend(fontsize=8, frameon=False, title="true ——   recovered – –", title_fontsize=8)
+    axis.plot([], [], color="#777", label="true")
+    axis.plot([], [], color="#777", linestyle="--", label="recovered")
+    axis.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return _svg(figure)
 
 
@@ -93,4 +90,5 @@ def _svg(figure) -> str:
     with matplotlib.rc_context({"svg.hashsalt": "hagoromo", "svg.fonttype": "none"}):
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()[text.getvalue().index("<svg") :]
+    svg = text.getvalue()
+    return re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)

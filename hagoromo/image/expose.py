@@ -12,16 +12,16 @@ from hagoromo.image.scene import Scene
 from hagoromo.photograph.photograph import Photograph
 
 
-def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "") -> Photograph:
-    """The photograph that the scene's camera takes of `image`: noise, mosaic and bits, developed again with its variance.
+def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percentile: float = 99.5) -> Photograph:
+    """The photograph that the scene's camera takes of `image`: noise, mosaic and bits, developed with its variance.
 
-    The sensor is metered so that the brightest half percent fills four fifths of its range.
+    The sensor is metered so that the light at `percentile` fills four fifths of its range (100: nothing is clipped).
     """
     camera = scene.camera
     if camera.response is None or camera.sensor is None:
         raise InputError(f"camera {camera.name!r} has no response or no sensor: a photograph needs both")
     signal = image.expose(camera.response)
-    sensor = camera.sensor.metered(max(float(np.percentile(signal, 99.5)), 1e-30))
+    sensor = camera.sensor.metered(max(float(np.percentile(signal, percentile)), 1e-30))
     developed = develop_raw(raw_exposure(signal, sensor, seed), sensor)
     return Photograph(
         values=developed.values,

@@ -41,10 +41,12 @@ def simulate(
     settings: Settings | None = None,
     name: str = "",
     progress: Callable[[float, str], None] | None = None,
+    percentile: float = 99.5,
 ) -> Capture:
     """One photograph per lamp of `scene`, by its camera's response and sensor, and what is true.
 
-    `settings.seed` seeds the noise; lamp k takes seed + k. `InputError` when the camera has no response or sensor.
+    `settings.seed` seeds the noise; lamp k takes seed + k. percentile: of the light, what is metered, see `photograph`.
+    `InputError` when the camera has no response or sensor.
     """
     settings = settings or Settings()
     if scene.camera.response is None or scene.camera.sensor is None:
@@ -55,7 +57,7 @@ def simulate(
         tell = (lambda share, k=k, step=step: progress((k + share) / len(scene.lamps), step)) if progress else None
         lit = scene.with_lamps(lamp)
         image = render(lit, settings, tell)
-        photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}"))
+        photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}", percentile))
     shape = seen_shape(scene) if scene.surfaces else None
     points, normals = (None, None) if shape is None else shape[:2]
     return Capture(tuple(photographs), name, None, scene.record(), points, normals)

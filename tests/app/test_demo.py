@@ -1,0 +1,169 @@
+"""The demo runs the paper end to end, says what is true of it, and leaves all or nothing."""
+
+import base64
+import re
+
+import cv2
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from hagoromo.app.demo import SIZES, demo
+from hagoromo.app.demo_figures import FIGURES
+from hagoromo.app.demo_samples import bench, bench_camera, true_reflectances
+from hagoromo.app.display import srgb_from_camera
+from hagoromo.camera.response import Response, camera_response, white
+from hagoromo.errors import InputError
+from hagoromo.files.record import read_json
+from hagoromo.image.compare import compare
+from hagoromo.image.image import read_image
+from hagoromo.light.colour import srgb_from_xyz
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.photograph.capture import load_capture
+from hagoromo.reflectance.materials_file import read_materials
+
+
+@pytest.fixture(scope="module")
+def told():
+    """What progress was told."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory, told):
+    """The folder of a tiny demo."""
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    assert demo(folder, size="tiny", progress=lambda share, step: told.append((share, step))) == folder / "report.html"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(out):
+    return (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_truth_is_inside_the_intervals_as_often_as_they_claim(out):
+    """28 intervals of 95 %: so few inside have a probability of 1e-3 at least, if all are right (seed fixed)."""
+    record = read_json(out / "results.json")
+    held = record["coverage"]
+    assert held["identifiable"] == held["intervals"] == 28
+    assert held["inside"] == sum(row["low"] <= row["true"] <= row["high"] for row in record["table"])
+    assert held["inside"] >= binom.ppf(1e-3, 28, 0.95)
+
+
+def test_estimates_are_near_the_truth(out):
+    """What the medians over many captures must keep, 1 % for α and 3 % for β and γ, this one capture keeps too."""
+    limit = {"alpha": 0.01, "beta": 0.03, "gamma": 0.03, "n": 0.03}
+    for row in read_json(out / "results.json")["table"]:
+        assert abs(row["estimate"] / row["true"] - 1) < limit.get(row["parameter"], 0.01), row
+
+
+def test_a_lamp_that_was_kept_aside_is_predicted_to_the_noise(out):
+    """No more than a twentieth worse than the true reflectances are; and compare says the same of the files."""
+    relit = read_json(out / "results.json")["relit"]
+    assert relit["measured"]["relative_rmse"] < 1.05 * relit["ideal"]["relative_rmse"]
+    again = compare(*(out / "relit" / name for name in ("predicted.exr", "photograph.exr", "mask.png")))
+    assert again["relative_rmse"] == pytest.approx(relit["measured"]["relative_rmse"], rel=1e-5)
+    assert again["pixels"] == relit["measured"]["pixels"]
+
+
+def test_the_measurement_never_saw_the_lamp_kept_aside(out):
+    names = [photograph.name for photograph in load_capture(out / "capture").photographs]
+    assert names[-1] == "kept aside" and len(names) == 4
+    assert len(list((out / "measure").glob("residual_*.png"))) == 3
+
+
+def test_the_page_is_self_contained(page):
+    """All that it shows is inside: no script, no link, no image but data; every image decodes."""
+    assert "<script" not in page and "<link" not in page and "@import" not in page
+    addresses = set(re.findall(r'https?://[^"\s)]+', page))
+    assert all(address.startswith("http://www.w3.org/") for address in addresses), addresses  # names of XML only
+    sources = re.findall(r'src="([^"]*)"', page)
+    assert len(sources) >= 4 + 7 + 3 + len(FIGURES) + 3
+    for source in sources:
+        data = base64.b64decode(source.split(",", 1)[1])
+        assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert page.count("<svg") == page.count("</svg>") == 3
+
+
+def test_the_page_says_what_was_measured(out, page):
+    record = read_json(out / "results.json")
+    held = record["coverage"]
+    assert f"{held['inside']} of {held['identifiable']} intervals" in page
+    assert page.count('<span class="no">no</span>') == held["identifiable"] - held["inside"]
+    for word in ("skin", "cloth", "feather", "dielectric", "ΔE", "What this does not show", *record["versions"]):
+        assert word in page
+    assert [int(n) for n in re.findall(r"<b>Figure (\d+)\.</b>", page)] == list(range(1, page.count("<b>Figure") + 1))
+
+
+def test_figures_keep_their_weights(out):
+    for name in FIGURES:
+        image = read_image(out / "figures" / f"{name}.exr")
+        assert image.alpha.max() == 1.0 and np.isfinite(image.weights).all() and image.weights.max() > 0.0
+        assert image.metadata["scene"]["boxes"][0]["materials"][0]["element"] in ("cylinder", "sphere")
+        assert (out / "figures" / f"{name}.png").is_file()
+
+
+def test_boxes_hold_what_was_measured(out):
+    measured = {material.name: material for material in read_materials(out / "measure" / "materials.json")}
+    scene = read_image(out / "figures" / "figure_7_skin.exr").metadata["scene"]
+    skin = scene["boxes"][0]["materials"][0]
+    assert (skin["alpha"], skin["beta"], skin["element"]) == (measured["skin"].alpha, measured["skin"].beta, "sphere")
+
+
+def test_progress_is_told_by_stage_and_only_rises(told, out):
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    for stage in ("capture", "measurement", "relit view", "figures", "report"):
+        assert any(step.startswith(stage) for _, step in told)
+
+
+def test_an_existing_folder_is_refused_before_any_work(out):
+    with pytest.raises(InputError, match=r"out exists: choose another name or add --force"):
+        demo(out, size="tiny", progress=lambda *_: pytest.fail("work was begun"))
+
+
+def test_an_interrupt_leaves_nothing(tmp_path):
+    def interrupted(share, step):
+        if step.startswith("measurement: "):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        demo(tmp_path / "new" / "out", size="tiny", progress=interrupted)
+    assert [path for path in tmp_path.rglob("*") if path.name != "new"] == []
+
+
+def test_an_unknown_size_is_refused(tmp_path):
+    with pytest.raises(InputError, match="one of small, full"):
+        demo(tmp_path / "out", size="huge")
+
+
+def test_no_ball_stands_in_the_light_of_another():
+    """The line from any ball's middle to any lamp passes every other ball's middle at two radii or more."""
+    scene = bench(true_reflectances(camera := bench_camera(SIZES["tiny"].capture_binning)), camera)
+    middles = [surface.pose[:3, 3] for surface in scene.surfaces]
+    for lamp in scene.lamps:
+        for ball in middles:
+            to_lamp = np.array(lamp.position) - ball
+            to_lamp /= np.linalg.norm(to_lamp)
+            for other in middles:
+                offset = other - ball
+                aside = np.linalg.norm(offset - max(offset @ to_lamp, 0.0) * to_lamp)
+                assert other is ball or aside >= 0.06
+
+
+def test_a_camera_sees_the_chart_nearly_as_people_do():
+    """Mean ΔE00 below 1 over the ColorChecker for the stand-in of the Canon, and the lamp's colour exactly white."""
+    import colour
+
+    from hagoromo.light.colour import delta_e_2000
+
+    camera, observer, lamp = Response.load("canon_eos_300d"), Response.load("cie1931"), Spectrum.named("D65")
+    matrix = srgb_from_camera(camera, lamp)
+    np.testing.assert_allclose(matrix @ white(lamp, camera), 1.0, rtol=1e-9)
+    different = []
+    for patch in colour.SDS_COLOURCHECKERS["BabelColor Average"].values():
+        spectrum = Spectrum(patch.wavelengths, patch.values)
+        xyz = camera_response(spectrum, lamp, observer) / white(lamp, observer) * (0.95047, 1.0, 1.08883)
+        different.append(delta_e_2000(matrix @ camera_response(spectrum, lamp, camera), srgb_from_xyz(xyz)))
+    assert np.mean(different) < 1.0
