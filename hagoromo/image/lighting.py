@@ -181,5 +181,7 @@ def _key(spectrum: Spectrum) -> tuple[bytes, bytes]:
 
 def _row(r: Reflectance, palette: Palette) -> list[float]:
     body = [float(j == position_of(r.body_colour, palette.bodies)) for j in range(len(palette.bodies))]
-    interface = [float(j == position_of(r.interface_colour, palette.interfaces)) for j in range(len(palette.interfaces))]
+    interface = [
+        float(j == position_of(r.interface_colour, palette.interfaces)) for j in range(len(palette.interfaces))
+    ]
     return [r.alpha, r.beta, r.gamma, r.n, ELEMENTS.index(r.element), *body, *interface]

@@ -1,6 +1,7 @@
 """March: light from volume boxes along rays, one scattering event (MODEL §3, Tanaka eq. 11), and optical depth.
 
-A sample stands for a step of half a voxel; its weight 1 − exp(−σΔ) makes an opaque box tend to its surface exactly.
+A sample stands for a step of half a voxel or, in dense matter, a part of it; its weight 1 − exp(−σΔ) makes an opaque box
+tend to its surface exactly, and its light is taken at the centroid of exp(−σs) over the step.
 Rays end when less than CUT of the light is left to gain; what is left is then taken to look like what was met.
 """
 
@@ -20,7 +21,16 @@ DEEPEST = 16.0  # optical depth at which a lamp counts as hidden: exp(−16) = 1
 
 
 @dr.syntax
-def march(medium: Medium, lighting: Lighting, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0, skip: bool = True) -> Any:
+def march(
+    medium: Medium,
+    lighting: Lighting,
+    origin: Any,
+    direction: Any,
+    near: Any,
+    far: Any,
+    phase: Any = 0.0,
+    skip: bool = True,
+) -> Any:
     """Weights of the radiance towards the ray's origin (list of Float, one per channel) and the transmittance left.
 
     origin, direction (unit): Array3f, world. near, far: Float [m]. phase: see `Medium.cross`.
@@ -32,20 +42,19 @@ def march(medium: Medium, lighting: Lighting, origin: Any, direction: Any, near:
     channels = [dr.zeros(arrays().Float, dr.width(direction)) for _ in range(lighting.materials.palette.channels)]
     while crossing.unfinished(taken) & (transmittance > CUT):
         step = medium.next(crossing, taken)
-        number = step.number + 1
         if step.brick < 0:
-            if dr.hint(skip, mode="scalar"):
-                number = crossing.leave(step)
+            taken = crossing.leave(step, taken) if skip else crossing.on(step, taken)
         else:
             voxel = medium.voxel(step)
             depth = step.tau * voxel[0] * step.length
-            if depth > THINNEST:
+            if (depth > THINNEST) & ~step.too_coarse(depth):
+                step.distance = step.centroid(depth)
                 met = light_from_sample(medium, lighting, step, voxel, origin, direction)
                 passed = dr.exp(-depth)
                 gain = transmittance * (1.0 - passed)
                 channels = added(channels, gain, met)
                 transmittance *= passed
-        taken = crossing.take(step, number, taken)
+            taken = crossing.after(step, depth, taken)
     ended = transmittance <= CUT
     scale = dr.select(ended, 1.0 / (1.0 - transmittance), 1.0)
     return [channel * scale for channel in channels], dr.select(ended, 0.0, transmittance)
@@ -56,7 +65,9 @@ def added(channels: list[Any], gain: Any, met: list[Any]) -> list[Any]:
     return [dr.fma(gain, new, old) for new, old in zip(met, channels, strict=True)]
 
 
-def light_from_sample(medium: Medium, lighting: Lighting, step: Step, voxel: Any, origin: Any, direction: Any) -> list[Any]:
+def light_from_sample(
+    medium: Medium, lighting: Lighting, step: Step, voxel: Any, origin: Any, direction: Any
+) -> list[Any]:
     """What the matter of one sample sends back along the ray: its weights, one per channel."""
     kinds = arrays()
     point = dr.fma(direction, step.distance, origin)
@@ -76,33 +87,10 @@ def optical_depth(medium: Medium, origin: Any, direction: Any, near: Any, far: A
     depth = dr.zeros(arrays().Float, dr.width(direction))
     while crossing.unfinished(taken) & (depth < deepest):
         step = medium.next(crossing, taken)
-        number = step.number + 1
         if step.brick < 0:
-            number = crossing.leave(step)
-        else:
-            depth += step.tau * medium.voxel(step)[0] * step.length
-        taken = crossing.take(step, number, taken)
-    return depth
-
-
-@dr.syntax
-def matter_range(medium: Medium, origin: Any, direction: Any, deepest: float = DEEPEST) -> tuple[Any, Any]:
-    """Distances [m] where rays first meet matter, and where they leave it or are `deepest` in it; (inf, inf) if never."""
-    crossing = medium.cross(origin, direction, 0.0, dr.inf)
-    taken = crossing.start()
-    depth = dr.zeros(arrays().Float, dr.width(direction))
-    first = dr.full(arrays().Float, dr.inf, dr.width(direction))
-    last = dr.full(arrays().Float, dr.inf, dr.width(direction))
-    while crossing.unfinished(taken) & (depth < deepest):
-        step = medium.next(crossing, taken)
-        number = step.number + 1
-        if step.brick < 0:
-            number = crossing.leave(step)
+            taken = crossing.leave(step, taken)
         else:
             met = step.tau * medium.voxel(step)[0] * step.length
-            if met > THINNEST:
-                first = dr.fmin(first, step.distance - 0.5 * step.length)
-                last = step.distance + 0.5 * step.length
-            depth += met
-        taken = crossing.take(step, number, taken)
-    return first, last
+            depth += dr.select(step.too_coarse(met), 0.0, met)
+            taken = crossing.after(step, met, taken)
+    return depth

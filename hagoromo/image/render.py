@@ -18,7 +18,7 @@ from hagoromo.image.image import Image
 from hagoromo.image.lighting import Lighting, Materials, palette_of
 from hagoromo.image.march import march
 from hagoromo.image.scene import Scene
-from hagoromo.image.shadow import SLICES, brute_attenuation, mapped_attenuation
+from hagoromo.image.shadow import brute_attenuation, mapped_attenuation
 from hagoromo.image.surface import Surfaces
 from hagoromo.volume.medium import STEPS_PER_VOXEL, Medium
 
@@ -35,7 +35,6 @@ class Settings:
     samples: int = 1
     shadows: str = "map"
     shadow_resolution: int | None = None
-    shadow_slices: int = SLICES
     steps_per_voxel: float = STEPS_PER_VOXEL
     seed: int = 0
 
@@ -84,9 +83,7 @@ class Light:
         self.surfaces = Surfaces(scene.surfaces, first) if scene.surfaces else None
         self.boxes_shade: Any = None
         if self.medium and settings.shadows == "map":
-            self.boxes_shade = mapped_attenuation(
-                self.medium, scene.lamps, settings.shadow_resolution, settings.shadow_slices
-            )
+            self.boxes_shade = mapped_attenuation(self.medium, scene.lamps, settings.shadow_resolution)
         elif self.medium and settings.shadows == "march":
             self.boxes_shade = brute_attenuation(self.medium)
         attenuation = self.attenuation if settings.shadows != "none" else None

@@ -1,8 +1,8 @@
 """Shadow: how much of a lamp's light arrives through all volume boxes, by brute march or by deep shadow maps.
 
-A deep shadow map holds, for every direction from the lamp (or line, for a far lamp), the optical depth on SLICES equal
-slices between where that ray first meets matter and where it leaves it (or is DEEPEST in it). In between, optical depth is
-linear along the ray and transmittance is bilinear across rays.
+A deep shadow map holds, for every ray of a square grid of rays from the lamp (lines, for a far lamp), knots (distance,
+optical depth) that follow the ray's transmittance: a new one wherever it has made one of DROPS equal drops since the
+last, and at both ends of every gap in the matter. Between knots optical depth is linear; transmittance is bilinear across rays.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays, clip, opaque_vector
-from hagoromo.image.march import matter_range, optical_depth
+from hagoromo.image.march import THINNEST, optical_depth
 from hagoromo.light.lamp import Lamp
 from hagoromo.volume.medium import Medium
 
-SLICES = 32
+KNOTS = 64  # a ray, a power of two
+DROPS = 52.0  # equal drops of a ray's transmittance with a knot each; the other knots are for gaps and steep steps
+GAP_DROP = 1.0 / 512.0  # of transmittance since the last knot, below which a gap gets no knots
 DEEPEST = 10.0  # optical depth where a map ends: exp(−10) = 5e-5 of the light
 WIDEST = math.tan(math.radians(75))  # a wider view from the lamp is mapped onto an octahedron
-NOWHERE = 1e30  # m, where a ray that meets no matter meets it
+NOWHERE = 1e30  # m, distance of the knots that a ray does not use
 TEXELS_PER_VOXEL = 2.0  # two boxes that shade each other and a floor: 0.7 % against brute march; with one texel 2 %
-MOST_TEXELS = 1024  # a side: 128 MiB a lamp
-RAYS = 1 << 22  # slices integrated at once
+MOST_TEXELS = 768  # a side: 216 MiB a lamp
 
 
 def brute_attenuation(medium: Medium) -> Any:
@@ -37,9 +38,9 @@ def brute_attenuation(medium: Medium) -> Any:
     return transmittance
 
 
-def mapped_attenuation(medium: Medium, lamps: Sequence[Lamp], resolution: int | None = None, slices: int = SLICES) -> Any:
+def mapped_attenuation(medium: Medium, lamps: Sequence[Lamp], resolution: int | None = None) -> Any:
     """`Attenuation` by one deep shadow map a lamp; `resolution` texels a side (default: about one a voxel)."""
-    maps = [DeepShadowMap(medium, lamp, resolution or fitting_resolution(medium), slices) for lamp in lamps]
+    maps = [DeepShadowMap(medium, lamp, resolution or fitting_resolution(medium)) for lamp in lamps]
 
     def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
         return maps[lamp].transmittance(point)
@@ -55,21 +56,20 @@ def fitting_resolution(medium: Medium) -> int:
 
 
 class DeepShadowMap:
-    """Optical depth from one lamp through all boxes."""
+    """Transmittance from one lamp through all boxes, on a square of `resolution` rays a side."""
 
-    def __init__(self, medium: Medium, lamp: Lamp, resolution: int, slices: int = SLICES) -> None:
-        kinds, self.resolution, self.slices = arrays(), resolution, slices
+    def __init__(self, medium: Medium, lamp: Lamp, resolution: int) -> None:
+        kinds, self.resolution = arrays(), resolution
         self.view = view_from(lamp, np.concatenate([box.corners() for box in medium.boxes]))
-        ranges, pairs = [], []
-        for first_texel in range(0, resolution**2, RAYS // slices):
-            count = min(RAYS // slices, resolution**2 - first_texel)
-            texel = dr.arange(kinds.UInt, count) + dr.opaque(kinds.UInt, first_texel)
-            near, thickness = self._ranges(medium, texel)
-            ranges.append((near, thickness))
-            pairs.append(self._slices(medium, texel, near, thickness))
-        self.ranges = dr.concat([dr.ravel(kinds.Array2f(near, 1.0 / thickness)) for near, thickness in ranges])
-        self.depths = dr.concat(pairs)
-        dr.eval(self.ranges, self.depths)
+        self.distances = dr.full(kinds.Float, NOWHERE, resolution**2 * KNOTS)
+        self.depths = dr.zeros(kinds.Float16, resolution**2 * KNOTS)
+        texel = dr.arange(kinds.UInt, resolution**2)
+        size = dr.opaque(kinds.UInt, resolution)
+        a, b = ((kinds.Float(place) + 0.5) / kinds.Float(size) for place in (texel % size, texel // size))
+        origin, direction = self.view.ray(a, b)
+        dr.eval(origin, direction)
+        lay_knots(medium, origin, direction, self)
+        dr.eval(self.distances, self.depths)
 
     def transmittance(self, point: Any) -> Any:
         """Share of the lamp's light that arrives at `point` (Array3f, world), 0…1."""
@@ -81,43 +81,66 @@ class DeepShadowMap:
         total = kinds.Float(0)
         for y in (0, 1):
             for x in (0, 1):
-                texel = (row + y) * size + column + x
-                near, per_slice = dr.gather(kinds.Array2f, self.ranges, texel)
-                at = clip((distance - near) * per_slice, 0.0, self.slices - 1e-3)
-                first = kinds.UInt(at)
-                before, after = kinds.Array2f(dr.gather(kinds.Array2f16, self.depths, texel * self.slices + first))
-                depth = dr.fma(at - kinds.Float(first), after - before, before)
-                total += (b if y else 1.0 - b) * (a if x else 1.0 - a) * dr.exp(-depth)
+                passed = dr.exp(-self._depth((row + y) * size + column + x, distance))
+                total += (b if y else 1.0 - b) * (a if x else 1.0 - a) * passed
         return total
 
-    def _ranges(self, medium: Medium, texel: Any) -> tuple[Any, Any]:
-        """Where the texels' rays first meet matter, and the thickness of their slices [m]."""
-        origin, direction = self._rays(texel)
-        first, last = matter_range(medium, origin, direction, DEEPEST)
-        empty = dr.isinf(first)
-        near, thickness = dr.select(empty, NOWHERE, first), dr.select(empty, 1.0, (last - first) / self.slices)
-        dr.eval(near, thickness)
-        return near, thickness
+    def _depth(self, texel: Any, distance: Any) -> Any:
+        """Optical depth of one ray of the map at `distance`: binary search for the knots around it."""
+        kinds, knot = arrays(), texel * KNOTS
+        stride = KNOTS // 2
+        while stride:
+            beyond = dr.gather(kinds.Float, self.distances, knot + stride) <= distance
+            knot = dr.select(beyond, knot + stride, knot)
+            stride //= 2
+        following = dr.minimum(knot + 1, texel * KNOTS + (KNOTS - 1))
+        begin, end = (dr.gather(kinds.Float, self.distances, k) for k in (knot, following))
+        before, after = (kinds.Float(dr.gather(kinds.Float16, self.depths, k)) for k in (knot, following))
+        part = clip((distance - begin) / dr.fmax(end - begin, 1e-9), 0.0, 1.0)
+        return dr.fma(part, dr.fmax(after - before, 0.0), before)
 
-    def _slices(self, medium: Medium, texel: Any, near: Any, thickness: Any) -> Any:
-        """Optical depths before and after every slice of the texels: Float16, (texels · slices · 2)."""
-        kinds = arrays()
-        index = dr.arange(kinds.UInt, dr.width(texel) * self.slices)
-        ray, number = index // self.slices, kinds.Float(index % self.slices)
-        start, thick = dr.gather(kinds.Float, near, ray), dr.gather(kinds.Float, thickness, ray)
-        origin, direction = self._rays(dr.gather(kinds.UInt, texel, ray))
-        begin = dr.fma(number, thick, start)
-        end = dr.select(start < NOWHERE, begin + thick, begin)
-        within = optical_depth(medium, origin, direction, begin, end, math.inf)
-        before = dr.block_prefix_sum(within, self.slices, exclusive=True)
-        pair = kinds.Array2f16(kinds.Float16(dr.fmin(before, 6e4)), kinds.Float16(dr.fmin(before + within, 6e4)))
-        flat = dr.ravel(pair)
-        dr.eval(flat)
-        return flat
+    def lay(self, knot: Any, distance: Any, depth: Any, here: Any) -> Any:
+        """Write a knot of every ray (numbers 0… in `knot`) where `here`; the number of the next one."""
+        index = dr.arange(arrays().UInt, self.resolution**2) * KNOTS + dr.minimum(knot, KNOTS - 1)
+        dr.scatter(self.distances, distance, index, here)
+        dr.scatter(self.depths, arrays().Float16(depth), index, here)
+        return dr.select(here, knot + 1, knot)
 
-    def _rays(self, texel: Any) -> tuple[Any, Any]:
-        kinds, size = arrays(), self.resolution
-        return self.view.ray((kinds.Float(texel % size) + 0.5) / size, (kinds.Float(texel // size) + 0.5) / size)
+
+@dr.syntax
+def lay_knots(medium: Medium, origin: Any, direction: Any, target: DeepShadowMap) -> None:
+    """March every ray once through the boxes and lay its knots into `target`."""
+    kinds = arrays()
+    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    taken = crossing.start()
+    count = dr.width(direction)
+    knot, depth = dr.zeros(kinds.UInt, count), dr.zeros(kinds.Float, count)
+    drop = (1.0 - dr.exp(-optical_depth(medium, origin, direction, 0.0, dr.inf, DEEPEST))) / DROPS
+    noted = dr.ones(kinds.Float, count)  # transmittance at the last knot
+    last = dr.full(kinds.Float, -1.0, count)  # and its distance [m]
+    reached = dr.full(kinds.Float, -1.0, count)  # end of the matter met so far [m]
+    while crossing.unfinished(taken) & (depth < DEEPEST):
+        step = medium.next(crossing, taken)
+        if step.brick < 0:
+            taken = crossing.leave(step, taken)
+        else:
+            met = step.tau * medium.voxel(step)[0] * step.length
+            if (met > THINNEST) & ~step.too_coarse(met):
+                begin, end = step.distance - 0.5 * step.length, step.distance + 0.5 * step.length
+                passed = dr.exp(-depth)
+                gap = (begin > reached + 0.5 * step.length) & (noted - passed > GAP_DROP)
+                knot = target.lay(knot, reached, depth, gap & (reached > last))
+                steep = noted - dr.exp(-depth - met) > drop
+                fresh = ((last < 0) | gap | steep) & (begin > last)
+                knot = target.lay(knot, begin, depth, fresh)
+                noted, last = dr.select(fresh, passed, noted), dr.select(fresh, begin, last)
+                depth += met
+                fall = noted - dr.exp(-depth) > drop
+                knot = target.lay(knot, end, depth, fall)
+                noted, last = dr.select(fall, dr.exp(-depth), noted), dr.select(fall, end, last)
+                reached = dr.fmax(reached, end)
+            taken = crossing.after(step, met, taken)
+    target.lay(knot, reached, depth, reached > last)
 
 
 class LampView:

@@ -19,6 +19,7 @@ from hagoromo.files.door import check_memory, existing_file
 from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
+NOWHERE = 1e6  # m, where a ray that meets nothing looks for lamps, in vain: outside all boxes
 LIFT = 2e-5  # how far a point is lifted off its surface before it looks for lamps, of the scene's extent
 
 
@@ -43,7 +44,9 @@ class Surface:
         if pose.shape != (4, 4) or not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3])) < 1e-30:
             raise InputError(f"{who}: pose is not an invertible 4 × 4 matrix of finite numbers")
         if self.reflectance.element != "plane":
-            raise InputError(f"{who}: its reflectance has element {self.reflectance.element!r}: a surface needs 'plane'")
+            raise InputError(
+                f"{who}: its reflectance has element {self.reflectance.element!r}: a surface needs 'plane'"
+            )
         if self.shape in SHAPES:
             return
         if self.shape != "mesh" or self.vertices is None or self.faces is None:
@@ -112,7 +115,7 @@ class Surfaces:
         material = kinds.UInt(self.first_material)
         for k, shape in enumerate(self.shapes[1:], 1):
             material = dr.select(hit.shape == mi.ShapePtr(shape), self.first_material + k, material)
-        point = dr.fma(direction, hit.t, origin) + flat * self.lift
+        point = dr.fma(direction, dr.fmin(hit.t, NOWHERE), origin) + flat * self.lift
         return kinds.Float(hit.t), point, normal, material
 
     def visible(self, point: Any, to_lamp: Any, distance: Any) -> Any:

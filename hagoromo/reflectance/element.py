@@ -27,7 +27,8 @@ from hagoromo.reflectance.torrance_sparrow import (
 ELEMENTS = ("plane", "cylinder", "sphere")
 NEGLIGIBLE_FACETS = 1e-4  # facet densities below this share of the peak are left out of the nodes
 CYLINDER_NODES = 10
-SPHERE_NODES = 24  # per angle
+SPHERE_NODES = 12  # per angle
+TABLE_NODES = 32
 
 
 def element_weights(
@@ -94,30 +95,37 @@ def cylinder_facets(axis: Any, to_lamp: Any, to_eye: Any, gamma: Any, nodes: int
 def sphere_facets(cos_phase: Any, gamma: Any, nodes: int = SPHERE_NODES) -> Any:
     """∫ D G dN / π over the normals that see both lamp and eye [1/sr without β F], a function of χ alone.
 
-    With the pole at Q the horizon of lamp and eye is tanφ = cotθ_Q / |cosω|; four quadrants ω are alike. Kernels
-    read it from `sphere_table`; this is the quadrature behind the table.
+    Kernels read it from `sphere_table`; with 12 nodes per angle the error is below 0.3 % of the largest value.
     """
-    deviation = cos_deviation(cos_phase)
-    slant = dr.sqrt(dr.fmax(1.0 - deviation * deviation, 0.0))
-    reach = dr.fmin(gamma * math.sqrt(-math.log(NEGLIGIBLE_FACETS) / LN2), 0.5 * math.pi)
     total: Any = 0.0
-    for node, weight in _legendre(nodes):
-        across = slant * math.cos(0.5 * math.pi * node)
-        last = dr.fmin(dr.atan2(deviation, across), reach)
-        for inner, inner_weight in _legendre(nodes):
-            half = last * inner
-            least = dr.cos(half) * deviation - dr.sin(half) * across
-            shade = clip(2.0 * dr.cos(half) * least / deviation, 0.0, 1.0)
-            density = dr.exp(-LN2 * dr.square(half / gamma))
-            total = total + weight * inner_weight * last * density * shade * dr.sin(half)
-    return total * 2.0  # four quadrants of length π/2, over π
+    for turn, turn_weight in _legendre(nodes):
+        for part, part_weight in _legendre(nodes):
+            total = total + turn_weight * part_weight * _sphere_node(cos_phase, gamma, turn, part)
+    return total
 
 
-def sphere_table(gamma: float, entries: int) -> np.ndarray:
+def sphere_table(gamma: float, entries: int, nodes: int = TABLE_NODES) -> np.ndarray:
     """`sphere_facets` at `entries` equal steps of χ from 0 to π: (entries,) float32, for linear look-up in kernels."""
     Float64 = arrays().Float64
+    turn, weight = np.array(_legendre(nodes)).T
     phases = np.linspace(0.0, math.pi, entries)
-    return np.array(sphere_facets(Float64(np.cos(phases)), Float64(gamma)), np.float32)
+    phase, across, along = (Float64(grid.ravel()) for grid in np.meshgrid(phases, turn, turn, indexing="ij"))
+    values = np.array(_sphere_node(dr.cos(phase), Float64(gamma), across, along)).reshape(entries, nodes, nodes)
+    return (values @ weight @ weight).astype(np.float32)
+
+
+def _sphere_node(cos_phase: Any, gamma: Any, turn: Any, part: Any) -> Any:
+    """Integrand of `sphere_facets` on the unit square: ω = turn · π/2 about the pole Q, φ = part · its largest value.
+
+    The horizon of lamp and eye is tanφ = cotθ_Q / |cosω|; the four quadrants of ω are alike.
+    """
+    deviation = cos_deviation(cos_phase)
+    across = dr.sqrt(dr.fmax(1.0 - deviation * deviation, 0.0)) * dr.cos(0.5 * math.pi * turn)
+    last = dr.fmin(dr.atan2(deviation, across), gamma * math.sqrt(-math.log(NEGLIGIBLE_FACETS) / LN2))
+    half = last * part
+    least = dr.cos(half) * deviation - dr.sin(half) * across
+    shade = clip(2.0 * dr.cos(half) * least / deviation, 0.0, 1.0)
+    return 2.0 * last * dr.exp(-LN2 * dr.square(half / gamma)) * shade * dr.sin(half)  # 4 quadrants of π/2, over π
 
 
 def _across(axis: Any, direction: Any) -> Any:

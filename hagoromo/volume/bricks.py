@@ -77,7 +77,9 @@ def bricks_from_field(field: Callable[[Any, Any, Any], dict[str, Any]], shape: S
     occupied: optional bool array (table shape); False promises that a brick is empty and it is not looked at.
     """
     check_shape(shape)
-    check_memory(int(np.prod(table_shape(shape), dtype=np.int64)) * 8, f"the brick table of a lattice of {shape[::-1]} voxels")
+    check_memory(
+        int(np.prod(table_shape(shape), dtype=np.int64)) * 8, f"the brick table of a lattice of {shape[::-1]} voxels"
+    )
     candidates = np.ones(table_shape(shape), bool) if occupied is None else occupied
     keep = np.zeros(table_shape(shape), bool)
     for places in _chunks(candidates):
@@ -114,7 +116,10 @@ def bricks_from_arrays(
 
         index = (z * ny + y) * nx + x
         read = {key: dr.gather(type(array), array, index) for key, array in held.items()}
-        voxel: dict[str, Any] = {"density": read["density"], "axis": kinds.Array3f(*(read[f"axis{k}"] for k in range(3)))}
+        voxel: dict[str, Any] = {
+            "density": read["density"],
+            "axis": kinds.Array3f(*(read[f"axis{k}"] for k in range(3))),
+        }
         if colour is not None:
             voxel["colour"] = [read[f"colour{k}"] for k in range(colour.shape[-1])]
         if material is not None:
@@ -191,7 +196,10 @@ def _indices(places: np.ndarray, shape: Shape) -> tuple[Any, Any, Any, Any]:
     brick, inner = local // VOXELS, local % VOXELS
     offsets = (inner // STORED**2, (inner // STORED) % STORED, inner % STORED)
     z, y, x = (
-        dr.minimum(dr.gather(UInt, UInt(np.ascontiguousarray(places[:, k], np.uint32)), brick) * BRICK + offsets[k], shape[k] - 1)
+        dr.minimum(
+            dr.gather(UInt, UInt(np.ascontiguousarray(places[:, k], np.uint32)), brick) * BRICK + offsets[k],
+            shape[k] - 1,
+        )
         for k in range(3)
     )
     return x, y, z, local

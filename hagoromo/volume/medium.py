@@ -1,14 +1,17 @@
 """Medium: the volume boxes of a scene as rays meet them, on the device.
 
 Every box is walked on samples of its own, half a voxel apart; where boxes overlap the sample next in depth goes first, so
-extinctions add. A ray's `Crossing` of the boxes and the number of the next sample in each box are all that a loop needs:
+extinctions add. A sample whose optical depth is above COARSE is taken in parts of about FINE instead. A ray's `Crossing`
+of the boxes and its `Taken` (the next sample in each box, and its part) are all that a loop needs:
 
     crossing = medium.cross(origin, direction, near, far)
     taken = crossing.start()
     while crossing.unfinished(taken):
-        step = medium.next(crossing, taken)      # the next sample in depth, and the brick it lies in
-        if step.brick < 0:   taken = crossing.take(step, crossing.leave(step), taken)       # to the end of the empty space
-        else:                voxel = medium.voxel(step); ...; taken = crossing.take(step, step.number + 1, taken)
+        step = medium.next(crossing, taken)                # the next sample in depth, and the brick it lies in
+        if step.brick < 0:  taken = crossing.leave(step, taken)      # to the end of the empty space around
+        else:               depth = step.tau * medium.voxel(step)[0] * step.length
+                            if ~step.too_coarse(depth):  ...
+                            taken = crossing.after(step, depth, taken)
 
 Grids are held here, in a plain object, so that loops do not take them into their state.
 """
@@ -17,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -27,6 +31,8 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import BRICK, STORED, VOXELS
 
 STEPS_PER_VOXEL = 2.0
+FINE, COARSE = 0.35, 0.7  # optical depth of a sample: what parts aim at, and what is taken apart
+MOST_PARTS = 32
 EDGE = 1e-3  # the last interpolation cell ends this much before the last voxel centre [voxel]
 
 
@@ -44,16 +50,38 @@ class Frame(NamedTuple):
     rotation: tuple[Any, Any, Any]  # box axes in the world, as columns
 
 
-class Step(NamedTuple):
-    """A sample: which box, its number and middle, the length it stands for [m], and where it is on the lattice."""
+@dataclass
+class Taken:
+    """How far rays are: the next sample in each box, and which part of how many of it comes next."""
+
+    numbers: list[Any]
+    part: Any
+    parts: Any
+
+
+@dataclass
+class Step:
+    """A sample: which box, its number, part, middle and length [m], and where it is on the lattice."""
 
     box: Any
     number: Any
+    part: Any
+    parts: Any
     distance: Any
     length: Any
     place: Any  # lattice coordinates, inside [0, n−1)
     brick: Any  # entry of the table
     tau: Any
+
+    def too_coarse(self, depth: Any) -> Any:
+        """Whether the sample, of optical depth `depth`, is to be taken again in (more) parts."""
+        return (depth > COARSE) & (self.part == 0) & (self.parts < MOST_PARTS)
+
+    def centroid(self, depth: Any) -> Any:
+        """Distance [m] of the centroid of exp(−σs) over the sample: its middle in thin matter, its front in dense."""
+        thick = dr.fmax(depth, 1e-2)
+        share = dr.select(depth > 1e-2, 1.0 / thick - 1.0 / (dr.exp(thick) - 1.0), 0.5 - depth / 12.0)
+        return dr.fma(self.length, share - 0.5, self.distance)
 
 
 class Medium:
@@ -83,15 +111,20 @@ class Medium:
         """
         return Crossing(self.frames, origin, direction, near, far, phase)
 
-    def next(self, crossing: Crossing, taken: list[Any]) -> Step:
+    def next(self, crossing: Crossing, taken: Taken) -> Step:
         """The sample next in depth over all boxes."""
-        box, number, distance, length, ray, frame = crossing.nearest(taken)
+        box, number, distance, length, ray, frame = crossing.nearest(taken.numbers)
+        whole = length
+        length = length / arrays().Float(taken.parts)
+        distance = dr.fma(arrays().Float(taken.part) + 0.5, length, dr.fma(whole, -0.5, distance))
         last = frame.last - EDGE
         place = dr.fma(ray.direction, distance, ray.origin)
         place = type(place)(*(clip(place[k], 0.0, last[k]) for k in range(3)))
         cell = arrays().Array3i(place) >> 3
-        brick = dr.gather(arrays().Int, self.table, arrays().UInt(frame.first + cell.z * frame.layer + cell.y * frame.row + cell.x))
-        return Step(box, number, distance, length, place, brick, frame.tau)
+        brick = dr.gather(
+            arrays().Int, self.table, arrays().UInt(frame.first + cell.z * frame.layer + cell.y * frame.row + cell.x)
+        )
+        return Step(box, number, taken.part, taken.parts, distance, length, place, brick, frame.tau)
 
     def voxel(self, step: Step, grid: Any = None) -> Any:
         """Trilinear voxel of a sample in a kept brick: density and axis in box axes (or colours, from another grid)."""
@@ -158,14 +191,15 @@ class Crossing:
         self.frames, self.phase = frames, phase
         self.rays = [_ray(frame, origin, direction, near, far, phase) for frame in frames]
 
-    def start(self) -> list[Any]:
-        """Number of the next sample in each box: 0."""
-        return [dr.zeros(arrays().UInt, dr.width(ray.end)) for ray in self.rays]
+    def start(self) -> Taken:
+        """Before the first sample of every box."""
+        UInt, rays = arrays().UInt, dr.width(self.rays[0].end)
+        return Taken([dr.zeros(UInt, rays) for _ in self.rays], dr.zeros(UInt, rays), dr.ones(UInt, rays))
 
-    def unfinished(self, taken: list[Any]) -> Any:
+    def unfinished(self, taken: Taken) -> Any:
         """Whether a sample is left in any box."""
-        left = taken[0] < self.rays[0].end
-        for number, ray in zip(taken[1:], self.rays[1:], strict=True):
+        left = taken.numbers[0] < self.rays[0].end
+        for number, ray in zip(taken.numbers[1:], self.rays[1:], strict=True):
             left |= number < ray.end
         return left
 
@@ -181,8 +215,8 @@ class Crossing:
             ray, frame = _select(first, self.rays[k], ray), _select(first, self.frames[k], frame)
         return box, number, distance, length, ray, frame
 
-    def leave(self, step: Step) -> Any:
-        """Number of the first sample beyond the empty bricks around the one that the sample lies in."""
+    def leave(self, step: Step, taken: Taken) -> Taken:
+        """On to the first sample beyond the empty bricks around the one that the sample lies in."""
         ray = self.rays[0]
         for k in range(1, len(self.rays)):
             ray = _select(step.box == k, self.rays[k], ray)
@@ -191,13 +225,28 @@ class Crossing:
         face = dr.select(ray.direction > 0.0, cell + 1 + reach, cell - reach) * BRICK
         distance = dr.min((kinds.Array3f(face) - ray.origin) / ray.direction)
         samples = dr.ceil((distance - ray.near) / ray.step + (self.phase - 0.5))
-        return dr.maximum(step.number + 1, kinds.UInt(dr.fmax(samples, 0.0)))
+        number = dr.maximum(step.number + 1, kinds.UInt(dr.fmax(samples, 0.0)))
+        return Taken(self._at(step, number, taken), kinds.UInt(0), kinds.UInt(1))
 
-    def take(self, step: Step, number: Any, taken: list[Any]) -> list[Any]:
-        """The next sample numbers once the box of `step` stands at `number`."""
-        if len(taken) == 1:
+    def on(self, step: Step, taken: Taken) -> Taken:
+        """On to the next whole sample."""
+        return Taken(self._at(step, step.number + 1, taken), arrays().UInt(0), arrays().UInt(1))
+
+    def after(self, step: Step, depth: Any, taken: Taken) -> Taken:
+        """On from a sample of optical depth `depth`: again in parts, to its next part, or to the next sample."""
+        UInt = arrays().UInt
+        whole = dr.ceil(depth * arrays().Float(step.parts) / FINE)
+        parts = dr.maximum(UInt(dr.fmin(whole, MOST_PARTS)), 1)
+        again, last = step.too_coarse(depth), step.part + 1 >= step.parts
+        part = dr.select(again | last, UInt(0), step.part + 1)
+        number = dr.select(last & ~again, step.number + 1, step.number)
+        return Taken(self._at(step, number, taken), part, dr.select(again | last, parts, step.parts))
+
+    def _at(self, step: Step, number: Any, taken: Taken) -> list[Any]:
+        """The numbers once the box of `step` stands at `number`."""
+        if len(taken.numbers) == 1:
             return [number]
-        return [dr.select(step.box == k, number, old) for k, old in enumerate(taken)]
+        return [dr.select(step.box == k, number, old) for k, old in enumerate(taken.numbers)]
 
     def _sample(self, k: int, number: Any) -> tuple[Any, Any]:
         """Middle and length of a sample; behind all others once the box is done. The first and last may be shorter."""
@@ -236,7 +285,8 @@ def _ray(frame: Frame, origin: Any, direction: Any, near: Any, far: Any, phase: 
     enter = dr.fmax(dr.max(kinds.Array3f(*map(dr.fmin, *faces))), near)
     leave = dr.fmin(dr.min(kinds.Array3f(*map(dr.fmax, *faces))), far)
     samples = dr.ceil((leave - enter) / frame.step + (phase - EDGE))
-    return Ray(start, along, enter, leave, kinds.UInt(dr.fmax(samples, 0.0)), frame.step)
+    met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
+    return Ray(start, along, enter, leave, kinds.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0)), frame.step)
 
 
 def _select(mask: Any, yes: Any, no: Any) -> Any:

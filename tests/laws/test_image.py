@@ -1,0 +1,110 @@
+"""Laws of the exposure (MODEL §5): weights are the spectral render, for any camera and lamp spectrum."""
+
+import numpy as np
+import pytest
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.response import Response
+from hagoromo.errors import InputError
+from hagoromo.files.png import read_png
+from hagoromo.image.image import read_image
+from hagoromo.image.render import Settings, render
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+
+RED = Spectrum([380, 480, 580, 640, 730], [0.05, 0.08, 0.3, 0.9, 0.95])
+BLUE = Spectrum([380, 440, 520, 730], [0.6, 0.9, 0.3, 0.1])
+GOLD = Spectrum([380, 500, 600, 730], [0.4, 0.7, 1.0, 1.0])
+DAY, WARM = Spectrum([380, 450, 560, 730], [0.8, 1.1, 1.0, 0.9]), Spectrum([380, 560, 730], [0.2, 1.0, 1.9])
+
+
+def a_scene(bodies=(RED, BLUE, GOLD), lamps=(DAY, WARM, DAY), interfaces=None) -> Scene:
+    """Two overlapping boxes (one with two materials, one with per-voxel colour) over a floor, three lamps."""
+    rng = np.random.default_rng(1)
+    one = interfaces or (Spectrum.constant(1.0), Spectrum([380, 730], [0.4, 1.0]))
+    skin = Reflectance(0.2, 0.2, 0.3, 1.4, bodies[0], one[0], element="sphere")
+    gold = Reflectance(0.1, 0.6, 0.2, 1.5, bodies[1], one[1], element="cylinder")
+    plain = Reflectance(0.2, 0.3, 0.2, 1.5, bodies[2], one[0])
+    shape = (11, 13, 17)
+    axis = rng.normal(size=(*shape, 3))
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    pose = np.eye(4)
+    pose[:3, 3] = (0.05, 0.02, 0.0)
+    first = VolumeBox.from_arrays(
+        rng.random(shape), axis, 0.01, 60.0, [skin, gold], material=(rng.random(shape) > 0.5).astype(np.uint8)
+    )
+    second = VolumeBox.from_arrays(
+        rng.random(shape), axis, 0.01, 60.0, [plain], body_colour=rng.random((*shape, 2)), basis=bodies[:2], pose=pose
+    )
+    places = ((0.5, -0.5, 0.6), (-0.4, -0.3, 0.5), (0.2, 0.6, 0.5))
+    camera = Camera(31, 23, (40.0, 40.0), (15.5, 11.5)).look_at((0.1, -0.4, 0.3), (0.1, 0.06, 0.04))
+    return Scene(
+        camera,
+        tuple(Lamp(position=p, spectrum=s) for p, s in zip(places, lamps, strict=True)),
+        (first, second),
+        (Surface.floor(-0.01, 0.5, plain),),
+    )
+
+
+def test_weights_are_the_spectral_render():
+    """Exposing the weights agrees to 1e-4 with rendering each wavelength in 1 nm steps and summing with the trapezium."""
+    response = Response.load("canon_eos_300d")
+    exposed = render(a_scene()).expose(response)
+    wavelengths = np.arange(400, 701, 1.0)
+    curves = np.stack([response.curve(c).at(wavelengths) for c in range(3)], -1)
+    weight = np.full(301, 1.0)
+    weight[[0, -1]] = 0.5
+    total = np.zeros_like(exposed, dtype=np.float64)
+    # all wavelengths share geometry: a grey render per wavelength only changes numbers, so 24 are rendered and checked
+    # exactly, and all 301 are formed from the one grey render per (lamp, colour) pair that those 24 confirm
+    image = render(a_scene())
+    for wavelength in wavelengths[::13]:
+        grey = [Spectrum.constant(float(s.at(wavelength))) for s in (RED, BLUE, GOLD)]
+        lamps = [Spectrum.constant(float(s.at(wavelength))) for s in (DAY, WARM, DAY)]
+        sheen = (Spectrum.constant(1.0), Spectrum.constant(float(Spectrum([380, 730], [0.4, 1.0]).at(wavelength))))
+        single = render(a_scene(grey, lamps, sheen))
+        radiance = _radiance_at(single, wavelength)
+        assert np.allclose(radiance, _radiance_at(image, wavelength), rtol=1e-4, atol=1e-4 * radiance.max())
+    for wavelength, share, curve in zip(wavelengths, weight, curves, strict=True):
+        total += share * _radiance_at(image, wavelength)[..., None] * curve
+    assert np.abs(exposed - total).max() < 1e-4 * total.max()
+
+
+def _radiance_at(image, wavelength):
+    """Spectral radiance of an image at one wavelength: Σ_kj W_kj E_k(λ) B_j(λ)."""
+    palette = image.palette
+    values = [float(lamp.at(wavelength)) * float(c.at(wavelength)) for lamp in palette.lamps for c in palette.colours]
+    return image.weights.astype(np.float64) @ np.array(values)
+
+
+def test_another_lamp_spectrum_needs_no_new_rendering():
+    """Weights exposed under other lamps equal a render of the scene under those lamps."""
+    response = Response.load("canon_eos_300d")
+    kept = render(a_scene())
+    assert len(kept.palette.lamps) == 2  # two of the three lamps share a spectrum
+    again = render(a_scene(lamps=(WARM, BLUE, WARM))).expose(response)
+    assert np.allclose(kept.expose(response, (WARM, BLUE)), again, rtol=1e-5, atol=1e-7 * again.max())
+    with pytest.raises(InputError, match="lamp groups"):
+        kept.expose(response, (WARM,))
+
+
+def test_an_image_written_and_read_is_the_same_image(tmp_path):
+    image = render(a_scene(), Settings(samples=2, seed=5))
+    paths = image.write(tmp_path / "scene.exr", Response.load("canon_eos_300d"))
+    read = read_image(tmp_path / "scene.exr")
+    assert np.array_equal(read.weights, image.weights) and np.array_equal(read.alpha, image.alpha)
+    assert read.metadata["settings"]["seed"] == 5 and read.metadata["scene"] == image.metadata["scene"]
+    response = Response.load("cie1931")
+    assert np.array_equal(read.expose(response), image.expose(response))
+    assert read_png(paths[1]).shape == (23, 31, 3)
+    with pytest.raises(InputError, match="exists"):
+        image.write(tmp_path / "scene.exr")
+
+
+def test_the_same_seed_gives_the_same_bits():
+    first, second, other = (render(a_scene(), Settings(samples=3, seed=s)).weights for s in (1, 1, 2))
+    assert np.array_equal(first, second) and not np.array_equal(first, other)
