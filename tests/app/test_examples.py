@@ -1,0 +1,26 @@
+"""Every example runs as it stands and says what it promises."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SAID = {
+    "01_measure_a_ball.py": ["alpha", "beta", "gamma", "95 % interval"],
+    "02_render_a_scene.py": ["image.exr", "image.png"],
+    "03_through_another_camera.py": ["canon_eos_300d", "Nikon", "R/G"],
+}
+
+
+def test_every_example_is_run():
+    assert sorted(path.name for path in EXAMPLES.glob("*.py")) == sorted(SAID)
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_an_example_runs(name, tmp_path):
+    command = [sys.executable, "-W", "error", str(EXAMPLES / name), str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert all(word in run.stdout for word in SAID[name]), run.stdout
