@@ -129,6 +129,7 @@ class Medium:
     def voxel(self, step: Step, grid: Any = None) -> Any:
         """Trilinear voxel of a sample in a kept brick: density and axis in box axes (or colours, from another grid)."""
         kinds, grid = arrays(), self.voxels if grid is None else grid
+        packets = kinds.Array4f16 if type(grid) is kinds.Float16 else kinds.Array4f
         start, part = self.corner(step)
         total: Any = None
         for z in (0, 1):
@@ -136,7 +137,7 @@ class Medium:
                 across = (part.z if z else 1.0 - part.z) * (part.y if y else 1.0 - part.y)
                 for x in (0, 1):
                     weight = across * (part.x if x else 1.0 - part.x)
-                    packet = kinds.Array4f(dr.gather(kinds.Array4f16, grid, start + ((z * STORED + y) * STORED + x)))
+                    packet = kinds.Array4f(dr.gather(packets, grid, start + ((z * STORED + y) * STORED + x)))
                     total = weight * packet if total is None else dr.fma(weight, packet, total)
         return total
 
