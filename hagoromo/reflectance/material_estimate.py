@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -36,12 +37,12 @@ class MaterialEstimate:
     gamma: float
     n: float
     specular_albedo: float
-    standard_error: Mapping[str, float | tuple[float, ...] | None]
-    interval_95: Mapping[str, tuple]
+    standard_error: Mapping[str, Any]
+    interval_95: Mapping[str, tuple[Any, ...]]
     correlation: tuple[tuple[float | None, ...], ...]
     identifiable: Mapping[str, bool]
+    chi_square: float
     element: str = "plane"
-    chi_square: float | None = None
     remarks: tuple[str, ...] = field(default=())
 
     def reflectance(

@@ -38,7 +38,7 @@ MATERIAL = {
     "interval_95": table,
     "correlation": list_of(list_of(anything)),
     "identifiable": table,
-    "chi_square": (anything, None),
+    "chi_square": number,
     "remarks": (list_of(text), ()),
 }
 

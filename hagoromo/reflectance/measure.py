@@ -27,6 +27,7 @@ from hagoromo.reflectance.material_fit import expected
 from hagoromo.reflectance.materials_file import write_materials
 from hagoromo.reflectance.observations import Pixels, known_shape, observations, shape
 from hagoromo.reflectance.quantity import theta_of
+from hagoromo.reflectance.robust_fit import N_RANGE
 from hagoromo.reflectance.segment import interior, segment
 from hagoromo.reflectance.sight import sight
 
@@ -68,7 +69,7 @@ def measure(
     Raises `InputError` when the shape or the lamps are missing, no pixel is usable, or a fit does not settle.
     """
     tell = progress or (lambda share, step: None)
-    _check(capture, labels)
+    _check(capture, labels, n)
     tell(0.0, "materials")
     labels = segment(capture) if labels is None else np.asarray(labels, np.int64)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
@@ -117,8 +118,10 @@ def fill_measurement(measurement: Measurement, home: Path) -> None:
         write_png(home / f"residual_{i:02d}.png", _picture(residual))
 
 
-def _check(capture: Capture, labels: NDArray[np.integer] | None) -> None:
+def _check(capture: Capture, labels: NDArray[np.integer] | None, n: float | None) -> None:
     points, _ = shape(capture)
+    if n is not None and not N_RANGE[0] <= n <= N_RANGE[1]:
+        raise InputError(f"n is {n}: give a refractive index from {N_RANGE[0]:g} to {N_RANGE[1]:g}")
     for photograph in capture.photographs:
         if not photograph.lamps:
             raise InputError(f"photograph {photograph.name!r} has no lamp: calibrate the lamps first")
