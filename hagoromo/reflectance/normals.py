@@ -1,0 +1,137 @@
+"""Normals from photographs under many lamps (MODEL §7.3): robust Lambert first, then with gloss and uneven lamps.
+
+Enters: a Capture whose lamps are known. Leaves: a normal with its variance and a body colour per pixel, and how the
+lamps light the object unevenly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.photograph.capture import Capture
+from hagoromo.reflectance.photometric_fit import Fit, photometric_fit
+from hagoromo.reflectance.pixel_fit import CAUCHY
+from hagoromo.reflectance.segment import segment
+from hagoromo.reflectance.shading import GRAZING, Gloss
+from hagoromo.reflectance.views import Array, Views, views
+
+START_GLOSS = (np.log(1.0), np.log(0.3), np.log(0.95))
+START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start
+REWEIGHTINGS = 15
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMap:
+    """normals (h, w, 3) unit, world, 0 where unknown; variance (h, w) of their direction [rad²], inf where unknown;
+    body (h, w, C) α c_b of each pixel; labels (h, w) of the materials, −1 unknown; fit and seen: what they came from.
+    """
+
+    normals: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    body: NDArray[np.float32]
+    labels: NDArray[np.integer]
+    fit: Fit
+    seen: Views
+
+
+def solve_normals(
+    capture: Capture, labels: NDArray[np.integer] | None = None, progress: Progress | None = None
+) -> NormalMap:
+    """Normals of `capture` from four lamps or more; labels (h, w) of materials are found by body colour if not given.
+
+    `InputError` when the photographs cannot tell normals (see `views`).
+    """
+    tell = progress or (lambda share, step: None)
+    tell(0.0, "normals")
+    seen = views(capture)
+    normals, body = robust_lambert(seen)
+    tell(0.2, "materials")
+    if labels is None:
+        labels = _segmented(capture, seen, normals)
+    fit = solve_fit(seen, labels, normals, body)
+    tell(1.0, "")
+    return NormalMap(
+        seen.image(fit.normals.astype(np.float32)),
+        seen.image(fit.variance.astype(np.float32), np.inf),
+        seen.image(fit.body.T.astype(np.float32)),
+        labels,
+        fit,
+        seen,
+    )
+
+
+def solve_fit(seen: Views, labels: NDArray[np.integer], normals: Array, body: Array) -> Fit:
+    """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0."""
+    at = np.maximum(labels[seen.rows, seen.columns], 0)
+    names, numbers = np.unique(at, return_inverse=True)
+    lamps = len(seen.values)
+    start = Fit(
+        normals,
+        body,
+        numbers.astype(np.intp),
+        Gloss(np.tile(START_GLOSS, (len(names), 1))),
+        np.zeros(lamps),
+        np.zeros((lamps, 2)),
+        START_ERROR,
+        np.full(len(normals), np.inf),
+    )
+    return photometric_fit(seen, start)
+
+
+def least_squares_lambert(seen: Views) -> tuple[Array, Array]:
+    """Plain least squares of Lambert's law over all lamps: normals (P, 3) and body (C, P). The yardstick.
+
+    The normal follows from the mean of the channels, the body of each channel then from that normal.
+    """
+    every = np.ones_like(seen.used, np.float64)
+    return _split(seen, _weighted(seen, every), every)
+
+
+def robust_lambert(seen: Views) -> tuple[Array, Array]:
+    """Lambert's law with Cauchy's weights, shadows left out: normals (P, 3) and body (C, P)."""
+    grey, noise = seen.values.mean(axis=1), seen.variance.mean(axis=1) / seen.values.shape[1]
+    spread = noise + (START_ERROR * np.maximum(grey, grey.mean(axis=0))) ** 2
+    weight = np.where(seen.used, 1.0, 1e-6)
+    scaled = _weighted(seen, weight)
+    for _ in range(REWEIGHTINGS):
+        model = np.maximum(np.einsum("kpi,pi->kp", seen.to_lamp, scaled), 0.0)
+        squared = (grey - model) ** 2 / (spread * CAUCHY**2)
+        weight = np.where(seen.used, 1.0, 1e-6) / (1.0 + squared)
+        scaled = _weighted(seen, weight)
+    return _split(seen, scaled, weight)
+
+
+def _weighted(seen: Views, weight: Array) -> Array:
+    """Scaled normals (P, 3) by weighted least squares of the channels' mean."""
+    weighed = weight[..., None] * seen.to_lamp
+    matrix = np.einsum("kpi,kpj->pij", weighed, seen.to_lamp) + 1e-9 * np.eye(3)
+    pull = np.einsum("kpi,kp->pi", weighed, seen.values.mean(axis=1))
+    return np.linalg.solve(matrix, pull[..., None])[..., 0]
+
+
+def _split(seen: Views, scaled: Array, weight: Array) -> tuple[Array, Array]:
+    """Scaled normals → unit ones, kept on the side of the eye, and the body colours that go with them."""
+    length = np.linalg.norm(scaled, axis=1, keepdims=True)
+    normals = np.where(length > 1e-6, scaled / np.maximum(length, 1e-12), seen.to_eye)
+    short = np.maximum(GRAZING - np.einsum("pi,pi->p", normals, seen.to_eye), 0.0)
+    normals = normals + short[:, None] * seen.to_eye
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    incidence = np.maximum(np.einsum("kpi,pi->kp", seen.to_lamp, normals), 0.0)
+    light = np.einsum("kp,kp->p", weight, incidence**2)
+    body = np.einsum("kp,kp,kcp->cp", weight, incidence, seen.values) / np.maximum(light, 1e-9)
+    return normals, np.maximum(body, 1e-4 * seen.values.mean())
+
+
+def _segmented(capture: Capture, seen: Views, normals: Array) -> NDArray[np.integer]:
+    """Materials by body colour, on a shape that is good enough for that."""
+    camera = capture.photographs[0].camera
+    points = capture.points
+    if points is None:
+        points = (camera.position + camera.pixel_directions()).astype(np.float32)
+    known = replace(capture, points=points, normals=seen.image(normals.astype(np.float32)))
+    return np.asarray(segment(known))
