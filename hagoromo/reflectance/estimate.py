@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.reflectance.interval import inflation, interval, interval_of_n, profile_over_n
+from hagoromo.reflectance.interval import Profile, inflation, interval, interval_of_n, profile_over_n
 from hagoromo.reflectance.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material_fit import (
     START_GAMMA,
@@ -74,42 +74,23 @@ def _detected(fit: MaterialFit) -> bool:
 
 def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error: Array) -> MaterialEstimate:
     """Estimate with the interface term: n estimated, given, or unknown and then chosen."""
-    profile = profile_over_n(fit)
-    c, given = seen.channels, not fit.free[-1]
-    log_n = interval_of_n(profile)
-    intervals: dict[str, Any] = {
-        "alpha": interval(profile, alpha),
-        "beta": _exp(interval(profile, log_beta)),
-        "gamma": _exp(interval(profile, coordinate(-2))),
-        "n": tuple(1.0 + bound for bound in _exp(log_n)),
-        "specular_albedo": _exp(interval(profile, log_albedo)),
-        "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(c)),
-    }
-    identifiable = {
-        "alpha": _tells(fit.theta[:c].mean(), intervals["alpha"], (0.0, math.inf)),
-        "beta": _tells(_values(fit.theta)["beta"], intervals["beta"], (0.0, math.inf)),
-        "gamma": _tells(math.exp(fit.theta[-2]), intervals["gamma"], GAMMA_RANGE),
-        "n": not given and _tells(math.exp(fit.theta[-1]), _exp(log_n), ADMISSIBLE_N),
-    }
-    # where the range of n ends before its interval does, it is the range that bounds β
-    identifiable["beta"] &= given or _inside(_exp(log_n), ADMISSIBLE_N)
-    remarks = _remarks(fit.residuals)
-    point, direct = fit, True
-    if given:
-        remarks.append(f"n = {1 + math.exp(fit.theta[-1]):.4g} was given, not measured")
+    intervals = _intervals(profile_over_n(fit))
+    identifiable = _identifiable(fit, intervals)
+    remarks, values, covered = _remarks(fit.residuals), _values(fit.theta), fit
+    if not fit.free[-1]:
+        remarks.append(f"n = {values['n']:.4g} was given, not measured")
     elif not identifiable["n"]:
         chosen = float(np.clip(PRIOR_N, *intervals["n"]))
-        point, direct = with_colour_error(fit_material(seen, chosen), error), False
+        values, covered = _values(fit_material(seen, chosen).theta), None
         remarks.append(f"n is not told by these photographs: {chosen:.3g} was chosen, the intervals hold for all n")
     unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
     if unknown:
         remarks.append(f"not told by these photographs: {', '.join(unknown)}")
-    values = _values(point.theta)
     return MaterialEstimate(
         name,
         pixels,
-        interface_colour=(1.0,) * c,
-        standard_error=_errors(point if direct else None, values, intervals),
+        interface_colour=(1.0,) * seen.channels,
+        standard_error=_errors(covered, values, intervals),
         interval_95=intervals,
         correlation=_correlation(fit),
         identifiable=identifiable,
@@ -119,11 +100,35 @@ def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error:
     )
 
 
+def _intervals(profile: Profile) -> dict[str, Any]:
+    """95 % intervals of every quantity that is reported."""
+    channels = len(profile.fit.theta) - 3
+    return {
+        "alpha": interval(profile, alpha),
+        "beta": _exp(interval(profile, log_beta)),
+        "gamma": _exp(interval(profile, coordinate(-2))),
+        "n": tuple(1.0 + bound for bound in _exp(interval_of_n(profile))),
+        "specular_albedo": _exp(interval(profile, log_albedo)),
+        "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(channels)),
+    }
+
+
+def _identifiable(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bool]:
+    """Which parameters the photographs tell; a given n is not told, a β that only the range of n bounds neither."""
+    values, given = _values(fit.theta), not fit.free[-1]
+    n1 = tuple(bound - 1.0 for bound in intervals["n"])
+    return {
+        "alpha": _tells(values["alpha"], intervals["alpha"], (0.0, math.inf)),
+        "beta": _tells(values["beta"], intervals["beta"], (0.0, math.inf)) and (given or _inside(n1, ADMISSIBLE_N)),
+        "gamma": _tells(values["gamma"], intervals["gamma"], GAMMA_RANGE),
+        "n": not given and _tells(values["n"] - 1.0, n1, ADMISSIBLE_N),
+    }
+
+
 def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> MaterialEstimate:
     """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded."""
     c = len(fit.theta) - 3
-    profile = profile_over_n(fit)
-    values = _values(fit.theta)
+    profile, values = profile_over_n(fit), _values(fit.theta)
     intervals: dict[str, Any] = {
         "alpha": interval(profile, alpha),
         "beta": (0.0, math.inf),
@@ -203,12 +208,12 @@ def _correlation(fit: MaterialFit) -> tuple[tuple[float | None, ...], ...]:
     )
 
 
-def _tells(value: float, bounds: tuple[float, float], admissible: tuple[float, float]) -> bool:
+def _tells(value: float, bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
     """Whether a 95 % interval closes inside the admissible range and is narrow enough for its value."""
     return _inside(bounds, admissible) and bool(bounds[1] - bounds[0] <= WIDTH_95 * RELATIVE_LIMIT * value)
 
 
-def _inside(bounds: tuple[float, float], admissible: tuple[float, float]) -> bool:
+def _inside(bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
     return bool(bounds[0] > admissible[0] * (1 + 1e-6) and bounds[1] < admissible[1] * (1 - 1e-6))
 
 

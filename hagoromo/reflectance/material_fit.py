@@ -21,6 +21,7 @@ START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a lobe off by less than 1.3 in
 START_N = (1.2, 1.7)
 RANKING_STEPS = 6  # the linear fits at the starts are only compared, not kept
 ROUNDS = 30
+DECIDED = 6  # rounds after which the loss stays what it is and no value returns
 STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
 NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 LACK = 1.2  # robust scale beyond which the model lacks: 10 % of gross outliers would raise it to 1.14 only
@@ -76,12 +77,16 @@ def fit_material(seen: Observations, n: float | None = None, with_interface: boo
     if np.sum(seen.used) < 10 * free.sum():
         raise InputError(f"{np.sum(seen.used)} usable values cannot tell {free.sum()} parameters: give more pixels")
     theta = _start(seen, n, free) if with_interface else _matte_start(seen, n)
-    for _ in range(ROUNDS):
+    usable, lacks, change = seen.used, False, np.inf
+    for turn in range(ROUNDS):
         model = expected(seen.sight, theta)
-        seen = replace(seen, used=seen.used & _below_ceiling(seen, model))
+        # decided anew in the first rounds only: a choice between two near equals could otherwise go on for ever
+        usable = usable if turn < DECIDED else seen.used
+        seen = replace(seen, used=usable & _below_ceiling(seen, model))
         scale = _scale(seen, model)
-        model_error = _model_error(seen, model) if scale > LACK else 0.0
-        objective = Objective(seen, seen.variance_at(model, model_error), Loss(biweight=scale <= LACK))
+        lacks = scale > LACK if turn < DECIDED else lacks
+        model_error = _model_error(seen, model) if lacks else 0.0
+        objective = Objective(seen, seen.variance_at(model, model_error), Loss(biweight=not lacks))
         rows = minimise(objective, theta[None], free)
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
@@ -106,10 +111,9 @@ def inverse_over(curvature: Array, free: NDArray[np.bool_]) -> Array:
     """Inverse of `curvature` (P, P) over the free coordinates, 0 elsewhere."""
     inverse = np.zeros_like(curvature)
     inner = curvature[np.ix_(free, free)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    inverse[np.ix_(free, free)] = np.linalg.pinv(inner * np.outer(scale, scale), hermitian=True) * np.outer(
-        scale, scale
-    )
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))  # 0 where a coordinate has no effect
+    both = np.outer(scale, scale)
+    inverse[np.ix_(free, free)] = np.linalg.pinv(inner * both, hermitian=True) * both
     return inverse
 
 
@@ -162,8 +166,8 @@ def _model_error(seen: Observations, model: Array) -> float:
         return float(np.median(squared / (noise + np.exp(2 * log_error) * signal))) - NORMAL_MEDIAN
 
     low, high = LOG_MODEL_ERROR
-    if excess(high) >= 0.0:
-        return float(np.exp(high))
+    if excess(low) <= 0.0 or excess(high) >= 0.0:
+        return float(np.exp(low if excess(low) <= 0.0 else high))
     return float(np.exp(root_scalar(excess, bracket=(low, high)).root))
 
 

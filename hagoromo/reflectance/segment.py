@@ -32,7 +32,7 @@ class BodyColour(NamedTuple):
     matte: NDArray[np.bool_]
 
 
-def segment(capture: Capture, lamp_colour: Array | None = None) -> NDArray[np.int64]:
+def segment(capture: Capture) -> NDArray[np.int64]:
     """Labels (h, w): 0, 1, … by falling size, −1 where no material is known.
 
     Density of the chromaticities of the pixels seen off their highlights, smoothed by their noise; each hill that rises
@@ -42,7 +42,7 @@ def segment(capture: Capture, lamp_colour: Array | None = None) -> NDArray[np.in
     """
     region = known_shape(capture)
     pixels = Pixels.where(capture, region)
-    body = body_colours(capture, pixels, lamp_colour)
+    body = body_colours(capture, pixels)
     total = body.value.sum(axis=1)
     lit = (total > 3.0 * np.sqrt(body.variance.sum(axis=1))) & np.isfinite(total)
     sure = lit & body.matte if np.sum(lit & body.matte) > 0.2 * np.sum(lit) else lit
@@ -55,9 +55,9 @@ def segment(capture: Capture, lamp_colour: Array | None = None) -> NDArray[np.in
     return _tidied(labels, pixels, lit)
 
 
-def body_colours(capture: Capture, pixels: Pixels, lamp_colour: Array | None = None) -> BodyColour:
+def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
     """Σ values / Σ Lambertian irradiance over the photographs whose highlight is far: noise does not bias it."""
-    views = [sight(photograph, pixels.points, pixels.normals, lamp_colour) for photograph in capture.photographs]
+    views = [sight(photograph, pixels.points, pixels.normals) for photograph in capture.photographs]
     at = pixels.rows, pixels.columns
     angles = np.stack([
         np.where(view.fit_to_use & photograph.mask[at], view.least_half_angle, -1.0)
