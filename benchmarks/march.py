@@ -1,8 +1,9 @@
 """The march on KERNEL's reference scene: the product against a plain march and, where present, the prototypes.
 
-A noisy ball in 256³ voxels, half-voxel steps, 512² pixels, three point lamps, Torrance–Sparrow shading. All contenders run
-in this process in turn, A B C A B C …; the medians and their ratios are printed, and no ratio is tested. Frames only:
-grids stay on the device, images are not copied back. The prototypes (../shared/prototypes) run in a temporary folder.
+A noisy ball in 256³ voxels, half-voxel steps, 512² pixels, three point lamps, Torrance–Sparrow shading. All
+contenders run in this process in turn, A B C A B C …; the medians and their ratios are printed, and no ratio is
+tested. Frames only: grids stay on the device, images are not copied back. The prototypes (../shared/prototypes) run
+in a temporary folder.
 
     python benchmarks/march.py [--rounds 7] [--shadows]
 """
@@ -49,7 +50,7 @@ def reference_voxels() -> np.ndarray:
     z, y, x = np.meshgrid(centres, centres, centres, indexing="ij")
     noise = 0.5 + rng.random((VOXELS,) * 3)
     density = (np.clip((0.8 - np.sqrt(x * x + y * y + z * z)) * 20, 0, 1) * noise).astype(np.float32)
-    normal = -np.stack(np.gradient(density)[::-1], -1)
+    normal = -np.stack([np.gradient(density, axis=axis) for axis in (2, 1, 0)], -1)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
     return np.concatenate([density[..., None], normal], -1)
 
@@ -110,7 +111,7 @@ def trilinear(grid: Grid, point: Any) -> Any:
 
 
 def prototype_frames(shadows: bool) -> dict[str, Frame]:
-    """The prototypes' best frames: distance skipping, halves in packets, tiles; with shadows, maps of 512², 32 slices."""
+    """The prototypes' best frames: distance skipping, halves, tiles; with shadows, maps of 512², 32 slices."""
     if not (PROTOTYPES / "q2.py").exists() or backend_name() != "llvm":
         print(f"prototypes: not here ({PROTOTYPES.name} absent, or another backend than llvm), left out")
         return {}

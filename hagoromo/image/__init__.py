@@ -1,0 +1,1 @@
+"""Images: scenes, the march, shadows, surfaces, exposure and comparison."""

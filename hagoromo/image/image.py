@@ -1,7 +1,7 @@
 """Image: what a camera would see, kept as geometric weights, and its exposure through any response and lamp spectrum.
 
-ρ_c = Σ_k [ Σ_j W_kj ∫ B_j E_k R_c dλ ], k the groups of lamps with one spectrum, B_j the body and interface colours of the
-scene (MODEL §5): the integrals are small matrices, so another camera or lamp spectrum needs no new rendering.
+ρ_c = Σ_k [ Σ_j W_kj ∫ B_j E_k R_c dλ ], k the groups of lamps with one spectrum, B_j the body and interface colours
+of the scene (MODEL §5): the integrals are small matrices, so another camera or lamp spectrum needs no new rendering.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ KEY = 0.9  # display value that the brightest half percent of a picture is expos
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Weights (height, width, lamps · colours) float32 [1/m² per unit of lamp intensity], and coverage alpha (height, width).
+    """Weights (height, width, lamps · colours) float32 and coverage alpha (height, width).
 
+    A weight is radiance per unit of lamp spectrum and colour [1/m² for a lamp intensity of 1].
     metadata: scene, settings, seed and version that made it.
     """
 
@@ -56,13 +57,13 @@ class Image:
         return self.expose(observer, lamps) / np.float32(scale)
 
     def display(self, exposure: float | None = None, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.uint8]:
-        """sRGB (height, width, 3) for people: white balanced to the first lamp, exposed by `exposure` (default: KEY)."""
+        """sRGB (height, width, 3) for people: balanced to the first lamp, exposed by `exposure` (default: KEY)."""
         whites = self.palette.lamps if lamps is None else tuple(lamps)
         rgb = srgb_from_xyz(self.xyz(lamps) * _balance(whites[0]))
         return srgb_encode(rgb * (auto_exposure(rgb, self.alpha) if exposure is None else exposure))
 
     def write(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
-        """EXR with R, G, B (through `response`, else linear sRGB), A and all weights, and a PNG beside it; their paths."""
+        """EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths."""
         target = Path(path)
         if target.suffix.lower() != ".exr":
             raise InputError(f"{target} is no EXR name: an image is written as NAME.exr with NAME.png beside it")

@@ -129,7 +129,7 @@ class Lighting:
             self.lamps.append((where, dr.opaque(kinds.Float, float(lamp.intensity)), lamp.position is not None, group))
 
     def paint(self, coefficients: list[Any], box: Any, colour: Any) -> list[Any]:
-        """Coefficients on the palette with the body colour of a voxel in place of its material's, where the box has one."""
+        """Coefficients on the palette, with the body colour of the voxel where the box has one."""
         painted = list(coefficients)
         for number, places in self.painted.items():
             here = box == number

@@ -1,8 +1,8 @@
 """March: light from volume boxes along rays, one scattering event (MODEL §3, Tanaka eq. 11), and optical depth.
 
-A sample stands for a step of half a voxel or, in dense matter, a part of it; its weight 1 − exp(−σΔ) makes an opaque box
-tend to its surface exactly, and its light is taken at the centroid of exp(−σs) over the step.
-Rays end when less than CUT of the light is left to gain; what is left is then taken to look like what was met.
+A sample stands for a step of half a voxel or, in dense matter, a part of it; its weight 1 − exp(−σΔ) makes an opaque
+box tend to its surface exactly, and its light is taken at the centroid of exp(−σs) over the step. Rays end when less
+than CUT of the light is left to gain; what is left is then taken to look like what was met.
 """
 
 from __future__ import annotations

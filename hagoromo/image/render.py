@@ -30,7 +30,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """samples: rays a pixel; shadows: map, march (brute, slow) or none; shadow_resolution: texels a side (None: fitting)."""
+    """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting)."""
 
     samples: int = 1
     shadows: str = "map"

@@ -41,9 +41,8 @@ class Scene:
                         f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out"
                     )
         if not any(_in_view(self.camera, thing.corners()) for thing in (*self.boxes, *self.surfaces)):
-            raise InputError(
-                f"the camera at {np.round(self.camera.position, 4).tolist()} m looks at nothing: turn it towards the scene"
-            )
+            where = np.round(self.camera.position, 4).tolist()
+            raise InputError(f"the camera at {where} m looks at nothing: turn it towards the scene")
 
     def with_camera(self, camera: Camera) -> Scene:
         """The same scene through another camera."""

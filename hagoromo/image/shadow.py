@@ -1,8 +1,9 @@
 """Shadow: how much of a lamp's light arrives through all volume boxes, by brute march or by deep shadow maps.
 
-A deep shadow map holds, for every ray of a square grid of rays from the lamp (lines, for a far lamp), knots (distance,
-optical depth) that follow the ray's transmittance: a new one wherever it has made one of DROPS equal drops since the
-last, and at both ends of every gap in the matter. Between knots optical depth is linear; transmittance is bilinear across rays.
+A deep shadow map holds, for every ray of a square grid of rays from the lamp (lines, for a far lamp), knots
+(distance, optical depth) that follow the ray's transmittance: a new one wherever it has made one of DROPS equal drops
+since the last, and at both ends of every gap in the matter. Between knots optical depth is linear; transmittance is
+bilinear across rays.
 """
 
 from __future__ import annotations
@@ -144,7 +145,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: DeepShadowMap
 
 
 class LampView:
-    """What a lamp sees, as a square a, b in 0…1: a pyramid, a bundle of parallel lines or the octahedron of all directions."""
+    """What a lamp sees, as a square a, b in 0…1: a pyramid, parallel lines or the octahedron of all directions."""
 
     def __init__(self, kind: str, origin: np.ndarray, axes: np.ndarray, extent: float) -> None:
         self.kind, self.extent = kind, dr.opaque(arrays().Float, extent)

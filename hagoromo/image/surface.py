@@ -106,7 +106,7 @@ class Surfaces:
         self.lift = dr.opaque(arrays().Float, LIFT * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
     def meet(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
-        """Distance [m] (inf: none), point lifted towards the eye, unit normal facing the eye, and material of the hits."""
+        """Distance [m] (inf: none), point lifted off the surface, unit normal facing the eye, and material of hits."""
         mi, kinds = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         flat, normal = kinds.Array3f(hit.n), kinds.Array3f(hit.sh_frame.n)

@@ -19,6 +19,7 @@ from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.torrance_sparrow import LN2, cosines, weights_at
 
 VISIBLE = (400.0, 700.0)  # nm, the range of eq. (10)
+NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 LARGEST_GAMMA = math.pi / 2
 VIEWS = np.radians([0, 15, 30, 45, 55, 65, 72, 78, 83, 86, 88, 89, 89.7])  # where energy conservation is checked
 
@@ -37,7 +38,7 @@ class Reflectance:
     gamma: float
     n: float
     body_colour: Spectrum
-    interface_colour: Spectrum = Spectrum.constant(1.0)
+    interface_colour: Spectrum = NEUTRAL
     element: str = "plane"
     name: str = ""
 
@@ -90,7 +91,7 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
     colour = lambda source: Spectrum.load(source, folder)  # noqa: E731
     spec = {
         "alpha": number, "beta": number, "gamma": number, "n": number, "body_colour": colour,
-        "interface_colour": (colour, Spectrum.constant(1.0)), "element": (one_of(*ELEMENTS), "plane"), "name": (text, ""),
+        "interface_colour": (colour, NEUTRAL), "element": (one_of(*ELEMENTS), "plane"), "name": (text, ""),
     }  # fmt: skip
     return Reflectance(**take(record, spec, where))
 

@@ -1,0 +1,1 @@
+"""Volume boxes: their sparse lattices, their files, and how rays meet them."""

@@ -59,7 +59,7 @@ class VolumeBox:
         body_colour: np.ndarray | None = None,
         **record: Any,
     ) -> VolumeBox:
-        """From dense arrays: density (nz, ny, nx), axis (nz, ny, nx, 3), material (nz, ny, nx), body_colour (nz, ny, nx, j)."""
+        """From dense arrays (nz, ny, nx): density, axis (…, 3), material numbers, body_colour (…, j) on `basis`."""
         if axis.shape != (*density.shape, 3):
             raise InputError(f"axis is {axis.shape}: density {density.shape} needs {(*density.shape, 3)}")
         if material is not None and material.size and material.max() >= len(materials):

@@ -1,8 +1,8 @@
 """Bricks: the sparse lattice of a volume box. Only bricks of 8³ voxels that hold matter are kept.
 
-`table` (one entry a brick, C order of [z, y, x]): ≥ 0 the index of a kept brick, < 0 minus the Chebyshev distance [bricks]
-to the nearest kept one. A kept brick stores 9³ voxels (its own and the next layer of its neighbours), so that
-trilinear interpolation stays inside it. A voxel is a packet of four halves: density, axis x, y, z.
+`table` (one entry a brick, C order of [z, y, x]): ≥ 0 the index of a kept brick, < 0 minus the Chebyshev distance
+[bricks] to the nearest kept one. A kept brick stores 9³ voxels (its own and the next layer of its neighbours), so
+that trilinear interpolation stays inside it. A voxel is a packet of four halves: density, axis x, y, z.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def bricks_from_field(field: Callable[[Any, Any, Any], dict[str, Any]], shape: S
 def bricks_from_arrays(
     density: np.ndarray, axis: np.ndarray, colour: np.ndarray | None, material: np.ndarray | None
 ) -> Bricks:
-    """Bricks of dense arrays: density (nz, ny, nx), axis (nz, ny, nx, 3), colour (nz, ny, nx, ≤4), material (nz, ny, nx)."""
+    """Bricks of dense arrays (nz, ny, nx): density, axis (…, 3), colour (…, ≤ 4), material."""
     check_shape(density.shape)
     _check_density(density)
     nz, ny, nx = density.shape
@@ -144,7 +144,7 @@ def table_of(keep: np.ndarray) -> np.ndarray:
 
     if not keep.any():
         return np.full(keep.shape, -max(keep.shape), np.int32)
-    table = -distance_transform_cdt(~keep, metric="chessboard").astype(np.int32)
+    table = -np.asarray(distance_transform_cdt(~keep, metric="chessboard"), np.int32)
     table[keep] = np.arange(keep.sum(), dtype=np.int32)
     return table
 

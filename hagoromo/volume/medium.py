@@ -1,8 +1,8 @@
 """Medium: the volume boxes of a scene as rays meet them, on the device.
 
-Every box is walked on samples of its own, half a voxel apart; where boxes overlap the sample next in depth goes first, so
-extinctions add. A sample whose optical depth is above COARSE is taken in parts of about FINE instead. A ray's `Crossing`
-of the boxes and its `Taken` (the next sample in each box, and its part) are all that a loop needs:
+Every box is walked on samples of its own, half a voxel apart; where boxes overlap the sample next in depth goes
+first, so extinctions add. A sample whose optical depth is above COARSE is taken in parts of about FINE instead. A
+ray's `Crossing` of the boxes and its `Taken` (the next sample in each box, and its part) are all that a loop needs:
 
     crossing = medium.cross(origin, direction, near, far)
     taken = crossing.start()

@@ -1,8 +1,8 @@
 """Volume boxes on disk: a Zarr v3 group that any Zarr reader opens.
 
 Arrays `density` (nz, ny, nx), `axis` (nz, ny, nx, 3) and, where the box has them, `material` (nz, ny, nx) and
-`body_colour` (nz, ny, nx, j). Chunks are blocks of 8³ bricks; chunks without matter are absent. Attributes: `hagoromo` with
-format version, voxel size [m], pose, τ, materials, basis and provenance.
+`body_colour` (nz, ny, nx, j). Chunks are blocks of 8³ bricks; chunks without matter are absent. Attributes:
+`hagoromo` with format version, voxel size [m], pose, τ, materials, basis and provenance.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
-from hagoromo.files.record import anything, count, list_of, number, numbers, positive, table, take, text
+from hagoromo.files.record import anything, count, list_of, numbers, positive, table, take, text
 from hagoromo.files.whole import whole_folder
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import reflectance_from_record

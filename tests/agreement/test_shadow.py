@@ -37,7 +37,7 @@ def ball(centre, radius, depth, count=64) -> VolumeBox:
 
     pose = np.eye(4)
     pose[:3, 3] = np.asarray(centre) - 0.5 * size
-    return VolumeBox.from_field(field, (count,) * 3, size / count, depth / (1.8 * radius), [MATTER], pose=pose)
+    return VolumeBox.from_field(field, (count, count, count), size / count, depth / (1.8 * radius), [MATTER], pose=pose)
 
 
 def error(scene) -> float:

@@ -51,7 +51,7 @@ def a_scene(bodies=(RED, BLUE, GOLD), lamps=(DAY, WARM, DAY), interfaces=None) -
 
 
 def test_weights_are_the_spectral_render():
-    """Exposing the weights agrees to 1e-4 with rendering each wavelength in 1 nm steps and summing with the trapezium."""
+    """Exposing the weights agrees to 1e-4 with rendering wavelengths in 1 nm steps and summing with the trapezium."""
     response = Response.load("canon_eos_300d")
     exposed = render(a_scene()).expose(response)
     wavelengths = np.arange(400, 701, 1.0)

@@ -45,7 +45,7 @@ def soft_ball(count=48, tau=60.0) -> VolumeBox:
 
     pose = np.eye(4)
     pose[:3, 3] = (-0.08, -0.08, -0.08)
-    return VolumeBox.from_field(field, (count,) * 3, 0.16 / count, tau, [MATTER], pose=pose)
+    return VolumeBox.from_field(field, (count, count, count), 0.16 / count, tau, [MATTER], pose=pose)
 
 
 def vector(x, y, z):
@@ -105,8 +105,8 @@ def test_an_opaque_box_is_its_surface(element):
     channels, passed = march(
         medium, lighting, vector(0.055, 0.085, -1), vector(*AHEAD), arrays().Float(0), arrays().Float(9)
     )
-    vectors = [vector(*v) for v in (axis, to_lamp, (0.0, 0.0, -1.0))]
-    true = element_weights(element, *vectors, 0.2, 0.3, 0.3, 1.5)
+    normal, lamp, eye = (vector(*v) for v in (axis, to_lamp, (0.0, 0.0, -1.0)))
+    true = element_weights(element, normal, lamp, eye, 0.2, 0.3, 0.3, 1.5)
     for mine, real in zip(channels, true, strict=True):
         # the axis is stored in halves (5e-4); the sphere's table is linear between 256 entries
         assert float(mine[0]) == pytest.approx(2.0 * float(real[0]), rel=4e-3)
@@ -185,7 +185,7 @@ def test_bricks_are_the_dense_lattice():
 
 
 def test_halves_change_the_picture_by_less_than_their_rounding():
-    """Density and axis in halves (2⁻¹¹) against a lattice whose values halves hold exactly after scaling by 1 + 2⁻¹²."""
+    """Values moved by up to the rounding of a half (2⁻¹¹) move the picture by no more than a few times that."""
     box = soft_ball()
     density, axis = (array.astype(np.float32) for array in box.bricks.dense())
     values = np.random.default_rng(5).uniform(-1, 1, (*density.shape, 1)) * 2.0**-11

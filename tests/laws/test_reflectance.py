@@ -1,4 +1,4 @@
-"""Laws of the reflectance (MODEL §2): Fresnel's limits, reciprocity, energy, elements = quadrature, chi-square of sampling.
+"""Laws of the reflectance (MODEL §2): Fresnel's limits, reciprocity, energy, elements = quadrature, chi-square.
 
 The oracle is a transcription of eq. (3)–(6) in NumPy that shares no line with the product.
 """
@@ -55,8 +55,8 @@ def test_python_floats_and_kernels_give_the_same_number():
 
     N, L, V = unit(1, 4)[0], unit(1, 5)[0], unit(1, 6)[0]
     N = N if N @ (L + V) > 0 else -N
-    scalar = torrance_sparrow(*(Array3f64(*v) for v in (N, L, V)), 0.2, 0.3, 0.4, 1.5)
-    array = torrance_sparrow(*(arrays3(v[None]) for v in (N, L, V)), 0.2, 0.3, 0.4, 1.5)
+    scalar = torrance_sparrow(Array3f64(*N), Array3f64(*L), Array3f64(*V), 0.2, 0.3, 0.4, 1.5)
+    array = torrance_sparrow(arrays3(N[None]), arrays3(L[None]), arrays3(V[None]), 0.2, 0.3, 0.4, 1.5)
     assert np.allclose(
         [scalar.body, scalar.interface], [np.array(array.body)[0], np.array(array.interface)[0]], rtol=1e-12
     )
@@ -102,7 +102,7 @@ def test_elements_are_the_mean_over_the_normals_that_the_eye_sees(element, gamma
     axis, L, V = unit(count, 11), unit(count, 12), unit(count, 13)
     got = element_weights(element, arrays3(axis), arrays3(L), arrays3(V), 0.3, 0.5, gamma, 1.5)
     true = np.array([_averaged(element, *directions, gamma) for directions in zip(axis, L, V, strict=True)])
-    # closed forms: only the oracle's own 1e-4. Ten nodes on the cylinder: 1 % of the largest value, as its docstring says
+    # closed forms: only the oracle's own 1e-4; ten nodes on the cylinder: 1 % of the largest value (docstring)
     for mine, real, bound in zip(got, true.T, (2e-4, 1e-2), strict=True):
         assert np.abs(np.array(mine) - real).max() < bound * real.max()
 
@@ -168,10 +168,10 @@ def test_figures_outside_their_range_are_refused(figures):
 def test_sampled_directions_follow_their_density(gamma, tilt):
     """Chi-square of 400,000 directions in cells of equal area against the integrated density; significance 0.1 %."""
     kinds, count, seed = arrays(), 400_000, 17
-    u = np.random.default_rng(seed).random((3, count))
+    choice, u, v = (kinds.Float64(row) for row in np.random.default_rng(seed).random((3, count)))
     V = kinds.Array3f64(math.sin(tilt), 0.0, math.cos(tilt))
     share, width = kinds.Float64(0.6), kinds.Float64(gamma)
-    L = np.array(sample_to_lamp(V + dr.zeros(kinds.Array3f64, count), share, width, *(kinds.Float64(row) for row in u)))
+    L = np.array(sample_to_lamp(V + dr.zeros(kinds.Array3f64, count), share, width, choice, u, v))
     rows, columns, fine = 20, 30, 48  # fine: the density grows as 1/cosθ_Q where L = −V
     cell = _cell(L.T, rows, columns)
     seen = np.bincount(cell, minlength=rows * columns)
