@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hagoromo.image.surface import Surface as Surface
     from hagoromo.light.lamp import Lamp as Lamp
     from hagoromo.light.spectrum import Spectrum as Spectrum
+    from hagoromo.matter.build import build as build
     from hagoromo.photograph.capture import Capture as Capture
     from hagoromo.photograph.capture import load_capture as load_capture
     from hagoromo.photograph.capture import save_capture as save_capture
@@ -56,6 +57,7 @@ HOMES = {
     "measure": "reflectance.measure",
     "read_materials": "reflectance.materials_file",
     "VolumeBox": "volume.box",
+    "build": "matter.build",
     "load_box": "volume.store",
     "save_box": "volume.store",
     "Surface": "image.surface",

@@ -238,6 +238,25 @@ def measure(capture: Positional[Path], out: Out, n: float | None = None, force: 
 
 
 @_verb(verbs)
+def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
+    """Recipe of matter (shape, micro-structure, material) → volume box.
+
+    Args:
+        recipe: matter TOML.
+    """
+    from hagoromo.files.whole import whole_folder
+    from hagoromo.matter.build import build
+    from hagoromo.volume.store import save_box
+
+    with whole_folder(out, force) as partial, progress_bar("build") as progress:
+        box = build(recipe, progress)
+        save_box(box, partial)
+    voxels, memory = " × ".join(map(str, box.bricks.shape[::-1])), box.bricks.bytes / 2**20
+    print(f"{voxels} voxels of {1000 * box.voxel_size:.3g} mm, {memory:.1f} MiB of them hold matter")
+    _wrote(out)
+
+
+@_verb(verbs)
 def render(scene: Positional[Path], out: Out, mode: Literal["march"] = "march", force: Force = False) -> None:
     """Scene → EXR (linear, with its weights) and PNG (sRGB) beside it.
 

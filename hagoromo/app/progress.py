@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Protocol
 
-Progress = Callable[[float, str], None]
+
+class Progress(Protocol):
+    """Told the share done (0–1) and, where it helps, the name of the step at hand."""
+
+    def __call__(self, share: float, step: str = "") -> None:
+        """Show it."""
 
 
 @contextmanager

@@ -49,6 +49,18 @@ reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
 """
 
 
+RECIPE = """
+kind = "skin"
+size_mm = 6.0
+[material]
+alpha = 0.2
+beta = 0.5
+gamma = 0.2
+n = 1.4
+body_colour = 0.7
+"""
+
+
 @pytest.fixture
 def scene(tmp_path):
     """Writes a scene file: the one above with `old` replaced by `new` and `more` at its end."""
@@ -264,6 +276,26 @@ def test_a_lattice_that_is_empty_or_does_not_fit_memory_is_refused_before_alloca
     assert time.perf_counter() - start < 5.0  # s; reading it would take hours
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("size_mm = 6.0", "size_mm = 0.0", "above 0"),
+        ("size_mm = 6.0", "size_mm = nan", "finite"),
+        ("size_mm = 6.0", "size_mm = 1e6", "too fine"),
+        ("size_mm = 6.0", "size_m = 6.0", "unknown key 'size_m'"),
+        ("beta = 0.5", "beta = -0.5", "beta"),
+        ("alpha = 0.2", "alpha = 0.9", "energy conservation"),
+        ('kind = "skin"', 'kind = "scales"', "one of skin"),
+        ("[material]", "[materials]", "material"),
+        ("body_colour = 0.7", 'body_colour = "../red.csv"', "leads out"),
+    ],
+)
+def test_a_bad_recipe_is_refused(refused, tmp_path, old, new, said):
+    assert old in RECIPE
+    (tmp_path / "matter.toml").write_text(RECIPE.replace(old, new))
+    assert said in refused("build", tmp_path / "matter.toml", "--out", tmp_path / "matter.zarr")
+
+
 @pytest.mark.parametrize("name", ["zarr.json", "density/zarr.json", "density/c/0/0/0"])
 def test_a_damaged_box_is_refused(refused, box, name):
     path = box / name
@@ -324,19 +356,22 @@ def test_a_capture_that_reaches_out_of_its_folder_is_refused(refused, capture, t
 
 
 def test_every_verb_refuses_an_existing_output_before_its_work(refused, scene, capture, tmp_path):
+    (tmp_path / "skin.toml").write_text(RECIPE)
     for verb, given, out in (
+        ("build", tmp_path / "skin.toml", "skin.zarr"),
+        ("demo", None, "demo"),
         ("render", scene(), "a.exr"),
         ("simulate", scene(), "photographs"),
         ("measure", capture, "measured"),
     ):
         path = tmp_path / out
-        if path.suffix:
+        if path.suffix == ".exr":
             path.write_text("mine")
         else:
             path.mkdir()
             (path / "mine").touch()
         start = time.perf_counter()
-        assert "--force" in refused(verb, given, "--out", path)
+        assert "--force" in refused(verb, *([given] if given else []), "--out", path)
         assert time.perf_counter() - start < 2.0  # s; the work itself takes longer
     assert os.listdir(tmp_path / "measured") == ["mine"]
 

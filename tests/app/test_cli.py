@@ -11,7 +11,7 @@ import pytest
 
 import hagoromo
 from hagoromo.app.cli import main
-from hagoromo.files.exr import write_exr
+from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
@@ -171,3 +171,28 @@ def test_a_scene_is_photographed_measured_rendered_and_compared(tmp_path, capsys
         assert said in capsys.readouterr().out
     page = (tmp_path / "measured" / "report.html").read_text(encoding="utf-8")
     assert "material 1" in page and "data:image" in page and "http" not in page
+
+
+RECIPE = """
+kind = "skin"
+size_mm = 6.0
+[material]
+alpha = 0.2
+beta = 0.5
+gamma = 0.2
+n = 1.4
+body_colour = 0.7
+"""
+
+
+def test_a_recipe_is_built_into_a_box_that_a_scene_renders(tmp_path, capsys):
+    (tmp_path / "skin.toml").write_text(RECIPE)
+    box = tmp_path / "skin.zarr"
+    assert main(["build", str(tmp_path / "skin.toml"), "--out", str(box)]) == 0
+    assert f"wrote {box}" in capsys.readouterr().out
+    assert main(["info", str(box)]) == 0
+    assert "hold matter" in capsys.readouterr().out
+    scene = SCENE[: SCENE.index("[[surface]]")].replace("eye = [0.0, -1.0, 0.0]", "eye = [0.0, -0.03, 0.003]")
+    (tmp_path / "scene.toml").write_text(scene + '[[box]]\nfile = "skin.zarr"\n')
+    assert main(["render", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "skin.exr")]) == 0
+    assert read_exr(tmp_path / "skin.exr")[0]["A"].max() > 0.99
