@@ -1,0 +1,1 @@
+"""Matter: recipes that fill volume boxes with skin, cloth, feathers and solids."""

@@ -1,0 +1,106 @@
+"""Fill: a field in millimetres about a place in the world → VolumeBox in metres."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import reduce
+from itertools import product
+from operator import or_
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hagoromo.backend import clip
+from hagoromo.errors import InputError
+from hagoromo.matter.shape import Shape, coverage
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+
+MM = 1e-3  # m
+LARGEST = 4096  # voxels a side
+CORE = 10.0  # density of what lies beneath the micro-structure
+CORE_FROM, CORE_FULL, CORE_TO = 2.5, 3.5, 4.0  # depth of the core under a surface [mean free paths]
+Field = Callable[[Any], tuple[Any, Any]]  # point [mm] → density, unit axis
+
+
+class Fineness(NamedTuple):
+    """How matter is sampled: edge of a voxel, and mean free path of light where the density is 1 [mm]."""
+
+    voxel_mm: float
+    mean_free_path_mm: float
+
+    @property
+    def softness(self) -> float:
+        """Width of an edge [mm]: two voxels let trilinear interpolation show a surface without steps."""
+        return 2.0 * self.voxel_mm
+
+    def finer(self, resolution: float) -> Fineness:
+        """The same matter on voxels that are `resolution` times smaller."""
+        return self._replace(voxel_mm=self.voxel_mm / resolution)
+
+    def resolved(self, size: float) -> float:
+        """How much of a structure of `size` [mm] the lattice carries: none below one voxel, all from two voxels on."""
+        return min(max(size / self.voxel_mm - 1.0, 0.0), 1.0)
+
+    def core(self, depth: Any) -> Any:
+        """Factor on the density at a depth [mm] under the surface of a thick thing.
+
+        1 near the surface, where the micro-structure is seen; CORE below, so that shadows are whole after a short way;
+        0 deeper still, where no light arrives.
+        """
+        path, deep = self.mean_free_path_mm, CORE_TO * self.mean_free_path_mm
+        dense = clip((depth - CORE_FROM * path) / ((CORE_FULL - CORE_FROM) * path), 0.0, 1.0)
+        return (1.0 + (CORE - 1.0) * dense) * coverage(depth - deep - self.softness, self.softness)
+
+    def layer(self, shape: Shape, outside: float, steepest: float = 1.0) -> Shape:
+        """Bound of the matter from `outside` [mm] above the surface of `shape` down to the end of the core.
+
+        steepest: the largest slope of `shape` (1 for a true distance).
+        """
+        top, bottom = outside + self.softness, CORE_TO * self.mean_free_path_mm + 2.0 * self.softness
+        return lambda point: abs(shape(point) + 0.5 * (bottom - top)) * (1.0 / steepest) - 0.5 * (bottom + top)
+
+
+def fill(
+    field: Field,
+    bound: Shape,
+    extent: tuple[Sequence[float], Sequence[float]],
+    fineness: Fineness,
+    material: Reflectance,
+    **record: Any,
+) -> VolumeBox:
+    """The box of `field`, a function of the point [mm] that gives density (0…CORE) and a unit axis.
+
+    bound: a Shape [mm] that is never more than the distance to matter; bricks beyond it are not looked at.
+    extent: low and high corner [mm]. σ = τ ρ with τ = 1 / mean free path. record: name and provenance of the box.
+    """
+    low, high = (np.asarray(corner, float) for corner in extent)
+    voxel = fineness.voxel_mm
+    voxels = np.ceil((high - low) / voxel)
+    if not voxels.max() <= LARGEST:
+        raise InputError(
+            f"voxel_mm {voxel:g} is too fine for a box of {(high - low).max():g} mm: {LARGEST} voxels a side at most"
+        )
+    pose = np.eye(4)
+    pose[:3, 3] = low * MM
+
+    def in_mm(point: Any) -> Any:
+        return type(point)(*(point[k] * (1.0 / MM) + float(low[k]) for k in range(3)))
+
+    def occupied(centre: Any, radius: float) -> Any:
+        """Asked for the eight octants of the ball's cube: a bound that is not tight then costs fewer empty bricks."""
+        middle, quarter = in_mm(centre), 0.5 * radius / MM / math.sqrt(3.0)
+        corners = (type(middle)(*octant) for octant in product((-quarter, quarter), repeat=3))
+        return reduce(or_, (bound(middle + corner) < 0.5 * radius / MM for corner in corners))
+
+    return VolumeBox.from_field(
+        lambda point: field(in_mm(point)),
+        (int(voxels[0]) + 1, int(voxels[1]) + 1, int(voxels[2]) + 1),
+        voxel * MM,
+        1.0 / (fineness.mean_free_path_mm * MM),
+        [material],
+        occupied=occupied,
+        pose=pose,
+        **record,
+    )

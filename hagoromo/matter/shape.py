@@ -1,0 +1,151 @@
+"""Shape: solids as signed distances on the device, negative inside.
+
+Enters: positions (Array3f) and lengths, all in one unit; leaves: a Float, a distance bound (exact where the docstring
+says no other). Shapes combine as numbers do: `dr.fmin` joins, `dr.fmax` intersects, a minus sign turns inside out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, clip
+
+Shape = Callable[[Any], Any]
+Triple = Sequence[float]
+SLOPES = 0.3, 4.0  # of a distance bound: flatter places are seams or centres, steeper ones poles of angles
+
+
+def sphere(point: Any, centre: Triple, radius: float) -> Any:
+    """Ball around `centre`."""
+    return length(point - _vector(centre)) - radius
+
+
+def ellipsoid(point: Any, centre: Triple, radii: Triple) -> Any:
+    """Ellipsoid along the axes: near the surface a distance to first order (k₀(k₀−1)/k₁ of Quilez)."""
+    offset = point - _vector(centre)
+    k0, k1 = length(offset / _vector(radii)), length(offset / _vector([r * r for r in radii]))
+    return k0 * (k0 - 1.0) / dr.fmax(k1, 1e-6)
+
+
+def capsule(point: Any, start: Triple, end: Triple, radius: float, end_radius: float | None = None) -> Any:
+    """All within `radius` of the line from `start` to `end`; with `end_radius` it tapers (a bound, not a distance)."""
+    along, offset = np.subtract(end, start), point - _vector(start)
+    share = clip(dr.dot(offset, _vector(along)) / float(along @ along), 0.0, 1.0)
+    grown = 0.0 if end_radius is None else end_radius - radius
+    return length(offset - _vector(along) * share) - (radius + grown * share)
+
+
+def rounded_box(point: Any, centre: Triple, half: Triple, rounding: float = 0.0) -> Any:
+    """Box of half edges `half` along the axes, its edges rounded by `rounding`."""
+    reach = dr.abs(point - _vector(centre)) - _vector([h - rounding for h in half])
+    outside = length(type(reach)(*(dr.fmax(x, 0.0) for x in reach)))
+    return outside + dr.fmin(dr.fmax(reach.x, dr.fmax(reach.y, reach.z)), 0.0) - rounding
+
+
+def plane(point: Any, normal: Triple, offset: float = 0.0) -> Any:
+    """All below the plane normal · point = offset; `normal` is unit and points out."""
+    return dr.dot(point, _vector(normal)) - offset
+
+
+def revolved(point: Any, profile: Callable[[Any, Any], Any]) -> Any:
+    """Solid of revolution about z: `profile` is a distance in (radius, height)."""
+    return profile(dr.sqrt(dr.fmax(point.x * point.x + point.y * point.y, 1e-18)), point.z)
+
+
+def smooth_union(a: Any, b: Any, blend: float) -> Any:
+    """Both, their seam filled over a width of `blend` (polynomial smooth minimum of Quilez)."""
+    reach = dr.fmax(blend - dr.abs(a - b), 0.0)
+    return dr.fmin(a, b) - reach * reach * (0.25 / blend)
+
+
+def smooth_difference(a: Any, b: Any, blend: float) -> Any:
+    """`a` without `b`, the edge rounded over a width of `blend`."""
+    return smooth_intersection(a, -b, blend)
+
+
+def smooth_intersection(a: Any, b: Any, blend: float) -> Any:
+    """What both share, the edge rounded over a width of `blend`."""
+    return -smooth_union(-a, -b, blend)
+
+
+def sheet(distance: Any, thickness: float) -> Any:
+    """The skin of a shape: from its surface down to `thickness` inside."""
+    return dr.abs(distance + 0.5 * thickness) - 0.5 * thickness
+
+
+def displaced(distance: Any, height: Any) -> Any:
+    """A shape whose surface is raised by `height`, a function of position with slopes well below 1."""
+    return distance - height
+
+
+def placed(point: Any, centre: Triple, turn_deg: Triple = (0.0, 0.0, 0.0)) -> Any:
+    """`point` in the axes of a part that was turned about x, then y, then z [°] and moved to `centre`."""
+    x, y, z = np.radians(turn_deg)
+    about_x = np.array([[1, 0, 0], [0, math.cos(x), -math.sin(x)], [0, math.sin(x), math.cos(x)]])
+    about_y = np.array([[math.cos(y), 0, math.sin(y)], [0, 1, 0], [-math.sin(y), 0, math.cos(y)]])
+    about_z = np.array([[math.cos(z), -math.sin(z), 0], [math.sin(z), math.cos(z), 0], [0, 0, 1]])
+    columns, offset = (about_z @ about_y @ about_x).T, point - _vector(centre)
+    return type(offset)(*(dr.dot(offset, _vector(column)) for column in columns))
+
+
+def mirrored(point: Any, seam: float = 0.0) -> Any:
+    """`point` with x ≥ 0: what is made of it stands on both sides, the seam rounded over `seam`."""
+    across = dr.abs(point.x) if seam == 0 else dr.sqrt(point.x * point.x + seam * seam)
+    return type(point)(across, point.y, point.z)
+
+
+def spline(at: Any, knots: Sequence[float], values: Sequence[float]) -> Any:
+    """Smooth curve through (knots, values), without overshoot (PCHIP), constant beyond its ends."""
+    from scipy.interpolate import PchipInterpolator
+
+    kinds, pieces = arrays(), PchipInterpolator(knots, values)
+    table = kinds.Float(np.ascontiguousarray(pieces.c.T[:, ::-1], np.float32).ravel())
+    at = clip(at, float(knots[0]), float(knots[-1]))
+    piece = kinds.UInt(0)
+    for knot in knots[1:-1]:
+        piece += dr.select(dr.detach(at) >= float(knot), kinds.UInt(1), 0)
+    start = kinds.Float(np.asarray(knots, np.float32))
+    part = at - dr.gather(kinds.Float, start, piece)
+    c = [dr.gather(kinds.Float, table, piece * 4 + k) for k in range(4)]
+    return dr.fma(dr.fma(dr.fma(c[3], part, c[2]), part, c[1]), part, c[0])
+
+
+def distance_and_normal(shape: Shape, point: Any) -> tuple[Any, Any]:
+    """Distance made true to first order, f / |∇f|, and the outward unit normal ∇f / |∇f|, by differentiation."""
+    moved = type(point)(dr.detach(point))
+    dr.enable_grad(moved)
+    value = shape(moved)
+    dr.backward(value)
+    slope = dr.grad(moved)
+    return dr.detach(value) / clip(length(slope), *SLOPES), unit(slope)
+
+
+def coverage(distance: Any, softness: float) -> Any:
+    """Share of the space that a shape fills: 1 inside, 0 outside, linear over `softness` around its surface.
+
+    Two voxels of softness let trilinear interpolation show the surface without steps; a sheet thinner than that keeps
+    its place with less than 1.
+    """
+    return clip(0.5 - distance / softness, 0.0, 1.0)
+
+
+def unit(vector: Any) -> Any:
+    """A vector made unit; (0, 0, 1) for one without length."""
+    squared = dr.squared_norm(vector)
+    some = squared > 1e-24
+    scale = dr.rsqrt(dr.select(some, squared, 1.0))
+    return dr.select(some, vector * scale, type(vector)(0, 0, 1))
+
+
+def length(vector: Any) -> Any:
+    """Length of a vector, with a slope at 0 too."""
+    return dr.sqrt(dr.fmax(dr.squared_norm(vector), 1e-18))
+
+
+def _vector(values: Sequence[float] | np.ndarray) -> Any:
+    return arrays().Array3f(*(float(value) for value in values))
