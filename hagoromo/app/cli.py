@@ -11,9 +11,11 @@ import functools
 import io
 import json
 import re
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -41,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments == ["--version"]:
         print(f"hagoromo {hagoromo.__version__}")
         return DONE
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _termination_as_interrupt():
         warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
         try:
             _parsed(arguments)()
@@ -52,6 +54,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("hagoromo: interrupted: nothing was written", file=sys.stderr)
             return INTERRUPTED
     return DONE
+
+
+@contextlib.contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    """A polite kill (SIGTERM) ends a verb like Ctrl-C does: what it had begun to write is removed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are heard in the main thread only
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _parsed(arguments: list[str]) -> Callable[[], None]:

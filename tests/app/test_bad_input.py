@@ -208,8 +208,9 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == before
 
 
-def test_an_interrupt_of_a_long_verb_leaves_nothing_behind(tmp_path, scene):
-    """SIGINT half a second after the rendering's temporary file appears, in a process of its own."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_of_a_long_verb_leaves_nothing_behind(tmp_path, scene, number):
+    """Ctrl-C (or a polite kill) half a second after the rendering's temporary file appears, in a process of its own."""
     slow = scene("size = [61, 47]", "size = [610, 470]", "[render]\nsamples = 4000\n")
     before = sorted(tmp_path.rglob("*"))
     code = "import sys; from hagoromo.app.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -220,7 +221,7 @@ def test_an_interrupt_of_a_long_verb_leaves_nothing_behind(tmp_path, scene):
             break
         time.sleep(0.05)
     time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "hagoromo: interrupted: nothing was written\n")
     assert sorted(tmp_path.rglob("*")) == before
