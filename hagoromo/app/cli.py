@@ -11,11 +11,9 @@ import functools
 import io
 import json
 import re
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,6 +21,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 import hagoromo
+from hagoromo.app.interrupt import termination_as_interrupt
 from hagoromo.app.progress import progress_bar
 from hagoromo.errors import InputError
 
@@ -43,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments == ["--version"]:
         print(f"hagoromo {hagoromo.__version__}")
         return DONE
-    with warnings.catch_warnings(), _termination_as_interrupt():
+    with warnings.catch_warnings(), termination_as_interrupt():
         warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
         try:
             _parsed(arguments)()
@@ -54,19 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("hagoromo: interrupted: nothing was written", file=sys.stderr)
             return INTERRUPTED
     return DONE
-
-
-@contextlib.contextmanager
-def _termination_as_interrupt() -> Iterator[None]:
-    """A polite kill (SIGTERM) ends a verb like Ctrl-C does: what it had begun to write is removed."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals are heard in the main thread only
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _parsed(arguments: list[str]) -> Callable[[], None]:
