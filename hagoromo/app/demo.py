@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo import __version__, backend
-from hagoromo.app.demo_figures import FIGURES, scene_of
+from hagoromo.app.demo_figures import FIGURES, Recipe, scene_of
 from hagoromo.app.demo_measurement import coverage, named, rightly_labelled, rows
 from hagoromo.app.demo_relit import relit
 from hagoromo.app.demo_samples import FOCAL_MM, LAMP, PRESET, bench, bench_camera, true_reflectances
@@ -34,20 +34,20 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Size:
-    """How large the demo is: binning of the camera and rays a pixel for capture and figures, voxels a side of a box."""
+    """How large the demo is: binning and rays a pixel of capture and figures; voxels per mm, of those of size small."""
 
     capture_binning: int
     capture_samples: int
     figure_binning: int
     figure_samples: int
-    resolution: int
+    resolution: float
     seed: int = 1
 
 
 SIZES = {
-    "tiny": Size(capture_binning=8, capture_samples=1, figure_binning=16, figure_samples=1, resolution=48),
-    "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=256),
-    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=8, resolution=512),
+    "tiny": Size(capture_binning=8, capture_samples=1, figure_binning=16, figure_samples=1, resolution=0.25),
+    "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=1.0),
+    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=4, resolution=1.7),
 }
 SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.68, "report": 0.02}  # of the time
 
@@ -130,9 +130,14 @@ def _figures(home: Path, found: dict[str, Any], size: Size, tell: Progress) -> d
     camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
     (home / "figures").mkdir()
     for k, figure in enumerate(FIGURES):
-        tell(k / len(FIGURES), figure.replace("_", " "))
-        scene = scene_of(figure, found, camera, size.resolution, size.seed)
+
+        def told(share: float, step: str, k: int = k, figure: str = figure) -> None:
+            tell((k + share) / len(FIGURES), f"{figure.replace('_', ' ')}, {step}")
+
+        told(0.0, "boxes")
+        recipe = Recipe(size.resolution, size.seed, lambda share, told=told: told(0.5 * share, "boxes"))
+        scene = scene_of(figure, found, camera, recipe)
         settings = Settings(samples=size.figure_samples, seed=size.seed)
-        image = render(scene, settings, lambda share, k=k: tell((k + share) / len(FIGURES), "rays"))
+        image = render(scene, settings, lambda share, told=told: told(0.5 + 0.5 * share, "rays"))
         image.write(home / "figures" / f"{figure}.exr", camera.response)
     return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in FIGURES}

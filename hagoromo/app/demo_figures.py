@@ -2,43 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
-import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.drape import drape_patch
+from hagoromo.matter.feather import feather
+from hagoromo.matter.figure import angel
+from hagoromo.matter.fill import Fineness
+from hagoromo.matter.skin import skin_patch
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
+LAMP = "D65"
+ELEMENTS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder"}
+
+
+class Shot(NamedTuple):
+    """How a figure is taken: its caption, and whether the camera is upright, where it stands and how near.
+
+    towards: direction from the matter to the camera. filled: 1 brings all boxes just into the picture, more is nearer.
+    """
+
+    caption: str
+    upright: bool
+    towards: tuple[float, float, float]
+    filled: float
+
+
 FIGURES = {
-    "figure_6_drape": "Drape: cloth of cylinders.",
-    "figure_6_feather": "Feather: rachis, barbs and barbules of cylinders.",
-    "figure_7_skin": "Skin: granules.",
-    "figure_8_whole": "The whole figure: skin, drape and wings.",
+    "figure_6_drape": Shot("Drape: a weave of yarns, made of cylinders.", False, (0.2, -1.0, 0.1), 1.8),
+    "figure_6_feather": Shot("Feather: rachis, barbs and barbules, made of cylinders.", True, (0.3, -1.0, 0.05), 1.0),
+    "figure_7_skin": Shot("Skin: granules, made of spheres.", False, (0.3, -1.0, 0.15), 1.9),
+    "figure_8_whole": Shot("The whole figure: skin, drape and wings.", True, (0.16, -1.0, 0.12), 1.0),
 }
 
 
-def scene_of(figure: str, measured: Mapping[str, Reflectance], camera: Camera, resolution: int, seed: int) -> Scene:
+class Recipe(NamedTuple):
+    """resolution: voxels per mm, of those of the demo's size small. seed: of the matter. tell: told the share done."""
+
+    resolution: float
+    seed: int
+    tell: Callable[[float], None]
+
+
+def scene_of(figure: str, measured: Mapping[str, Reflectance], camera: Camera, recipe: Recipe) -> Scene:
     """The scene of one of FIGURES, of `measured` reflectances (skin, cloth, feather, dielectric)."""
-    skin = measured["skin"].with_element("sphere")
-    cloth, feather = (measured[name].with_element("cylinder") for name in ("cloth", "feather"))
-    box = _stand_in(
-        {"figure_6_drape": cloth, "figure_6_feather": feather, "figure_7_skin": skin, "figure_8_whole": cloth}[figure],
-        resolution,
-    )
-    boxes = (box,)
-    upright = figure == "figure_8_whole"
-    camera = turned_upright(camera) if upright else camera
-    camera = framed(camera, boxes, towards=(0.25, -1.0, 0.12))
+    shot = FIGURES[figure]
+    materials = {name: measured[name].with_element(element) for name, element in ELEMENTS.items()}
+    boxes = _boxes(figure, materials, recipe)
+    camera = framed(turned_upright(camera) if shot.upright else camera, boxes, shot.towards, shot.filled)
     middle, extent = _ball_around(boxes)
     return Scene(camera, studio_lamps(middle, extent), boxes, (sweep(extent, measured["dielectric"]),))
+
+
+def _boxes(figure: str, materials: Mapping[str, Reflectance], recipe: Recipe) -> tuple[VolumeBox, ...]:
+    resolution, seed = recipe.resolution, recipe.seed
+    if figure == "figure_8_whole":
+        return angel(materials, resolution, seed, progress=recipe.tell)
+    if figure == "figure_7_skin":
+        return (skin_patch(materials["skin"], fineness=Fineness(0.12, 0.3).finer(resolution), seed=seed),)
+    if figure == "figure_6_feather":
+        return (feather(materials["feather"], fineness=Fineness(0.12, 0.12).finer(resolution), seed=seed),)
+    return (drape_patch(materials["cloth"], fineness=Fineness(0.12, 0.2).finer(resolution), seed=seed),)
 
 
 def turned_upright(camera: Camera) -> Camera:
@@ -47,31 +81,33 @@ def turned_upright(camera: Camera) -> Camera:
     return replace(camera, width=camera.height, height=camera.width, focal=(ay, ax), principal=(y0, x0))
 
 
-def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float], margin: float = 1.04) -> Camera:
-    """The camera in the direction `towards` from the boxes, as near as they all fit into the picture with `margin`."""
+def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float], filled: float) -> Camera:
+    """The camera in the direction `towards` from the boxes, so near that their corners span `filled` of the picture."""
     corners = np.concatenate([box.corners() for box in boxes])
-    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    direction = np.asarray(towards, float) / np.linalg.norm(towards)
-    near, far = 0.1, 100.0
-    for _ in range(40):
-        distance = 0.5 * (near + far)
-        placed = camera.look_at(middle + direction * distance, middle)
-        x, y = placed.project(corners).T
-        half = np.array([camera.width, camera.height]) / 2
-        reach = np.abs(np.stack([x - half[0], y - half[1]], axis=1)) * margin
-        fits = bool(np.isfinite(x).all() and (reach <= half).all())
-        near, far = (near, distance) if fits else (distance, far)
-    return camera.look_at(middle + direction * far, middle)
+    aim, extent = _ball_around(boxes)
+    direction, distance = np.asarray(towards, float) / np.linalg.norm(towards), 5.0 * extent
+    for _ in range(20):
+        placed = camera.look_at(aim + direction * distance, aim)
+        seen = (placed.project(corners) - camera.principal) / camera.focal
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        across = np.append(0.5 * (low + high) * distance, 0.0)
+        aim = aim + across @ placed.world_to_camera[:3, :3]
+        span = float(np.max((high - low) * camera.focal / (camera.width, camera.height)))
+        distance = max(distance * span / filled, 1.01 * extent)
+    return camera.look_at(aim + direction * distance, aim)
 
 
-def studio_lamps(middle: np.ndarray, extent: float, spectrum: str = "D65") -> tuple[Lamp, ...]:
-    """Three white point lamps: key high from the left, weak fill from the right, rim from behind; `extent` [m] sets scale."""
-    places = {"key": ((-1.3, -1.6, 1.9), 1.0), "fill": ((1.9, -1.8, 0.5), 0.22), "rim": ((0.9, 1.5, 1.7), 0.7)}
+def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
+    """Three white point lamps: key high on the left, weak fill on the right, rim from high behind.
+
+    Places in units of `extent` [m] from `middle`, and irradiance there, 1 for the key.
+    """
+    places = {"key": ((-2.7, -2.0, 2.4), 1.0), "fill": ((2.6, -3.4, 0.8), 0.12), "rim": ((0.9, 1.5, 3.2), 1.3)}
     return tuple(
         Lamp(
             position=middle + extent * np.array(place),
             intensity=share * float(np.dot(place, place)) * extent**2,
-            spectrum=Spectrum.named(spectrum),
+            spectrum=Spectrum.named(LAMP),
             name=name,
         )
         for name, (place, share) in places.items()
@@ -79,10 +115,10 @@ def studio_lamps(middle: np.ndarray, extent: float, spectrum: str = "D65") -> tu
 
 
 def sweep(extent: float, reflectance: Reflectance) -> Surface:
-    """A photographer's background: floor at z = 0 that bends up into a wall behind, without an edge."""
-    depth, radius, half, height = 1.8 * extent, 1.2 * extent, 8.0 * extent, 7.0 * extent
+    """A photographer's background: a floor at z = 0 that bends up into a wall far behind, without an edge."""
+    depth, radius, half, height = 9.0 * extent, 4.0 * extent, 40.0 * extent, 40.0 * extent
     turn = np.linspace(0.0, np.pi / 2, 49)
-    y = np.concatenate([[-8.0 * extent], depth + radius * np.sin(turn), [depth + radius]])
+    y = np.concatenate([[-40.0 * extent], depth + radius * np.sin(turn), [depth + radius]])
     z = np.concatenate([[0.0], radius * (1.0 - np.cos(turn)), [height]])
     profile = np.stack([y, z], axis=1)
     vertices = np.array([(x, *row) for x in (-half, half) for row in profile])
@@ -91,28 +127,8 @@ def sweep(extent: float, reflectance: Reflectance) -> Surface:
     return Surface(reflectance, vertices=vertices, faces=faces, name="sweep")
 
 
-def _ball_around(boxes: Sequence[VolumeBox]) -> tuple[np.ndarray, float]:
+def _ball_around(boxes: Sequence[VolumeBox]) -> tuple[NDArray, float]:
     """Middle [m] and half diagonal [m] of what the boxes span."""
     corners = np.concatenate([box.corners() for box in boxes])
     low, high = corners.min(axis=0), corners.max(axis=0)
     return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-
-
-def _stand_in(material: Reflectance, resolution: int) -> VolumeBox:
-    """A folded column, until matter is there."""
-    kinds, size = arrays(), 0.12
-    voxel = size / resolution
-    pose = np.eye(4)
-    pose[:3, 3] = (-size / 2, -size / 2, 0.0)
-
-    def field(p):
-        x, y, z = p.x - size / 2, p.y - size / 2, p.z
-        angle, r = dr.atan2(y, x), dr.sqrt(x * x + y * y + 1e-12)
-        radius = 0.035 * (1.0 - 0.5 * z / 0.18) + 0.004 * dr.cos(9.0 * angle)
-        density = clip((radius - r) / voxel, 0.0, 1.0)
-        density = dr.select((z > 0) & (z < 0.17), density, 0.0)
-        return density, kinds.Array3f(-y / r, x / r, 0.0 * z)
-
-    return VolumeBox.from_field(
-        field, (resolution, resolution, int(1.5 * resolution)), voxel, 3.0 / voxel, [material], pose=pose
-    )

@@ -24,12 +24,12 @@ KNOTS = (380.0, 420.0, 450.0, 480.0, 510.0, 542.0, 560.0, 576.0, 600.0, 630.0, 6
 # Diffuse reflectance at KNOTS, drawn by hand for this demo, no measurements. Skin: after the mean of 100 forearms in
 # Cooksey, Allen & Tsai (2017), "Reference data set of human skin reflectance", with the dips of oxygenated haemoglobin
 # at 420, 542 and 576 nm. Cloth: an indigo dye, which absorbs around 610 nm and lets blue and deep red pass. Feather:
-# white keratin, slightly yellow. Dielectric: a slate-grey glaze.
+# white keratin, slightly yellow. Dielectric: a dark slate-grey glaze.
 SPECTRA = {
     "skin": (0.16, 0.17, 0.25, 0.30, 0.35, 0.31, 0.34, 0.32, 0.47, 0.56, 0.60, 0.63, 0.64),
     "cloth": (0.22, 0.32, 0.40, 0.40, 0.31, 0.20, 0.15, 0.12, 0.10, 0.09, 0.11, 0.24, 0.36),
     "feather": (0.40, 0.49, 0.55, 0.60, 0.63, 0.66, 0.67, 0.68, 0.69, 0.70, 0.71, 0.72, 0.72),
-    "dielectric": (0.19, 0.21, 0.22, 0.225, 0.22, 0.215, 0.21, 0.205, 0.195, 0.185, 0.18, 0.18, 0.18),
+    "dielectric": (0.052, 0.057, 0.060, 0.061, 0.060, 0.058, 0.057, 0.055, 0.053, 0.050, 0.048, 0.048, 0.048),
 }
 # β [1/sr], γ [rad], n. β is near ln2 / 4πγ², which a normalised distribution of facets would give, or the less that
 # energy conservation leaves beside the body. n, rounded: outer layer of skin 1.40 (Ding et al. 2006), cellulose 1.54,

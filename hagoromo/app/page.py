@@ -30,7 +30,6 @@ table { border-collapse: collapse; font-size: .86rem; margin: 1rem 0; font-varia
 th, td { padding: .2rem .75rem .2rem 0; text-align: left; vertical-align: top; }
 th { border-bottom: 1.5px solid #999; font-weight: 600; }
 td { border-bottom: 1px solid #eee; }
-td.n { text-align: right; }
 tr.first td { border-top: 1px solid #bbb; }
 .no { color: #b00020; font-weight: 600; }
 code { font-size: .85em; background: #f1f1ec; padding: 0 .25em; border-radius: 3px; }
@@ -71,12 +70,12 @@ class Page:
         self._figure(caption, "stack", bodies)
 
     def table(self, caption: str, head: Sequence[str], body: Sequence[Sequence[str]], group: int = 0) -> None:
-        """A numbered table; cells are HTML, numbers stand to the right; a line is drawn before every `group` rows."""
+        """A numbered table; cells are HTML; a line is drawn before every `group` rows."""
         self.tables += 1
         rows = []
         for k, cells in enumerate(body):
             first = ' class="first"' if group and k % group == 0 else ""
-            rows.append(f"<tr{first}>" + "".join(_cell(cell) for cell in cells) + "</tr>")
+            rows.append(f"<tr{first}>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
         top = "".join(f"<th>{cell}</th>" for cell in head)
         self.parts.append(
             f"<figure><table><thead><tr>{top}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
@@ -103,8 +102,3 @@ def image(picture: NDArray[np.uint8], title: str = "", lossless: bool = False) -
     """An <img> that carries its picture; the title, if any, stands under it."""
     label = f'<span class="label">{escape(title)}</span>' if title else ""
     return f'<img alt="{escape(title)}" src="{data_uri(picture, lossless)}">{label}'
-
-
-def _cell(cell: str) -> str:
-    number = cell.lstrip("−-").replace(".", "", 1).replace(" ", "").rstrip("%s").isdigit()
-    return f'<td class="n">{cell}</td>' if number else f"<td>{cell}</td>"

@@ -56,7 +56,7 @@ def write_report(path: Path, report: Report) -> None:
 
 
 def _introduction(page: Page, report: Report) -> None:
-    held, measured = report.record["coverage"], report.relit.measured
+    held, measured, ideal = report.record["coverage"], report.relit.measured, report.relit.ideal
     page.section(
         "What this is",
         "A camera photographs samples of four materials under known lamps. From the photographs alone the parameters "
@@ -67,8 +67,9 @@ def _introduction(page: Page, report: Report) -> None:
         "and every step can be checked.",
         f"In short: {held['inside']} of {held['identifiable']} intervals of 95 % hold the truth, and a photograph "
         "under a lamp that the measurement never saw is predicted with a relative error of "
-        f"{100 * measured['relative_rmse']:.2f} % and a mean ΔE<sub>00</sub> of {measured['delta_e_2000']:.2f}. All "
-        "files lie beside this page.",
+        f"{100 * measured['relative_rmse']:.2f} % and a mean ΔE<sub>00</sub> of {measured['delta_e_2000']:.2f}. (The "
+        f"true reflectances give {100 * ideal['relative_rmse']:.2f} % and {ideal['delta_e_2000']:.2f}: it is the noise "
+        "of the photograph.) All files lie beside this page.",
     )
 
 
@@ -197,13 +198,14 @@ def _figures(page: Page, report: Report) -> None:
         "Volume boxes filled with the measured reflectances, under three white point lamps: a key high on the left, a "
         "weak fill on the right and a rim light from behind. The ground is the measured dielectric. The camera is the "
         f"same, with a binning of {size['figure_binning']} and {size['figure_samples']} rays a pixel. Light is "
-        "attenuated on its way in and on its way out, and scattered once.",
+        "attenuated on its way in and on its way out, and scattered once. The pictures show what the CIE 1931 observer "
+        "sees; the EXR files beside them hold the camera's values and the weights.",
     )
-    for name, text in FIGURES.items():
+    for name, shot in FIGURES.items():
         picture = report.figures[name].display()
         height, width = picture.shape[:2]
         note = f"Figure {name.split('_')[1]} of the paper; {width} × {height} pixels."
-        page.figure(f"{text} <i>{note}</i>", image(picture))
+        page.figure(f"{shot.caption} <i>{note}</i>", image(picture))
 
 
 def _other_light(page: Page, report: Report) -> None:

@@ -52,9 +52,14 @@ def differences(
     from skimage.metrics import structural_similarity
 
     mask = np.asarray(mask, bool)
-    a, b = (np.where(mask[..., None], np.asarray(values, np.float64), 0.0) for values in (image, reference))
     if not mask.any() or min(mask.shape) < WINDOW:
-        raise InputError(f"{mask.sum()} pixels of {_size(a)} to compare: give more, at least {WINDOW} a side")
+        raise InputError(f"{mask.sum()} pixels of {_size(mask)} to compare: give more, at least {WINDOW} a side")
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    near = tuple(slice(max(at[0] - WINDOW, 0), at[-1] + WINDOW + 1) for at in (rows, columns))
+    mask = mask[near]
+    a, b = (
+        np.where(mask[..., None], np.asarray(values)[near], 0.0).astype(np.float64) for values in (image, reference)
+    )
     peak = float(b.max()) if peak is None else peak
     rmse, size = (float(np.sqrt(np.mean(values[mask] ** 2))) for values in (a - b, b))
     if not (peak > 0.0 and size > 0.0):

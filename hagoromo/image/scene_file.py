@@ -5,13 +5,14 @@
                  or size = [width, height], focal = [α_x, α_y], principal, distortion = [k1, k2, p1, p2, k3], all in px
                  binning; eye, target, up, or world_to_camera; response (name or CSV), sensor (table), name
     [[lamp]]     position (near) or to_lamp (far), intensity, spectrum (name, number, CSV or table), name
-    [[box]]      file = "name.zarr", tau, materials (list of reflectances), name, place
+    [[box]]      file = "name.zarr" or recipe = "matter.toml" (see `matter.build`), tau, materials (list), name, place
     [[surface]]  shape (sphere, rectangle, disk, cylinder, cube) or mesh = "name.ply", smooth, name, place, reflectance
-    [render]     samples, shadows, shadow_resolution, shadow_slices, steps_per_voxel, seed
+    [render]     samples, shadows, shadow_resolution, steps_per_voxel, seed
 
 A reflectance is {alpha, beta, gamma [rad], n, body_colour, interface_colour, element, name}, or a measured one:
 {file = "materials.json", material = "name", element, response, lamp}. A place is position, rotation_deg (about x, then
-y, then z) and, for surfaces, scale (a number, or one an axis); or pose. Poses are 16 numbers by rows.
+y, then z) and, for surfaces, scale (a number, or one an axis); or pose. Poses are 16 numbers by rows. A box is moved
+from where it was built.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ from hagoromo.image.render import SHADOWS, Settings
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.build import build
 from hagoromo.photograph.transforms import lamp_from_record, sensor_from_record
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.materials_file import read_materials
@@ -67,7 +69,10 @@ CAMERA = {
     "response": (text, None), "sensor": (table, None), "name": (text, None),
 }  # fmt: skip
 PLACE = {"position": (numbers(3), None), "rotation_deg": (numbers(3), None), "pose": (numbers(16), None)}
-BOX = {"file": text, "tau": (positive, None), "materials": (list_of(table), None), "name": (text, None), **PLACE}
+BOX = {
+    "file": (text, None), "recipe": (text, None), "tau": (positive, None), "materials": (list_of(table), None),
+    "name": (text, None), **PLACE,
+}  # fmt: skip
 SURFACE = {
     "shape": (one_of(*SHAPES), None), "mesh": (text, None), "smooth": (flag, True), "scale": (anything, 1.0),
     "reflectance": table, "name": (text, ""), **PLACE,
@@ -77,7 +82,7 @@ MEASURED = {
     "lamp": (anything, 1.0),
 }  # fmt: skip
 RENDER = {
-    "samples": count, "shadows": one_of(*SHADOWS), "shadow_resolution": count, "shadow_slices": count,
+    "samples": count, "shadows": one_of(*SHADOWS), "shadow_resolution": count,
     "steps_per_voxel": number, "seed": count,
 }  # fmt: skip
 
@@ -152,7 +157,9 @@ def _lens(key: dict[str, Any], given: str, folder: Path, where: str) -> Camera:
 
 def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
     key = take(record, BOX, where)
-    box = load_box(inside(folder, key["file"]))
+    if (key["file"] is None) == (key["recipe"] is None):
+        raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
+    box = load_box(inside(folder, key["file"])) if key["file"] else build(inside(folder, key["recipe"]))
     box = replace(box, **{name: key[name] for name in ("tau", "name") if key[name] is not None})
     if key["materials"] is not None:
         listed = [
@@ -160,7 +167,7 @@ def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
             for i, material in enumerate(key["materials"])
         ]
         box = box.with_materials(listed)
-    return box.with_pose(_pose(key, where)) if any(key[name] is not None for name in PLACE) else box
+    return box.with_pose(_pose(key, where) @ box.pose)
 
 
 def _surface(record: dict[str, Any], folder: Path, where: str) -> Surface:

@@ -11,6 +11,7 @@ from hagoromo.files.record import write_json
 from hagoromo.image.image import read_image
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene_file import load_scene
+from hagoromo.matter.build import build
 from hagoromo.photograph.capture import load_capture
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store import save_box
@@ -94,6 +95,20 @@ def test_boxes_meshes_and_calibrated_cameras_are_found_beside_the_file(scene_pat
     np.testing.assert_allclose(slab.pose @ (1, 0, 0, 1), (0.0, 1.0, 0.3, 1.0), atol=1e-12)  # rounding of cos 90°
     faces = scene.surfaces[0].faces
     assert faces is not None and faces.shape == (12, 3)
+
+
+def test_a_box_is_built_from_its_recipe(scene_path):
+    figures = "alpha = 0.1\nbeta = 0.1\ngamma = 0.3\nn = 1.5\nbody_colour = 1.0"
+    recipe = f'kind = "solid"\nvoxel_mm = 4.0\nshape = {{form = "sphere", radius_mm = 30.0}}\n[material]\n{figures}\n'
+    (scene_path.parent / "ball.toml").write_text(recipe)
+    scene_path.write_text(SCENE + '[[box]]\nrecipe = "ball.toml"\nposition = [0.0, 0.0, 0.2]\nname = "here"\n')
+    box = load_scene(scene_path)[0].boxes[0]
+    assert box.name == "here" and box.voxel_size == 0.004
+    moved = box.pose - build(scene_path.parent / "ball.toml").pose
+    np.testing.assert_allclose(moved[:3, 3], (0.0, 0.0, 0.2))
+    scene_path.write_text(SCENE + '[[box]]\nrecipe = "ball.toml"\nfile = "ball.zarr"\n')
+    with pytest.raises(InputError, match="box 1: give either file"):
+        load_scene(scene_path)
 
 
 @pytest.mark.parametrize(
