@@ -215,20 +215,24 @@ def calibrate_response(pairs: Positional[Path], out: Out, force: Force = False) 
 
 
 @_verb(verbs)
-def measure(capture: Positional[Path], out: Out, n: float | None = None, force: Force = False) -> None:
+def measure(
+    capture: Positional[Path], out: Out, n: float | None = None, distance: float | None = None, force: Force = False
+) -> None:
     """Capture → materials.json, normals.exr, labels.png, a picture of each photograph's residuals, report.html.
 
     Args:
-        capture: folder with transforms.json, its shape and lamps known.
+        capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
         n: refractive index, where it is known.
+        distance: of the object [m] where its shape is to be solved; without it the camera's from the origin.
     """
     from hagoromo.app.measure_report import write_measure_report
+    from hagoromo.app.solve_shape import solve_shape
     from hagoromo.files.whole import whole_folder
     from hagoromo.photograph.capture import load_capture
     from hagoromo.reflectance.measure import fill_measurement, measure
 
     with whole_folder(out, force) as partial, progress_bar("measure") as progress:
-        photographed = load_capture(capture)
+        photographed = solve_shape(load_capture(capture), distance, progress)
         measured = measure(photographed, n=n, progress=progress)
         fill_measurement(measured, partial)
         write_measure_report(partial / "report.html", photographed, measured)

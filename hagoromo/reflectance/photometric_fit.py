@@ -102,7 +102,8 @@ def independent_share(seen: Views, fit: Fit) -> float:
     """
     grey = seen.values.mean(axis=1)
     model = predicted(fit, seen.to_lamp, seen.to_eye).mean(axis=1)
-    relative = np.where(seen.used, (grey - model) / _size(seen)[:, 0], 0.0)
+    size = np.maximum(_size(seen)[:, 0], 1e-30)  # a pixel that no photograph sees anything of has 0
+    relative = np.where(seen.used, (grey - model) / size, 0.0)
     limit = 3.0 * np.sqrt(np.median(relative[seen.used] ** 2) / NORMAL_MEDIAN)
     relative = np.clip(relative, -limit, limit)
     side = max(int(0.5 * np.sqrt(len(seen.rows) / np.pi)), 1)

@@ -196,3 +196,24 @@ def test_a_recipe_is_built_into_a_box_that_a_scene_renders(tmp_path, capsys):
     (tmp_path / "scene.toml").write_text(scene + '[[box]]\nfile = "skin.zarr"\n')
     assert main(["render", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "skin.exr")]) == 0
     assert read_exr(tmp_path / "skin.exr")[0]["A"].max() > 0.99
+
+
+def test_a_capture_of_unknown_shape_is_measured_from_many_lamps(tmp_path, capsys):
+    """Eight far lamps. Tolerance: 1° on average, three times what 12 bits and pixels at the rim leave."""
+    lamps = [f"[[lamp]]\nto_lamp = [{0.6 * np.cos(a)}, -1.0, {0.6 * np.sin(a)}]\n" for a in np.arange(8) * np.pi / 4]
+    camera, ball = SCENE[: SCENE.index("[[lamp]]")], SCENE[SCENE.index("[[surface]]") :]
+    (tmp_path / "scene.toml").write_text(camera + "".join(lamps) + ball)
+    capture = tmp_path / "capture"
+    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(capture)]) == 0
+    record = read_json(capture / "transforms.json")
+    write_json(
+        capture / "transforms.json", {k: v for k, v in record.items() if k not in ("points_path", "normals_path")}
+    )
+    assert main(["measure", str(capture), "--out", str(tmp_path / "measured")]) == 0
+    true, found = (
+        np.stack([read_exr(folder / "normals.exr")[0][f"N.{axis}"] for axis in "XYZ"], axis=2)
+        for folder in (capture, tmp_path / "measured")
+    )
+    known = (np.linalg.norm(true, axis=2) > 0.5) & (np.linalg.norm(found, axis=2) > 0.5)
+    angle = np.degrees(np.arccos(np.clip(np.sum(true * found, axis=2)[known], -1.0, 1.0)))
+    assert known.sum() > 1400 and angle.mean() < 1.0
