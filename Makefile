@@ -32,6 +32,11 @@ test-slow: $(READY)
 bench: $(READY)
 	$(BIN)/python benchmarks/march.py
 
-# Every picture in README and docs.
+# Every picture of README and docs: figures 6–8 of the paper.
 figures: $(READY)
 	$(BIN)/hagoromo demo --out out/figures --size full --force
+	mkdir -p docs/figures
+	cp out/figures/figures/figure_6_drape.png docs/figures/figure6_drape.png
+	cp out/figures/figures/figure_6_feather.png docs/figures/figure6_feather.png
+	cp out/figures/figures/figure_7_skin.png docs/figures/figure7.png
+	cp out/figures/figures/figure_8_whole.png docs/figures/figure8.png
