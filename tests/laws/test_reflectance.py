@@ -160,8 +160,9 @@ def test_energy_is_conserved_or_the_reflectance_is_refused():
     "figures", [(-0.1, 0.1, 0.2, 1.5), (0.1, np.nan, 0.2, 1.5), (0.1, 0.1, 0.0, 1.5), (0.1, 0.1, 0.2, 0.9)]
 )
 def test_figures_outside_their_range_are_refused(figures):
+    alpha, beta, gamma, n = figures
     with pytest.raises(InputError):
-        Reflectance(*figures, Spectrum.constant(0.5))
+        Reflectance(alpha, beta, gamma, n, Spectrum.constant(0.5))
 
 
 @pytest.mark.parametrize(("gamma", "tilt"), [(0.1, 0.3), (0.3, 0.9), (0.6, 1.3)])
