@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.record import inside
 from hagoromo.files.table import read_table
 from hagoromo.light.colour import colour_matching
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
@@ -52,8 +53,10 @@ class Response:
         object.__setattr__(self, "name", name)
 
     @staticmethod
-    def load(source: str | Path) -> Response:
+    def load(source: str | Path, folder: str | Path | None = None) -> Response:
         """Response by name or from a CSV file (wavelength column first, then one column per channel).
+
+        folder: where a file that names the CSV lies; the CSV must be inside it.
 
         Names: "cie1931" (colour matching functions x̄ ȳ z̄), "canon_eos_300d", and colour-science's measured cameras.
         "canon_eos_300d" is a smooth stand-in, not a measurement: per channel two Gaussians with unequal flanks, fitted
@@ -61,7 +64,7 @@ class Response:
         functions for digital color cameras?"); correlation 0.998 (R), 0.999 (G) and 0.9996 (B) with them.
         """
         if str(source).lower().endswith(".csv"):
-            return _from_csv(Path(source))
+            return _from_csv(Path(source) if folder is None else inside(folder, str(source)))
         return _named(str(source))
 
     def curve(self, channel: int) -> Spectrum:

@@ -18,9 +18,9 @@ from hagoromo.backend import arrays, opaque_vector
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.element import ELEMENTS, cylinder_body, cylinder_facets, sphere_body, sphere_table
+from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body, sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel, torrance_sparrow
+from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
 
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
 Attenuation = Callable[[int, Any, Any, Any], Any]  # (lamp, point, to_lamp, distance) → transmittance 0…1
@@ -85,13 +85,11 @@ class Materials:
     def _element(
         self, name: str, material: Any, axis: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any
     ) -> Weights:
-        if name == "plane":
-            return torrance_sparrow(axis, to_lamp, to_eye, alpha, beta, gamma, n)
+        """As `element_weights`, with the sphere's facets from its table."""
+        if name != "sphere":
+            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n)
         cos_phase = dr.dot(to_lamp, to_eye)
         mirror = beta * fresnel(cos_deviation(cos_phase), n)
-        if name == "cylinder":
-            facets = cylinder_facets(axis, to_lamp, to_eye, gamma)
-            return Weights(alpha * cylinder_body(axis, to_lamp, to_eye), mirror * facets)
         return Weights(alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))
 
     def _sphere(self, material: Any, cos_phase: Any) -> Any:

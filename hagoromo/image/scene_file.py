@@ -47,12 +47,9 @@ from hagoromo.files.record import (
 from hagoromo.image.render import SHADOWS, Settings
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import SHAPES, Surface
-from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build
 from hagoromo.photograph.transforms import lamp_from_record, sensor_from_record
-from hagoromo.reflectance.element import ELEMENTS
-from hagoromo.reflectance.materials_file import read_materials
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.material_table import reflectance_from_table
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store import load_box
 
@@ -76,10 +73,6 @@ BOX = {
 SURFACE = {
     "shape": (one_of(*SHAPES), None), "mesh": (text, None), "smooth": (flag, True), "scale": (anything, 1.0),
     "reflectance": table, "name": (text, ""), **PLACE,
-}  # fmt: skip
-MEASURED = {
-    "file": text, "material": text, "element": (one_of(*ELEMENTS), None), "response": (text, None),
-    "lamp": (anything, 1.0),
 }  # fmt: skip
 RENDER = {
     "samples": count, "shadows": one_of(*SHADOWS), "shadow_resolution": count,
@@ -107,21 +100,6 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
 
 
-def reflectance_from_table(record: dict[str, Any], folder: Path, where: str) -> Reflectance:
-    """A reflectance by its figures, or one that was measured: `{file = "materials.json", material = "silk"}`.
-
-    A measured one may name the `response` and `lamp` spectrum that its body colour was measured with, and an `element`.
-    """
-    if "file" not in record:
-        return reflectance_from_record(record, where, folder)
-    key = take(record, MEASURED, where)
-    found = {material.name: material for material in read_materials(inside(folder, key["file"]))}
-    if key["material"] not in found:
-        raise InputError(f"{where}: {key['file']} has no material {key['material']!r}: it has {', '.join(found)}")
-    response = None if key["response"] is None else _response(key["response"], folder)
-    return found[key["material"]].reflectance(response, Spectrum.load(key["lamp"], folder), key["element"])
-
-
 def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:
     key = take(record, CAMERA, where)
     given = [name for name in ("preset", "file", "size") if key[name] is not None]
@@ -129,7 +107,7 @@ def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:
         raise InputError(f"{where}: give one of preset, file or size (with focal): given {', '.join(given) or 'none'}")
     camera = _lens(key, given[0], folder, where)
     if key["response"] is not None:
-        camera = replace(camera, response=_response(key["response"], folder))
+        camera = replace(camera, response=Response.load(key["response"], folder))
     if key["sensor"] is not None:
         camera = replace(camera, sensor=sensor_from_record(key["sensor"], 16, 1.0, 100.0, where))
     camera = replace(camera, name=key["name"] or camera.name).binned(key["binning"])
@@ -182,10 +160,6 @@ def _surface(record: dict[str, Any], folder: Path, where: str) -> Surface:
         return Surface(reflectance, key["shape"], pose=pose, name=key["name"])
     name = key["name"] or Path(key["mesh"]).stem
     return Surface.from_file(inside(folder, key["mesh"]), reflectance, pose=pose, smooth=key["smooth"], name=name)
-
-
-def _response(source: str, folder: Path) -> Response:
-    return Response.load(inside(folder, source) if source.lower().endswith(".csv") else source)
 
 
 def _pose(key: dict[str, Any], where: str) -> NDArray[np.float64]:

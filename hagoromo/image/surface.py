@@ -15,7 +15,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, mitsuba
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_file
+from hagoromo.files.mesh import read_mesh
 from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
@@ -74,15 +74,7 @@ class Surface:
     @classmethod
     def from_file(cls, path: str | Path, reflectance: Reflectance, **record: Any) -> Surface:
         """A mesh file; several parts become one mesh."""
-        import trimesh
-
-        check_memory(20 * existing_file(path).stat().st_size, str(path))
-        try:
-            mesh = trimesh.load(str(path), force="mesh")
-        except Exception as error:
-            raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())}") from error
-        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-            raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
+        mesh = read_mesh(path)
         return cls(reflectance, "mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces), **record)
 
     def corners(self) -> np.ndarray:

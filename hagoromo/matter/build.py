@@ -28,10 +28,8 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.backend import arrays
-from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import (
-    anything,
     count,
     inside,
     number,
@@ -43,7 +41,6 @@ from hagoromo.files.record import (
     take,
     text,
 )
-from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.cloth import Weave, check_weave, covering
 from hagoromo.matter.drape import drape_patch
 from hagoromo.matter.feather import Plume, feather
@@ -52,9 +49,8 @@ from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
 from hagoromo.matter.skin import Granules, skin, skin_patch
 from hagoromo.matter.solid import Extent, mesh_solid, solid
-from hagoromo.reflectance.element import ELEMENTS
-from hagoromo.reflectance.materials_file import read_materials
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.material_table import reflectance_from_table
+from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
 KINDS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder", "solid": "plane", "figure": ""}
@@ -77,7 +73,7 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = No
     kind = take(record, {"kind": one_of(*KINDS)}, where, strict=False)["kind"]
     key = take(record, RECIPES[kind] | ALL | ({} if kind == "figure" else _fineness_keys(kind)), where)
     element = KINDS[kind] or FIGURE_ELEMENTS[key["part"]]
-    material = _material(key["material"], element, folder, f"{where} [material]")
+    material = reflectance_from_table(key["material"], folder, f"{where} [material]", element)
     if progress:
         progress(0.0)
     try:
@@ -156,21 +152,6 @@ def _shape(record: dict[str, Any], where: str) -> tuple[Shape, Extent]:
     return found, ((-half[0] - room, -half[1] - room, -room), (half[0] + room, half[1] + room, 2.0 * half[2] + room))
 
 
-def _material(record: dict[str, Any], element: str, folder: Path | None, where: str) -> Reflectance:
-    if "file" not in record:
-        return reflectance_from_record({"element": element, **record}, where, folder)
-    key = take(record, MEASURED, where)
-    path = Path(key["file"]) if folder is None else inside(folder, key["file"])
-    found = {material.name: material for material in read_materials(path)}
-    if key["material"] not in found:
-        raise InputError(f"{where}: {path} has no material {key['material']!r}: it has {', '.join(found)}")
-    source = key["response"]
-    if source is not None and folder is not None and source.lower().endswith(".csv"):
-        source = inside(folder, source)
-    response = None if source is None else Response.load(source)
-    return found[key["material"]].reflectance(response, Spectrum.load(key["lamp"], folder), key["element"] or element)
-
-
 def _fineness(key: dict[str, Any]) -> Fineness:
     return Fineness(key["voxel_mm"], key["mean_free_path_mm"]).finer(key["resolution"])
 
@@ -227,8 +208,4 @@ SHAPES: dict[str, dict[str, Any]] = {
     "box": {"size_mm": _sizes, "rounding_mm": (_not_negative, 0.0)},
     "capsule": {"radius_mm": positive, "length_mm": positive},
 }
-MEASURED = {
-    "file": text, "material": text, "element": (one_of(*ELEMENTS), None), "response": (text, None),
-    "lamp": (anything, 1.0),
-}  # fmt: skip
 MAKERS = {"skin": _skin, "cloth": _cloth, "feather": _feather, "solid": _solid, "figure": _figure}

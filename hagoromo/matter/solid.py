@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, mitsuba
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_file
+from hagoromo.files.door import check_memory
+from hagoromo.files.mesh import read_mesh
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import Shape, coverage, distance_and_normal
 from hagoromo.reflectance.reflectance import Reflectance
@@ -114,15 +115,7 @@ def _smooth_normals(mesh: Any, points: NDArray[np.float64], faces: NDArray[np.in
 
 
 def _closed_mesh(path: str | Path) -> Any:
-    import trimesh
-
-    check_memory(20 * existing_file(path).stat().st_size, str(path))
-    try:
-        mesh = trimesh.load(str(path), force="mesh")
-    except Exception as error:
-        raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())}") from error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
+    mesh = read_mesh(path)
     if not mesh.is_volume:
         raise InputError(f"{path} does not enclose a volume: close its holes and turn its faces outwards first")
     return mesh

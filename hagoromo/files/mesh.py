@@ -1,0 +1,23 @@
+"""Mesh files: whatever trimesh reads, its parts as one mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_file
+
+
+def read_mesh(path: str | Path) -> Any:
+    """The `trimesh.Trimesh` in a file; `InputError` when it is missing, damaged, too large, or has no triangles."""
+    import trimesh
+
+    check_memory(20 * existing_file(path).stat().st_size, str(path))
+    try:
+        mesh = trimesh.load(str(path), force="mesh")
+    except Exception as error:
+        raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())}") from error
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
+    return mesh
