@@ -56,7 +56,7 @@ def march_of(medium, lighting):
 
 @pytest.fixture
 def ball():
-    """A thin soft ball, its grid in single precision: rays pass it, so CUT (which cuts the gradient, too) is not met."""
+    """A thin soft ball, its grid in single precision; rays pass it, so CUT, which cuts the gradient, is not met."""
 
     def field(p):
         offset = p - 0.08
