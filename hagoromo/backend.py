@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import importlib
 import os
+import platform
 from functools import cache
 from types import ModuleType
 from typing import Any
 
 from hagoromo.errors import InputError
 
+X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")
+OLDEST_LLVM = 17  # on x86; before it, kernels of Dr.Jit 1.5 with a maximum, or arctan2, abort the process
 NO_LLVM = (
-    "no Dr.Jit backend works here: no GPU was found and the library libLLVM is missing; "
-    "install it (Debian/Ubuntu: apt-get install libllvm15, macOS: brew install llvm) or set DRJIT_LIBLLVM_PATH"
+    "no Dr.Jit backend works here: no GPU was found and the library libLLVM {state}; "
+    "install it (Debian/Ubuntu: apt-get install libllvm19, macOS: brew install llvm) or set DRJIT_LIBLLVM_PATH"
 )
 
 
@@ -32,7 +35,10 @@ def name() -> str:
     for backend in (asked,) if asked else BACKENDS:
         if _works(backend):
             return backend
-    raise InputError(f"HAGOROMO_BACKEND={asked} does not work on this machine: unset it" if asked else NO_LLVM)
+    if asked not in ("", "llvm"):
+        raise InputError(f"HAGOROMO_BACKEND={asked} does not work on this machine: unset it")
+    version = _llvm_version()
+    raise InputError(NO_LLVM.format(state=f"is too old ({version} of {OLDEST_LLVM})" if version else "is missing"))
 
 
 @cache
@@ -53,8 +59,8 @@ def mitsuba() -> ModuleType:
 def clip(value: Any, low: Any, high: Any) -> Any:
     """`value` held between `low` and `high`, for Python floats and Dr.Jit arrays.
 
-    Kernels use this, `dr.fmin` and `dr.fmax` instead of `dr.clip`, `dr.minimum` and `dr.maximum`: those propagate NaN
-    by an instruction that libLLVM before 17 cannot compile on x86, where the process aborts.
+    Kernels use this, `dr.fmin` and `dr.fmax` instead of `dr.clip`, `dr.minimum` and `dr.maximum`, which spend
+    instructions on passing NaN on.
     """
     import drjit as dr
 
@@ -74,4 +80,14 @@ def _works(backend: str) -> bool:
     import drjit as dr
 
     kind = getattr(dr.JitBackend, {"cuda": "CUDA", "metal": "Metal", "llvm": "LLVM"}[backend])
-    return bool(dr.has_backend(kind))
+    if not dr.has_backend(kind):
+        return False
+    return backend != "llvm" or platform.machine() not in X86 or _llvm_version() >= OLDEST_LLVM
+
+
+def _llvm_version() -> int:
+    """Major version of the libLLVM that Dr.Jit found; 0 without one."""
+    import drjit as dr
+    import drjit.detail
+
+    return int(drjit.detail.llvm_version()[0]) if dr.has_backend(dr.JitBackend.LLVM) else 0
