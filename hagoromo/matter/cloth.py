@@ -20,6 +20,9 @@ from hagoromo.matter.shape import Shape, coverage, distance_and_normal, unit
 Chart = Callable[[Any], tuple[Any, Any, Any]]  # point → u, v, direction of the warp
 
 
+POLE = 0.05  # sine of the angle between normal and warp below which the direction of the weft is not told by them
+
+
 class Weave(NamedTuple):
     """A plain weave: threads per cm either way and diameter of the weft yarns [mm].
 
@@ -44,7 +47,7 @@ class Weave(NamedTuple):
         return (1.0 + self.crimp) * self.diameter_mm
 
 
-def woven(u: Any, v: Any, height: Any, weave: Weave, fineness: Fineness, seed: int) -> tuple[Any, Any]:
+def woven(u: Any, v: Any, height: Any, weave: Weave, fineness: Fineness, seed: int | Any) -> tuple[Any, Any]:
     """Density and unit tangent (along u, v and the normal) of the nearest yarn, `height` above the cloth's middle.
 
     Where the lattice is too coarse for single yarns they merge into a sheet; the tangents stay theirs.
@@ -60,14 +63,17 @@ def woven(u: Any, v: Any, height: Any, weave: Weave, fineness: Fineness, seed: i
     return coverage(surface, fineness.softness), tangent * dr.rsqrt(1.0 + slope * slope)
 
 
-def covering(point: Any, shape: Shape, chart: Chart, weave: Weave, fineness: Fineness, seed: int) -> tuple[Any, Any]:
+def covering(
+    point: Any, shape: Shape, chart: Chart, weave: Weave, fineness: Fineness, seed: int | Any
+) -> tuple[Any, Any]:
     """Density and tangent of cloth that lies on a thick thing, its upper side the surface of `shape`.
 
     chart: u, v and the direction of the warp, as functions of the point.
     """
     distance, normal = distance_and_normal(shape, point)
     u, v, along = chart(point)
-    weft = unit(dr.cross(along, normal))
+    aside = arrays().Array3f(POLE, 0.0, 0.0)  # decides where the normal lies along the warp
+    weft = unit(dr.cross(along, normal) + aside - normal * dr.dot(normal, aside))
     warp = dr.cross(normal, weft)
     density, tangent = woven(u, v, distance + 0.5 * weave.thickness, weave, fineness, seed)
     lining = coverage(distance + 0.7 * weave.thickness, fineness.softness)
@@ -85,7 +91,7 @@ def check_weave(weave: Weave) -> Weave:
     return weave
 
 
-def _yarn(across: Any, along: Any, height: Any, weave: Weave, girth: float, seed: int) -> tuple[Any, Any]:
+def _yarn(across: Any, along: Any, height: Any, weave: Weave, girth: float, seed: int | Any) -> tuple[Any, Any]:
     """Distance to the surface of the nearest yarn of one set [mm], and the yarn's slope there.
 
     girth: diameter of the set's yarns, of diameter_mm; its sign says whether the first yarn begins above or below.

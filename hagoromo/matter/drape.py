@@ -18,7 +18,8 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
 GATHERED = 0.88  # width of a folded patch at its upper edge, of that at the hem
-ENTRIES = 1024  # of the table of arc length
+SWAY = 0.1  # of the folds to the side between hem and upper edge, of the width
+ENTRIES = 1024  # of the table of arc length, which covers the width and SWAY on both sides
 SHALLOWEST, DEEPEST = 0.45, 1.1  # folds, of the mean one
 ROUNDNESS = 0.03  # of the valleys between pipe folds
 
@@ -46,7 +47,7 @@ def drape_patch(
         across = sheet.across(foot)
         weft = unit(dr.cross(arrays().Array3f(0, 0, 1), front))
         warp = dr.cross(front, weft)
-        density, tangent = woven(sheet.arc(across), foot.z, -distance, weave, fineness, seed + 2)
+        density, tangent = woven(sheet.arc(sheet.phase(foot)), foot.z, -distance, weave, fineness, seed + 2)
         place = arrays().Array3f((across - 0.5) * sheet.width, 0.0, foot.z - half[1])
         density *= coverage(rounded_box(place, (0.0, 0.0, 0.0), (*half[:1], 1.0, half[1])), soft)
         return density, weft * tangent.x + warp * tangent.y + front * tangent.z
@@ -68,11 +69,12 @@ class Sheet:
             raise InputError(
                 f"{self.count} folds {self.depth:g} mm deep do not fit {self.width:g} mm: fewer or shallower"
             )
-        kinds, share = arrays(), np.linspace(0.0, 1.0, ENTRIES)
+        kinds, share = arrays(), np.linspace(-SWAY, 1.0 + SWAY, ENTRIES)
         profile = self.depth * np.array(_waves(kinds.Float(share * self.count), seed), float)
         length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(share) * self.width, np.diff(profile)))])
-        self.length, self._table = float(length[-1]), kinds.Float(length.astype(np.float32))
-        self.gathered = GATHERED if self.depth > 0 else 1.0
+        length -= np.interp(0.0, share, length)
+        self.length, self._table = float(np.interp(1.0, share, length)), kinds.Float(length.astype(np.float32))
+        self.gathered, self.sway = (GATHERED, SWAY) if self.depth > 0 else (1.0, 0.0)
         narrowest = self.gathered * self.width / self.count
         self.steepest = math.hypot(1.0, 1.3 * math.pi * self.depth_at(self.height) / narrowest)
 
@@ -84,14 +86,19 @@ class Sheet:
         """Share of the width that lies to the left of `point`, 0…1."""
         return point.x / (self.width * self._narrowing(point.z)) + 0.5
 
+    def phase(self, point: Any) -> Any:
+        """Where `point` is among the folds, as a share of the width: folds run a little aslant and bend."""
+        fall = clip(1.0 - point.z / self.height, 0.0, 1.0)
+        return self.across(point) + self.sway * dr.sin(2.2 * fall)
+
     def behind(self, point: Any) -> Any:
         """How far `point` is behind the sheet, along y [mm]."""
-        return point.y + self._depth(point.z) * (_waves(self.across(point) * self.count, self.seed) - 0.5)
+        return point.y + self._depth(point.z) * (_waves(self.phase(point) * self.count, self.seed) - 0.5)
 
-    def arc(self, across: Any) -> Any:
-        """Length of cloth to the left of a share of the width [mm]."""
+    def arc(self, phase: Any) -> Any:
+        """Length of cloth [mm] from the first fold to a share of the width among the folds."""
         kinds = arrays()
-        at = clip(across, 0.0, 1.0) * (ENTRIES - 1)
+        at = clip((phase + SWAY) / (1.0 + 2.0 * SWAY), 0.0, 1.0) * (ENTRIES - 1)
         first = dr.fmin(dr.floor(at), ENTRIES - 2)
         low, high = (dr.gather(kinds.Float, self._table, kinds.UInt(first) + k) for k in (0, 1))
         return dr.fma(at - first, high - low, low)
@@ -104,7 +111,7 @@ class Sheet:
         return self.depth * dr.sqrt(1.0 + (1.0 - dr.square(self._narrowing(z))) * self.width**2 / spare)
 
 
-def pipes(turn: Any, count: int, seed: int) -> Any:
+def pipes(turn: Any, count: int, seed: int | Any) -> Any:
     """Pipe folds of a robe, one for every whole step of `turn`: 0 in the sharp valleys, about 1 on the round crests.
 
     Every fold has a height of its own; after `count` folds they repeat, so that they close around an axis.
@@ -118,7 +125,7 @@ def pipes(turn: Any, count: int, seed: int) -> Any:
     return crest * (SHALLOWEST + (DEEPEST - SHALLOWEST) * random((fold, count, 1), seed))
 
 
-def _waves(turn: Any, seed: int) -> Any:
+def _waves(turn: Any, seed: int | Any) -> Any:
     """Round folds of a sheet, one for every whole step of `turn`, each with a height and a lean of its own: 0…1."""
     index = dr.floor(dr.detach(turn))
     part = turn - index

@@ -88,14 +88,14 @@ def plumage(point: Any, plume: Plume, fineness: Fineness, seed: int) -> tuple[An
     half = dr.select(across < 0, plume.outer_mm, kinds.Float(plume.inner_mm))
     down = clip(1.0 - (share - plume.quill) / 0.22, 0.0, 1.0)  # the downy part at the foot of the vane
     waver = gradient_noise(kinds.Array3f(across * 0.25, point.z * 0.12, 0.5), seed)
-    found = vane(across, point.z + waver * (0.6 + 5.0 * down), plume.length_mm, half, plume.quill)
+    found = vane(across, point.z + waver * (0.6 + 3.5 * down), plume.length_mm, half, plume.quill)
 
     number = dr.floor(found.start / plume.barb_mm)
     spacing = plume.barb_mm * found.tangent.x * dr.select(across < 0, -1.0, 1.0)
     beside = (found.start / plume.barb_mm - number - 0.5) * spacing
-    ragged = (random((kinds.Int(number), 0, kinds.Int(half)), seed) - 0.5) * (0.6 + 4.0 * down)
+    ragged = (random((kinds.Int(number), 0, kinds.Int(half)), seed) - 0.5) * (0.6 + 2.0 * down)
     outline = dr.fmax(found.edge + ragged, _split(found.start, across, half, plume, seed))
-    barb = dr.sqrt(dr.square(beside) + dr.square(height)) - 0.3 * plume.barb_mm
+    barb = dr.sqrt(dr.square(beside) + dr.square(height)) - 0.3 * plume.barb_mm * (1.0 - 0.5 * down)
     barbs = coverage(dr.fmax(barb, outline), soft)
     barbules = coverage(dr.fmax(abs(height) - 0.12 * plume.barb_mm, outline), soft)
     density = dr.fmax(barbs, barbules * VANE_DENSITY * (1.0 - 0.9 * down))

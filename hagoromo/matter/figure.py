@@ -9,7 +9,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.body import body
 from hagoromo.matter.fill import Field, Fineness, fill
 from hagoromo.matter.robe import cloth, robe
-from hagoromo.matter.shape import Shape
+from hagoromo.matter.shape import SLOPES, Shape
 from hagoromo.matter.skin import Granules, skin
 from hagoromo.matter.wing import wing, wing_bound
 from hagoromo.reflectance.reflectance import Reflectance
@@ -31,20 +31,20 @@ class Part(NamedTuple):
 FIGURE = {
     "skin": Part(
         lambda fine, seed: lambda point: skin(point, body, GRANULES, fine, seed),
-        lambda fine, seed: fine.layer(body, 0.3, 1.4),
-        ((-16.5, -56.0, 176.0), (16.5, 17.5, 268.5)),
+        lambda fine, seed: fine.layer(body, 0.3, 2.0),
+        ((-16.0, -55.0, 177.0), (16.0, 17.0, 268.0)),
         Fineness(0.28, 0.45),
     ),
     "cloth": Part(
         lambda fine, seed: lambda point: cloth(point, fine, seed),
-        lambda fine, seed: fine.layer(lambda point: robe(point, seed), 0.3, 2.2),
-        ((-64.0, -59.0, -1.0), (64.0, 62.0, 273.5)),
+        lambda fine, seed: fine.layer(lambda point: robe(point, seed), 0.3, SLOPES[1]),
+        ((-64.0, -59.0, -0.5), (64.0, 62.0, 273.0)),
         Fineness(0.45, 0.55),
     ),
     "feather": Part(
         lambda fine, seed: lambda point: wing(point, fine, seed),
         lambda fine, seed: wing_bound,
-        ((-130.0, 16.0, 60.0), (130.0, 75.0, 303.0)),
+        ((-129.0, 17.0, 61.0), (129.0, 74.0, 305.0)),
         Fineness(0.45, 0.4),
     ),
 }
@@ -75,7 +75,8 @@ def angel(
 
 def figure_part(part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> VolumeBox:
     """One box of the figure: part "skin", "cloth" or "feather"."""
-    field, bound, extent, fineness = FIGURE[part]
+    field, bound, (low, high), fineness = FIGURE[part]
     fine = fineness.finer(resolution)
+    extent = [x - fine.softness for x in low], [x + fine.softness for x in high]
     record: dict[str, Any] = {"kind": "figure", "part": part, "resolution": resolution, "seed": seed}
     return fill(field(fine, seed), bound(fine, seed), extent, fine, material, name=part, provenance=record)

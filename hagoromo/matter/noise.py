@@ -29,10 +29,15 @@ def hashed(cell: tuple[Any, Any, Any], seed: int | Any) -> tuple[Any, Any, Any]:
 
     PCG3D of Jarzynski & Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020.
     """
-    UInt = arrays().UInt
-    key = (dr.opaque(UInt, seed) if isinstance(seed, int) else UInt(seed)) * 0x9E3779B9
-    x, y, z = _mixed([(UInt(number) + key) * 1664525 + 1013904223 for number in cell])
+    key = seed_of(seed) * 0x9E3779B9
+    x, y, z = _mixed([(_word(number) + key) * 1664525 + 1013904223 for number in cell])
     return _mixed([number ^ (number >> 16) for number in (x, y, z)])
+
+
+def seed_of(seed: int | Any) -> Any:
+    """A seed as a UInt that kernels read from memory: another seed does not compile anew."""
+    UInt = arrays().UInt
+    return dr.opaque(UInt, seed) if isinstance(seed, int) else UInt(seed)
 
 
 def uniform(number: Any) -> Any:
@@ -79,6 +84,11 @@ def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> Cells:
         number = dr.select(closer, numbers[0] ^ numbers[1], number)
         nearest = dr.select(closer, squared, nearest)
     return Cells(dr.sqrt(dr.fmax(nearest, 1e-12)), dr.sqrt(second), number)
+
+
+def _word(number: Any) -> Any:
+    """An integer of either sign as 32 bits."""
+    return arrays().UInt(number & 0xFFFFFFFF if isinstance(number, int) else number)
 
 
 def _mixed(numbers: list[Any]) -> tuple[Any, Any, Any]:

@@ -14,7 +14,7 @@ from hagoromo.backend import arrays, clip
 from hagoromo.matter.cloth import Weave, covering
 from hagoromo.matter.drape import pipes
 from hagoromo.matter.fill import Fineness
-from hagoromo.matter.noise import random
+from hagoromo.matter.noise import random, seed_of
 from hagoromo.matter.shape import (
     capsule,
     ellipsoid,
@@ -27,7 +27,7 @@ from hagoromo.matter.shape import (
     unit,
 )
 
-WEAVE = Weave(threads_per_cm=11.0, diameter_mm=0.92, warp=0.5, crimp=0.5, uneven=0.15)
+WEAVE = Weave(threads_per_cm=11.0, diameter_mm=0.92, warp=0.5, crimp=0.35, uneven=0.15)
 BELT = 166.0  # height
 HEIGHTS = (0.0, 4.0, 30.0, 80.0, 120.0, 145.0, 160.0, 166.0, 171.0, 180.0, 195.0, 206.0, 214.0, 220.0, 227.0)
 WIDTHS = (49.0, 46.0, 40.0, 31.0, 26.5, 24.0, 20.0, 18.5, 20.5, 24.0, 26.0, 25.0, 20.5, 12.5, 7.5)  # half, at HEIGHTS
@@ -37,18 +37,19 @@ SHOULDER, ELBOW, WRIST = (23.0, 3.5, 207.0), (39.0, 1.0, 166.0), (9.0, -35.0, 18
 CROWN = 250.0  # height where the veil begins to round over the head
 
 
-def robe(point: Any, seed: int) -> Any:
+def robe(point: Any, seed: int | Any) -> Any:
     """All the cloth as one solid; only its outer layer is filled."""
     cloth = smooth_union(gown(point, seed), sleeves(point), 4.0)
     return smooth_union(cloth, veil(point, seed), 1.5)
 
 
-def cloth(point: Any, fineness: Fineness, seed: int) -> tuple[Any, Any]:
+def cloth(point: Any, fineness: Fineness, seed: int | Any) -> tuple[Any, Any]:
     """Density and tangent of the yarns in the layer under the surface of the robe."""
+    seed = seed_of(seed)  # once, so that the garments of the shape and of the chart are one in the kernel
     return covering(point, lambda p: robe(p, seed), lambda p: chart(p, seed), WEAVE, fineness, seed)
 
 
-def chart(point: Any, seed: int) -> tuple[Any, Any, Any]:
+def chart(point: Any, seed: int | Any) -> tuple[Any, Any, Any]:
     """Coordinates u, v on the cloth and the direction of its warp, of the garment whose surface is nearest."""
     kinds, p = arrays(), mirrored(point)
     around = dr.atan2(point.x, -point.y)  # the seam is at the back
@@ -63,7 +64,7 @@ def chart(point: Any, seed: int) -> tuple[Any, Any, Any]:
     return dr.select(sleeve, 11.0 * side, u), dr.select(sleeve, down, v), dr.select(sleeve, axis, along)
 
 
-def gown(point: Any, seed: int) -> Any:
+def gown(point: Any, seed: int | Any) -> Any:
     """Bodice and skirt as one folded tube, a knee that pushes through it, and a belt."""
     z = point.z
     x = point.x - spline(z, (0.0, 90.0, 150.0, 220.0), (1.5, 3.0, 0.5, 0.0))
@@ -91,7 +92,7 @@ def sleeves(point: Any) -> Any:
     return smooth_union(upper, smooth_difference(smooth_intersection(sleeve, mouth, 1.0), cavity, 1.0), 6.0)
 
 
-def veil(point: Any, seed: int) -> Any:
+def veil(point: Any, seed: int | Any) -> Any:
     """A veil over the head that falls behind the shoulders, open around the face."""
     z = point.z
     crown = ellipsoid(point, (0.0, 1.5, CROWN), (17.6, 20.6, 21.5))
@@ -109,7 +110,7 @@ def veil(point: Any, seed: int) -> Any:
     return smooth_difference(smooth_union(crown, fall, 9.0), smooth_union(face, throat, 6.0), 2.0)
 
 
-def _skirt_folds(angle: Any, z: Any, seed: int) -> Any:
+def _skirt_folds(angle: Any, z: Any, seed: int | Any) -> Any:
     """Height of the skirt's folds: pipes that deepen downwards, and pleats that run out below the belt."""
     deep = spline(z, (0.0, 50.0, 110.0, 150.0, BELT), (17.0, 13.0, 6.5, 2.4, 0.6))
     fine = spline(z, (60.0, 120.0, 155.0, BELT), (0.0, 0.8, 1.3, 0.5))
@@ -118,7 +119,7 @@ def _skirt_folds(angle: Any, z: Any, seed: int) -> Any:
     return pipe * deep + pipes(turn * PLEATS + _swing(angle, seed + 3), PLEATS, seed + 3) * fine
 
 
-def _bodice_folds(angle: Any, z: Any, seed: int) -> Any:
+def _bodice_folds(angle: Any, z: Any, seed: int | Any) -> Any:
     """Height of the folds between belt and neck."""
     deep = spline(z, (BELT, 172.0, 195.0, 222.0), (0.5, 2.4, 1.8, 0.6))
     return deep * (pipes(angle * (25.0 / (2.0 * math.pi)) + 0.6 * _swing(angle, seed + 5), 25, seed + 5) - 0.5)
@@ -132,7 +133,7 @@ def _creases(point: Any) -> Any:
     return 1.3 * dr.sin(13.0 * dr.atan2(a, b)) * dr.exp(-dr.square((reach - 22.0) / 9.0))
 
 
-def _swing(angle: Any, seed: int) -> Any:
+def _swing(angle: Any, seed: int | Any) -> Any:
     """Uneven spacing of folds around an axis: a smooth periodic function of the angle."""
     phase = [2.0 * math.pi * random((k, 0, 0), seed) for k in range(3)]
     return sum(share * dr.sin((k + 1) * angle + phase[k]) for k, share in enumerate((0.5, 0.25, 0.15)))

@@ -17,9 +17,9 @@ from hagoromo.volume.box import VolumeBox
 class Granules(NamedTuple):
     """Micro-structure of skin: size of the granules, of the fields between furrows, depth of these, fade outside."""
 
-    granule_mm: float = 0.35
-    field_mm: float = 1.2
-    furrow_mm: float = 0.09
+    granule_mm: float = 0.3
+    field_mm: float = 0.9
+    furrow_mm: float = 0.06
     fade_mm: float = 0.1
 
 
@@ -49,16 +49,17 @@ def skin_patch(
 ) -> VolumeBox:
     """A square of skin that bulges like a cheek, stands on z = 0 around x = 0 and faces −y."""
     half, bulge = 0.5 * size_mm, 0.18 * size_mm
+    front, back = -bulge - 0.05 * size_mm, 0.1 * size_mm
     radius = half * half / (2.0 * bulge) + 0.5 * bulge  # of the sphere that bulges so far over the square
 
     def cheek(point: Any) -> Any:
-        block = rounded_box(point, (0.0, 0.0, half), (half, half, half), 0.1 * size_mm)
+        block = rounded_box(point, (0.0, 0.5 * (back + front), half), (half, 0.5 * (back - front), half), back)
         return smooth_intersection(block, sphere(point, (0.0, radius - bulge, half), radius), 0.1 * size_mm)
 
     return fill(
         lambda point: skin(point, cheek, granules, fineness, seed),
         fineness.layer(cheek, granules.fade_mm + granules.granule_mm),
-        ((-half - 1.0, -bulge - 1.0, -1.0), (half + 1.0, 0.2 * size_mm, size_mm + 1.0)),
+        ((-half - 1.0, -bulge - 1.0, -1.0), (half + 1.0, back + 1.0, size_mm + 1.0)),
         fineness,
         material,
         name="skin patch",

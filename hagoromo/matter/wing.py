@@ -57,13 +57,13 @@ def wing(point: Any, fineness: Fineness, seed: int) -> tuple[Any, Any]:
     arm = spline(place.b, (0.0, 7.0, 20.0, 50.0), (2.6, 2.2, 0.8, 0.0)) * clip((ALONG[-1] - place.a) / 20.0, 0.2, 1.0)
     above = dr.fmin(place.b - 3.0, 0.0)
     height = dr.sqrt(dr.square(place.height) + dr.square(above)) - arm
-    flesh = dr.fmax(dr.fmax(height - 0.3, place.b - 30.0), dr.fmax(-place.a, place.a - ALONG[-1] + 4.0))
+    flesh = dr.fmax(dr.fmax(height - 0.3, place.b - 30.0), dr.fmax(-place.a, place.a - ALONG[-1] + 7.0))
     density, tangent = coverage(flesh, soft), kinds.Array2f(0.0, 1.0)
     for number, row in enumerate(ROWS):
         for step in (0, -1, 1):
             index = dr.floor(place.a / row.pitch) + step
             here, along = _feather(place, height, index, number, longest, fineness, seed)
-            here = dr.select((index >= 0) & (index < ALONG[-1] / row.pitch - 0.5), here, 0.0)
+            here = dr.select((index >= 0) & (index + 1.0 < (ALONG[-1] - 1.8 * number) / row.pitch), here, 0.0)
             more = here > density
             density, tangent = dr.select(more, here, density), dr.select(more, along, tangent)
     return density, unit(place.towards_a * tangent.x + place.towards_b * tangent.y)
@@ -74,7 +74,7 @@ def wing_bound(point: Any) -> Any:
     place = place_on_wing(point)
     longest = spline(place.a, ALONG, LENGTH)
     middle = 0.5 * ALONG[-1]
-    beside = dr.fmax(abs(place.a - middle) - middle - 4.0, dr.fmax(-place.b - 6.0, place.b - 1.1 * longest))
+    beside = dr.fmax(abs(place.a - middle) - middle - 4.0, dr.fmax(-place.b - REACH, place.b - 1.1 * longest))
     return dr.fmax(abs(place.height) - REACH, 0.6 * beside)
 
 
@@ -102,7 +102,7 @@ def _feather(
     name = arrays().Int(index) * 2 + place.side
     aside, longer, lifted, turned = (random((name, number, k), seed) - 0.5 for k in range(4))
     half, length = 0.78 * row.pitch, longest * row.share * (1.0 + 0.1 * longer)
-    along = place.b + 1.0
+    along = dr.fmax(place.b, -3.0) + 6.0  # feathers are rooted behind the arm
     across = place.a - (index + 0.5 + 0.2 * aside) * row.pitch - 0.02 * turned * along
     share = clip(along / length, 0.0, 1.0)
     found = vane(across, along, length, half)

@@ -1,0 +1,264 @@
+"""Matter is what its recipe says: threads per cm, tangents along yarns, volumes, outward axes, one seed one result."""
+
+import drjit as dr
+import numpy as np
+import pytest
+from scipy.stats import chisquare
+
+from hagoromo.backend import arrays
+from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.build import build
+from hagoromo.matter.figure import FIGURE, angel
+from hagoromo.matter.fill import fill
+from hagoromo.matter.noise import cellular_noise, gradient_noise, random, value_noise
+from hagoromo.matter.shape import (
+    capsule,
+    displaced,
+    distance_and_normal,
+    ellipsoid,
+    plane,
+    revolved,
+    rounded_box,
+    sheet,
+    smooth_union,
+    sphere,
+)
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+
+MATERIAL = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
+GREY = Reflectance(0.2, 0.1, 0.2, 1.5, Spectrum.constant(0.8))
+BALL, SMALL_BALL = ({"form": "sphere", "radius_mm": radius} for radius in (7.0, 3.0))
+RECIPES = {
+    "skin": {"kind": "skin", "size_mm": 9.0, "voxel_mm": 0.2, "material": MATERIAL},
+    "skin on a ball": {"kind": "skin", "shape": SMALL_BALL, "voxel_mm": 0.14, "material": MATERIAL},
+    "cloth": {
+        "kind": "cloth", "width_mm": 13.0, "height_mm": 11.0, "fold_depth_mm": 2.0, "voxel_mm": 0.2,
+        "material": MATERIAL,
+    },
+    "cloth on a ball": {"kind": "cloth", "shape": BALL, "voxel_mm": 0.35, "material": MATERIAL},
+    "feather": {"kind": "feather", "length_mm": 31.0, "voxel_mm": 0.25, "material": MATERIAL},
+    "figure": {"kind": "figure", "part": "feather", "resolution": 0.3, "material": MATERIAL},
+}  # fmt: skip
+
+
+def points(count: int, reach: float, seed: int = 5):
+    draw = np.random.default_rng(seed).uniform(-reach, reach, (3, count)).astype(np.float32)
+    return arrays().Array3f(*draw)
+
+
+def dense(box: VolumeBox) -> tuple[np.ndarray, np.ndarray]:
+    density, axis = box.bricks.dense()
+    return density.astype(float), axis.astype(float)
+
+
+def places(box: VolumeBox) -> np.ndarray:
+    """World points of all voxels [mm]: (nz, ny, nx, 3)."""
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in box.bricks.shape), indexing="ij"), axis=-1)[..., ::-1]
+    return 1e3 * ((index + 0.5) * box.voxel_size + box.pose[:3, 3])
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_one_seed_one_result_and_axes_are_unit(name):
+    """Bits are compared whole; a half has 11 bits, so a unit axis of three is unit to 3 · 2⁻¹¹ at worst."""
+    first, again, other = (build(RECIPES[name] | {"seed": seed}) for seed in (3, 3, 4))
+    assert np.array_equal(first.bricks.table, again.bricks.table)
+    assert np.array_equal(np.array(first.bricks.voxels), np.array(again.bricks.voxels))
+    assert first.bricks.kept != other.bricks.kept or not np.array_equal(
+        np.array(first.bricks.voxels), np.array(other.bricks.voxels)
+    )
+    density, axis = dense(first)
+    lengths = np.linalg.norm(axis[density > 0], axis=-1)
+    assert lengths.size > 1000
+    assert np.abs(lengths - 1).max() < 3 * 2.0**-11
+
+
+def flat_cloth(threads_per_cm: float) -> VolumeBox:
+    yarn = {"threads_per_cm": threads_per_cm, "diameter_mm": 5.0 / threads_per_cm, "uneven": 0.0, "crimp": 1.0}
+    size = {"width_mm": 20.0, "height_mm": 17.0, "fold_depth_mm": 0.0, "voxel_mm": 0.5 / threads_per_cm}
+    return build({"kind": "cloth", "material": MATERIAL, **size, **yarn})
+
+
+@pytest.mark.parametrize(("threads_per_cm", "expected"), [(5.0, 10), (7.0, 14)])
+def test_a_weave_has_its_threads_per_cm(threads_per_cm, expected):
+    """Yarns counted in a slice across the warp: runs of matter whose tangent leans to z rather than x."""
+    density, axis = dense(flat_cloth(threads_per_cm))
+    warp = (density > 0.5) & (np.abs(axis[..., 2]) > np.abs(axis[..., 0]))
+    row = warp[warp.shape[0] // 2].any(axis=0)  # one height, seen from the front
+    assert np.count_nonzero(np.diff(row.astype(int)) == 1) == expected
+
+
+def test_fibre_tangents_run_along_the_yarn():
+    """A warp yarn's middle y(z), by its density, rises as its tangents say: slopes to 0.8 on a yarn of ten voxels."""
+    density, axis = dense(flat_cloth(5.0))
+    weight = density * (np.abs(axis[..., 0]) < 0.3)
+    column = int(weight.sum(axis=(0, 1)).argmax())
+    yarn, tangent = weight[:, :, column], axis[:, :, column]
+    inside = np.flatnonzero(yarn.sum(axis=1) > 2.0)[5:-5]
+    middle = (yarn * np.arange(yarn.shape[1])).sum(axis=1) / np.maximum(yarn.sum(axis=1), 1e-9)
+    rise = np.gradient(middle)[inside]
+    told = ((yarn * tangent[..., 1]).sum(axis=1) / np.maximum((yarn * tangent[..., 2]).sum(axis=1), 1e-9))[inside]
+    assert np.corrcoef(rise, told)[0, 1] > 0.99
+    assert np.sqrt(np.mean((rise - told) ** 2)) < 0.06
+
+
+@pytest.mark.parametrize("form", ["sphere", "mesh"])
+def test_a_solid_has_its_volume_and_outward_axes(form, tmp_path):
+    """A ball 30 voxels across, and an icosphere in a mesh file, against their own volumes."""
+    import trimesh
+
+    shape, truth = {"form": "sphere", "radius_mm": 7.5}, 4 / 3 * np.pi * 7.5**3
+    if form == "mesh":
+        ball = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+        ball.export(tmp_path / "ball.ply")
+        shape, truth = {"form": "mesh", "file": str(tmp_path / "ball.ply"), "height_mm": 15.0}, ball.volume * 7.5**3
+    box = build({"kind": "solid", "shape": shape, "voxel_mm": 0.5, "material": MATERIAL})
+    density, axis = dense(box)
+    assert density.sum() * 0.5**3 == pytest.approx(truth, rel=0.01)
+    offset = places(box) - (0.0, 0.0, 7.5)
+    surface = (density > 0.05) & (density < 0.95)
+    outward = (axis * offset).sum(axis=-1)[surface] / np.linalg.norm(offset, axis=-1)[surface]
+    assert outward.min() > 0.99  # 8°: a face of the icosphere spans 8°, and its corners' normals are interpolated
+
+
+def test_thin_parts_stay_whole(tmp_path):
+    """A plate of a third of a voxel has matter in every column that crosses it, and less mass than two voxels."""
+    import trimesh
+
+    trimesh.creation.box((11.0, 0.2, 13.0)).export(tmp_path / "plate.stl")
+    shape = {"form": "mesh", "file": str(tmp_path / "plate.stl"), "height_mm": 13.0}
+    box = build({"kind": "solid", "shape": shape, "voxel_mm": 0.6, "material": MATERIAL})
+    density, _ = dense(box)
+    at = places(box)[:, 0, :]
+    crossed = (np.abs(at[..., 0]) < 5.0) & (np.abs(at[..., 2] - 6.5) < 6.0)
+    across = density.sum(axis=1)[crossed]
+    assert across.min() > 0.2 / 0.6
+    assert across.max() < 2.0
+
+
+@pytest.mark.parametrize("part", FIGURE)
+def test_the_bounds_of_the_figure_lose_no_matter(part):
+    """Bricks that the bound leaves out are empty, and so are the faces of the box."""
+    piece = FIGURE[part]
+    fine = piece.fineness.finer(0.3)
+    whole = fill(piece.field(fine, 1), lambda p: -1.0 + 0.0 * p.x, piece.extent, fine, GREY)
+    bounded = fill(piece.field(fine, 1), piece.bound(fine, 1), piece.extent, fine, GREY)
+    assert np.array_equal(whole.bricks.table >= 0, bounded.bricks.table >= 0)
+
+
+def test_the_figure_stands_on_the_floor_and_is_0_3_m_high():
+    """One box a part, in the order asked; heights to within the softness of the coarse lattice (3 mm)."""
+    told = []
+    boxes = angel(dict.fromkeys(FIGURE, GREY), resolution=0.3, progress=told.append)
+    assert [box.name for box in boxes] == list(FIGURE)
+    assert told[-1] == 1.0
+    heights = [places(box)[dense(box)[0] > 0.5][:, 2] for box in boxes]
+    assert min(height.min() for height in heights) == pytest.approx(0.0, abs=3.0)
+    assert max(height.max() for height in heights) == pytest.approx(300.0, abs=6.0)
+    with pytest.raises(InputError, match="no part 'halo'"):
+        angel({"skin": GREY}, parts=("halo",))
+
+
+def test_a_recipe_file_is_built_like_its_tables(tmp_path):
+    (tmp_path / "ball.toml").write_text(
+        'kind = "solid"\nname = "ball"\nvoxel_mm = 1.0\nmean_free_path_mm = 0.5\n'
+        '[shape]\nform = "sphere"\nradius_mm = 7\n'
+        "[material]\nalpha = 0.2\nbeta = 0.1\ngamma = 0.2\nn = 1.5\nbody_colour = 0.8\n"
+    )
+    box = build(tmp_path / "ball.toml")
+    assert (box.name, box.tau, box.voxel_size) == ("ball", pytest.approx(2000.0), pytest.approx(1e-3))
+    assert box.materials[0].element == "plane"
+    assert box.provenance["recipe"]["shape"] == {"form": "sphere", "radius_mm": 7}
+    table = {"kind": "solid", "shape": BALL, "voxel_mm": 1.0, "material": MATERIAL}
+    assert np.array_equal(np.array(box.bricks.voxels), np.array(build(table).bricks.voxels))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kind": "hair"}, "kind must be one of"),
+        ({"colour": 1}, "unknown key 'colour'"),
+        ({"voxel_mm": -0.1}, "voxel_mm must be a number above 0"),
+        ({"voxel_mm": 1e-4}, "too fine"),
+        ({"diameter_mm": float("nan")}, "diameter_mm must be"),
+        ({"diameter_mm": 5.0}, "do not fit"),
+        ({"fold_depth_mm": 900.0}, "do not fit"),
+        ({"fold_depth_mm": -1.0}, "fold_depth_mm must be a number, 0 or more"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"resolution": 0}, "resolution must be a number above 0"),
+        ({"uneven": 1.0}, "from 0 to below 1"),
+        ({"material": MATERIAL | {"alpha": 0.9}}, "energy conservation"),
+        ({"material": {"alpha": 0.9}}, "lacks the key"),
+        ({"shape": {"form": "cone"}}, "form must be one of"),
+        ({"shape": {"form": "box", "size_mm": [1, 0, 1]}}, "size_mm must be a list of 3 numbers above 0"),
+        ({"shape": {"form": "box", "size_mm": [1, 1, 1], "rounding_mm": 2}}, "at most half"),
+        ({"shape": {"form": "mesh"}}, "is for kind 'solid'"),
+    ],
+)
+def test_bad_recipes_are_refused_in_one_line(change, message):
+    with pytest.raises(InputError, match=message) as refused:
+        build(RECIPES["cloth"] | change)
+    assert "\n" not in str(refused.value)
+
+
+def test_meshes_that_enclose_nothing_are_refused(tmp_path):
+    import trimesh
+
+    sheet_of_two = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 1], [1, 1, 1]], [[0, 1, 2], [1, 3, 2]])
+    sheet_of_two.export(tmp_path / "open.ply")
+    (tmp_path / "text.ply").write_text("no mesh")
+    for name, message in (("open.ply", "does not enclose"), ("text.ply", "cannot be read"), ("none.ply", "not exist")):
+        shape = {"form": "mesh", "file": str(tmp_path / name), "height_mm": 5.0}
+        with pytest.raises(InputError, match=message):
+            build({"kind": "solid", "shape": shape, "material": MATERIAL})
+
+
+@pytest.mark.parametrize(
+    ("shape", "exact"),
+    [
+        (lambda p: sphere(p, (0.1, 0.2, 0.3), 0.7), True),
+        (lambda p: capsule(p, (0, 0, 0), (0.3, 0.5, 0.4), 0.3), True),
+        (lambda p: rounded_box(p, (0, 0, 0), (0.5, 0.4, 0.3), 0.1), True),
+        (lambda p: plane(p, (0.6, 0.0, 0.8), 0.1), True),
+        (lambda p: revolved(p, lambda radius, z: dr.sqrt((radius - 0.6) ** 2 + z * z) - 0.2), True),
+        (lambda p: sheet(sphere(p, (0, 0, 0), 0.7), 0.1), True),
+        (lambda p: smooth_union(sphere(p, (0, 0, 0), 0.5), sphere(p, (0.6, 0, 0), 0.4), 0.2), False),
+        (lambda p: ellipsoid(p, (0, 0, 0), (0.7, 0.5, 0.4)), False),
+        (lambda p: displaced(sphere(p, (0, 0, 0), 0.7), 0.03 * dr.sin(9.0 * p.x)), False),
+    ],
+)
+def test_distances_change_by_no_more_than_the_way(shape, exact):
+    """|f(a) − f(b)| ≤ |a − b| for distances; near all surfaces f / |∇f| along the normal leads to them."""
+    a, b = points(20_000, 1.2, 1), points(20_000, 1.2, 2)
+    if exact:
+        assert np.array(dr.abs(shape(a) - shape(b)) - dr.norm(a - b)).max() < 1e-5
+    distance, normal = distance_and_normal(shape, a)
+    near = np.abs(np.array(distance)) < 0.03
+    assert near.sum() > 100
+    # second order in the distance: ½ κ d² with curvatures up to 5 on the smallest ellipsoid and the ripples
+    assert np.abs(np.array(shape(a - normal * distance)))[near].max() < 0.5 * 8 * 0.03**2
+    assert np.array(dr.norm(normal)) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("noise", [value_noise, gradient_noise, lambda p, s: cellular_noise(p, s).nearest])
+def test_noise_is_smooth_and_its_slope_is_its_derivative(noise):
+    """Central differences at h = 1e-2: error ½h²f''' ≈ 1e-2 at worst, far less in the median; cells have ridges."""
+    place, step = points(4096, 5.0), arrays().Array3f(1e-2, 0, 0)
+    moved = type(place)(place)
+    dr.enable_grad(moved)
+    dr.backward(noise(moved, 3))
+    slope = np.array(dr.grad(moved))[0]
+    difference = np.array((noise(place + step, 3) - noise(place - step, 3)) / 2e-2)
+    assert np.median(np.abs(slope - difference)) < 2e-3
+    assert np.array(noise(place, 3) != noise(place, 4)).mean() > 0.99
+
+
+def test_random_numbers_are_uniform():
+    """Chi-square over 64 bins of 2¹⁶ neighbouring cells, at a fixed seed: p above 1 % (significance 1 %)."""
+    kinds = arrays()
+    index = dr.arange(kinds.Int, 1 << 16)
+    drawn = np.array(random((index % 256, index // 256, -3), 11))
+    counts, _ = np.histogram(drawn, bins=64, range=(0.0, 1.0))
+    assert chisquare(counts).pvalue > 0.01
+    assert np.corrcoef(drawn[:-1], drawn[1:])[0, 1] == pytest.approx(0.0, abs=4 / 256)  # 4 standard errors
