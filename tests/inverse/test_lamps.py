@@ -104,7 +104,11 @@ def test_photographs_that_show_no_lamp_are_refused():
     for photographs, mask, said in [
         ({"a": dark}, disc, "a: no highlight"),
         ({"a": white}, disc, "a: no highlight"),
-        ({"a": np.where(column > 60, disc, 0).astype(np.uint8) // 2 + speck // 2}, disc, "no highlight|highlight covers"),
+        (
+            {"a": np.where(column > 60, disc, 0).astype(np.uint8) // 2 + speck // 2},
+            disc,
+            "no highlight|highlight covers",
+        ),
         ({"a": speck}, np.roll(disc, 90, axis=1), "cut by the edge"),
         ({"a": speck}, dark, "mask is black"),
         ({"a": speck}, square, "no disc"),
