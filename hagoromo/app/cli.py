@@ -225,17 +225,10 @@ def measure(
         n: refractive index, where it is known.
         distance: of the object [m] where its shape is to be solved; without it the camera's from the origin.
     """
-    from hagoromo.app.measure_report import write_measure_report
-    from hagoromo.app.solve_shape import solve_shape
-    from hagoromo.files.whole import whole_folder
-    from hagoromo.photograph.capture import load_capture
-    from hagoromo.reflectance.measure import fill_measurement, measure
+    from hagoromo.app.measure_capture import Known, measure_capture
 
-    with whole_folder(out, force) as partial, progress_bar("measure") as progress:
-        photographed = solve_shape(load_capture(capture), distance, progress)
-        measured = measure(photographed, n=n, progress=progress)
-        fill_measurement(measured, partial)
-        write_measure_report(partial / "report.html", photographed, measured)
+    with progress_bar("measure") as progress:
+        measured = measure_capture(capture, out, Known(n, distance), force, progress)
     for material in measured.materials:
         known = [name for name, told in material.identifiable.items() if told]
         print(f"{material.name}: {material.pixels} pixels, told by the photographs: {', '.join(known) or 'nothing'}")

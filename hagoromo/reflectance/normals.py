@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.photometric_fit import Fit, photometric_fit
+from hagoromo.reflectance.photometric_fit import photometric_fit
+from hagoromo.reflectance.photometric_model import Fit
+from hagoromo.reflectance.photometric_step import LampPrior
 from hagoromo.reflectance.pixel_fit import CAUCHY
 from hagoromo.reflectance.segment import segment
 from hagoromo.reflectance.shading import GRAZING, Gloss
@@ -40,9 +42,14 @@ class NormalMap:
 
 
 def solve_normals(
-    capture: Capture, labels: NDArray[np.integer] | None = None, progress: Progress | None = None
+    capture: Capture,
+    labels: NDArray[np.integer] | None = None,
+    prior: LampPrior | None = None,
+    progress: Progress | None = None,
 ) -> NormalMap:
     """Normals of `capture` from four lamps or more; labels (h, w) of materials are found by body colour if not given.
+
+    prior: how alike the lamps are; `flat_fielded` captures may have a narrower one.
 
     `InputError` when the photographs cannot tell normals (see `views`).
     """
@@ -53,7 +60,7 @@ def solve_normals(
     tell(0.2, "materials")
     if labels is None:
         labels = _segmented(capture, seen, normals)
-    fit = solve_fit(seen, labels, normals, body)
+    fit = solve_fit(seen, labels, normals, body, prior)
     tell(1.0, "")
     return NormalMap(
         seen.image(fit.normals.astype(np.float32)),
@@ -65,7 +72,9 @@ def solve_normals(
     )
 
 
-def solve_fit(seen: Views, labels: NDArray[np.integer], normals: Array, body: Array) -> Fit:
+def solve_fit(
+    seen: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: LampPrior | None = None
+) -> Fit:
     """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0."""
     at = np.maximum(labels[seen.rows, seen.columns], 0)
     names, numbers = np.unique(at, return_inverse=True)
@@ -79,8 +88,9 @@ def solve_fit(seen: Views, labels: NDArray[np.integer], normals: Array, body: Ar
         np.zeros((lamps, 2)),
         START_ERROR,
         np.full(len(normals), np.inf),
+        np.full((len(names), 3, 3), np.nan),
     )
-    return photometric_fit(seen, start)
+    return photometric_fit(seen, start, prior)
 
 
 def least_squares_lambert(seen: Views) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hagoromo.reflectance.photometric_fit import Fit, predicted
+from hagoromo.reflectance.photometric_model import Fit, predicted
 from hagoromo.reflectance.views import Array, Views
 
 RANGES = np.radians([6.0, 9.0, 13.0, 18.0, 26.0, 38.0])  # candidates for the kernel's standard deviation

@@ -28,12 +28,14 @@ class Views:
     """K lamps, C channels, P pixels.
 
     values, variance: (K, C, P) radiance over irradiance facing the lamp [1/sr, up to the unit of the lamps], and the
-    square of its noise. used: (K, P) valid and above the dark. to_lamp: (K, P, 3), to_eye: (P, 3) unit, world axes.
+    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid and above the dark. to_lamp: (K, P, 3),
+    to_eye: (P, 3) unit, world axes.
     rows, columns: (P,) pixels of an image of `shape` (h, w).
     """
 
     values: Array
     variance: Array
+    light: Array
     used: NDArray[np.bool_]
     to_lamp: Array
     to_eye: Array
@@ -53,6 +55,7 @@ class Views:
             self,
             values=self.values[..., chosen],
             variance=self.variance[..., chosen],
+            light=self.light[..., chosen],
             used=self.used[:, chosen],
             to_lamp=self.to_lamp[:, chosen],
             to_eye=self.to_eye[chosen],
@@ -62,7 +65,7 @@ class Views:
 
     def lamps(self, chosen: NDArray | list[int]) -> Views:
         """The views under some lamps."""
-        parts = {name: getattr(self, name)[chosen] for name in ("values", "variance", "used", "to_lamp")}
+        parts = {name: getattr(self, name)[chosen] for name in ("values", "variance", "light", "used", "to_lamp")}
         return replace(self, **parts)
 
     def image(self, pixels: NDArray, unknown: float = 0.0) -> NDArray:
@@ -73,7 +76,7 @@ class Views:
 
 
 def views(capture: Capture) -> Views:
-    """The views of a capture: pixels that most of its photographs have valid.
+    """The views of a capture: pixels that most of its photographs have valid and three see above the dark.
 
     Near lamps need `capture.points`. `InputError` when the photographs differ in camera or size, have other than one
     lamp each, too few lamps, or lamps in one plane with the scene, between which normals cannot be told.
@@ -96,15 +99,16 @@ def views(capture: Capture) -> Views:
     if not len(rows):
         raise InputError(f"capture {capture.name!r} has no pixel that {FEWEST_LAMPS} photographs have valid")
     points = _points(capture, rows, columns)
-    values, variance, used, to_lamp = [], [], [], []
+    values, variance, lights, used, to_lamp = [], [], [], [], []
     for photograph in photographs:
         direction, light = _light(photograph, points)
         value = photograph.values[rows, columns].astype(np.float64)
         noise = photograph.variance[rows, columns].astype(np.float64)
-        bright = value.mean(axis=1) > DARK * np.sqrt(noise.mean(axis=1))
-        used.append(photograph.mask[rows, columns] & bright)
+        above = value.mean(axis=1) > DARK * np.sqrt(noise.mean(axis=1))
+        used.append(photograph.mask[rows, columns] & above)
         values.append((value / light).T)
         variance.append((noise / light**2).T)
+        lights.append(light.T)
         to_lamp.append(direction)
     directions = np.stack(to_lamp)
     spread = np.linalg.svd(directions.mean(axis=1), compute_uv=False)
@@ -112,7 +116,14 @@ def views(capture: Capture) -> Views:
         raise InputError(f"the lamps of capture {capture.name!r} lie in one plane with the scene: move one out of it")
     to_eye = -first.camera.pixel_directions()[rows, columns]
     shape = (first.camera.height, first.camera.width)
-    return Views(np.stack(values), np.stack(variance), np.stack(used), directions, to_eye, rows, columns, shape)
+    bright = np.stack(used)
+    seen = Views(
+        np.stack(values), np.stack(variance), np.stack(lights), bright, directions, to_eye, rows, columns, shape
+    )
+    told = bright.sum(axis=0) >= 3
+    if not told.any():
+        raise InputError(f"capture {capture.name!r} has no pixel that three lamps light: expose longer")
+    return seen.pixels(told)
 
 
 def _light(photograph: Photograph, points: Array) -> tuple[Array, Array]:

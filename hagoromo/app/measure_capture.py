@@ -1,0 +1,68 @@
+"""Measure a capture folder: materials, normals, labels, residuals and a report, with or without known shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hagoromo.app.measure_report import write_measure_report
+from hagoromo.errors import InputError
+from hagoromo.files.exr import write_exr
+from hagoromo.files.whole import whole_folder
+from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.reflectance.depth import points_from_normals
+from hagoromo.reflectance.gloss_estimate import measurement_of
+from hagoromo.reflectance.measure import Measurement, fill_measurement, measure
+from hagoromo.reflectance.normals import solve_normals
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the user knows beside the capture: refractive index n, distance [m] of an object of unknown shape."""
+
+    n: float | None = None
+    distance: float | None = None
+
+
+def measure_capture(
+    folder: str | Path,
+    out: str | Path,
+    known: Known | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Measurement:
+    """Measure the capture in `folder` and write the result to the folder `out`, whole or not at all.
+
+    With points and normals: `measure`. Without them: normals from four lamps or more, gloss and pixels' body colours
+    with them (`solve_normals`), and points.exr, integrated at the object's distance (None: the camera's from the
+    world's origin). `InputError` for a capture that can be measured neither way.
+    """
+    known = known or Known()
+    with whole_folder(out, force) as home:
+        capture = load_capture(folder)
+        if capture.points is not None and capture.normals is not None:
+            measured = measure(capture, n=known.n, progress=progress)
+        else:
+            measured, capture = _of_unknown_shape(capture, known, progress)
+            points = np.moveaxis(np.asarray(capture.points), 2, 0)
+            write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), points, strict=True)))
+        fill_measurement(measured, home)
+        write_measure_report(home / "report.html", capture, measured)
+    return measured
+
+
+def _of_unknown_shape(capture: Capture, known: Known, progress: Progress | None) -> tuple[Measurement, Capture]:
+    camera = capture.photographs[0].camera
+    away = float(np.linalg.norm(camera.position)) if known.distance is None else known.distance
+    if away == 0.0:
+        raise InputError("the camera stands at the world's origin and the capture has no shape: give --distance")
+    if known.n is not None:
+        raise InputError("lamps that solve the normals do not tell what n changes: leave --n out, or give the shape")
+    found = solve_normals(capture, progress=progress)
+    points = points_from_normals(found.normals, camera, away, found.variance)
+    return measurement_of(capture, found), replace(capture, points=points, normals=found.normals)

@@ -1,0 +1,145 @@
+"""Photometric step: gloss and lamps moved together with all normals and body colours, by robust Gauss–Newton.
+
+The normal and the body colour of a pixel touch nobody else, so they are eliminated (a block arrow); gloss and lamps
+touch all. The lamps have the prior of lamps that are alike: without it a departure of the body from Lambert's law
+would pass for uneven lamps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hagoromo.reflectance.photometric_model import Fit, precision
+from hagoromo.reflectance.pixel_fit import CAUCHY
+from hagoromo.reflectance.shading import Gloss, Shading, shading, turned
+from hagoromo.reflectance.views import Array, Views
+
+PRIOR_GLOSS = np.array([[np.log(1.0), 2.0], [np.log(0.3), 1.0], [0.0, 0.2]])  # mean, standard deviation of each column
+WIDTHS = (np.log(0.02), np.log(1.2))  # range of ln γ
+LONGEST = 0.5  # of a step in ln β, ln γ, ln ε, ln e and a
+
+
+@dataclass(frozen=True)
+class LampPrior:
+    """What lamps are taken for: scale of ln e (Cauchy: now and then one is off), standard deviation of a (normal).
+
+    a is per radius of the object. The default is for lamps of one kind, set alike by hand.
+    """
+
+    strength: float = 0.01
+    slope: float = 0.1
+
+
+class Step:
+    """Residuals of some pixels and the Gauss–Newton step from there.
+
+    place: (P, 2) of the pixels on the object. share: independent values that one value stands for.
+    """
+
+    def __init__(self, seen: Views, fit: Fit, place: Array, share: float, prior: LampPrior) -> None:
+        self.seen, self.fit, self.place, self.prior = seen, fit, place, prior
+        self.shade: Shading = shading(fit.normals, seen.to_lamp, seen.to_eye, fit.gloss.rows[fit.labels])
+        self.even = fit.evenness(place)[:, None]  # (K, 1, P)
+        self.model = self.even * (fit.body * self.shade.body[:, None] + self.shade.interface[:, None])
+        self.deviation = seen.values - self.model
+        inverse = precision(seen, fit.model_error)
+        squared = self.deviation**2 * inverse / CAUCHY**2
+        self.weight = share * inverse / (1.0 + squared)
+        self.cost = 0.5 * (share * CAUCHY**2 * float(np.log1p(squared).sum()) + self._prior_loss())
+
+    def _prior_loss(self) -> float:
+        fit = self.fit
+        gloss = np.sum(((fit.gloss.rows - PRIOR_GLOSS[:, 0]) / PRIOR_GLOSS[:, 1]) ** 2)
+        strength = CAUCHY**2 * np.log1p((fit.strength / self.prior.strength / CAUCHY) ** 2)
+        return float(gloss + np.sum(strength) + np.sum((fit.slope / self.prior.slope) ** 2))
+
+    def moved(self, damping: float) -> Fit:
+        """One damped step of everything."""
+        fit, lamps = self.fit, len(self.fit.strength)
+        outer, push, solved = self._reduced(damping)
+        change = np.linalg.solve(outer + damping * np.diag(np.diag(outer)), push)
+        change = np.clip(change, -LONGEST, LONGEST)
+        local_change = solved[..., -1] - solved[..., :-1] @ change
+        normals = turned(fit.normals, np.clip(local_change[:, :2], -0.3, 0.3), self.seen.to_eye)
+        body = np.maximum(fit.body + local_change[:, 2:].T, 0.1 * fit.body)
+        rows = fit.gloss.rows + change[: -3 * lamps].reshape(-1, 3)
+        rows[:, 1] = np.clip(rows[:, 1], *WIDTHS)
+        each = change[-3 * lamps :].reshape(lamps, 3)
+        return replace(
+            fit,
+            normals=normals,
+            body=body,
+            gloss=Gloss(rows),
+            strength=fit.strength + each[:, 0],
+            slope=fit.slope + each[:, 1:],
+        )
+
+    def gloss_covariance(self) -> Array:
+        """(M, 3, 3) covariance of each material's row of gloss, everything else free."""
+        outer, _, _ = self._reduced(1e-6)  # not 0: some pixels are lit by too few lamps to be eliminated
+        count = len(self.fit.gloss.rows)
+        inverse = np.linalg.inv(outer)[: 3 * count, : 3 * count].reshape(count, 3, count, 3)
+        return np.stack([inverse[m, :, m] for m in range(count)]).astype(np.float64)
+
+    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
+        """Normal equations of gloss and lamps with the pixels eliminated, and the pixels' part (P, 2 + C, · + 1)."""
+        channels = self.model.shape[1]
+        local, gloss, lamp = self._slopes()
+        weighed = local * self.weight[..., None]
+        inner = np.einsum("kcpi,kcpj->pij", weighed, local)
+        inner += damping * inner * np.eye(2 + channels) + 1e-9 * np.eye(2 + channels)
+        pull = np.einsum("kcpi,kcp->pi", weighed, self.deviation)
+        border = self._border(weighed, gloss, lamp)
+        outer, push = self._outer(gloss, lamp)
+        solved = np.linalg.solve(inner, np.concatenate([border, pull[..., None]], axis=2))
+        across = border.reshape(-1, len(push)).T @ solved.reshape(-1, len(push) + 1)
+        return outer - across[:, :-1], push - across[:, -1], solved.astype(np.float64)
+
+    def _slopes(self) -> tuple[Array, Array, Array]:
+        """Slopes of the values (K, C, P, ·) by turns and body colours, by the own material's gloss, by the own lamp."""
+        fit, shade, shape = self.fit, self.shade, self.model.shape
+        local = np.zeros((*shape, 2 + shape[1]))
+        for i, (body, interface) in enumerate(zip(shade.body_turned, shade.interface_turned, strict=True)):
+            local[..., i] = self.even * (fit.body * body[:, None] + interface[:, None])
+        for c in range(shape[1]):
+            local[:, c, :, 2 + c] = self.even[:, 0] * shade.body
+        gloss = np.empty((*shape, 3))
+        gloss[..., 0], gloss[..., 1] = self.even * shade.interface[:, None], self.even * shade.by_width[:, None]
+        gloss[..., 2] = self.even * fit.body * shade.by_exponent[:, None]
+        level = 1.0 + fit.slope @ self.place.T
+        by_lamp = np.stack([np.ones_like(level), self.place[:, 0] / level, self.place[:, 1] / level], axis=-1)
+        return local, gloss, self.model[..., None] * by_lamp[:, None]
+
+    def _border(self, weighed: Array, gloss: Array, lamp: Array) -> Array:
+        """(P, 2 + C, 3 M + 3 K) products of the pixels' own slopes with those of gloss and lamps."""
+        pixels, materials = len(self.fit.labels), len(self.fit.gloss.rows)
+        own = np.einsum("kcpi,kcpj->pij", weighed, gloss)
+        member = (self.fit.labels[:, None] == np.arange(materials)).astype(np.float64)
+        of_gloss = np.einsum("pij,pm->pimj", own, member).reshape(pixels, weighed.shape[3], -1)
+        of_lamps = np.einsum("kcpi,kcpj->pikj", weighed, lamp).reshape(pixels, weighed.shape[3], -1)
+        return np.concatenate([of_gloss, of_lamps], axis=2)
+
+    def _outer(self, gloss: Array, lamp: Array) -> tuple[Array, Array]:
+        """Normal equations of gloss and lamps, with their priors."""
+        fit, lamps, materials = self.fit, len(self.fit.strength), len(self.fit.gloss.rows)
+        size = 3 * materials
+        outer, push = np.zeros((size + 3 * lamps,) * 2), np.zeros(size + 3 * lamps)
+        weighed = gloss * self.weight[..., None]
+        for m in range(materials):
+            at, own = slice(3 * m, 3 * m + 3), fit.labels == m
+            outer[at, at] = np.einsum("kcpi,kcpj->ij", weighed[:, :, own], gloss[:, :, own])
+            outer[at, size:] = np.einsum("kcpi,kcpj->ikj", weighed[:, :, own], lamp[:, :, own]).reshape(3, -1)
+            outer[size:, at] = outer[at, size:].T
+            push[at] = np.einsum("kcpi,kcp->i", weighed[:, :, own], self.deviation[:, :, own])
+        pressed = lamp * self.weight[..., None]
+        for k, block in enumerate(np.einsum("kcpi,kcpj->kij", pressed, lamp)):
+            at = slice(size + 3 * k, size + 3 * k + 3)
+            outer[at, at] = block
+        push[size:] = np.einsum("kcpi,kcp->ki", pressed, self.deviation).ravel()
+        loose = self.prior.strength**2 + (fit.strength / CAUCHY) ** 2  # Cauchy's loss as a variance
+        of_lamps = np.stack([1.0 / loose, *(2 * [np.full(lamps, self.prior.slope**-2.0)])], axis=1)
+        held = np.r_[np.tile(PRIOR_GLOSS[:, 1] ** -2.0, materials), of_lamps.ravel()]
+        away = np.r_[(fit.gloss.rows - PRIOR_GLOSS[:, 0]).ravel(), np.c_[fit.strength, fit.slope].ravel()]
+        return outer + np.diag(held), push - held * away
