@@ -147,14 +147,25 @@ class Lighting:
                 squared = dr.squared_norm(offset)
                 inverse = dr.rsqrt(squared)
                 to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
-            if self.attenuation is not None:
-                irradiance = irradiance * self.attenuation(number, point, to_lamp, distance)
             body, interface = self.materials.weights(material, axis, to_lamp, to_eye)
+            irradiance = irradiance * self._passed(number, body + interface > 0.0, point, to_lamp, distance)
             for j in range(len(palette.colours)):
                 weight = (body if j < len(palette.bodies) else interface) * coefficients[j]
                 k = group * len(palette.colours) + j
                 channels[k] = dr.fma(irradiance, weight, channels[k])
         return channels
+
+    def _passed(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any) -> Any:
+        """Share of a lamp's light that arrives; looked up only where matter is turned towards the lamp (`lit`)."""
+        attenuation = self.attenuation
+        if attenuation is None:
+            return 1.0
+        return dr.if_stmt(
+            args=(point, to_lamp, arrays().Float(distance)),
+            cond=lit,
+            true_fn=lambda point, to_lamp, distance: attenuation(lamp, point, to_lamp, distance),
+            false_fn=lambda point, to_lamp, distance: arrays().Float(0),
+        )
 
 
 def palette_of(reflectances: Sequence[Reflectance], bases: Sequence[Spectrum], lamps: Sequence[Spectrum]) -> Palette:

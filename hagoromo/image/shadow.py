@@ -27,7 +27,7 @@ DEEPEST = 10.0  # optical depth where a map ends: exp(−10) = 5e-5 of the light
 WIDEST = math.tan(math.radians(75))  # a wider view from the lamp is mapped onto an octahedron
 NOWHERE = 1e30  # m, distance of the knots that a ray does not use
 TEXELS_PER_VOXEL = 2.0  # two boxes that shade each other and a floor: 0.7 % against brute march; with one texel 2 %
-MOST_TEXELS = 768  # a side: 216 MiB a lamp
+MOST_TEXELS = 1024  # a side: 384 MiB a lamp
 
 
 def brute_attenuation(medium: Medium) -> Any:
