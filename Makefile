@@ -1,10 +1,10 @@
-# make setup | demo | test | test-slow | bench | figures: each sets up what it needs; all may be run again at any time.
+# make setup | demo | test | test-slow | bench | real | figures: each sets up what it needs; all may be run again at any time.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup demo test test-slow bench figures
+.PHONY: setup demo test test-slow bench real figures
 
 setup: $(READY)
 
@@ -31,6 +31,10 @@ test-slow: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/march.py
+
+# Real photographs: every one predicted from the eleven others (minutes; needs the uw_psm set beside the checkout).
+real: $(READY)
+	$(BIN)/python -m hagoromo.app.real ../shared/data/uw_psm --out out/real --force
 
 # Every picture of README and docs; figures 6 and 7 lie beside it in out/figures.
 figures: $(READY)

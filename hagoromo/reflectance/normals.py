@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.photometric_fit import photometric_fit
 from hagoromo.reflectance.photometric_model import Fit
-from hagoromo.reflectance.photometric_step import LampPrior
+from hagoromo.reflectance.photometric_step import Prior
 from hagoromo.reflectance.pixel_fit import CAUCHY
 from hagoromo.reflectance.segment import segment
 from hagoromo.reflectance.shading import GRAZING, Gloss
@@ -44,12 +44,12 @@ class NormalMap:
 def solve_normals(
     capture: Capture,
     labels: NDArray[np.integer] | None = None,
-    prior: LampPrior | None = None,
+    prior: Prior | None = None,
     progress: Progress | None = None,
 ) -> NormalMap:
     """Normals of `capture` from four lamps or more; labels (h, w) of materials are found by body colour if not given.
 
-    prior: how alike the lamps are; `flat_fielded` captures may have a narrower one.
+    prior: how alike the lamps are taken for; `flat_fielded` captures may have a narrower one.
 
     `InputError` when the photographs cannot tell normals (see `views`).
     """
@@ -72,24 +72,12 @@ def solve_normals(
     )
 
 
-def solve_fit(
-    seen: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: LampPrior | None = None
-) -> Fit:
+def solve_fit(seen: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: Prior | None = None) -> Fit:
     """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0."""
     at = np.maximum(labels[seen.rows, seen.columns], 0)
     names, numbers = np.unique(at, return_inverse=True)
-    lamps = len(seen.values)
-    start = Fit(
-        normals,
-        body,
-        numbers.astype(np.intp),
-        Gloss(np.tile(START_GLOSS, (len(names), 1))),
-        np.zeros(lamps),
-        np.zeros((lamps, 2)),
-        START_ERROR,
-        np.full(len(normals), np.inf),
-        np.full((len(names), 3, 3), np.nan),
-    )
+    gloss = Gloss(np.tile(START_GLOSS, (len(names), 1)))
+    start = replace(_without_gloss(seen, normals, body), labels=numbers.astype(np.intp), gloss=gloss)
     return photometric_fit(seen, start, prior)
 
 
@@ -100,6 +88,12 @@ def least_squares_lambert(seen: Views) -> tuple[Array, Array]:
     """
     every = np.ones_like(seen.used, np.float64)
     return _split(seen, _weighted(seen, every), every)
+
+
+def least_squares_fit(seen: Views) -> Fit:
+    """`least_squares_lambert` as a Fit without gloss under even lamps."""
+    normals, body = least_squares_lambert(seen)
+    return _without_gloss(seen, normals, body)
 
 
 def robust_lambert(seen: Views) -> tuple[Array, Array]:
@@ -114,6 +108,22 @@ def robust_lambert(seen: Views) -> tuple[Array, Array]:
         weight = np.where(seen.used, 1.0, 1e-6) / (1.0 + squared)
         scaled = _weighted(seen, weight)
     return _split(seen, scaled, weight)
+
+
+def _without_gloss(seen: Views, normals: Array, body: Array) -> Fit:
+    """A Fit of one material that follows Lambert's law, under even lamps, of unknown errors."""
+    lamps, pixels = len(seen.values), len(seen.rows)
+    return Fit(
+        normals,
+        body,
+        np.zeros(pixels, np.intp),
+        Gloss.none(1),
+        np.zeros(lamps),
+        np.zeros((lamps, 2)),
+        START_ERROR,
+        np.full(pixels, np.inf),
+        np.full((1, 3, 3), np.nan),
+    )
 
 
 def _weighted(seen: Views, weight: Array) -> Array:

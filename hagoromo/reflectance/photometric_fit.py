@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from hagoromo.reflectance.photometric_model import Fit, precision, predicted, size
-from hagoromo.reflectance.photometric_step import LampPrior, Step
+from hagoromo.reflectance.photometric_step import Prior, Step
 from hagoromo.reflectance.pixel_fit import Light, fit_pixels
 from hagoromo.reflectance.views import Views
 
@@ -21,15 +21,15 @@ FLOOR = 0.003  # least relative error of the model
 NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 
 
-def photometric_fit(seen: Views, start: Fit, prior: LampPrior | None = None, seed: int = 0) -> Fit:
+def photometric_fit(seen: Views, start: Fit, prior: Prior | None = None, seed: int = 0) -> Fit:
     """Everything: gloss, lamps and model error from a subset of the pixels, then normals and body of all."""
-    fit = fit_together(seen, start, prior or LampPrior(), seed)
+    fit = fit_together(seen, start, prior or Prior(), seed)
     light = Light(fit.gloss.rows[fit.labels], fit.evenness(seen.place), precision(seen, fit.model_error))
     normals, body, variance = fit_pixels(seen, light, start.normals, start.body)
     return replace(fit, normals=normals, body=body, variance=variance)
 
 
-def fit_together(seen: Views, start: Fit, prior: LampPrior, seed: int = 0) -> Fit:
+def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
     """Gloss, lamps and model error from SUBSET pixels of `seen`; normals and body of all pixels stay as they are."""
     count = len(seen.rows)
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))

@@ -16,20 +16,26 @@ from hagoromo.reflectance.pixel_fit import CAUCHY
 from hagoromo.reflectance.shading import Gloss, Shading, shading, turned
 from hagoromo.reflectance.views import Array, Views
 
-PRIOR_GLOSS = np.array([[np.log(1.0), 2.0], [np.log(0.3), 1.0], [0.0, 0.2]])  # mean, standard deviation of each column
 WIDTHS = (np.log(0.02), np.log(1.2))  # range of ln γ
 LONGEST = 0.5  # of a step in ln β, ln γ, ln ε, ln e and a
 
 
 @dataclass(frozen=True)
-class LampPrior:
-    """What lamps are taken for: scale of ln e (Cauchy: now and then one is off), standard deviation of a (normal).
+class Prior:
+    """What lamps and bodies are taken for before the photographs speak. The default: lamps of one kind, set up by hand.
 
-    a is per radius of the object. The default is for lamps of one kind, set alike by hand.
+    strength: scale of ln e (Cauchy: now and then one lamp is off). slope: standard deviation of a, per radius of the
+    object. exponent: standard deviation of ln ε of the bodies.
     """
 
     strength: float = 0.01
     slope: float = 0.1
+    exponent: float = 0.2
+
+    @property
+    def gloss(self) -> Array:
+        """(3, 2) mean and standard deviation of ln β, ln γ, ln ε: any dielectric, as broad as measured ones are."""
+        return np.array([[np.log(1.0), 2.0], [np.log(0.3), 1.0], [0.0, self.exponent]])
 
 
 class Step:
@@ -38,7 +44,7 @@ class Step:
     place: (P, 2) of the pixels on the object. share: independent values that one value stands for.
     """
 
-    def __init__(self, seen: Views, fit: Fit, place: Array, share: float, prior: LampPrior) -> None:
+    def __init__(self, seen: Views, fit: Fit, place: Array, share: float, prior: Prior) -> None:
         self.seen, self.fit, self.place, self.prior = seen, fit, place, prior
         self.shade: Shading = shading(fit.normals, seen.to_lamp, seen.to_eye, fit.gloss.rows[fit.labels])
         self.even = fit.evenness(place)[:, None]  # (K, 1, P)
@@ -51,7 +57,7 @@ class Step:
 
     def _prior_loss(self) -> float:
         fit = self.fit
-        gloss = np.sum(((fit.gloss.rows - PRIOR_GLOSS[:, 0]) / PRIOR_GLOSS[:, 1]) ** 2)
+        gloss = np.sum(((fit.gloss.rows - self.prior.gloss[:, 0]) / self.prior.gloss[:, 1]) ** 2)
         strength = CAUCHY**2 * np.log1p((fit.strength / self.prior.strength / CAUCHY) ** 2)
         return float(gloss + np.sum(strength) + np.sum((fit.slope / self.prior.slope) ** 2))
 
@@ -140,6 +146,6 @@ class Step:
         push[size:] = np.einsum("kcpi,kcp->ki", pressed, self.deviation).ravel()
         loose = self.prior.strength**2 + (fit.strength / CAUCHY) ** 2  # Cauchy's loss as a variance
         of_lamps = np.stack([1.0 / loose, *(2 * [np.full(lamps, self.prior.slope**-2.0)])], axis=1)
-        held = np.r_[np.tile(PRIOR_GLOSS[:, 1] ** -2.0, materials), of_lamps.ravel()]
-        away = np.r_[(fit.gloss.rows - PRIOR_GLOSS[:, 0]).ravel(), np.c_[fit.strength, fit.slope].ravel()]
+        held = np.r_[np.tile(self.prior.gloss[:, 1] ** -2.0, materials), of_lamps.ravel()]
+        away = np.r_[(fit.gloss.rows - self.prior.gloss[:, 0]).ravel(), np.c_[fit.strength, fit.slope].ravel()]
         return outer + np.diag(held), push - held * away

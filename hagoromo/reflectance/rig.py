@@ -14,11 +14,11 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.normals import NormalMap
-from hagoromo.reflectance.photometric_step import LampPrior
+from hagoromo.reflectance.photometric_step import Prior
 from hagoromo.reflectance.views import Array
 
 # By what objects of one rig differ from the mean of the others, seen on six of them.
-AFTER_RIG = LampPrior(strength=0.01, slope=0.03)
+AFTER_RIG = Prior(strength=0.01, slope=0.03)
 LEAST = 0.3  # evenness below which a linear fall-off has been carried on too far
 
 
