@@ -85,9 +85,9 @@ def _predictions(page: Page, record: Mapping[str, Any]) -> None:
     page.section(
         "Photographs predicted",
         "Mean over the twelve lamps kept aside in turn. All valid, unsaturated pixels of the object count, those in "
-        "cast shadow too. How unevenly the lamps light the field of view is told by the five other objects. The last line "
-        "of each group adds what model and photographs disagreed on under the neighbouring lamps, interpolated over "
-        "their directions; done to Lambert's law too, it shows what the model itself is worth.",
+        "cast shadow too. How unevenly the lamps light the field of view is told by the five other objects. The last "
+        "line of each group adds what model and photographs disagreed on under the neighbouring lamps, interpolated "
+        "over their directions; done to Lambert's law too, it shows what the model itself is worth.",
     )
     rows = []
     for method, text in METHODS.items():
