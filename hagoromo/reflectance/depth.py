@@ -14,7 +14,7 @@ from hagoromo.errors import InputError
 
 STEEPEST = 0.05  # least |n·v|/|v|: beyond 87° a slope is that of the edge, not of the surface
 STEP = 2.0  # pixels of depth by which neighbours may miss their normals before they count as parted
-REWEIGHTINGS = 4
+REWEIGHTINGS = 3
 PULL = 1e-7  # of the weights: keeps every island of pixels at the mean depth
 
 

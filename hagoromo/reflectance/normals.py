@@ -23,7 +23,7 @@ from hagoromo.reflectance.views import Array, Views, views
 
 START_GLOSS = (np.log(1.0), np.log(0.3), np.log(0.95))
 START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start
-REWEIGHTINGS = 15
+REWEIGHTINGS = 10
 Progress = Callable[[float, str], None]
 
 
@@ -128,10 +128,14 @@ def _without_gloss(seen: Views, normals: Array, body: Array) -> Fit:
 
 def _weighted(seen: Views, weight: Array) -> Array:
     """Scaled normals (P, 3) by weighted least squares of the channels' mean."""
-    weighed = weight[..., None] * seen.to_lamp
-    matrix = np.einsum("kpi,kpj->pij", weighed, seen.to_lamp) + 1e-9 * np.eye(3)
-    pull = np.einsum("kpi,kp->pi", weighed, seen.values.mean(axis=1))
-    return np.linalg.solve(matrix, pull[..., None])[..., 0]
+    matrix = np.empty((len(seen.rows), 3, 3))
+    weighed = [weight * seen.to_lamp[..., i] for i in range(3)]
+    for i in range(3):
+        for j in range(i, 3):
+            matrix[:, i, j] = matrix[:, j, i] = np.sum(weighed[i] * seen.to_lamp[..., j], axis=0)
+    grey = seen.values.mean(axis=1)
+    pull = np.stack([np.sum(part * grey, axis=0) for part in weighed], axis=1)
+    return np.linalg.solve(matrix + 1e-9 * np.eye(3), pull[..., None])[..., 0].astype(np.float64)
 
 
 def _split(seen: Views, scaled: Array, weight: Array) -> tuple[Array, Array]:

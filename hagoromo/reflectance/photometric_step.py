@@ -52,7 +52,7 @@ class Step:
         self.deviation = seen.values - self.model
         inverse = precision(seen, fit.model_error)
         squared = self.deviation**2 * inverse / CAUCHY**2
-        self.weight = share * inverse / (1.0 + squared)
+        self.weight_of_rows = _rows(share * inverse / (1.0 + squared))  # (P, K·C)
         self.cost = 0.5 * (share * CAUCHY**2 * float(np.log1p(squared).sum()) + self._prior_loss())
 
     def _prior_loss(self) -> float:
@@ -92,60 +92,77 @@ class Step:
     def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
         """Normal equations of gloss and lamps with the pixels eliminated, and the pixels' part (P, 2 + C, · + 1)."""
         channels = self.model.shape[1]
-        local, gloss, lamp = self._slopes()
-        weighed = local * self.weight[..., None]
-        inner = np.einsum("kcpi,kcpj->pij", weighed, local)
+        local, gloss = self._slopes()
+        weighed = np.ascontiguousarray(np.swapaxes(local * self.weight_of_rows[..., None], 1, 2))  # (P, 2 + C, K·C)
+        inner = weighed @ local
         inner += damping * inner * np.eye(2 + channels) + 1e-9 * np.eye(2 + channels)
-        pull = np.einsum("kcpi,kcp->pi", weighed, self.deviation)
-        border = self._border(weighed, gloss, lamp)
-        outer, push = self._outer(gloss, lamp)
-        solved = np.linalg.solve(inner, np.concatenate([border, pull[..., None]], axis=2))
+        pull = weighed @ _rows(self.deviation)[..., None]
+        border = self._border(weighed, gloss)
+        outer, push = self._outer(gloss)
+        solved = np.linalg.solve(inner, np.concatenate([border, pull], axis=2))
         across = border.reshape(-1, len(push)).T @ solved.reshape(-1, len(push) + 1)
         return outer - across[:, :-1], push - across[:, -1], solved.astype(np.float64)
 
-    def _slopes(self) -> tuple[Array, Array, Array]:
-        """Slopes of the values (K, C, P, ·) by turns and body colours, by the own material's gloss, by the own lamp."""
-        fit, shade, shape = self.fit, self.shade, self.model.shape
-        local = np.zeros((*shape, 2 + shape[1]))
+    def _slopes(self) -> tuple[Array, Array]:
+        """Slopes of the values (P, K·C, ·) by the own turns and body colours, and by the own material's gloss."""
+        fit, shade, (lamps, channels, pixels) = self.fit, self.shade, self.model.shape
+        local = np.zeros((pixels, lamps, channels, 2 + channels))
         for i, (body, interface) in enumerate(zip(shade.body_turned, shade.interface_turned, strict=True)):
-            local[..., i] = self.even * (fit.body * body[:, None] + interface[:, None])
-        for c in range(shape[1]):
-            local[:, c, :, 2 + c] = self.even[:, 0] * shade.body
-        gloss = np.empty((*shape, 3))
-        gloss[..., 0], gloss[..., 1] = self.even * shade.interface[:, None], self.even * shade.by_width[:, None]
-        gloss[..., 2] = self.even * fit.body * shade.by_exponent[:, None]
-        level = 1.0 + fit.slope @ self.place.T
-        by_lamp = np.stack([np.ones_like(level), self.place[:, 0] / level, self.place[:, 1] / level], axis=-1)
-        return local, gloss, self.model[..., None] * by_lamp[:, None]
+            turned = self.even * (fit.body * body[:, None] + interface[:, None])
+            local[..., i] = np.moveaxis(turned, 2, 0)
+        for c in range(channels):
+            local[:, :, c, 2 + c] = (self.even[:, 0] * shade.body).T
+        by_width = np.broadcast_to(self.even * shade.by_width[:, None], self.model.shape)
+        interface = np.broadcast_to(self.even * shade.interface[:, None], self.model.shape)
+        by_exponent = self.even * fit.body * shade.by_exponent[:, None]
+        gloss = np.stack([_rows(part) for part in (interface, by_width, by_exponent)], axis=-1)
+        return local.reshape(pixels, lamps * channels, 2 + channels), gloss
 
-    def _border(self, weighed: Array, gloss: Array, lamp: Array) -> Array:
+    def _by_lamp(self) -> Array:
+        """(P, K, 3) slopes of ln s by the own lamp's ln e and a."""
+        level = (1.0 + self.fit.slope @ self.place.T).T
+        x, y = self.place[:, :1], self.place[:, 1:]
+        return np.stack([np.ones_like(level), x / level, y / level], axis=-1)
+
+    def _border(self, weighed: Array, gloss: Array) -> Array:
         """(P, 2 + C, 3 M + 3 K) products of the pixels' own slopes with those of gloss and lamps."""
-        pixels, materials = len(self.fit.labels), len(self.fit.gloss.rows)
-        own = np.einsum("kcpi,kcpj->pij", weighed, gloss)
-        member = (self.fit.labels[:, None] == np.arange(materials)).astype(np.float64)
-        of_gloss = np.einsum("pij,pm->pimj", own, member).reshape(pixels, weighed.shape[3], -1)
-        of_lamps = np.einsum("kcpi,kcpj->pikj", weighed, lamp).reshape(pixels, weighed.shape[3], -1)
+        lamps, channels, pixels = self.model.shape
+        own = weighed @ gloss
+        member = (self.fit.labels[:, None] == np.arange(len(self.fit.gloss.rows))).astype(np.float64)
+        of_gloss = (own[:, :, None, :] * member[:, None, :, None]).reshape(pixels, 2 + channels, -1)
+        of_lamp = (weighed * _rows(self.model)[:, None]).reshape(pixels, 2 + channels, lamps, channels).sum(axis=3)
+        of_lamps = (of_lamp[..., None] * self._by_lamp()[:, None]).reshape(pixels, 2 + channels, -1)
         return np.concatenate([of_gloss, of_lamps], axis=2)
 
-    def _outer(self, gloss: Array, lamp: Array) -> tuple[Array, Array]:
+    def _outer(self, gloss: Array) -> tuple[Array, Array]:
         """Normal equations of gloss and lamps, with their priors."""
-        fit, lamps, materials = self.fit, len(self.fit.strength), len(self.fit.gloss.rows)
+        fit, (lamps, channels, pixels) = self.fit, self.model.shape
+        materials, by_lamp = len(fit.gloss.rows), self._by_lamp()
         size = 3 * materials
         outer, push = np.zeros((size + 3 * lamps,) * 2), np.zeros(size + 3 * lamps)
-        weighed = gloss * self.weight[..., None]
+        weighed, deviation, model = gloss * self.weight_of_rows[..., None], _rows(self.deviation), _rows(self.model)
+        per_lamp = (weighed * model[..., None]).reshape(pixels, lamps, channels, 3).sum(axis=2)
         for m in range(materials):
             at, own = slice(3 * m, 3 * m + 3), fit.labels == m
-            outer[at, at] = np.einsum("kcpi,kcpj->ij", weighed[:, :, own], gloss[:, :, own])
-            outer[at, size:] = np.einsum("kcpi,kcpj->ikj", weighed[:, :, own], lamp[:, :, own]).reshape(3, -1)
+            outer[at, at] = weighed[own].reshape(-1, 3).T @ gloss[own].reshape(-1, 3)
+            outer[at, size:] = np.einsum("pki,pkj->ikj", per_lamp[own], by_lamp[own]).reshape(3, -1)
             outer[size:, at] = outer[at, size:].T
-            push[at] = np.einsum("kcpi,kcp->i", weighed[:, :, own], self.deviation[:, :, own])
-        pressed = lamp * self.weight[..., None]
-        for k, block in enumerate(np.einsum("kcpi,kcpj->kij", pressed, lamp)):
+            push[at] = weighed[own].reshape(-1, 3).T @ deviation[own].ravel()
+        light, pull = (
+            (self.weight_of_rows * model * part).reshape(pixels, lamps, channels).sum(axis=2)
+            for part in (model, deviation)
+        )
+        for k in range(lamps):
             at = slice(size + 3 * k, size + 3 * k + 3)
-            outer[at, at] = block
-        push[size:] = np.einsum("kcpi,kcp->ki", pressed, self.deviation).ravel()
+            outer[at, at] = (by_lamp[:, k] * light[:, k, None]).T @ by_lamp[:, k]
+        push[size:] = np.einsum("pk,pki->ki", pull, by_lamp).ravel()
         loose = self.prior.strength**2 + (fit.strength / CAUCHY) ** 2  # Cauchy's loss as a variance
         of_lamps = np.stack([1.0 / loose, *(2 * [np.full(lamps, self.prior.slope**-2.0)])], axis=1)
         held = np.r_[np.tile(self.prior.gloss[:, 1] ** -2.0, materials), of_lamps.ravel()]
         away = np.r_[(fit.gloss.rows - self.prior.gloss[:, 0]).ravel(), np.c_[fit.strength, fit.slope].ravel()]
         return outer + np.diag(held), push - held * away
+
+
+def _rows(values: Array) -> Array:
+    """(K, C, P) → (P, K·C)."""
+    return np.ascontiguousarray(values.reshape(-1, values.shape[2]).T)
