@@ -109,8 +109,10 @@ def sphere_table(gamma: float, entries: int, nodes: int = TABLE_NODES) -> np.nda
     Float64 = arrays().Float64
     turn, weight = np.array(_legendre(nodes)).T
     phases = np.linspace(0.0, math.pi, entries)
-    phase, across, along = (Float64(grid.ravel()) for grid in np.meshgrid(phases, turn, turn, indexing="ij"))
-    values = np.array(_sphere_node(dr.cos(phase), Float64(gamma), across, along)).reshape(entries, nodes, nodes)
+    phase, across, along = dr.meshgrid(*map(Float64, (phases, turn, turn)), indexing="ij")
+    values = np.array(_sphere_node(dr.cos(phase), dr.opaque(Float64, gamma), across, along)).reshape(
+        entries, nodes, nodes
+    )
     return (values @ weight @ weight).astype(np.float32)
 
 

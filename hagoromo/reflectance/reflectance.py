@@ -102,20 +102,20 @@ def interface_albedo(gamma: float, n: float, angles: int = 48) -> np.ndarray:
     Array3, Float64 = arrays().Array3f64, arrays().Float64
     nodes, weights = np.polynomial.legendre.leggauss(angles)
     reach = min(math.pi / 2, gamma * math.sqrt(math.log(1e6) / LN2))  # D below 1e-6 is left out
-    polar, turn = reach * (nodes + 1) / 2, 2 * math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)
-    view, polar_grid, turn_grid = (grid.ravel() for grid in np.meshgrid(VIEWS, polar, turn, indexing="ij"))
-    measure = np.sin(polar_grid) * np.tile(np.repeat(weights * reach / 2, turn.size), VIEWS.size) * math.pi / angles
-    half = Array3(*map(Float64, _direction(polar_grid, turn_grid)))
-    to_eye = Array3(*map(Float64, _direction(view, np.zeros_like(view))))
+    turns = 2 * math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)
+    grid = (Float64(axis) for axis in (VIEWS, reach * (nodes + 1) / 2, turns))
+    view, polar, turn = dr.meshgrid(*grid, indexing="ij")
+    half, to_eye = Array3(*_direction(polar, turn)), Array3(*_direction(view, 0.0))
     cos_eye = dr.dot(half, to_eye)
     to_lamp = 2.0 * cos_eye * half - to_eye
-    f = weights_at(cosines(Array3(0, 0, 1), to_lamp, to_eye), 0.0, 1.0, gamma, n).interface
-    values = np.array(dr.select(cos_eye > 0, 4.0 * cos_eye * f, 0.0)) * measure
-    return values.reshape(VIEWS.size, -1).sum(axis=1)
+    width, index = dr.opaque(Float64, gamma), dr.opaque(Float64, n)  # literals would compile for every material
+    f = weights_at(cosines(Array3(0, 0, 1), to_lamp, to_eye), 0.0, 1.0, width, index).interface
+    values = np.array(dr.select(cos_eye > 0, 4.0 * cos_eye * f * dr.sin(polar), 0.0)).reshape(VIEWS.size, angles, -1)
+    return values.sum(axis=2) @ weights * (reach / 2 * math.pi / angles)
 
 
-def _direction(polar: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)
+def _direction(polar: Any, turn: Any) -> tuple[Any, Any, Any]:
+    return dr.sin(polar) * dr.cos(turn), dr.sin(polar) * dr.sin(turn), dr.cos(polar)
 
 
 def _largest(colour: Spectrum) -> float:
