@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from hagoromo.image.compare import compare as compare
     from hagoromo.image.image import Image as Image
     from hagoromo.image.image import read_image as read_image
+    from hagoromo.image.preview import Preview as Preview
+    from hagoromo.image.preview import preview as preview
     from hagoromo.image.render import render as render
     from hagoromo.image.scene import Scene as Scene
     from hagoromo.image.scene_file import load_scene as load_scene
@@ -65,6 +67,8 @@ HOMES = {
     "load_scene": "image.scene_file",
     "Image": "image.image",
     "render": "image.render",
+    "preview": "image.preview",
+    "Preview": "image.preview",
     "read_image": "image.image",
     "compare": "image.compare",
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,21 +10,20 @@ import numpy as np
 
 from hagoromo import __version__
 from hagoromo.backend import arrays, name
-from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.image.film import Film, Progress
+from hagoromo.image.film import tile_order as tile_order
 from hagoromo.image.image import Image
-from hagoromo.image.lighting import Lighting, Materials, palette_of
+from hagoromo.image.kept import Kept
+from hagoromo.image.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.image.march import march
 from hagoromo.image.scene import Scene
-from hagoromo.image.shadow import brute_attenuation, mapped_attenuation
+from hagoromo.image.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 from hagoromo.image.surface import Surfaces
 from hagoromo.volume.medium import STEPS_PER_VOXEL, Medium
 
 SHADOWS = ("map", "march", "none")
-RAYS = 1 << 20  # rays marched at once; progress is told, and an interrupt heard, between
-TILE = (4, 2)  # neighbouring rays share lanes: columns, rows
-Progress = Callable[[float], None]
+COARSEST = 32  # texels a side of a shadow map
 
 
 @dataclass(frozen=True)
@@ -52,56 +50,51 @@ class Settings:
 def render(scene: Scene, settings: Settings | None = None, progress: Progress | None = None) -> Image:
     """The image that the scene's camera would see, as weights; `progress` is told the share done, 0…1."""
     settings = settings or Settings()
-    camera = scene.camera
     light = Light(scene, settings)
-    channels = light.lighting.materials.palette.channels
-    check_memory(
-        8 * camera.width * camera.height * (channels + 1), f"an image of {camera.width} × {camera.height} pixels"
-    )
-    sums = np.zeros((camera.height * camera.width, channels + 1), np.float64)
-    order = tile_order(camera.width, camera.height)
+    film = Film(scene.camera, light.channels)
     for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
-        for start in range(0, order.size, RAYS):
-            pixels = order[start : start + RAYS]
-            sums[pixels] += _trace(light, camera, pixels, point)
-            if progress:
-                progress((sample + (start + pixels.size) / order.size) / settings.samples)
-    mean = (sums / settings.samples).reshape(camera.height, camera.width, -1).astype(np.float32)
-    metadata = {"version": __version__, "backend": name(), "settings": asdict(settings), "scene": scene.record()}
-    return Image(mean[..., :-1], mean[..., -1], light.lighting.materials.palette, metadata)
+        film.add(
+            light.along, point, progress and (lambda share, done=sample: progress((done + share) / settings.samples))
+        )
+    return Image(*film.mean(), light.palette, metadata(scene, settings))
+
+
+def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
+    """What made an image: version, backend, settings and scene, as plain figures."""
+    return {"version": __version__, "backend": name(), "settings": asdict(settings), "scene": scene.record()}
 
 
 class Light:
-    """A scene made ready for rays: its medium, surfaces, materials, lamps and shadow maps."""
+    """A scene made ready for rays: its medium, surfaces, materials, lamps and shadow maps.
 
-    def __init__(self, scene: Scene, settings: Settings) -> None:
+    kept: what was made for the scene before; what is still as it was is not made, or brought to the device, again.
+    texels: a side of a shadow map that is made for a coarse picture, where fewer than the settings ask for.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, kept: Kept | None = None, texels: int | None = None) -> None:
+        kept = kept or Kept()
         reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
         bases = [box.basis for box in scene.boxes]
-        palette = palette_of(reflectances, [s for b in bases for s in b], [lamp.spectrum for lamp in scene.lamps])
-        self.medium = Medium(scene.boxes, settings.steps_per_voxel) if scene.boxes else None
-        first = len(reflectances) - len(scene.surfaces)
-        self.surfaces = Surfaces(scene.surfaces, first) if scene.surfaces else None
-        self.boxes_shade: Any = None
+        self.palette = palette_of(reflectances, [s for b in bases for s in b], [lamp.spectrum for lamp in scene.lamps])
+        self.channels = self.palette.channels
+        self.medium = _medium(scene, settings, kept)
+        self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
+        self.surfaces = _surfaces(scene, kept)
+        boxes_shade: Attenuation | None = None
         if self.medium and settings.shadows == "map":
-            self.boxes_shade = mapped_attenuation(self.medium, scene.lamps, settings.shadow_resolution)
+            boxes_shade = _maps(scene, settings, self.medium, kept, texels)
         elif self.medium and settings.shadows == "march":
-            self.boxes_shade = brute_attenuation(self.medium)
-        attenuation = self.attenuation if settings.shadows != "none" else None
-        self.lighting = Lighting(scene.lamps, Materials(reflectances, palette), attenuation, bases)
-
-    def attenuation(self, lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
-        """Share of a lamp's light that passes all boxes and surfaces on its way to `point`."""
-        share = self.boxes_shade(lamp, point, to_lamp, distance) if self.boxes_shade else arrays().Float(1)
-        if self.surfaces:
-            share = dr.select(self.surfaces.visible(point, to_lamp, distance), share, 0.0)
-        return share
+            boxes_shade = brute_attenuation(self.medium)
+        attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
+        self.lighting = Lighting(scene.lamps, Materials(reflectances, self.palette), attenuation, bases)
 
     def along(self, origin: Any, direction: Any, phase: Any = 0.0) -> tuple[list[Any], Any]:
         """Weights of the radiance towards `origin` along rays, and the share of them that ends on matter."""
         kinds, far = arrays(), arrays().Float(dr.inf)
-        behind: list[Any] = [kinds.Float(0)] * self.lighting.materials.palette.channels
+        behind: list[Any] = [kinds.Float(0)] * self.channels
         if self.surfaces:
-            far, point, normal, material = self.surfaces.meet(origin, direction)
+            far, point, normal, surface = self.surfaces.meet(origin, direction)
+            material = self.first_on_surface + surface
             coefficients = self.lighting.materials.coefficients(material)
             light = self.lighting.reflected(point, -direction, normal, material, coefficients)
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
@@ -110,14 +103,6 @@ class Light:
         channels, passed = march(self.medium, self.lighting, origin, direction, kinds.Float(0), far, phase)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
-
-
-def tile_order(width: int, height: int) -> np.ndarray:
-    """Pixel numbers (row · width + column) so that TILE neighbours follow one another."""
-    rows, columns = np.mgrid[0:height, 0:width]
-    inside = (rows % TILE[1]) * TILE[0] + columns % TILE[0]
-    tile = (rows // TILE[1]) * (-(-width // TILE[0])) + columns // TILE[0]
-    return np.argsort((tile * (TILE[0] * TILE[1]) + inside).ravel(), kind="stable").astype(np.uint32)
 
 
 def pixel_points(samples: int, seed: int) -> np.ndarray:
@@ -133,14 +118,45 @@ def pixel_points(samples: int, seed: int) -> np.ndarray:
     return (np.argsort(order, axis=0) + 0.5) / samples
 
 
-def _trace(light: Light, camera: Camera, pixels: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Weights and alpha (pixels, channels + 1) of one ray a pixel, through the `point` (dx, dy, phase) of each."""
-    dx, dy, phase = point
-    kinds = arrays()
-    number = kinds.UInt(pixels)
-    across = dr.opaque(kinds.UInt, camera.width)
-    x = kinds.Float(number % across) + dr.opaque(kinds.Float, float(dx))
-    y = kinds.Float(number // across) + dr.opaque(kinds.Float, float(dy))
-    channels, alpha = light.along(*camera.rays(x, y), dr.opaque(kinds.Float, float(phase)))
-    dr.eval(channels, alpha)
-    return np.stack([np.array(channel) for channel in (*channels, alpha)], axis=-1)
+def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
+    """What decides the medium, and with it the shadows of boxes: equal for scenes that may share them."""
+    boxes = tuple((b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), len(b.materials)) for b in scene.boxes)
+    places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
+    lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)
+    return (boxes, settings.steps_per_voxel), lamps
+
+
+def _medium(scene: Scene, settings: Settings, kept: Kept) -> Medium | None:
+    """The scene's boxes on the device; None without boxes."""
+    if not scene.boxes:
+        return None
+    boxes, _ = shadow_casters(scene, settings)
+    return kept.get("medium", boxes, lambda: Medium(scene.boxes, settings.steps_per_voxel))
+
+
+def _surfaces(scene: Scene, kept: Kept) -> Surfaces | None:
+    """The scene's surfaces as Mitsuba holds them; None without surfaces."""
+    if not scene.surfaces:
+        return None
+    figures = tuple(surface.figure for surface in scene.surfaces)
+    return kept.get("surfaces", figures, lambda: Surfaces(scene.surfaces))
+
+
+def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
+    """Share of a lamp's light that passes all boxes and surfaces on its way to a point."""
+
+    def share(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
+        passed = boxes_shade(lamp, point, to_lamp, distance) if boxes_shade else arrays().Float(1)
+        return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
+
+    return share
+
+
+def _maps(scene: Scene, settings: Settings, medium: Medium, kept: Kept, texels: int | None) -> Any:
+    """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
+    casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution or fitting_resolution(medium)
+    if texels:
+        resolution = min(resolution, max(texels, COARSEST))
+        if kept.key("maps")[:1] == (casters,):
+            resolution = max(resolution, *kept.key("maps")[1:])
+    return kept.get("maps", (casters, resolution), lambda: mapped_attenuation(medium, scene.lamps, resolution))

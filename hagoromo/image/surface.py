@@ -5,7 +5,7 @@ Enters: meshes (arrays, or any file that trimesh reads) and Mitsuba's exact shap
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,11 @@ class Surface:
         mesh = read_mesh(path)
         return cls(reflectance, "mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces), **record)
 
+    @property
+    def figure(self) -> Hashable:
+        """What decides where rays meet it: equal for two surfaces of the same arrays, shape and pose."""
+        return self.shape, id(self.vertices), id(self.faces), self.smooth, np.asarray(self.pose, float).tobytes()
+
     def corners(self) -> np.ndarray:
         """Corners of its bounding box in the world [m]: (8, 3)."""
         low, high = -np.ones(3), np.ones(3)
@@ -87,28 +92,31 @@ class Surface:
 
 
 class Surfaces:
-    """All surfaces of a scene as Mitsuba holds them; `first_material` is the row of the first one's reflectance."""
+    """All surfaces of a scene as Mitsuba holds them."""
 
-    def __init__(self, surfaces: Sequence[Surface], first_material: int) -> None:
-        mi = mitsuba()
-        self.first_material = first_material
-        self.shapes = [_shape(surface) for surface in surfaces]
-        self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(self.shapes)}})
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        mi, kinds = mitsuba(), arrays()
+        self.surfaces = tuple(surfaces)
+        shapes = [_shape(surface) for surface in surfaces]
+        self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(shapes)}})
+        # Mitsuba numbers its shapes anew with every scene: read from memory, the numbers compile nothing anew
+        numbers = [int(dr.reinterpret_array(kinds.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
+        order = np.zeros(max(numbers) + 1, np.uint32)
+        order[numbers] = np.arange(len(shapes))
+        self.order = kinds.UInt(order)
         corners = np.concatenate([surface.corners() for surface in surfaces])
-        self.lift = dr.opaque(arrays().Float, LIFT * float(np.linalg.norm(np.ptp(corners, axis=0))))
+        self.lift = dr.opaque(kinds.Float, LIFT * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
     def meet(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
-        """Distance [m] (inf: none), point lifted off the surface, unit normal facing the eye, and material of hits."""
+        """Distance [m] (inf: none), point lifted off the surface, unit normal facing the eye, and number of hits."""
         mi, kinds = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         flat, normal = kinds.Array3f(hit.n), kinds.Array3f(hit.sh_frame.n)
         back = dr.dot(flat, direction) > 0
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
-        material = kinds.UInt(self.first_material)
-        for k, shape in enumerate(self.shapes[1:], 1):
-            material = dr.select(hit.shape == mi.ShapePtr(shape), self.first_material + k, material)
+        surface = dr.gather(kinds.UInt, self.order, dr.reinterpret_array(kinds.UInt, hit.shape))
         point = dr.fma(direction, dr.fmin(hit.t, NOWHERE), origin) + flat * self.lift
-        return kinds.Float(hit.t), point, normal, material
+        return kinds.Float(hit.t), point, normal, surface
 
     def visible(self, point: Any, to_lamp: Any, distance: Any) -> Any:
         """Whether no surface stands between points and the lamp."""

@@ -1,0 +1,97 @@
+"""Film: the pixels of one picture, the order in which rays visit them, and the sums that the rays leave.
+
+Rays are numbered tile by tile, so that neighbours share lanes. Sizes and places are read from memory: a picture of
+another size compiles no new kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays
+from hagoromo.camera.camera import Camera
+from hagoromo.files.door import check_memory
+
+RAYS = 1 << 21  # rays marched at once; progress is told, and an interrupt heard, between
+TILE = (4, 2)  # neighbouring rays share lanes: columns, rows
+Progress = Callable[[float], None]
+
+
+class Answer(Protocol):
+    """What rays find: weights of the radiance towards `origin`, one Float per channel, and the share that ends."""
+
+    def __call__(self, origin: Any, direction: Any, phase: Any) -> tuple[list[Any], Any]:
+        """Of rays from origin [m] along unit directions (Array3f, world); phase of the march, 0…1."""
+        ...
+
+
+class Film:
+    """Sums over samples of `channels` weights and alpha, for every pixel that `camera` sees.
+
+    stride: a pixel of the film stands for stride × stride of the camera's (at the edges, for what is there of them).
+    """
+
+    def __init__(self, camera: Camera, channels: int, stride: int = 1) -> None:
+        self.camera, self.stride, self.values = camera, stride, channels + 1
+        self.width, self.height = (-(-size // stride) for size in (camera.width, camera.height))
+        check_memory(8 * self.pixels * self.values, f"an image of {self.width} × {self.height} pixels")
+        self.samples, self.sums = 0, np.zeros(0, np.float32)
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        return self.width * self.height
+
+    def add(self, answer: Answer, point: NDArray, progress: Progress | None = None) -> None:
+        """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each.
+
+        `progress` is told the share done, 0…1.
+        """
+        kinds = arrays()
+        met = dr.zeros(kinds.Float, self.pixels * self.values)
+        dr.make_opaque(met)
+        dx, dy, phase, stride = (dr.opaque(kinds.Float, float(number)) for number in (*point, self.stride))
+        width, height = (dr.opaque(kinds.UInt, size) for size in (self.width, self.height))
+        count = tiled(self.width, self.height)
+        for start in range(0, count, RAYS):
+            number = dr.arange(kinds.UInt, min(RAYS, count - start)) + dr.opaque(kinds.UInt, start)
+            column, row = tile_place(number, width)
+            x, y = (kinds.Float(column) + dx) * stride, (kinds.Float(row) + dy) * stride
+            channels, alpha = answer(*self.camera.rays(x, y), phase)
+            inside = (column < width) & (row < height)
+            # one packet: scatters of one value each would march once a value
+            dr.scatter(met, kinds.ArrayXf([*channels, alpha]), row * width + column, inside)
+            dr.eval(met)
+            dr.sync_thread()
+            if progress:
+                progress(min(start + RAYS, count) / count)
+        self.sums = np.add(self.sums, met.numpy(), dtype=np.float64) if self.samples else met.numpy()
+        self.samples += 1
+
+    def mean(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Mean over the samples: weights (height, width, channels) and alpha (height, width)."""
+        mean = (self.sums / self.samples).astype(np.float32).reshape(self.height, self.width, self.values)
+        return mean[..., :-1], mean[..., -1]
+
+
+def tiled(width: int, height: int) -> int:
+    """Number of rays that fill all tiles of a picture, those beyond its edges included."""
+    return -(-width // TILE[0]) * -(-height // TILE[1]) * TILE[0] * TILE[1]
+
+
+def tile_place(number: Any, width: Any) -> tuple[Any, Any]:
+    """Column and row of ray `number`, in a picture of `width` pixels (UInt)."""
+    tile, inside = number // (TILE[0] * TILE[1]), number % (TILE[0] * TILE[1])
+    across = (width + (TILE[0] - 1)) // TILE[0]
+    return (tile % across) * TILE[0] + inside % TILE[0], (tile // across) * TILE[1] + inside // TILE[0]
+
+
+def tile_order(width: int, height: int) -> NDArray[np.uint32]:
+    """Pixel numbers (row · width + column) in the order of their rays."""
+    column, row = tile_place(np.arange(tiled(width, height)), width)
+    return (row * width + column)[(column < width) & (row < height)].astype(np.uint32)

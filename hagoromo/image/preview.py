@@ -1,0 +1,84 @@
+"""Preview: pictures of a scene that changes under the eyes, each better than the last.
+
+The first picture has fewer pixels and coarser shadow maps, so that it is there in time; every next one has half the
+stride, the last ones all pixels and sample after sample, up to what `render` gives, bit by bit. To interrupt is to stop
+taking pictures. What did not change since the last scene stays on the device.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+from hagoromo.errors import InputError
+from hagoromo.image.film import Film
+from hagoromo.image.image import Image
+from hagoromo.image.kept import Kept
+from hagoromo.image.render import Light, Settings, metadata, pixel_points, shadow_casters
+from hagoromo.image.scene import Scene
+
+FIRST = 0.1  # s, until the first picture
+RAYS = 1 << 15  # of a first picture, before any has been timed
+FEWEST = 1 << 8  # rays of a first picture, however long they took
+
+
+def preview(scene: Scene, settings: Settings | None = None, seconds: float = FIRST) -> Iterator[Image]:
+    """Pictures of `scene`, ever better; see `Preview`, which keeps what the next scene can use."""
+    return Preview(settings, seconds).pictures(scene)
+
+
+class Preview:
+    """What a viewer remembers: the `settings` of the last picture, the `seconds` until the first, what was made before.
+
+        view = hg.Preview()
+        while scene := changed():                       # a Scene with another camera, lamps, materials, poses, …
+            for image in view.pictures(scene):
+                show(image.display())                   # of its own size: the window scales it
+                if waiting():
+                    break
+
+    The first picture has as many rays as were traced in time before. An image's metadata["preview"] says its stride
+    (camera pixels along a side of one of its own), its samples and the share of the work done, 0…1.
+    """
+
+    def __init__(self, settings: Settings | None = None, seconds: float = FIRST) -> None:
+        if not seconds > 0:
+            raise InputError(f"the first picture is to come after {seconds} s: give a number above 0")
+        self.settings, self.seconds, self.kept = settings or Settings(), seconds, Kept()
+        self.rays = {False: RAYS, True: RAYS}  # of a first picture; True: with shadows to be made
+
+    def pictures(self, scene: Scene) -> Iterator[Image]:
+        """Pictures of `scene`; the last one is what `render` gives."""
+        start, size = time.perf_counter(), scene.camera.width * scene.camera.height
+        new_shadows = self.kept.key("maps")[:1] != (shadow_casters(scene, self.settings),)
+        coarse = strides(size, self.rays[new_shadows])
+        points = pixel_points(self.settings.samples, self.settings.seed)
+        steps = [(stride, pixel_points(1, 0)[0]) for stride in coarse] + [(1, point) for point in points]
+        work = [stride**-2 for stride, _ in steps]
+        record = metadata(scene, self.settings)
+        for number, (stride, point) in enumerate(steps):
+            if number <= len(coarse):  # each coarse picture and the first whole one start anew
+                light = Light(scene, self.settings, self.kept, None if stride == 1 else math.isqrt(size) // stride)
+                film = Film(scene.camera, light.channels, stride)
+            film.add(light.along, point)
+            level = {"stride": stride, "samples": film.samples, "share": sum(work[: number + 1]) / sum(work)}
+            image = Image(*film.mean(), light.palette, record | {"preview": level})
+            if number == 0:
+                self._learn(new_shadows, math.ceil(size / stride**2), time.perf_counter() - start)
+            yield image
+
+    def _learn(self, new_shadows: bool, rays: int, seconds: float) -> None:
+        """Fewer rays next time if a first picture of `rays` came too late, more if it came in a quarter of the time."""
+        if seconds > self.seconds:
+            self.rays[new_shadows] = max(rays // 2, FEWEST)
+        elif seconds < self.seconds / 4:
+            self.rays[new_shadows] = max(rays * 4, self.rays[new_shadows])
+
+
+def strides(size: int, rays: int) -> list[int]:
+    """Halving strides down to 2; the first leaves at most `rays` of `size` pixels. Empty if all pixels are as few."""
+    stride = 1
+    while size > rays * stride**2:
+        stride *= 2
+    return [stride >> k for k in range(stride.bit_length() - 1)]
