@@ -1,0 +1,112 @@
+"""One scene: Hagoromo at all its settings, then every peer in turn with the setting of ours that equals it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from peers_child import AbsentError, Child
+from peers_hagoromo import reference
+from peers_scene import STUDIES, Scene
+from peers_table import Row
+
+OURS = "hagoromo"
+BUDGET = 6.0  # s, of one setting, after which no further round begins; a longer frame is rendered once
+LONGEST = 20.0  # s, of a frame; settings that would take longer, by the growth so far, are left out
+EQUAL = 1.2  # errors whose ratio is below this are taken for equal
+
+
+class Contest:
+    """The contest on study `number`, with matter and passing files in `folder`."""
+
+    def __init__(self, number: int, folder: Path, rounds: int) -> None:
+        self.number, self.folder, self.rounds = number, folder, rounds
+        self.scene = Scene(STUDIES[number], folder)
+        print(f"{self.scene.study.name}: reference", flush=True)
+        self.reference, self.matter = reference(self.scene)
+        self.own: list[Row] = []
+
+    def rows(self) -> list[Row]:
+        """The table's rows, ours first."""
+        self.ours, row = self.begin(OURS)
+        try:
+            for setting in self.ours.settings:
+                self.own.append(self.measured(self.ours, replace(row, setting=setting)))
+            return self.own + [row for peer in self.scene.study.peers for row in self.peer_rows(peer)]
+        finally:
+            self.ours.close()
+
+    def peer_rows(self, peer: str) -> list[Row]:
+        """Rows of one peer, a setting after the other until they take too long; one row that says why it is absent."""
+        rows: list[Row] = []
+        try:
+            child, row = self.begin(peer)
+            for setting in child.settings:
+                if growing([row.seconds or 0.0 for row in rows]) > LONGEST:
+                    break
+                rows.append(self.measured(child, replace(row, setting=setting)))
+            child.close()
+        except AbsentError as error:
+            print(f"  {peer}: {error}", flush=True)
+            rows.append(Row(self.scene.study.name, peer, absent=str(error)))
+        return rows
+
+    def begin(self, contender: str) -> tuple[Child, Row]:
+        """A contender that was started without a kernel cache and again with it, and a row with both first pictures."""
+        home = Path(tempfile.mkdtemp(dir=self.folder))
+        cold = Child(contender, self.number, self.folder, home)
+        cold.close()
+        child = Child(contender, self.number, self.folder, home)
+        return child, Row(self.scene.study.name, contender, first_cold=cold.first, first_cached=child.first)
+
+    def measured(self, child: Child, row: Row) -> Row:
+        """The row filled in; a peer's frames alternate with those of our setting that equals it."""
+        first = child.frame(row.setting)
+        error, mean = self.difference(child.seen())
+        rival = None if child is self.ours else self.rival(error)
+        turns = [(self.ours, rival.setting)] if rival else []
+        if first > BUDGET:
+            seconds, ours = [first], in_turn(turns, self.rounds)
+        else:
+            child.frame(row.setting)  # the second frame may compile yet
+            seconds, *ours = in_turn([(child, row.setting), *turns], self.rounds)
+        peak = child.peak
+        row = replace(row, seconds=float(np.median(seconds)), rounds=len(seconds), error=error, mean=mean, peak=peak)
+        said = f"  {row.who}, {row.setting}: {row.seconds:.3f} s, error {error:.5f}"
+        if rival:
+            equal = (rival.error or 0.0) <= EQUAL * error
+            ratio = float(np.median(seconds) / np.median(ours[0]))
+            row = replace(row, ratio=ratio, against=rival.setting, as_accurate=equal)
+            said += f", {ratio:.1f} × ours ({rival.setting}: error {rival.error:.5f})"
+        print(said, flush=True)
+        return row
+
+    def rival(self, error: float) -> Row:
+        """The quickest of our settings that is as accurate as `error`, else the most accurate."""
+        equal = [row for row in self.own if (row.error or 0.0) <= EQUAL * error]
+        return (
+            min(equal, key=lambda row: row.seconds or 0.0) if equal else min(self.own, key=lambda row: row.error or 0.0)
+        )
+
+    def difference(self, picture: NDArray) -> tuple[float, float]:
+        """Relative rmse and ratio of the means against the reference, over the compared pixels that show matter."""
+        seen, true = self.scene.sampled(picture)[self.matter], self.reference[self.matter]
+        return float(np.sqrt(np.mean((seen - true) ** 2) / np.mean(true**2))), float(seen.mean() / true.mean())
+
+
+def in_turn(turns: Sequence[tuple[Child, str]], rounds: int) -> list[list[float]]:
+    """Times [s] of frames, A B A B …: a list for each (contender, setting); no new round once one took BUDGET."""
+    times: list[list[float]] = [[] for _ in turns]
+    while len(times[0]) < rounds and (not times[0] or max(map(sum, times)) < BUDGET):
+        for taken, (child, setting) in zip(times, turns, strict=True):
+            taken.append(child.frame(setting))
+    return times
+
+
+def growing(times: Sequence[float]) -> float:
+    """The next of some times, if it grows as the last did; 0 where there is nothing to tell by."""
+    return times[-1] ** 2 / times[-2] if len(times) > 1 else 0.0

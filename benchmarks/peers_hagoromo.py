@@ -1,0 +1,54 @@
+"""Hagoromo, through its public functions: a frame makes the medium, the shadow maps and the picture anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, VOXEL, Scene
+
+import hagoromo as hg
+from hagoromo.image.render import Settings
+
+FINEST = 8.0  # steps per voxel of the reference: four times as many as the march takes of itself
+
+
+def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+    """Whole-voxel and half-voxel steps, with shadow maps and by brute march: pictures (pixels, pixels)."""
+    ready = prepared(scene)
+    if scene.study.shadows:
+        settings = {
+            "step 1 voxel, shadow maps": Settings(steps_per_voxel=1.0),
+            "step 0.5 voxel, shadow maps": Settings(),
+            "step 1 voxel, brute shadows": Settings(shadows="march", steps_per_voxel=1.0),
+            "step 0.5 voxel, brute shadows": Settings(shadows="march"),
+        }
+    else:
+        settings = {
+            "step 1 voxel": Settings(shadows="none", steps_per_voxel=1.0),
+            "step 0.5 voxel": Settings(shadows="none"),
+        }
+    return {name: lambda chosen=chosen: hg.render(ready, chosen).weights[..., 0] for name, chosen in settings.items()}
+
+
+def reference(scene: Scene) -> tuple[NDArray, NDArray]:
+    """What errors are told against, radiance and whether it shows matter (bool), at the pixels of `Scene.sampled`."""
+    shadows = "march" if scene.study.shadows else "none"
+    image = hg.render(prepared(scene, scene.stride), Settings(shadows=shadows, steps_per_voxel=FINEST))
+    return image.weights[..., 0], image.alpha > 0.0
+
+
+def prepared(scene: Scene, stride: int = 1) -> hg.Scene:
+    """The study as a Hagoromo scene, seen through every `stride`-th pixel of every `stride`-th row."""
+    study = scene.study
+    matte = hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0), element=study.element)
+    pose = np.eye(4)
+    pose[:3, 3] = -1.0
+    box = hg.VolumeBox.from_arrays(scene.density, scene.axis, VOXEL, scene.tau, [matte], pose=pose)
+    size, focal = study.pixels // stride, FOCAL * study.pixels / stride
+    middle = 0.5 + (study.pixels / 2 - 0.5) / stride  # the middle of pixel 0 stays where it is
+    camera = hg.Camera(size, size, (focal, focal), (middle, middle))
+    camera = camera.look_at(EYE, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    lamps = [hg.Lamp(to_lamp=to) if study.far else hg.Lamp(position=to, intensity=INTENSITY) for to in scene.lamps]
+    return hg.Scene(camera, tuple(lamps), (box,))
