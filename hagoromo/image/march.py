@@ -45,16 +45,16 @@ def march(
         if step.brick < 0:
             taken = crossing.leave(step, taken) if skip else crossing.on(step, taken)
         else:
-            voxel = medium.voxel(step)
-            depth = step.tau * voxel[0] * step.length
-            if (depth > THINNEST) & ~step.too_coarse(depth):
+            depth = step.tau * medium.density(step) * step.length
+            if (depth > THINNEST) & ~taken.too_coarse(depth):
                 step.distance = step.centroid(depth)
-                met = light_from_sample(medium, lighting, step, voxel, origin, direction)
+                met = light_from_sample(medium, lighting, step, origin, direction)
                 passed = dr.exp(-depth)
                 gain = transmittance * (1.0 - passed)
                 channels = added(channels, gain, met)
                 transmittance *= passed
             taken = crossing.after(step, depth, taken)
+        taken = crossing.exchange(taken)
     ended = transmittance <= CUT
     scale = dr.select(ended, 1.0 / (1.0 - transmittance), 1.0)
     return [channel * scale for channel in channels], dr.select(ended, 0.0, transmittance)
@@ -65,17 +65,14 @@ def added(channels: list[Any], gain: Any, met: list[Any]) -> list[Any]:
     return [dr.fma(gain, new, old) for new, old in zip(met, channels, strict=True)]
 
 
-def light_from_sample(
-    medium: Medium, lighting: Lighting, step: Step, voxel: Any, origin: Any, direction: Any
-) -> list[Any]:
+def light_from_sample(medium: Medium, lighting: Lighting, step: Step, origin: Any, direction: Any) -> list[Any]:
     """What the matter of one sample sends back along the ray: its weights, one per channel."""
-    kinds = arrays()
     point = dr.fma(direction, step.distance, origin)
-    axis = medium.axis_in_world(step, kinds.Array3f(voxel[1], voxel[2], voxel[3]))
+    axis = medium.axis(step)
     material = medium.material(step)
     coefficients = lighting.materials.coefficients(material)
     if lighting.painted:
-        coefficients = lighting.paint(coefficients, step.box, medium.voxel(step, medium.colours))
+        coefficients = lighting.paint(coefficients, step.box, medium.colour(step))
     return lighting.reflected(point, -direction, axis, material, coefficients)
 
 
@@ -90,7 +87,8 @@ def optical_depth(medium: Medium, origin: Any, direction: Any, near: Any, far: A
         if step.brick < 0:
             taken = crossing.leave(step, taken)
         else:
-            met = step.tau * medium.voxel(step)[0] * step.length
-            depth += dr.select(step.too_coarse(met), 0.0, met)
+            met = step.tau * medium.density(step) * step.length
+            depth += dr.select(taken.too_coarse(met), 0.0, met)
             taken = crossing.after(step, met, taken)
+        taken = crossing.exchange(taken)
     return depth

@@ -125,8 +125,8 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: DeepShadowMap
         if step.brick < 0:
             taken = crossing.leave(step, taken)
         else:
-            met = step.tau * medium.voxel(step)[0] * step.length
-            if (met > THINNEST) & ~step.too_coarse(met):
+            met = step.tau * medium.density(step) * step.length
+            if (met > THINNEST) & ~taken.too_coarse(met):
                 begin, end = step.distance - 0.5 * step.length, step.distance + 0.5 * step.length
                 passed = dr.exp(-depth)
                 gap = (begin > reached + 0.5 * step.length) & (noted - passed > GAP_DROP)
@@ -141,6 +141,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: DeepShadowMap
                 noted, last = dr.select(fall, dr.exp(-depth), noted), dr.select(fall, end, last)
                 reached = dr.fmax(reached, end)
             taken = crossing.after(step, met, taken)
+        taken = crossing.exchange(taken)
     target.lay(knot, reached, depth, reached > last)
 
 

@@ -14,7 +14,7 @@ from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.bricks import BRICK, STORED, Bricks, bricks_from_arrays, bricks_from_field, table_shape
+from hagoromo.volume.bricks import MATERIALS, Bricks, bricks_from_arrays, bricks_from_field
 
 Field = Callable[[Any], tuple[Any, ...]]
 
@@ -43,6 +43,8 @@ class VolumeBox:
                 raise InputError(f"volume box {self.name!r}: {key} is {value}: give a finite number above 0")
         if not self.materials:
             raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
+        if len(self.materials) > MATERIALS:
+            raise InputError(f"volume box {self.name!r} has {len(self.materials)} materials: give at most {MATERIALS}")
         if len(self.basis) > 4:
             raise InputError(f"volume box {self.name!r}: basis has {len(self.basis)} spectra: give at most 4")
         object.__setattr__(self, "pose", rigid_pose(self.pose, f"the pose of volume box {self.name!r}"))
@@ -81,7 +83,8 @@ class VolumeBox:
         """From a function of position, evaluated brick by brick; shape is (nx, ny, nz) voxels.
 
         field(p): p Array3f, voxel centres in box axes [m] → (density, axis[, material UInt[, colour list]]).
-        occupied(centre, radius): optional, False promises that the ball [m] around `centre` (Array3f) is empty.
+        occupied(centre, radius): optional, False promises that the ball [m] around `centre` (Array3f) is empty; asked
+        of large cubes first, then of the parts of those that may hold matter.
         """
         kinds, (nx, ny, nz) = arrays(), shape
         if not np.isfinite(voxel_size) or voxel_size <= 0:
@@ -91,8 +94,11 @@ class VolumeBox:
             position = (kinds.Array3f(x, y, z) + 0.5) * float(voxel_size)
             return dict(zip(("density", "axis", "material", "colour"), field(position), strict=False))
 
-        may = None if occupied is None else _may_hold(occupied, (nz, ny, nx), voxel_size)
-        bricks = bricks_from_field(voxels, (nz, ny, nx), may)
+        def may(middle: Any, radius: float) -> Any:
+            assert occupied is not None
+            return occupied((middle + 0.5) * float(voxel_size), radius * float(voxel_size))
+
+        bricks = bricks_from_field(voxels, (nz, ny, nx), may if occupied else None)
         return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
 
     @property
@@ -126,15 +132,3 @@ class VolumeBox:
         if len(materials) != len(self.materials):
             raise InputError(f"volume box {self.name!r} needs {len(self.materials)} materials, {len(materials)} given")
         return replace(self, materials=tuple(materials))
-
-
-def _may_hold(occupied: Callable[[Any, float], Any], shape: tuple[int, int, int], voxel_size: float) -> np.ndarray:
-    """`occupied` asked once per brick: bool table."""
-    import drjit as dr
-
-    kinds, (mz, my, mx) = arrays(), table_shape(shape)
-    index = dr.arange(kinds.UInt, mx * my * mz)
-    place = kinds.Array3f(index % mx, (index // mx) % my, index // (mx * my))
-    middle = place * BRICK + 0.5 * STORED
-    radius = 0.5 * 3**0.5 * STORED * voxel_size
-    return np.array(occupied(middle * voxel_size, radius)).reshape(mz, my, mx)

@@ -13,6 +13,7 @@ from hagoromo.reflectance.element import ELEMENTS, element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.medium import Medium
+from hagoromo.volume.voxels import PlainVoxels
 
 FIGURES = (0.23, 0.41, 0.27, 1.45)  # alpha, beta, gamma, n
 
@@ -71,28 +72,30 @@ def ball():
         [Lamp(to_lamp=(0.3, 0.2, -1.0))], Materials([material], palette_of([material], [], [Spectrum.constant(1.0)]))
     )
     medium = Medium([box])
-    medium.voxels = arrays().Float(medium.voxels)
+    held = box.bricks.read(0, box.bricks.kept)
+    values = np.concatenate([held["density"][..., None], held["axis"]], axis=-1).astype(np.float32)
+    medium.voxels = PlainVoxels(arrays().Float(values.ravel()))
     return medium, lighting
 
 
 def test_gradient_of_the_march_by_density(ball):
     medium, lighting = ball
-    kinds, voxels = arrays(), arrays().Float(ball[0].voxels)
+    kinds, voxels = arrays(), arrays().Float(medium.voxels.values)
     change = np.random.default_rng(4).uniform(0, 1, (dr.width(voxels) // 4, 4)) * (
         np.array(voxels).reshape(-1, 4)[:, :1] > 0
     )
     change[:, 1:] = 0  # density only
     change = kinds.Float(change.ravel().astype(np.float32))
-    dr.enable_grad(medium.voxels)
-    dr.set_grad(medium.voxels, change)
+    dr.enable_grad(medium.voxels.values)
+    dr.set_grad(medium.voxels.values, change)
     values = march_of(medium, lighting)
-    dr.enqueue(dr.ADMode.Forward, medium.voxels)
+    dr.enqueue(dr.ADMode.Forward, medium.voxels.values)
     dr.traverse(dr.ADMode.Forward)
     derivatives = [np.array(dr.grad(value)) for value in values]
     h = 2e-3
     ends = []
     for sign in (1, -1):
-        medium.voxels = voxels + sign * h * change
+        medium.voxels.values = voxels + sign * h * change
         ends.append([np.array(value) for value in march_of(medium, lighting)])
     for derivative, high, low in zip(derivatives, *ends, strict=True):
         difference = (high - low) / (2 * h)

@@ -1,0 +1,158 @@
+"""Voxels of the kept bricks on the device, and how samples of a march read them.
+
+A brick keeps 9³ voxels: its own 8³ and the next layer of its neighbours, so that trilinear interpolation stays inside.
+Packed (7.6 bytes a voxel): densities as pairs of halves along x, so that four reads give the eight around a sample;
+axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by which the march can be differentiated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, clip
+
+BRICK = 8  # voxels a side
+STORED = BRICK + 1  # voxels a side as kept
+VOXELS = STORED**3
+PAIRS = STORED * STORED * BRICK
+HALF_EXPONENT = 2.0**112  # between the exponents of half and single precision: the same bits mean so much less
+X_BITS, Y_BITS, Z_BITS = 11, 11, 10  # of an axis: x lowest
+X_FULL, Y_FULL, Z_FULL = (float(2 ** (bits - 1) - 1) for bits in (X_BITS, Y_BITS, Z_BITS))
+ROUNDED = 1.01  # square of the length of an axis above which it is more than a rounded unit vector
+X_UNIT, Y_UNIT, Z_UNIT = 2.0 ** (X_BITS - 32) / X_FULL, 2.0 ** (Y_BITS - 32) / Y_FULL, 2.0 ** (Z_BITS - 32) / Z_FULL
+
+
+class Voxels(Protocol):
+    """Voxels as the march reads them: `brick` UInt, `place` Array3f lattice coordinates inside [0, n−1)."""
+
+    def density(self, brick: Any, place: Any) -> Any:
+        """Trilinear density."""
+        ...
+
+    def axis(self, brick: Any, place: Any) -> Any:
+        """Trilinear axis in box axes, not normalised."""
+        ...
+
+
+@dataclass
+class PackedVoxels:
+    """densities: UInt (bricks · 648), halves at x and x + 1; axes: Int (bricks · 729)."""
+
+    densities: Any
+    axes: Any
+
+    def density(self, brick: Any, place: Any) -> Any:
+        """Trilinear density."""
+        kinds = arrays()
+        cell = kinds.Array3u(place)
+        inner, part = cell & (BRICK - 1), place - kinds.Array3f(cell)
+        start = brick * PAIRS + (inner.z * STORED + inner.y) * BRICK + inner.x
+        rows = []
+        for row in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK):
+            pair = dr.gather(kinds.UInt, self.densities, start + row)
+            rows.append(_lerp(_half(pair << 13), _half(pair >> 3), part.x))
+        low, high = _lerp(rows[0], rows[1], part.y), _lerp(rows[2], rows[3], part.y)
+        return _lerp(low, high, part.z) * HALF_EXPONENT
+
+    def axis(self, brick: Any, place: Any) -> Any:
+        """Trilinear axis in box axes, not normalised."""
+        kinds = arrays()
+        start, part = corner(brick, place)
+        packed = [dr.gather(kinds.Int, self.axes, start + offset) for offset in CORNERS]
+        # each number is read with the bits of the next below it, which stand for what `packed_axis` cut off
+        return kinds.Array3f(
+            _trilinear([kinds.Float(word << (Y_BITS + Z_BITS)) for word in packed], part) * X_UNIT,
+            _trilinear([kinds.Float(word << Z_BITS) for word in packed], part) * Y_UNIT,
+            _trilinear([kinds.Float(word) for word in packed], part) * Z_UNIT,
+        )
+
+
+@dataclass
+class PlainVoxels:
+    """values: Float (bricks · 729 · 4), density and axis."""
+
+    values: Any
+
+    def density(self, brick: Any, place: Any) -> Any:
+        """Trilinear density."""
+        return packets(self.values, brick, place)[0]
+
+    def axis(self, brick: Any, place: Any) -> Any:
+        """Trilinear axis in box axes, not normalised."""
+        read = packets(self.values, brick, place)
+        return arrays().Array3f(read[1], read[2], read[3])
+
+
+CORNERS = tuple((z * STORED + y) * STORED + x for z in (0, 1) for y in (0, 1) for x in (0, 1))
+
+
+def corner(brick: Any, place: Any) -> tuple[Any, Any]:
+    """Number of the first of the eight voxels around a place, and where it is between them (0…1)."""
+    kinds = arrays()
+    cell = kinds.Array3u(place)
+    inner = cell & (BRICK - 1)
+    return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place - kinds.Array3f(cell)
+
+
+def packets(grid: Any, brick: Any, place: Any) -> Any:
+    """Trilinear packet of four from a grid of halves or floats (bricks · 729 · 4)."""
+    kinds = arrays()
+    kind = kinds.Array4f16 if type(grid) is kinds.Float16 else kinds.Array4f
+    start, part = corner(brick, place)
+    return _trilinear([kinds.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
+
+
+def packed_density(density: Any) -> Any:
+    """Pairs of halves of densities ≥ 0, Float (k · 729): UInt (k · 648)."""
+    kinds = arrays()
+    # a half's bits are those of the single 2¹¹² times smaller, without its last 13
+    halves = dr.reinterpret_array(kinds.UInt, kinds.Float(kinds.Float16(density)) * (1.0 / HALF_EXPONENT)) >> 13
+    dr.eval(halves)
+    pair = dr.arange(kinds.UInt, dr.width(density) // VOXELS * PAIRS)
+    voxel = pair // BRICK * STORED + pair % BRICK
+    return dr.gather(kinds.UInt, halves, voxel) | (dr.gather(kinds.UInt, halves, voxel + 1) << 16)
+
+
+def packed_axis(axis: Any) -> Any:
+    """Bits of axes of length ≤ 1 (longer ones are brought to 1), Array3f: Int."""
+    kinds = arrays()
+    squared = dr.squared_norm(axis)
+    axis = axis * dr.select(squared > ROUNDED, dr.rsqrt(squared), 1.0)
+    axis = kinds.Array3f(*(clip(axis[k], -1.0, 1.0) for k in range(3)))
+    x = kinds.Int(dr.round(axis.x * X_FULL)) & (2**X_BITS - 1)
+    y, z = kinds.Int(dr.floor(axis.y * Y_FULL)), kinds.Int(dr.floor(axis.z * Z_FULL))
+    return x | ((y & (2**Y_BITS - 1)) << X_BITS) | (z << (X_BITS + Y_BITS))
+
+
+def unpacked_density(pairs: np.ndarray) -> np.ndarray:
+    """Densities of packed pairs, uint32 (k · 648): float16 (k, 9, 9, 9)."""
+    pairs = pairs.reshape(-1, STORED, STORED, BRICK)
+    low, last = pairs & 0xFFFF, pairs[..., -1:] >> 16
+    return np.concatenate([low, last], axis=-1).astype(np.uint16).view(np.float16)
+
+
+def unpacked_axis(axes: np.ndarray) -> np.ndarray:
+    """Axes of their bits, int32 (k · 729): float16 (k, 9, 9, 9, 3). Packed again they give the same bits."""
+    x, y, z = axes << (Y_BITS + Z_BITS) >> (Y_BITS + Z_BITS), axes << Z_BITS >> (X_BITS + Z_BITS), axes >> (32 - Z_BITS)
+    axis = np.stack([x / X_FULL, (y + 0.5) / Y_FULL, (z + 0.5) / Z_FULL], axis=-1).clip(-1.0, 1.0)
+    axis[axes == 0] = 0.0
+    return axis.astype(np.float16).reshape(-1, STORED, STORED, STORED, 3)
+
+
+def _half(bits: Any) -> Any:
+    """The float, 2¹¹² times too small, of a half whose bits stand 13 places up (others are masked)."""
+    return dr.reinterpret_array(arrays().Float, bits & 0x0FFFE000)
+
+
+def _lerp(begin: Any, end: Any, part: Any) -> Any:
+    return dr.fma(end - begin, part, begin)
+
+
+def _trilinear(values: list[Any], part: Any) -> Any:
+    """Between eight values in the order of CORNERS."""
+    along = [_lerp(values[k], values[k + 1], part.x) for k in (0, 2, 4, 6)]
+    return _lerp(_lerp(along[0], along[1], part.y), _lerp(along[2], along[3], part.y), part.z)
