@@ -16,6 +16,7 @@ from hagoromo.errors import InputError
 
 X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")
+ALIGNMENT = 64  # bytes, of Dr.Jit's own memory: the widest vector of 16 floats
 OLDEST_LLVM = 17  # on x86; before it, kernels of Dr.Jit 1.5 with a maximum, or arctan2, abort the process
 NO_LLVM = (
     "no Dr.Jit backend works here: no GPU was found and the library libLLVM {state}; "
@@ -74,6 +75,23 @@ def opaque_vector(values: Any) -> Any:
     vector = arrays().Array3f(*(float(value) for value in values))
     dr.make_opaque(vector)
     return vector
+
+
+def lookup(kind: Any, values: Any) -> Any:
+    """A NumPy array as a flat Dr.Jit array of `kind` that kernels gather from: other values compile no new kernel.
+
+    Dr.Jit shares the memory of NumPy's arrays, reads it by other code where it lies off the alignment of its own, and
+    takes an array of one entry for a constant: so the values are moved to aligned memory, and one entry has company.
+    """
+    import numpy as np
+
+    flat = np.asarray(values).ravel()
+    flat = np.repeat(flat, 2) if flat.size == 1 else flat
+    memory = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
+    first = -memory.ctypes.data % ALIGNMENT
+    aligned = memory[first : first + flat.nbytes].view(flat.dtype)
+    aligned[:] = flat
+    return kind(aligned)
 
 
 def _works(backend: str) -> bool:

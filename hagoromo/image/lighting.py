@@ -14,7 +14,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, opaque_vector
+from hagoromo.backend import arrays, lookup, opaque_vector
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -53,11 +53,11 @@ class Materials:
         self.elements = tuple(sorted({r.element for r in reflectances}))
         rows = np.array([_row(r, palette) for r in reflectances], np.float32)
         self.width = rows.shape[1]
-        self.rows = kinds.Float(rows.ravel())
+        self.rows = lookup(kinds.Float, rows)
         tables = [sphere_table(r.gamma, SPHERE_ENTRIES) for r in reflectances if r.element == "sphere"]
-        self.spheres = kinds.Float(np.concatenate(tables)) if tables else None
+        self.spheres = lookup(kinds.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
-        self.sphere_of = kinds.UInt(np.maximum(order, 0).astype(np.uint32))
+        self.sphere_of = lookup(kinds.UInt, np.maximum(order, 0).astype(np.uint32))
         dr.eval(self.rows, self.spheres, self.sphere_of)
 
     def read(self, material: Any, entry: int) -> Any:

@@ -21,6 +21,7 @@ from hagoromo.image.scene import Scene
 FIRST = 0.1  # s, until the first picture
 RAYS = 1 << 15  # of a first picture, before any has been timed
 FEWEST = 1 << 8  # rays of a first picture, however long they took
+AIM = 0.8  # of the time until the first picture: the next one may be slower
 
 
 def preview(scene: Scene, settings: Settings | None = None, seconds: float = FIRST) -> Iterator[Image]:
@@ -69,11 +70,8 @@ class Preview:
             yield image
 
     def _learn(self, new_shadows: bool, rays: int, seconds: float) -> None:
-        """Fewer rays next time if a first picture of `rays` came too late, more if it came in a quarter of the time."""
-        if seconds > self.seconds:
-            self.rays[new_shadows] = max(rays // 2, FEWEST)
-        elif seconds < self.seconds / 4:
-            self.rays[new_shadows] = max(rays * 4, self.rays[new_shadows])
+        """A first picture of `rays` took `seconds`: as many next time as would be there within AIM of the time."""
+        self.rays[new_shadows] = max(int(rays * AIM * self.seconds / seconds), FEWEST)
 
 
 def strides(size: int, rays: int) -> list[int]:

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, mitsuba
+from hagoromo.backend import arrays, lookup, mitsuba
 from hagoromo.errors import InputError
 from hagoromo.files.mesh import read_mesh
 from hagoromo.reflectance.reflectance import Reflectance
@@ -103,7 +103,7 @@ class Surfaces:
         numbers = [int(dr.reinterpret_array(kinds.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
         order = np.zeros(max(numbers) + 1, np.uint32)
         order[numbers] = np.arange(len(shapes))
-        self.order = kinds.UInt(order)
+        self.order = lookup(kinds.UInt, order)
         corners = np.concatenate([surface.corners() for surface in surfaces])
         self.lift = dr.opaque(kinds.Float, LIFT * float(np.linalg.norm(np.ptp(corners, axis=0))))
 

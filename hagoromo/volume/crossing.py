@@ -14,7 +14,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, opaque_vector
+from hagoromo.backend import arrays, lookup, opaque_vector
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
 
@@ -112,7 +112,7 @@ class Frames:
             row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
             _, my, mx = blocks_shape(box.bricks.lattice)
             numbers[:] = mx, mx * my, start
-        self.floats, self.whole = kinds.Float(floats.ravel()), kinds.Int(whole.ravel())
+        self.floats, self.whole = lookup(kinds.Float, floats), lookup(kinds.Int, whole)
         self.boxes = dr.opaque(kinds.UInt, len(boxes))
         self.only: tuple[Frame, list[Any]] | None = None
         if self.count == 1:  # numbers common to all rays cost no reads

@@ -25,7 +25,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip
+from hagoromo.backend import arrays, clip, lookup
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.crossing import EDGE, Crossing, Frames, Step, Taken
@@ -44,12 +44,12 @@ class Medium:
             in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
         bricks = list({id(box.bricks): box.bricks for box in self.boxes}.values())
         coarse, fine, first = _tables(bricks)
-        self.coarse, self.fine = kinds.Int(coarse), kinds.Int(fine)
+        self.coarse, self.fine = lookup(kinds.Int, coarse), lookup(kinds.Int, fine)
         self.voxels: Voxels = PackedVoxels(bricks[0].density.values, bricks[0].axis.values)
         self.colours, self.colour_shift = self._optional("colour")
         self.materials, self.material_shift = self._optional("material")
         counts = np.cumsum([0, *(len(box.materials) for box in self.boxes)])
-        self.first_material = kinds.UInt(counts[:-1].astype(np.uint32))
+        self.first_material = lookup(kinds.UInt, counts[:-1].astype(np.uint32))
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, steps_per_voxel)
         dr.eval(self.coarse, self.fine)
@@ -108,9 +108,10 @@ class Medium:
         return first + UInt(dr.gather(arrays().UInt8, self.materials, start + offset, has))
 
     def _brick_in(self, shift: Any, step: Step) -> Any:
-        """Number of the sample's brick in a grid that not every box has."""
+        """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
         kinds = arrays()
-        return kinds.UInt(step.brick + dr.gather(kinds.Int, shift, step.box))
+        shift = dr.gather(kinds.Int, shift, step.box)
+        return kinds.UInt(dr.select(shift == ABSENT, 0, step.brick + shift))
 
     def _optional(self, name: str) -> tuple[Any, Any]:
         """A grid that some boxes have (None: no box), and per box how its brick numbers differ there."""
@@ -120,7 +121,7 @@ class Medium:
             ABSENT if grid is None else grid.first - box.bricks.density.first
             for grid, box in zip(grids, self.boxes, strict=True)
         ]
-        return values, arrays().Int(np.array(shifts, np.int32))
+        return values, lookup(arrays().Int, np.array(shifts, np.int32))
 
 
 ABSENT = -(2**31)
