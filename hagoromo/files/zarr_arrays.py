@@ -1,0 +1,175 @@
+"""Zarr arrays of numbers on disk, read as a stranger's: nothing outside their folder, no object, no code is let in.
+
+A folder with a link in it, a codec that is not in CODECS (pickled objects run code), a type that is not a number and a
+chunk too large for the memory are refused before a chunk is read. A chunk that cannot be decoded is named.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_folder
+
+CODECS = (
+    "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3
+    "zlib", "bz2", "lz4", "lzma", "shuffle", "delta", "fixedscaleoffset", "crc32",  # v2
+)  # fmt: skip
+NUMBERS = "biuf"  # kinds of NumPy types
+Index = tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ZarrArray:
+    """An array that passed the door: `array` of zarr-python, and where the file of each chunk that exists is."""
+
+    array: Any
+    where: str
+    files: Mapping[Index, Path]
+
+    @property
+    def shape(self) -> Index:
+        """Numbers along each axis."""
+        return self.array.shape
+
+    @property
+    def grid(self) -> Index:
+        """Numbers along each axis that one file holds."""
+        return self.array.shards or self.array.chunks
+
+    @property
+    def absent_is_zero(self) -> bool:
+        """Whether a chunk without a file is all zeros."""
+        return bool(self.array.fill_value == 0)
+
+    def read(self, low: Index, high: Index) -> NDArray:
+        """The numbers from index `low` up to, without, `high`; `InputError` where they cannot be decoded."""
+        index = tuple(first // size for first, size in zip(low, self.grid, strict=True))
+        ends = zip(index, self.grid, self.shape, strict=True)
+        cell = tuple((k * size, min((k + 1) * size, n)) for k, size, n in ends)
+        whole = cell == tuple(zip(low, high, strict=True))
+        if whole and index not in self.files:
+            return np.full([b - a for a, b in cell], self.array.fill_value, self.array.dtype)
+        try:
+            if whole and self._decode:
+                stored = np.frombuffer(self._decode(self.files[index].read_bytes()), self.array.dtype)
+                return stored.reshape(self.grid)[tuple(slice(b - a) for a, b in cell)]
+            return np.asarray(self.array[tuple(map(slice, low, high))])
+        except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
+            place = self.files[index] if whole else f"{self.where} near {low}"
+            raise InputError(f"{place} cannot be decoded, the file is damaged: {_one_line(error)}") from error
+
+    @cached_property
+    def _decode(self) -> Callable[[bytes], Any] | None:
+        """What undoes plain Zstandard: zarr-python needs a millisecond a chunk more than the decoding."""
+        from numcodecs import Zstd
+
+        codecs = _codecs(self.array.metadata)
+        plain = [name for name, _ in codecs] == ["bytes", "zstd"] and self.array.shards is None
+        native = codecs[0][1].get("endian", sys.byteorder) == sys.byteorder if plain else False
+        return Zstd().decode if native else None
+
+
+def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str, Any], dict[str, ZarrArray]]:
+    """Attributes and arrays of the Zarr v3 group at `path`; arrays of `names` that it lacks are left out."""
+    import zarr
+
+    folder = existing_folder(path)
+    files = _files(folder)
+    with _one_line_errors(folder):
+        group = zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
+        found = {name: group[name] for name in names if f"{name}/zarr.json" in files}
+        return group.attrs.asdict(), {
+            name: _checked(array, folder / name, {f[len(name) + 1 :] for f in files if f.startswith(f"{name}/")})
+            for name, array in found.items()
+        }
+
+
+def open_array(path: str | Path) -> ZarrArray:
+    """The Zarr array, v2 or v3, at `path`."""
+    import zarr
+
+    folder = existing_folder(path)
+    files = _files(folder)
+    with _one_line_errors(folder):
+        return _checked(zarr.open_array(folder, mode="r"), folder, files)
+
+
+def _files(folder: Path) -> set[str]:
+    """Paths of all files under `folder`, relative to it; `InputError` for a link, a pipe and the like."""
+    found, left = set(), [(folder, "")]
+    while left:
+        here, before = left.pop()
+        with os.scandir(here) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    left.append((Path(entry.path), f"{before}{entry.name}/"))
+                elif entry.is_file(follow_symlinks=False):
+                    found.add(before + entry.name)
+                else:
+                    raise InputError(f"{entry.path} is a link or no plain file: put the file itself there")
+    return found
+
+
+def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
+    """`array`, if it holds numbers, needs no unknown codec, and one of its chunks fits the memory."""
+    if not hasattr(array, "shape"):
+        raise InputError(f"{folder} is a Zarr group: give the folder of an array")
+    if array.dtype.kind not in NUMBERS:
+        raise InputError(f"{folder} holds values of type {array.dtype}: give an array of numbers")
+    for name, _ in _codecs(array.metadata):
+        if name not in CODECS:
+            raise InputError(f"{folder} is stored with the codec {name!r}: known are {', '.join(CODECS)}")
+    chunk = array.dtype.itemsize * np.prod(array.shards or array.chunks, dtype=float)
+    check_memory(2.0 * chunk, f"one chunk of {folder}")
+    chunks = {}
+    for name in files:
+        match = re.fullmatch(r"(?:c[/.])?(\d+(?:[/.]\d+)*)", name)
+        index = tuple(map(int, re.split("[/.]", match[1]))) if match else ()
+        if match and array.metadata.encode_chunk_key(index) == name:
+            chunks[index] = folder / name
+    return ZarrArray(array, str(folder), chunks)
+
+
+def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
+    """Names and settings of all codecs of an array, those inside shards too."""
+    if metadata.zarr_format == 2:
+        codecs = (*(metadata.filters or ()), metadata.compressor)
+        records = [codec.get_config() for codec in codecs if codec is not None]
+        return [(record["id"], record) for record in records]
+    left, found = [codec.to_dict() for codec in metadata.codecs], []
+    while left:
+        record = left.pop(0)
+        settings = record.get("configuration", {})
+        found.append((record["name"].removeprefix("numcodecs."), settings))
+        left += [*settings.get("codecs", ()), *settings.get("index_codecs", ())]
+    return found
+
+
+@contextmanager
+def _one_line_errors(folder: Path) -> Iterator[None]:
+    """What zarr-python says of a damaged or foreign folder becomes an `InputError`."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # types outside the specification: refused below
+            yield
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError, MemoryError) as error:
+        raise InputError(f"{folder} cannot be read as Zarr: {_one_line(error)}") from error
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
