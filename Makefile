@@ -2,6 +2,7 @@
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
+PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
 .PHONY: setup demo test test-slow bench real figures
@@ -29,8 +30,14 @@ test: $(READY)
 test-slow: $(READY)
 	$(BIN)/pytest -n 2 -m slow
 
-bench: $(READY)
+# The march by itself, then beside its peers: out/bench/peers.md.
+bench: $(PEERS)
 	$(BIN)/python benchmarks/march.py
+	$(BIN)/python benchmarks/peers.py --out out/bench
+
+$(PEERS): $(READY)
+	$(INSTALL) --no-build-isolation -e '.[bench]'
+	touch $@
 
 # Real photographs: every one predicted from the eleven others (minutes; needs the uw_psm set beside the checkout).
 real: $(READY)

@@ -9,9 +9,11 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ CONTENDERS = {
     "vtk volumetric shadows": "peers_vtk_gpu",
 }
 CACHES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR")  # Dr.Jit's is in HOME
+TERMINAL_COLOURS = r"\x1b\[[0-9;]*m"
 
 
 class AbsentError(Exception):
@@ -66,7 +69,8 @@ class Child:
     def frame(self, setting: str) -> float:
         """Time of one more frame [s]; afterwards `peak` is the largest memory of the process until then [MiB]."""
         assert self.process.stdin is not None
-        print(setting, file=self.process.stdin, flush=True)
+        with suppress(BrokenPipeError):  # it stopped; the missing answer tells
+            print(setting, file=self.process.stdin, flush=True)
         answer = self._answer()
         self.peak = answer["peak"]
         return answer["seconds"]
@@ -83,8 +87,8 @@ class Child:
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
-            said = self.log.read_text().split("\n")
-            raise AbsentError(f"stopped: {next((line for line in reversed(said) if line), 'no word why')}")
+            said = [line for line in self.log.read_text().split("\n") if line] or ["no word why"]
+            raise AbsentError(f"stopped: {re.sub(TERMINAL_COLOURS, '', said[-1])}")
         answer = json.loads(line)
         if "absent" in answer:
             raise AbsentError(answer["absent"])

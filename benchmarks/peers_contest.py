@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +14,8 @@ from peers_scene import STUDIES, Scene
 from peers_table import Row
 
 OURS = "hagoromo"
-BUDGET = 6.0  # s, of one setting, after which no further round begins; a longer frame is rendered once
-LONGEST = 20.0  # s, of a frame; settings that would take longer, by the growth so far, are left out
+BUDGET = 4.0  # s, of one setting, after which no further round begins; a longer frame is rendered once
+LONGEST = 10.0  # s, of a frame; settings that would take longer, by the growth so far, are left out
 EQUAL = 1.2  # errors whose ratio is below this are taken for equal
 
 
@@ -46,7 +45,7 @@ class Contest:
         try:
             child, row = self.begin(peer)
             for setting in child.settings:
-                if growing([row.seconds or 0.0 for row in rows]) > LONGEST:
+                if growing([row.seconds for row in rows]) > LONGEST:
                     break
                 rows.append(self.measured(child, replace(row, setting=setting)))
             child.close()
@@ -56,41 +55,43 @@ class Contest:
         return rows
 
     def begin(self, contender: str) -> tuple[Child, Row]:
-        """A contender that was started without a kernel cache and again with it, and a row with both first pictures."""
-        home = Path(tempfile.mkdtemp(dir=self.folder))
-        cold = Child(contender, self.number, self.folder, home)
-        cold.close()
+        """A contender started with its kernel cache and a row with its first picture.
+
+        On its first scene it is started once before, with an empty cache.
+        """
+        home, cold = self.folder / f"{contender} home", None
+        if not home.exists():
+            home.mkdir()
+            child = Child(contender, self.number, self.folder, home)
+            cold = child.first
+            child.close()
         child = Child(contender, self.number, self.folder, home)
-        return child, Row(self.scene.study.name, contender, first_cold=cold.first, first_cached=child.first)
+        return child, Row(self.scene.study.name, contender, first_cold=cold, first_cached=child.first)
 
     def measured(self, child: Child, row: Row) -> Row:
         """The row filled in; a peer's frames alternate with those of our setting that equals it."""
         first = child.frame(row.setting)
         error, mean = self.difference(child.seen())
         rival = None if child is self.ours else self.rival(error)
-        turns = [(self.ours, rival.setting)] if rival else []
+        turns = [(child, row.setting), *([(self.ours, rival.setting)] if rival else [])]
         if first > BUDGET:
-            seconds, ours = [first], in_turn(turns, self.rounds)
+            taken, *ours = [first], *in_turn(turns[1:], self.rounds)
         else:
             child.frame(row.setting)  # the second frame may compile yet
-            seconds, *ours = in_turn([(child, row.setting), *turns], self.rounds)
-        peak = child.peak
-        row = replace(row, seconds=float(np.median(seconds)), rounds=len(seconds), error=error, mean=mean, peak=peak)
-        said = f"  {row.who}, {row.setting}: {row.seconds:.3f} s, error {error:.5f}"
+            taken, *ours = in_turn(turns, self.rounds)
+        seconds = float(np.median(taken))
+        row = replace(row, seconds=seconds, rounds=len(taken), error=error, mean=mean, peak=child.peak)
         if rival:
-            equal = (rival.error or 0.0) <= EQUAL * error
-            ratio = float(np.median(seconds) / np.median(ours[0]))
+            equal, ratio = rival.error <= EQUAL * error, seconds / float(np.median(ours))
             row = replace(row, ratio=ratio, against=rival.setting, as_accurate=equal)
-            said += f", {ratio:.1f} × ours ({rival.setting}: error {rival.error:.5f})"
-        print(said, flush=True)
+        versus = f", {row.ratio:.1f} × ours ({rival.setting}: error {rival.error:.5f})" if rival else ""
+        print(f"  {row.who}, {row.setting}: {seconds:.3f} s, error {error:.5f}{versus}", flush=True)
         return row
 
     def rival(self, error: float) -> Row:
         """The quickest of our settings that is as accurate as `error`, else the most accurate."""
-        equal = [row for row in self.own if (row.error or 0.0) <= EQUAL * error]
-        return (
-            min(equal, key=lambda row: row.seconds or 0.0) if equal else min(self.own, key=lambda row: row.error or 0.0)
-        )
+        equal = [row for row in self.own if row.error <= EQUAL * error]
+        return min(equal, key=lambda row: row.seconds) if equal else min(self.own, key=lambda row: row.error)
 
     def difference(self, picture: NDArray) -> tuple[float, float]:
         """Relative rmse and ratio of the means against the reference, over the compared pixels that show matter."""
@@ -101,9 +102,11 @@ class Contest:
 def in_turn(turns: Sequence[tuple[Child, str]], rounds: int) -> list[list[float]]:
     """Times [s] of frames, A B A B …: a list for each (contender, setting); no new round once one took BUDGET."""
     times: list[list[float]] = [[] for _ in turns]
-    while len(times[0]) < rounds and (not times[0] or max(map(sum, times)) < BUDGET):
+    for _ in range(rounds):
         for taken, (child, setting) in zip(times, turns, strict=True):
             taken.append(child.frame(setting))
+        if max(map(sum, times), default=BUDGET) >= BUDGET:
+            break
     return times
 
 

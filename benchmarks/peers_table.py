@@ -27,7 +27,7 @@ LEGEND = """
   where none of ours is as accurate, over the most accurate. Nothing is extrapolated: where our error is much smaller,
   theirs would take longer to reach it than the table says.
 * peak MiB: largest resident memory of the process. first picture: from the start of the process, at the first setting,
-  with imports, reading and compiling; cold: no kernel cache; cached: with that of the run before.
+  with imports, reading and compiling; cold: no kernel cache, on the first scene of each; cached: with that of before.
 """
 
 
@@ -38,14 +38,14 @@ class Row:
     scene: str
     who: str
     setting: str = ""
-    seconds: float | None = None
+    seconds: float = 0.0
     rounds: int = 0
-    error: float | None = None
-    mean: float | None = None
+    error: float = 0.0
+    mean: float = 0.0
     ratio: float | None = None
     against: str = ""
     as_accurate: bool = True
-    peak: float | None = None
+    peak: float = 0.0
     first_cold: float | None = None
     first_cached: float | None = None
     absent: str = ""
@@ -84,7 +84,7 @@ def machine() -> dict[str, Any]:
 
 def _line(row: Row) -> str:
     if row.absent:
-        cells = [row.scene, row.who, row.absent, *[""] * 7]
+        cells = [row.scene, row.who, row.absent.replace("|", "/"), *[""] * 7]
     else:
         ratio = "" if row.ratio is None else f"{row.ratio:.1f}" if row.as_accurate else f"({row.ratio:.1f})"
         cells = [row.scene, row.who, row.setting, _number(row.seconds, 3), _number(row.error, 5), _number(row.mean, 4)]

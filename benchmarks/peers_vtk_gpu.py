@@ -8,6 +8,7 @@ for every pixel, and the picture is multiplied by it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,4 +25,10 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
     mapper.SetGlobalIlluminationReach(1.0)
     window = prepared(scene, mapper, 1.0)
     phase = sphere_phase(-scene.directions @ scene.lamps[0]).astype(np.float32)
-    return {"step 0.5 voxel": lambda: picture(window) * phase}
+    return {f"step 0.5 voxel, {drawn_by(window)}": lambda: picture(window) * phase}
+
+
+def drawn_by(window: Any) -> str:
+    """Name of what draws, as OpenGL gives it."""
+    lines = window.ReportCapabilities().split("\n")
+    return next(line.split(":", 1)[1].split("(")[0].strip() for line in lines if line.startswith("OpenGL renderer"))

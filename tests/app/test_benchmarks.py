@@ -1,0 +1,39 @@
+"""The table of peers says what was measured and what was absent; timings are never tested."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def table(monkeypatch):
+    """The module, loaded as the benchmark does: its folder first on the path."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    spec = importlib.util.spec_from_file_location("peers_table", BENCHMARKS / "peers_table.py")
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "peers_table", module)  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_table_of_peers_has_a_row_for_the_measured_and_the_absent(table, tmp_path):
+    rows = [
+        table.Row("ball", "numba", "step", 1.5, 5, 0.01, 1.0, ratio=12.0, peak=300.0),
+        table.Row("ball", "numpy", "step", 3.0, 5, 0.001, 1.0, ratio=24.0, as_accurate=False, peak=300.0),
+        table.Row("ball", "vtk", absent="not installed: vtkmodules"),
+    ]
+    page, data = table.write(tmp_path, rows)
+    lines = [line for line in page.read_text(encoding="utf-8").split("\n") if line.startswith("| ball")]
+    assert "| 12.0 |" in lines[0]
+    assert "| (24.0) |" in lines[1], "none of ours was as accurate: the ratio stands in brackets"
+    assert "not installed: vtkmodules" in lines[2]
+    assert len({line.count("|") for line in lines}) == 1, "every row has all columns"
+    record = json.loads(data.read_text(encoding="utf-8"))
+    assert record["rows"][0]["seconds"] == 1.5
+    assert {"date", "processor", "cores", "versions"} <= set(record["machine"])
