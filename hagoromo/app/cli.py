@@ -49,8 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except (InputError, OSError) as error:
             print(f"hagoromo: {_one_line(error)}", file=sys.stderr)
             return BAD_INPUT
-        except KeyboardInterrupt:
-            print("hagoromo: interrupted: nothing was written", file=sys.stderr)
+        except KeyboardInterrupt as interrupt:
+            print(f"hagoromo: interrupted: {_one_line(interrupt) or 'nothing was written'}", file=sys.stderr)
             return INTERRUPTED
     return DONE
 
@@ -237,20 +237,19 @@ def measure(
 
 @_verb(verbs)
 def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
-    """Recipe of matter (shape, micro-structure, material) → volume box.
+    """Recipe of matter (shape, micro-structure, material) → volume box, which may be larger than the memory.
+
+    A build that was interrupted, or found the disk full, goes on where it stopped when the same command is given again.
 
     Args:
         recipe: matter TOML.
     """
-    from hagoromo.files.whole import whole_folder
-    from hagoromo.matter.build import build
-    from hagoromo.volume.store import save_box
+    from hagoromo.matter.build import build_to
+    from hagoromo.volume.store import look_at_box
 
-    with whole_folder(out, force) as partial, progress_bar("build") as progress:
-        box = build(recipe, progress)
-        save_box(box, partial)
-    voxels, memory = " × ".join(map(str, box.bricks.shape[::-1])), box.bricks.bytes / 2**20
-    print(f"{voxels} voxels of {1000 * box.voxel_size:.3g} mm, {memory:.1f} MiB of them hold matter")
+    with progress_bar("build") as progress:
+        build_to(recipe, out, force, progress)
+    print(look_at_box(out))
     _wrote(out)
 
 

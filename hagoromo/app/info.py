@@ -58,20 +58,20 @@ def _transforms(path: Path) -> Facts:
 
 
 def _box(path: Path) -> Facts:
-    from hagoromo.volume.store import load_box
+    from hagoromo.volume.store import look_at_box
 
-    box = load_box(path)
+    box = look_at_box(path)
     return {
         "kind": "volume box",
-        "name": box.name,
-        "voxels": list(box.bricks.shape[::-1]),
-        "voxel_size": box.voxel_size,
-        "size": box.size.tolist(),
-        "pose": box.pose.tolist(),
-        "tau": box.tau,
-        "materials": [material.name for material in box.materials],
-        "bricks": f"{box.bricks.kept} of {box.bricks.table.size} hold matter, {box.bricks.bytes / 2**20:.1f} MiB",
-        **{key: _short(value) for key, value in box.provenance.items()},
+        "name": box.header.name,
+        "voxels": list(box.shape[::-1]),
+        "voxel_size": box.header.voxel_size,
+        "size": [n * box.header.voxel_size for n in box.shape[::-1]],
+        "pose": box.header.pose.tolist(),
+        "tau": box.header.tau,
+        "materials": [material.name for material in box.header.materials],
+        "bricks": f"{box.kept} hold matter, {box.bytes / 2**20:.1f} MiB",
+        **{key: _short(value) for key, value in box.header.provenance.items()},
     }
 
 

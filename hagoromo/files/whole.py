@@ -43,6 +43,19 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
     `InputError` when `path` exists and is not empty without `force`; with `force`, when it was not written by
     Hagoromo (a folder of somebody else's files is never deleted).
     """
+    target = replaceable_folder(path, force)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = _partial(target)
+    partial.mkdir()
+    try:
+        yield partial
+        put_folder(partial, target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def replaceable_folder(path: str | Path, force: bool = False) -> Path:
+    """`path`, if a folder may be put there: see `whole_folder` for what `InputError` refuses."""
     target = Path(path)
     if target.exists() and not target.is_dir():
         raise InputError(f"{target} is a file: give a folder name")
@@ -51,31 +64,24 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
             raise InputError(f"{target} exists: choose another name or add --force")
         if not (target / MARK).exists():
             raise InputError(f"{target} holds files that Hagoromo did not write: choose another name")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = _partial(target)
-    partial.mkdir()
-    try:
-        yield partial
-        (partial / MARK).touch()
-        _replace_folder(partial, target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    return target
 
 
-def _partial(target: Path) -> Path:
-    return target.absolute().with_name(f".{target.stem}.partial{os.getpid()}{target.suffix}")
-
-
-def _replace_folder(partial: Path, target: Path) -> None:
-    """Rename `partial` to `target`; what stood there is moved aside first and removed last."""
+def put_folder(whole: Path, target: Path) -> None:
+    """Rename the folder `whole`, marked as Hagoromo's, to `target`; what stood there is moved aside, removed last."""
+    (whole / MARK).touch()
     if not target.exists():
-        os.replace(partial, target)
+        os.replace(whole, target)
         return
-    old = partial.with_name(partial.name + ".old")
+    old = _partial(target).with_suffix(".old")
     os.replace(target, old)
     try:
-        os.replace(partial, target)
+        os.replace(whole, target)
     except BaseException:
         os.replace(old, target)
         raise
     shutil.rmtree(old)
+
+
+def _partial(target: Path) -> Path:
+    return target.absolute().with_name(f".{target.stem}.partial{os.getpid()}{target.suffix}")

@@ -1,10 +1,13 @@
 """Build: a recipe (MATTER.toml, or the same as a dictionary) → VolumeBox that stands on z = 0 and faces −y.
 
+In memory, or straight to disk, where it may be larger than the memory.
+
     kind = "skin"        granule_mm, field_mm, furrow_mm, fade_mm: see `Granules`; size_mm of a patch, or [shape]
     kind = "cloth"       threads_per_cm, diameter_mm, warp, crimp, uneven: see `Weave`; width_mm, height_mm, folds,
                          fold_depth_mm (0: flat) of a patch, or [shape] that it covers
     kind = "feather"     length_mm, outer_mm, inner_mm, barb_mm, rachis_mm, quill, bow_mm: see `Plume`
     kind = "solid"       [shape]
+    kind = "volume"      density = "NAME.zarr" and, where there is one, axis: Zarr arrays, see `box_from_zarr`; scale
     kind = "figure"      part = "skin", "cloth" or "feather" of the winged, draped figure, 0.3 m high
 
 All kinds: [material]; name; seed (whole number); resolution (1: as stated; 2: voxels half as large); and, but for the
@@ -20,12 +23,13 @@ Paths lie in the folder of the recipe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
@@ -41,22 +45,41 @@ from hagoromo.files.record import (
     take,
     text,
 )
+from hagoromo.files.whole import replaceable_folder
 from hagoromo.matter.cloth import Weave, check_weave, covering
 from hagoromo.matter.drape import drape_patch
 from hagoromo.matter.feather import Plume, feather
 from hagoromo.matter.figure import PARTS, figure_part
-from hagoromo.matter.fill import Fineness, fill
+from hagoromo.matter.fill import MM, Fineness, fill
+from hagoromo.matter.fingerprint import fingerprint
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
 from hagoromo.matter.skin import Granules, skin, skin_patch
 from hagoromo.matter.solid import Extent, mesh_solid, solid
 from hagoromo.reflectance.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.build_store import build_box
+from hagoromo.volume.header import BoxHeader
+from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.zarr_plan import ZarrVolume
 
-KINDS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder", "solid": "plane", "figure": ""}
+KINDS = {
+    "skin": "sphere",
+    "cloth": "cylinder",
+    "feather": "cylinder",
+    "solid": "plane",
+    "volume": "plane",
+    "figure": "",
+}
 FIGURE_ELEMENTS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder"}
 # voxel and mean free path [mm]
-FINENESS = {"skin": (0.12, 0.3), "cloth": (0.12, 0.2), "feather": (0.12, 0.12), "solid": (0.5, 0.5)}
+FINENESS = {
+    "skin": (0.12, 0.3),
+    "cloth": (0.12, 0.2),
+    "feather": (0.12, 0.12),
+    "solid": (0.5, 0.5),
+    "volume": (0.5, 0.5),
+}
 FORMS = ("sphere", "ellipsoid", "box", "capsule", "mesh")
 Progress = Callable[[float], None]
 
@@ -66,6 +89,30 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = No
 
     progress: told the share done, 0…1. `InputError` names the key that is wrong, or unknown together with the known.
     """
+    plan, where, _ = _planned(recipe)
+    if progress:
+        progress(0.0)
+    with _told(where):
+        box = plan.box()
+    if progress:
+        progress(1.0)
+    return box
+
+
+def build_to(
+    recipe: Mapping[str, Any] | str | Path, path: str | Path, force: bool = False, progress: Progress | None = None
+) -> None:
+    """Build the box of a recipe at `path`, block by block: memory follows a block, and a run cut off is taken up again.
+
+    See `build`, and `resumable_folder` for what is raised besides.
+    """
+    replaceable_folder(path, force)  # before any work
+    plan, _, print_ = _planned(recipe)
+    build_box(plan, path, print_, force, progress)
+
+
+def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, str]:
+    """The plan of a recipe's box, where the recipe stands, for messages, and its fingerprint."""
     if isinstance(recipe, (str, Path)):
         record, where, folder = read_toml(recipe), str(recipe), Path(recipe).parent
     else:
@@ -74,18 +121,21 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = No
     key = take(record, RECIPES[kind] | ALL | ({} if kind == "figure" else _fineness_keys(kind)), where)
     element = KINDS[kind] or FIGURE_ELEMENTS[key["part"]]
     material = reflectance_from_table(key["material"], folder, f"{where} [material]", element)
-    if progress:
-        progress(0.0)
+    with _told(where):
+        plan = MAKERS[kind](key, material, folder, where)
+    return plan.named(key["name"], {"recipe": record}), where, fingerprint(record, folder)
+
+
+@contextmanager
+def _told(where: str) -> Iterator[None]:
+    """An `InputError` says where the recipe stands."""
     try:
-        box = MAKERS[kind](key, material, folder, where)
+        yield
     except InputError as error:
         raise InputError(str(error) if where in str(error) else f"{where}: {error}") from error
-    if progress:
-        progress(1.0)
-    return replace(box, name=key["name"] or box.name, provenance={"recipe": record})
 
 
-def _skin(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> VolumeBox:
+def _skin(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
     granules, fine = Granules(*(key[name] for name in Granules._fields)), _fineness(key)
     if key["shape"] is None:
         return skin_patch(material, key["size_mm"], granules, fine, key["seed"])
@@ -94,7 +144,7 @@ def _skin(key: dict[str, Any], material: Reflectance, folder: Path | None, where
     return fill(lambda p: skin(p, shape, granules, fine, key["seed"]), bound, extent, fine, material, name="skin")
 
 
-def _cloth(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> VolumeBox:
+def _cloth(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
     weave, fine = check_weave(Weave(*(key[name] for name in Weave._fields))), _fineness(key)
     if key["shape"] is None:
         size, folds = (key["width_mm"], key["height_mm"]), (max(key["folds"], 1), key["fold_depth_mm"])
@@ -111,11 +161,11 @@ def _cloth(key: dict[str, Any], material: Reflectance, folder: Path | None, wher
     return fill(field, fine.layer(shape, 0.5 * weave.diameter_mm), extent, fine, material, name="cloth")
 
 
-def _feather(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> VolumeBox:
+def _feather(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
     return feather(material, Plume(*(key[name] for name in Plume._fields)), _fineness(key), key["seed"])
 
 
-def _solid(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> VolumeBox:
+def _solid(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
     if key["shape"].get("form") == "mesh":
         mesh = take(key["shape"], {"form": text, "file": text, "height_mm": positive}, f"{where} [shape]")
         path = Path(mesh["file"]) if folder is None else inside(folder, mesh["file"])
@@ -123,7 +173,21 @@ def _solid(key: dict[str, Any], material: Reflectance, folder: Path | None, wher
     return solid(*_shape(key["shape"], f"{where} [shape]"), material, _fineness(key))
 
 
-def _figure(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> VolumeBox:
+def _volume(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
+    if key["resolution"] != 1.0:
+        raise InputError(f"{where}: resolution is for other kinds: a volume has the voxels that it has")
+    paths = {
+        name: Path(key[name]) if folder is None else inside(folder, key[name])
+        for name in ("density", "axis")
+        if key[name]
+    }
+    blocks = ZarrVolume(**paths, scale=key["scale"])
+    voxel, pose = key["voxel_mm"] * MM, np.eye(4)
+    pose[:2, 3] = -0.5 * voxel * np.array(blocks.shape[:0:-1])
+    return BoxPlan(BoxHeader(voxel, 1.0 / (key["mean_free_path_mm"] * MM), (material,), pose, name="volume"), blocks)
+
+
+def _figure(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
     return figure_part(key["part"], material, key["resolution"], key["seed"])
 
 
@@ -200,6 +264,7 @@ RECIPES: dict[str, dict[str, Any]] = {
     },
     "feather": _with_defaults(Plume(), {"quill": _share, "bow_mm": number}),
     "solid": {"shape": table},
+    "volume": {"density": text, "axis": (text, ""), "scale": (positive, 1.0)},
     "figure": {"part": one_of(*PARTS)},
 }  # fmt: skip
 SHAPES: dict[str, dict[str, Any]] = {
@@ -208,4 +273,4 @@ SHAPES: dict[str, dict[str, Any]] = {
     "box": {"size_mm": _sizes, "rounding_mm": (_not_negative, 0.0)},
     "capsule": {"radius_mm": positive, "length_mm": positive},
 }
-MAKERS = {"skin": _skin, "cloth": _cloth, "feather": _feather, "solid": _solid, "figure": _figure}
+MAKERS = {"skin": _skin, "cloth": _cloth, "feather": _feather, "solid": _solid, "volume": _volume, "figure": _figure}

@@ -15,7 +15,7 @@ from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.noise import random
 from hagoromo.matter.shape import coverage, distance_and_normal, rounded_box, unit
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.plan import BoxPlan
 
 GATHERED = 0.88  # width of a folded patch at its upper edge, of that at the hem
 SWAY = 0.1  # of the folds to the side between hem and upper edge, of the width
@@ -31,7 +31,7 @@ def drape_patch(
     folds: tuple[int, float] = (3, 7.0),
     fineness: Fineness = Fineness(0.12, 0.2),  # noqa: B008
     seed: int = 0,
-) -> VolumeBox:
+) -> BoxPlan:
     """A woven patch, width × height, that hangs in folds (their number, and depth at the hem [mm]; depth 0: flat).
 
     It stands on z = 0 around x = 0 and faces −y. Folds are gathered at the upper edge and fan out downwards, where they

@@ -12,7 +12,7 @@ from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.noise import gradient_noise, random
 from hagoromo.matter.shape import coverage, unit
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.plan import BoxPlan
 
 SLOPE = 1.0 / math.tan(math.radians(40))  # of the barbs: along the rachis per mm across, near the rachis
 BEND = 0.35  # by how much the barbs have turned towards the tip at the edge of the vane
@@ -64,7 +64,7 @@ def feather(
     plume: Plume = Plume(),  # noqa: B008 (an immutable record)
     fineness: Fineness = Fineness(0.12, 0.12),  # noqa: B008
     seed: int = 0,
-) -> VolumeBox:
+) -> BoxPlan:
     """One feather that stands on its quill at z = 0 around x = 0 and shows its upper side to −y."""
     long, widest = plume.length_mm, max(plume.outer_mm, plume.inner_mm)
 

@@ -14,6 +14,7 @@ from hagoromo.matter.skin import Granules, skin
 from hagoromo.matter.wing import wing, wing_bound
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.plan import BoxPlan
 
 PARTS = ("skin", "cloth", "feather")
 GRANULES = Granules(granule_mm=0.3, field_mm=1.0, furrow_mm=0.03, fade_mm=0.05)
@@ -67,13 +68,13 @@ def angel(
         if part not in FIGURE or part not in materials:
             known = ", ".join(name for name in PARTS if name in materials) or "none"
             raise InputError(f"the figure has no part {part!r} with a material: parts with one are {known}")
-        boxes.append(figure_part(part, materials[part], resolution, seed))
+        boxes.append(figure_part(part, materials[part], resolution, seed).box())
         if progress:
             progress((number + 1) / len(parts))
     return tuple(boxes)
 
 
-def figure_part(part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> VolumeBox:
+def figure_part(part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
     """One box of the figure: part "skin", "cloth" or "feather"."""
     field, bound, (low, high), fineness = FIGURE[part]
     fine = fineness.finer(resolution)

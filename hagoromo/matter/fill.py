@@ -1,4 +1,4 @@
-"""Fill: a field in millimetres about a place in the world → VolumeBox in metres."""
+"""Fill: a field in millimetres about a place in the world → the plan of a volume box in metres."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
 from hagoromo.matter.shape import Shape, coverage
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.field_blocks import FieldBlocks
+from hagoromo.volume.header import BoxHeader
+from hagoromo.volume.plan import BoxPlan
 
 MM = 1e-3  # m
 LARGEST = 4096  # voxels a side
@@ -75,7 +77,7 @@ def fill(
     fineness: Fineness,
     material: Reflectance,
     **record: Any,
-) -> VolumeBox:
+) -> BoxPlan:
     """The box of `field`, a function of the point [mm] that gives density (0…CORE) and a unit axis.
 
     bound: a Shape [mm] that is never more than the distance to matter; bricks beyond it are not looked at.
@@ -94,16 +96,13 @@ def fill(
     def in_mm(point: Any) -> Any:
         return type(point)(*(point[k] * (1.0 / MM) + float(low[k]) for k in range(3)))
 
-    return VolumeBox.from_field(
+    blocks = FieldBlocks(
         lambda point: field(in_mm(point)),
-        (int(voxels[0]) + 1, int(voxels[1]) + 1, int(voxels[2]) + 1),
+        (int(voxels[2]) + 1, int(voxels[1]) + 1, int(voxels[0]) + 1),
         voxel * MM,
-        1.0 / (fineness.mean_free_path_mm * MM),
-        [material],
-        occupied=lambda centre, radius: _may_hold(bound, in_mm(centre), radius / MM),
-        pose=pose,
-        **record,
+        lambda centre, radius: _may_hold(bound, in_mm(centre), radius / MM),
     )
+    return BoxPlan(BoxHeader(voxel * MM, 1.0 / (fineness.mean_free_path_mm * MM), (material,), pose, **record), blocks)
 
 
 def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:

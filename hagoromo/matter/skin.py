@@ -11,7 +11,7 @@ from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.noise import cellular_noise, uniform
 from hagoromo.matter.shape import Shape, distance_and_normal, rounded_box, smooth_intersection, sphere
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.plan import BoxPlan
 
 
 class Granules(NamedTuple):
@@ -46,7 +46,7 @@ def skin_patch(
     granules: Granules = Granules(),  # noqa: B008 (an immutable record)
     fineness: Fineness = Fineness(0.12, 0.3),  # noqa: B008
     seed: int = 0,
-) -> VolumeBox:
+) -> BoxPlan:
     """A square of skin that bulges like a cheek, stands on z = 0 around x = 0 and faces −y."""
     half, bulge = 0.5 * size_mm, 0.18 * size_mm
     front, back = -bulge - 0.05 * size_mm, 0.1 * size_mm

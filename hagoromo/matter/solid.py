@@ -16,7 +16,7 @@ from hagoromo.files.mesh import read_mesh
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import Shape, coverage, distance_and_normal
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.plan import BoxPlan
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
 SAMPLES_PER_VOXEL = 8.0  # points on the surface of a mesh in the area of a voxel's face
@@ -25,7 +25,7 @@ BOUNDED = 10.0  # voxels, how far distances are told when bricks are sought: mor
 CREASE = np.radians(40)  # edges of a mesh sharper than this stay sharp
 
 
-def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Fineness, name: str = "solid") -> VolumeBox:
+def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Fineness, name: str = "solid") -> BoxPlan:
     """A solid of density 1 within `extent`; its axis is the outward normal of the nearest surface.
 
     Where it is thinner than two voxels its density is less than 1 there, but not 0.
@@ -38,7 +38,7 @@ def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Finenes
     return fill(field, lambda point: shape(point) - fineness.softness, extent, fineness, material, name=name)
 
 
-def mesh_solid(path: str | Path, height_mm: float, material: Reflectance, fineness: Fineness) -> VolumeBox:
+def mesh_solid(path: str | Path, height_mm: float, material: Reflectance, fineness: Fineness) -> BoxPlan:
     """The closed mesh in a file, as high as `height_mm`, standing on z = 0 around x = y = 0.
 
     Raises `InputError` for a file that holds no mesh, or one that does not enclose a volume.

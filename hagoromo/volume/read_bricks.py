@@ -30,7 +30,7 @@ def occupied_places(source: ZarrBlocks) -> NDArray[np.int32]:
     """The bricks that hold matter, (n, 3) in table order: a pass over the densities alone."""
 
     def found(tile: Tile) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-        flags = matter_flags(filled(source.read(tile, only_density=True)["density"] > 0))
+        flags = matter_flags(filled(source.voxels(tile, only_density=True)["density"] > 0))
         held = np.argwhere(flags)
         return held + np.multiply(tile, source.tile) // BRICK, flags[tuple(held.T)]
 
@@ -87,7 +87,7 @@ def _cut(source: ZarrBlocks, tile: Tile, places: NDArray[np.integer], layers: La
     It waits for the layers of the tiles after it: `in_order` has begun with these before.
     """
     try:
-        values = source.read(tile)
+        values = source.voxels(tile)
         _check_nothing_lost(source, tile, values["density"], places)
     except InputError as error:
         layers[tile].set_exception(error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.blocks import OFFSETS, SIDE, Block, block_of, low_part, runs
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.box_group import BoxGroup
-from hagoromo.volume.bricks import table_shape
+from hagoromo.volume.bricks import brick_bytes, table_shape
 from hagoromo.volume.header import BoxHeader, header_from_record, header_of
 from hagoromo.volume.read_bricks import occupied_places, read_bricks
 from hagoromo.volume.table import BLOCK, in_table_order
@@ -41,6 +42,27 @@ def load_box(path: str | Path) -> VolumeBox:
     header, source, bricks = _opened(Path(path))
     places = occupied_places(source) if bricks is None else _stored_places(bricks, source)
     return header.box(read_bricks(source, places, len(header.materials)))
+
+
+class StoredBox(NamedTuple):
+    """What is told of a box on disk without reading its voxels: shape (nz, ny, nx), bricks that hold matter, memory."""
+
+    header: BoxHeader
+    shape: tuple[int, int, int]
+    kept: int
+    bytes: int
+
+    def __str__(self) -> str:
+        voxels = " × ".join(map(str, self.shape[::-1]))
+        memory = f"{self.kept} bricks, {self.bytes / 2**20:.1f} MiB, of them hold matter"
+        return f"{voxels} voxels of {1000 * self.header.voxel_size:.3g} mm, {memory}"
+
+
+def look_at_box(path: str | Path) -> StoredBox:
+    """The box in the Zarr group at `path`, its voxels unread; `InputError` as from `load_box`."""
+    header, source, bricks = _opened(Path(path))
+    kept = len(occupied_places(source) if bricks is None else _stored_places(bricks, source))
+    return StoredBox(header, source.shape, kept, kept * brick_bytes(source.colours > 0, source.material))
 
 
 def _opened(folder: Path) -> tuple[BoxHeader, ZarrBlocks, ZarrArray | None]:

@@ -58,7 +58,7 @@ class ZarrBlocks:
         corners = [np.where(pick, high, low) for pick in np.ndindex(2, 2, 2)]  # a chunk lies in two tiles at most
         return np.unique(np.concatenate(corners) // np.array(self.tile), axis=0)
 
-    def read(self, tile: Tile, only_density: bool = False) -> dict[str, NDArray]:
+    def voxels(self, tile: Tile, only_density: bool = False) -> dict[str, NDArray]:
         """The voxels (≤ tile, …) of a tile: density and others as float16, material as uint8."""
         low = tuple(k * side for k, side in zip(tile, self.tile, strict=True))
         high = tuple(min(a + side, n) for a, side, n in zip(low, self.tile, self.shape, strict=True))

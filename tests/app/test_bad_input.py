@@ -297,7 +297,7 @@ def test_a_bad_recipe_is_refused(refused, tmp_path, old, new, said):
     assert said in refused("build", tmp_path / "matter.toml", "--out", tmp_path / "matter.zarr")
 
 
-@pytest.mark.parametrize("name", ["zarr.json", "density/zarr.json", "density/c/0/0/0"])
+@pytest.mark.parametrize("name", ["zarr.json", "density/zarr.json", "bricks/c/0/0/0"])
 def test_a_damaged_box_is_refused(refused, box, name):
     path = box / name
     path.write_bytes(path.read_bytes()[:5])

@@ -146,8 +146,8 @@ def test_the_bounds_of_the_figure_lose_no_matter(part):
     """Bricks that the bound leaves out are empty, and so are the faces of the box."""
     piece = FIGURE[part]
     fine = piece.fineness.finer(0.3)
-    whole = fill(piece.field(fine, 1), lambda p: -1.0 + 0.0 * p.x, piece.extent, fine, GREY)
-    bounded = fill(piece.field(fine, 1), piece.bound(fine, 1), piece.extent, fine, GREY)
+    whole = fill(piece.field(fine, 1), lambda p: -1.0 + 0.0 * p.x, piece.extent, fine, GREY).box()
+    bounded = fill(piece.field(fine, 1), piece.bound(fine, 1), piece.extent, fine, GREY).box()
     assert np.array_equal(whole.bricks.places, bounded.bricks.places)
 
 

@@ -1,0 +1,69 @@
+"""A folder whose making may be cut off at any moment and taken up again; at its name it stands whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hagoromo.errors import InputError
+from hagoromo.files.lock import locked
+from hagoromo.files.whole import put_folder, replaceable_folder
+
+RECIPE = "recipe"  # file of the work folder: what is being made
+
+
+@contextmanager
+def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) -> Iterator[Path]:
+    """The folder to fill, `.NAME.building/whole` beside `path`; it becomes `path` when the block ends well.
+
+    The work of a run that failed or was killed is found there again if its `fingerprint` is the same, and removed if
+    not; its parent is the place for a record of what is done. Where the block fails its work is kept, and the exception
+    says that the same command goes on: `InputError` for an OSError such as a full disk, `KeyboardInterrupt` for Ctrl-C.
+    An `InputError` of the block removes the work: the same input would fail again. `InputError`, too, for what
+    `whole_folder` refuses, and while another process makes the same folder.
+    """
+    target = replaceable_folder(path, force)
+    work = target.absolute().with_name(f".{target.name}.building")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    lock = work.with_name(work.name + ".lock")
+    with locked(lock, f"{target} is being made by process {{pid}}: wait for it, or end it and run this again"):
+        replaceable_folder(path, force)  # it may have been made while the lock was another's
+        _make_room(work, fingerprint)
+        kept = f"what is done is kept in {work}, the same command goes on from there"
+        try:
+            yield work / "whole"
+            put_folder(work / "whole", target)
+        except KeyboardInterrupt as interrupt:
+            raise KeyboardInterrupt(kept) from interrupt
+        except InputError:
+            shutil.rmtree(work, ignore_errors=True)
+            raise
+        except OSError as error:
+            raise InputError(f"{target}: {_advice(error)}; {kept}") from error
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _make_room(work: Path, fingerprint: str) -> None:
+    """The work folder, empty unless it holds the work on `fingerprint`."""
+    recipe = work / RECIPE
+    if work.exists() and (not recipe.is_file() or recipe.read_text() != fingerprint):
+        if recipe.is_file():
+            warnings.warn(f"{work} held the unfinished work on another recipe: it was removed", stacklevel=4)
+        shutil.rmtree(work)
+    (work / "whole").mkdir(parents=True, exist_ok=True)
+    if not recipe.exists():
+        partial = recipe.with_suffix(".partial")
+        partial.write_text(fingerprint)
+        os.replace(partial, recipe)
+    for partial in work.rglob("*.partial"):
+        partial.unlink()
+
+
+def _advice(error: OSError) -> str:
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return "the disk is full: free some space" if full else (error.strerror or str(error))

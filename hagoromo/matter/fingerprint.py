@@ -1,0 +1,42 @@
+"""Fingerprint of a recipe: equal where the same voxels would be built."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import hagoromo
+from hagoromo import backend
+from hagoromo.errors import InputError
+from hagoromo.files.record import inside
+
+
+def fingerprint(record: Mapping[str, Any], folder: Path | None) -> str:
+    """JSON of the recipe (its seed too), of what the files in `folder` that it names are, of version and backend.
+
+    A file is known by its size and the time when it was last changed.
+    """
+    named = {text: _state(folder, text) for text in sorted(set(_texts(record)))}
+    files = {text: state for text, state in named.items() if state}
+    known = {"recipe": record, "files": files, "version": hagoromo.__version__, "backend": backend.name()}
+    return json.dumps(known, sort_keys=True)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, (dict, list)):
+        for entry in value.values() if isinstance(value, dict) else value:
+            yield from _texts(entry)
+
+
+def _state(folder: Path | None, text: str) -> list[Any]:
+    """Path, size and time of the file `text`, or of all files in the folder; none where there is no such thing."""
+    try:
+        path = Path(text) if folder is None else inside(folder, text)
+        paths = [path] if path.is_file() else sorted(found for found in path.rglob("*") if found.is_file())
+    except (InputError, OSError, ValueError):
+        return []  # a text that is no path
+    return [[str(p.relative_to(path)), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]
