@@ -16,6 +16,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.element import sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
@@ -123,7 +124,14 @@ def test_a_change_compiles_nothing(scene, change):
         render(seen)
 
     look(scene)
-    assert compilations(lambda: look(CHANGES[change](scene))) == 0
+    changed = CHANGES[change](scene)
+    assert compilations(lambda: look(changed)) == 0
+
+
+def test_another_reflectance_compiles_nothing():
+    """Its energy is checked, and a sphere's facets tabled, by the same kernels for every γ and n."""
+    sphere_table(Reflectance(0.2, 0.3, 0.25, 1.5, GREY, element="sphere").gamma, 7)
+    assert compilations(lambda: sphere_table(Reflectance(0.2, 0.3, 0.26, 1.41, GREY, element="sphere").gamma, 7)) == 0
 
 
 def test_a_scene_is_let_go_with_its_picture(scene):
