@@ -22,6 +22,7 @@ FIRST = 0.1  # s, until the first picture
 RAYS = 1 << 15  # of a first picture, before any has been timed
 FEWEST = 1 << 8  # rays of a first picture, however long they took
 AIM = 0.8  # of the time until the first picture: the next one may be slower
+STEP = 4  # times as many rays, or as few, from one first picture to the next: one stride
 
 
 def preview(scene: Scene, settings: Settings | None = None, seconds: float = FIRST) -> Iterator[Image]:
@@ -48,6 +49,7 @@ class Preview:
             raise InputError(f"the first picture is to come after {seconds} s: give a number above 0")
         self.settings, self.seconds, self.kept = settings or Settings(), seconds, Kept()
         self.rays = {False: RAYS, True: RAYS}  # of a first picture; True: with shadows to be made
+        self.least = {False: math.inf, True: math.inf}  # s, that a first picture took
 
     def pictures(self, scene: Scene) -> Iterator[Image]:
         """Pictures of `scene`; the last one is what `render` gives."""
@@ -70,8 +72,14 @@ class Preview:
             yield image
 
     def _learn(self, new_shadows: bool, rays: int, seconds: float) -> None:
-        """A first picture of `rays` took `seconds`: as many next time as would be there within AIM of the time."""
-        self.rays[new_shadows] = max(int(rays * AIM * self.seconds / seconds), FEWEST)
+        """A first picture of `rays` took `seconds`: so many next time as would be there within AIM of the time.
+
+        The shortest time so far stands for what a picture costs however few its rays.
+        """
+        least = self.least[new_shadows] = min(self.least[new_shadows], seconds)
+        spare, spent = AIM * self.seconds - least, max(seconds - least, 1e-9)
+        growth = min(max(spare / spent, 1 / STEP), STEP)
+        self.rays[new_shadows] = max(int(rays * growth), FEWEST)
 
 
 def strides(size: int, rays: int) -> list[int]:

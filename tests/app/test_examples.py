@@ -11,6 +11,7 @@ SAID = {
     "01_measure_a_ball.py": ["alpha", "beta", "gamma", "95 % interval"],
     "02_render_a_scene.py": ["image.exr", "image.png"],
     "03_through_another_camera.py": ["canon_eos_300d", "Nikon", "R/G"],
+    "04_preview.py": ["pixels after", "100% of the work", "preview.exr"],
 }
 
 
