@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from hagoromo.volume.box import VolumeBox as VolumeBox
     from hagoromo.volume.store import load_box as load_box
     from hagoromo.volume.store import save_box as save_box
+    from hagoromo.volume.zarr_plan import box_from_zarr as box_from_zarr
 
 __version__ = "0.1.0"
 
@@ -62,6 +63,7 @@ HOMES = {
     "build": "matter.build",
     "load_box": "volume.store",
     "save_box": "volume.store",
+    "box_from_zarr": "volume.zarr_plan",
     "Surface": "image.surface",
     "Scene": "image.scene",
     "load_scene": "image.scene_file",

@@ -51,15 +51,17 @@ def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) ->
 def _make_room(work: Path, fingerprint: str) -> None:
     """The work folder, empty unless it holds the work on `fingerprint`."""
     recipe = work / RECIPE
-    if work.exists() and (not recipe.is_file() or recipe.read_text() != fingerprint):
-        if recipe.is_file():
-            warnings.warn(f"{work} held the unfinished work on another recipe: it was removed", stacklevel=4)
+    if work.exists() and any(work.iterdir()) and not recipe.is_file():
+        raise InputError(f"{work} holds files that Hagoromo did not write: move them")
+    if recipe.is_file() and recipe.read_text() != fingerprint:
+        warnings.warn(f"{work} held the unfinished work on another recipe: it was removed", stacklevel=4)
         shutil.rmtree(work)
-    (work / "whole").mkdir(parents=True, exist_ok=True)
     if not recipe.exists():
-        partial = recipe.with_suffix(".partial")
-        partial.write_text(fingerprint)
-        os.replace(partial, recipe)
+        new = work.with_name(f"{work.name}.partial{os.getpid()}")
+        new.mkdir()
+        (new / RECIPE).write_text(fingerprint)
+        os.replace(new, work)  # a work folder has its recipe from the first
+    (work / "whole").mkdir(exist_ok=True)
     for partial in work.rglob("*.partial"):
         partial.unlink()
 

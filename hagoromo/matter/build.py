@@ -23,8 +23,7 @@ Paths lie in the folder of the recipe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, described
 from hagoromo.files.record import (
     count,
     inside,
@@ -92,7 +91,7 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = No
     plan, where, _ = _planned(recipe)
     if progress:
         progress(0.0)
-    with _told(where):
+    with described(where):
         box = plan.box()
     if progress:
         progress(1.0)
@@ -121,18 +120,9 @@ def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, str]
     key = take(record, RECIPES[kind] | ALL | ({} if kind == "figure" else _fineness_keys(kind)), where)
     element = KINDS[kind] or FIGURE_ELEMENTS[key["part"]]
     material = reflectance_from_table(key["material"], folder, f"{where} [material]", element)
-    with _told(where):
+    with described(where):
         plan = MAKERS[kind](key, material, folder, where)
     return plan.named(key["name"], {"recipe": record}), where, fingerprint(record, folder)
-
-
-@contextmanager
-def _told(where: str) -> Iterator[None]:
-    """An `InputError` says where the recipe stands."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(str(error) if where in str(error) else f"{where}: {error}") from error
 
 
 def _skin(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, described
 from hagoromo.volume.blocks import OFFSETS, as_bricks, bricks_of, filled, kept_bricks, low_part, matter_flags, runs
 from hagoromo.volume.bricks import Bricks, BrickWriter, table_shape
 from hagoromo.volume.table import BLOCK
@@ -46,17 +46,16 @@ def read_bricks(source: ZarrBlocks, places: NDArray[np.integer], materials: int)
     `InputError` for a material number beyond them, matter in a brick that is not in `places`, and what `ZarrBlocks`
     and `BrickWriter` refuse.
     """
-    writer = BrickWriter(source.shape, places, source.colours > 0, source.material)
+    with described(source.density.where):
+        writer = BrickWriter(source.shape, places, source.colours > 0, source.material)
     for first, values in _gathered(_backwards(source, writer.places)):
         if "material" in values and values["material"].max() >= materials:
             raise InputError(
                 f"{source.others['material'].where} has material number {values['material'].max()}: "
                 f"the box has {materials}, numbers start at 0"
             )
-        try:
+        with described(source.density.where):
             writer.write(first, **_on_device(values))
-        except InputError as error:
-            raise InputError(f"{source.density.where}: {error}") from error
     return writer.bricks()
 
 

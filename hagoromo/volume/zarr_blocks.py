@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, described
 from hagoromo.files.door import check_memory
 from hagoromo.files.zarr_arrays import Index, ZarrArray
 from hagoromo.volume.blocks import SIDE
@@ -35,7 +35,8 @@ class ZarrBlocks:
     """
 
     def __init__(self, density: ZarrArray, others: dict[str, ZarrArray], scale: float = 1.0) -> None:
-        check_shape(density.shape)
+        with described(density.where):
+            check_shape(density.shape)
         z, y, x = density.shape
         self.shape, self.density, self.others, self.scale = (z, y, x), density, others, scale
         for name, array in others.items():
