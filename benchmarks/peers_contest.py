@@ -15,7 +15,7 @@ from peers_table import Row
 
 OURS = "hagoromo"
 BUDGET = 4.0  # s, of one setting, after which no further round begins; a longer frame is rendered once
-LONGEST = 10.0  # s, of a frame; settings that would take longer, by the growth so far, are left out
+LONGEST, GROWTH = 30.0, 4.0  # s, of a frame; the next setting is taken to need GROWTH times the last, and left out
 EQUAL = 1.2  # errors whose ratio is below this are taken for equal
 
 
@@ -45,7 +45,7 @@ class Contest:
         try:
             child, row = self.begin(peer)
             for setting in child.settings:
-                if growing([row.seconds for row in rows]) > LONGEST:
+                if rows and GROWTH * rows[-1].seconds > LONGEST:
                     break
                 rows.append(self.measured(child, replace(row, setting=setting)))
             child.close()
@@ -108,8 +108,3 @@ def in_turn(turns: Sequence[tuple[Child, str]], rounds: int) -> list[list[float]
         if max(map(sum, times), default=BUDGET) >= BUDGET:
             break
     return times
-
-
-def growing(times: Sequence[float]) -> float:
-    """The next of some times, if it grows as the last did; 0 where there is nothing to tell by."""
-    return times[-1] ** 2 / times[-2] if len(times) > 1 else 0.0

@@ -30,5 +30,6 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
 
 def drawn_by(window: Any) -> str:
     """Name of what draws, as OpenGL gives it."""
+    window.Initialize()
     lines = window.ReportCapabilities().split("\n")
     return next(line.split(":", 1)[1].split("(")[0].strip() for line in lines if line.startswith("OpenGL renderer"))
