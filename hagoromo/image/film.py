@@ -18,7 +18,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.files.door import check_memory
 
 RAYS = 1 << 21  # rays marched at once; progress is told, and an interrupt heard, between
-TILE = (4, 2)  # neighbouring rays share lanes: columns, rows
+TILE = (4, 4)  # neighbouring rays share lanes: columns, rows
 Progress = Callable[[float], None]
 
 

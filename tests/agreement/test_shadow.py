@@ -13,7 +13,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
-from hagoromo.image.shadow import view_from
+from hagoromo.image.lamp_view import view_from
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum

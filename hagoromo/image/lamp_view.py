@@ -1,0 +1,86 @@
+"""Lamp view: what a lamp sees of the boxes as a square, and the rays through it. Enters: a lamp and points to cover."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, opaque_vector
+from hagoromo.light.lamp import Lamp
+
+WIDEST = math.tan(math.radians(75))  # a wider view from the lamp is mapped onto an octahedron
+
+
+class LampView:
+    """What a lamp sees, as a square a, b in 0…1: a pyramid, parallel lines or the octahedron of all directions."""
+
+    def __init__(self, kind: str, origin: np.ndarray, axes: np.ndarray, extent: float, span: tuple) -> None:
+        """`extent`: half the width of the square, at distance 1 in a pyramid [m]. `span`: least and greatest distance
+        along rays [m] at which anything may be.
+        """
+        kinds = arrays()
+        self.kind, self.extent = kind, dr.opaque(kinds.Float, extent)
+        self.near, self.depth = (dr.opaque(kinds.Float, float(d)) for d in (span[0], span[1] - span[0]))
+        self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
+
+    def place(self, point: Any) -> tuple[Any, Any, Any]:
+        """Square coordinates a, b of a point and its distance along the ray [m]."""
+        offset = point - self.origin
+        x, y, z = (dr.dot(offset, axis) for axis in (self.right, self.up, self.ahead))
+        if self.kind == "octahedron":
+            folded = dr.rcp(dr.abs(x) + dr.abs(y) + dr.abs(z))
+            u, v = x * folded, y * folded
+            behind = z < 0
+            outer = _turned(1.0 - dr.abs(v), u), _turned(1.0 - dr.abs(u), v)
+            u, v = dr.select(behind, outer[0], u), dr.select(behind, outer[1], v)
+            return 0.5 * u + 0.5, 0.5 * v + 0.5, dr.norm(offset)
+        scale = 0.5 / (self.extent * z) if self.kind == "pyramid" else 0.5 / self.extent
+        return x * scale + 0.5, y * scale + 0.5, dr.norm(offset) if self.kind == "pyramid" else z
+
+    def ray(self, a: Any, b: Any) -> tuple[Any, Any]:
+        """Origin and unit direction of the ray at square coordinates a, b."""
+        u, v = 2.0 * a - 1.0, 2.0 * b - 1.0
+        if self.kind == "lines":
+            return self.origin + (u * self.right + v * self.up) * self.extent, self.ahead
+        if self.kind == "octahedron":
+            z = 1.0 - dr.abs(u) - dr.abs(v)
+            u, v = (
+                dr.select(z < 0, _turned(1.0 - dr.abs(v), u), u),
+                dr.select(z < 0, _turned(1.0 - dr.abs(u), v), v),
+            )
+            return self.origin, dr.normalize(u * self.right + v * self.up + z * self.ahead)
+        return self.origin, dr.normalize((u * self.right + v * self.up) * self.extent + self.ahead)
+
+
+def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
+    """The view of a lamp that covers the world points `corners` (n, 3)."""
+    middle = corners.mean(axis=0)
+    radius = float(np.linalg.norm(corners - middle, axis=1).max())
+    if lamp.position is None:
+        assert lamp.to_lamp is not None
+        axes = _axes(-lamp.to_lamp)
+        extent = 1.01 * np.abs((corners - middle) @ axes[:2].T).max()
+        return LampView("lines", middle + 2.0 * radius * lamp.to_lamp, axes, float(extent), (0.9 * radius, 3.1 * radius))
+    axes, away = _axes(middle - lamp.position), float(np.linalg.norm(middle - lamp.position))
+    span = max(away - 1.01 * radius, 0.0), away + 1.01 * radius
+    across, along = (corners - lamp.position) @ axes[:2].T, (corners - lamp.position) @ axes[2]
+    extent = float(np.max(np.abs(across) / along[:, None])) if (along > 0).all() else math.inf
+    if extent > WIDEST:
+        return LampView("octahedron", lamp.position, axes, 1.0, span)
+    return LampView("pyramid", lamp.position, axes, 1.01 * extent, span)
+
+
+def _axes(ahead: np.ndarray) -> np.ndarray:
+    """Right, up and ahead, unit and at right angles: (3, 3)."""
+    length = float(np.linalg.norm(ahead))
+    ahead = np.array([0.0, 0.0, 1.0]) if length == 0 else ahead / length
+    aside = np.eye(3)[int(np.argmin(np.abs(ahead)))]
+    right = np.cross(aside, ahead) / np.linalg.norm(np.cross(aside, ahead))
+    return np.stack([right, np.cross(ahead, right), ahead])
+
+
+def _turned(value: Any, like: Any) -> Any:
+    return dr.select(like < 0, -value, value)

@@ -1,0 +1,169 @@
+"""Deep shadow map: transmittance from one lamp through all volume boxes (Lokovic & Veach 2000).
+
+Each ray of a square grid of rays from the lamp keeps up to KNOTS knots (distance, optical depth). Between them optical
+depth is linear, to a stated error of the transmittance; across rays transmittance is bilinear. A ray is GROUPS packets
+of four knots, the last of one being the first of the next, after a packet with the distances where they part: a
+look-up reads two packets, whatever the matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, clip
+from hagoromo.image.lamp_view import view_from
+from hagoromo.image.march import THINNEST
+from hagoromo.light.lamp import Lamp
+from hagoromo.volume.medium import Medium
+
+GROUPS = 3
+KNOTS = 3 * GROUPS + 1
+WORDS = 4 * (GROUPS + 1)  # of 32 bits, of a ray
+TOLERANCE = 0.004  # of transmittance, between knots; it doubles with each knot that a ray needs beyond EASY
+EASY = 6
+LOOSEST = 2.0  # optical depth that a knot may be off, at most
+GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
+DEEPEST = 7.0  # optical depth where a ray ends: exp(−7) = 1e-3 of the light
+TICKS = 65535.0  # steps of a distance: 16 bits
+DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
+TILE = 4  # rays a side that share lanes
+UNUSED = 0xFFFF  # a knot beyond all places, of no depth
+
+
+@dataclass
+class Fan:
+    """The straight lines from a ray's last knot that pass all points since, to within `spare`."""
+
+    knots: Any  # laid so far
+    at: Any  # distance of the last one [m]
+    depth: Any  # and its optical depth
+    low: Any  # slopes of the lines [1/m]
+    high: Any
+    spare: Any  # optical depth
+    rises: Any  # ∫ x y dx and ∫ x² dx over the points (x, y) seen from the knot: the best slope is their ratio
+    runs: Any
+
+    def to(self, distance: Any, depth: Any) -> tuple[Any, Any]:
+        """Slopes of the lines that pass a further point, too; none, if the first is above the second."""
+        inverse = dr.rcp(dr.fmax(distance - self.at, 1e-9))  # parts of overlapping boxes may end at one distance
+        rise = depth - self.depth
+        return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
+
+    def best(self, distance: Any) -> Any:
+        """Optical depth at a distance on the line that passes the points with the least square error."""
+        slope = clip(self.rises / dr.fmax(self.runs, 1e-30), self.low, self.high)
+        return dr.fma(slope, distance - self.at, self.depth)
+
+
+class DeepShadowMap:
+    """Transmittance from one lamp through all boxes, on a square of `resolution` rays a side."""
+
+    def __init__(self, medium: Medium, lamp: Lamp, resolution: int) -> None:
+        kinds = arrays()
+        self.view = view_from(lamp, np.concatenate([box.corners() for box in medium.boxes]))
+        resolution = -(-resolution // TILE) * TILE
+        self.size = dr.opaque(kinds.UInt, resolution)
+        self.words = dr.full(kinds.UInt, UNUSED, resolution**2 * WORDS)
+        lane = dr.arange(kinds.UInt, resolution**2)
+        tile, inner, across = lane // TILE**2, lane % TILE**2, self.size // TILE
+        column, row = tile % across * TILE + inner % TILE, tile // across * TILE + inner // TILE
+        a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
+        lay_knots(medium, *self.view.ray(a, b), row * self.size + column, self)
+        dr.eval(self.words)
+
+    def transmittance(self, point: Any) -> Any:
+        """Share of the lamp's light that arrives at `point` (Array3f, world), 0…1."""
+        kinds, size = arrays(), arrays().Float(self.size)
+        a, b, distance = self.view.place(point)
+        tick = clip((distance - self.view.near) * (TICKS / self.view.depth), 0.0, TICKS - 1.0)
+        a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
+        column, row = kinds.UInt(a), kinds.UInt(b)
+        a, b = a - kinds.Float(column), b - kinds.Float(row)
+        ray = row * self.size + column
+        near, far = ([dr.exp(-self._depth(first + x, tick)) for x in (0, 1)] for first in (ray, ray + self.size))
+        near, far = (dr.fma(a, right - left, left) for left, right in (near, far))
+        return dr.fma(b, far - near, near)
+
+    def _depth(self, ray: Any, tick: Any) -> Any:
+        """Optical depth of one ray at a distance [ticks]."""
+        kinds = arrays()
+        packet, parting = ray * (GROUPS + 1), kinds.UInt(tick)
+        header = dr.gather(kinds.Array4u, self.words, packet)
+        for k in range(GROUPS - 1):
+            packet += dr.select(parting >= header[k], kinds.UInt(1), 0)
+        first, second, third, last = dr.gather(kinds.Array4u, self.words, packet + 1)
+        beyond, far_beyond = parting >= (second & UNUSED), parting >= (third & UNUSED)
+        begin = dr.select(far_beyond, third, dr.select(beyond, second, first))
+        end = dr.select(far_beyond, last, dr.select(beyond, third, second))
+        before, begin = kinds.Float(begin >> 16), kinds.Float(begin & UNUSED)
+        after, end = kinds.Float(end >> 16), kinds.Float(end & UNUSED)
+        part = clip((tick - begin) / dr.fmax(end - begin, 1.0), 0.0, 1.0)
+        part = dr.select(end == TICKS, 0.0, part)
+        return dr.fma(part, after - before, before) * (1.0 / DEPTHS)
+
+    def lay(self, ray: Any, knot: Any, distance: Any, depth: Any) -> None:
+        """Write knot number `knot` of every ray."""
+        kinds = arrays()
+        tick = kinds.UInt(clip((distance - self.view.near) * (TICKS / self.view.depth) + 0.5, 0.0, TICKS - 1.0))
+        word = tick | (kinds.UInt(dr.fmin(depth * DEPTHS + 0.5, TICKS)) << 16)
+        group, place = knot // 3, knot % 3
+        start = ray * WORDS + 4 * group
+        dr.scatter(self.words, word, start + 4 + place, group < GROUPS)
+        shared = (place == 0) & (knot > 0)  # it ends one group and begins the next
+        dr.scatter(self.words, word, start + 3, shared)
+        dr.scatter(self.words, tick, ray * WORDS + group - 1, shared & (group < GROUPS))
+
+
+@dr.syntax
+def lay_knots(medium: Medium, origin: Any, direction: Any, ray: Any, target: DeepShadowMap) -> None:
+    """March every ray once through the boxes and lay its knots into `target`."""
+    kinds, count = arrays(), dr.width(ray)
+    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    taken = crossing.start()
+    nothing = dr.zeros(kinds.Float, count)
+    depth, reached = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
+    fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
+    while crossing.unfinished(taken) & (depth < DEEPEST):
+        step = medium.next(crossing, taken)
+        if step.brick < 0:
+            taken = crossing.leave(step, taken)
+        else:
+            met = step.tau * medium.density(step) * step.length
+            if (met > THINNEST) & ~taken.too_coarse(met):
+                begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), reached)
+                if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
+                    far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
+                    if far_side:
+                        target.lay(ray, fan.knots, reached, depth)
+                    if far_side | (reached < 0.0):
+                        number = dr.select(far_side, fan.knots + 1, fan.knots)
+                        target.lay(ray, number, begin, depth)
+                        fan = fan_from(number + 1, begin, depth)
+                end = dr.fmax(dr.fma(step.length, 0.5, step.distance), reached)
+                depth += met
+                low, high = fan.to(end, depth)
+                if low > high:  # no line passes all points: the knot is where the last one did
+                    knot = fan.best(reached)
+                    target.lay(ray, fan.knots, reached, knot)
+                    fan = fan_from(fan.knots + 1, reached, knot)
+                    low, high = fan.to(end, depth)
+                x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, met, depth) - fan.depth
+                fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
+                fan.low, fan.high, reached = low, high, end
+            taken = crossing.after(step, met, taken)
+        taken = crossing.exchange(taken)
+        # here, not after the loop: to write once more what a loop has written would run the loop twice
+        if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < DEEPEST)):
+            target.lay(ray, fan.knots, reached, fan.best(reached))
+
+
+def fan_from(knots: Any, at: Any, depth: Any) -> Fan:
+    """All lines from a knot: the last one of `knots`."""
+    kinds = arrays()
+    many = kinds.Float(1 << (dr.maximum(knots, EASY) - EASY))
+    spare = dr.select(knots < KNOTS - 1, dr.fmin(TOLERANCE * many * dr.exp(depth), LOOSEST), dr.inf)
+    return Fan(knots, at, depth, kinds.Float(0), kinds.Float(dr.inf), spare, kinds.Float(0), kinds.Float(0))
