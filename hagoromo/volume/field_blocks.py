@@ -17,6 +17,7 @@ from hagoromo.volume.table import BLOCK, in_table_order
 from hagoromo.volume.voxels import BRICK
 
 AT_ONCE = 1 << 12  # bricks evaluated together, but no less than a block
+SHAPES = {"density": (), "axis": (3,), "body_colour": (4,), "material": ()}  # of a voxel
 INNER = BRICK**3  # voxels of a brick that it does not share with those before it
 
 
@@ -46,26 +47,23 @@ class FieldBlocks:
 
     def parts(self) -> list[NDArray[np.integer]]:
         """Blocks that may hold matter, (n, 3) [z, y, x in blocks], in parts that are evaluated together."""
-        blocks, starts = runs(self._candidates // BLOCK)
-        if not len(blocks):
+        if not self._ranges:
             return []
-        groups = np.flatnonzero(np.diff(starts[:-1] // AT_ONCE, prepend=-1))
+        blocks = np.array(list(self._ranges), np.int32)
+        starts = np.array([begin for begin, _ in self._ranges.values()])
+        groups = np.flatnonzero(np.diff(starts // AT_ONCE, prepend=-1))
         return np.split(blocks, groups[1:])
 
     def read(self, part: NDArray[np.integer]) -> Iterator[tuple[Block, dict[str, NDArray]]]:
         """The blocks of a part that hold anything, with their voxels (64, 64, 64, …)."""
-        blocks, starts = runs(self._candidates // BLOCK)
-        first = int(np.flatnonzero((blocks == part[0]).all(axis=1))[0])
-        begin, end = starts[first], starts[first + len(part)]
-        places = self._candidates[begin:end]
-        values = self._evaluated(places)
-        for (z, y, x), a, b in zip(part.tolist(), starts[first:] - begin, starts[first + 1 :] - begin, strict=False):
-            block = {name: np.zeros((SIDE,) * 3 + array.shape[4:], array.dtype) for name, array in values.items()}
-            if not any(array[a:b].any() for array in values.values()):
-                continue
-            for name, array in values.items():
-                as_bricks(block[name])[tuple((places[a:b] % BLOCK).T)] = array[a:b]
-            yield (z, y, x), block
+        ranges = [self._ranges[z, y, x] for z, y, x in part.tolist()]
+        first, last = ranges[0][0], ranges[-1][1]
+        values = self._evaluated(self._candidates[first:last])
+        for (z, y, x), (begin, end) in zip(part.tolist(), ranges, strict=True):
+            inner = self._candidates[begin:end] % BLOCK
+            bricks = {name: array[begin - first : end - first] for name, array in values.items()}
+            if any(array.any() for array in bricks.values()):
+                yield (z, y, x), {name: _block(array, inner) for name, array in bricks.items()}
 
     @cached_property
     def _candidates(self) -> NDArray[np.int32]:
@@ -81,6 +79,13 @@ class FieldBlocks:
             places = np.unique(np.concatenate([places + offset for offset in OFFSETS]), axis=0)
             places = places[(places < (z, y, x)).all(axis=1)]
         return in_table_order(places, (z, y, x))
+
+    @cached_property
+    def _ranges(self) -> dict[Block, tuple[int, int]]:
+        """Blocks that hold candidates, in their order, and which ones."""
+        blocks, starts = runs(self._candidates // BLOCK)
+        ranges = zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)
+        return {(z, y, x): span for (z, y, x), span in zip(blocks.tolist(), ranges, strict=True)}
 
     def _evaluated(self, places: NDArray[np.integer]) -> dict[str, NDArray]:
         """The 8³ voxels of the bricks at `places`, (n, 8, 8, 8, …): halves, and materials uint8."""
@@ -129,4 +134,8 @@ class FieldBlocks:
         return self.occupied((middle + 0.5) * self.voxel_size, radius * self.voxel_size)
 
 
-SHAPES = {"density": (), "axis": (3,), "body_colour": (4,), "material": ()}  # of a voxel
+def _block(bricks: NDArray, places: NDArray[np.integer]) -> NDArray:
+    """The block of bricks (n, 8, 8, 8, …) at `places` (n, 3); 0 elsewhere."""
+    block = np.zeros((SIDE,) * 3 + bricks.shape[4:], bricks.dtype)
+    as_bricks(block)[tuple(places.T)] = bricks
+    return block

@@ -76,8 +76,8 @@ def _backwards(source: ZarrBlocks, places: NDArray[np.integer]) -> Iterator[tupl
         begins = runs(places[own] // BLOCK)[1]
         for begin, end in zip(begins[-2::-1], begins[:0:-1], strict=True):
             yield int(own[begin]), {name: values[begin:end] for name, values in bricks.items()}
-        for after in [other for other in layers if other[0] > tile[0] + 1]:
-            del layers[after]  # all that share them are cut
+        while next(iter(layers))[0] > tile[0] + 1:
+            del layers[next(iter(layers))]  # all that share them are cut
 
 
 def _cut(source: ZarrBlocks, tile: Tile, places: NDArray[np.integer], layers: Layers) -> Values:
@@ -155,4 +155,5 @@ def _on_device(values: Values) -> dict[str, Any]:
         sent["colour"] = kinds.Array4f(dr.unravel(kinds.Array4f16, kinds.Float16(colour.ravel())))
     if "material" in values:
         sent["material"] = kinds.UInt(values["material"].astype(np.uint32).ravel())
+    dr.eval(sent)  # once, for the several kernels that write them
     return sent

@@ -25,10 +25,7 @@ ARRAYS = ("density", "axis", "body_colour", "material", "bricks")
 
 
 def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
-    """Write `box` as a Zarr group at `path`, whole or not at all.
-
-    Loaded again it has the same densities; its axes may differ by one step of their bits the first time, then no more.
-    """
+    """Write `box` as a Zarr group at `path`, whole or not at all; loaded again it has the same bits."""
     colours = max(len(box.basis), 1) if box.bricks.colour is not None else 0
     with whole_folder(path, force) as folder:
         group = BoxGroup(folder, box.bricks.shape, header_of(box), colours, box.bricks.material is not None)
