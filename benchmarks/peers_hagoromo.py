@@ -11,7 +11,7 @@ from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, VOXEL, Scene
 import hagoromo as hg
 from hagoromo.image.render import Settings
 
-FINEST = 8.0  # steps per voxel of the reference: four times as many as the march takes of itself
+FINEST = 0.0025  # tolerance of the reference: four times as many steps as the march takes of itself
 
 
 def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
@@ -19,14 +19,14 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
     ready = prepared(scene)
     if scene.study.shadows:
         settings = {
-            "step 1 voxel, shadow maps": Settings(steps_per_voxel=1.0),
+            "step 1 voxel, shadow maps": Settings(tolerance=0.16),
             "step 0.5 voxel, shadow maps": Settings(),
-            "step 1 voxel, brute shadows": Settings(shadows="march", steps_per_voxel=1.0),
+            "step 1 voxel, brute shadows": Settings(shadows="march", tolerance=0.16),
             "step 0.5 voxel, brute shadows": Settings(shadows="march"),
         }
     else:
         settings = {
-            "step 1 voxel": Settings(shadows="none", steps_per_voxel=1.0),
+            "step 1 voxel": Settings(shadows="none", tolerance=0.16),
             "step 0.5 voxel": Settings(shadows="none"),
         }
     return {name: lambda chosen=chosen: hg.render(ready, chosen).weights[..., 0] for name, chosen in settings.items()}
@@ -35,7 +35,7 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
 def reference(scene: Scene) -> tuple[NDArray, NDArray]:
     """What errors are told against, radiance and whether it shows matter (bool), at the pixels of `Scene.sampled`."""
     shadows = "march" if scene.study.shadows else "none"
-    image = hg.render(prepared(scene, scene.stride), Settings(shadows=shadows, steps_per_voxel=FINEST))
+    image = hg.render(prepared(scene, scene.stride), Settings(shadows=shadows, tolerance=FINEST))
     return image.weights[..., 0], image.alpha > 0.0
 
 

@@ -254,17 +254,24 @@ def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
 
 
 @_verb(verbs)
-def render(scene: Positional[Path], out: Out, mode: Literal["march"] = "march", force: Force = False) -> None:
+def render(
+    scene: Positional[Path],
+    out: Out,
+    mode: Literal["march"] = "march",
+    tolerance: float | None = None,
+    force: Force = False,
+) -> None:
     """Scene → EXR (linear, with its weights) and PNG (sRGB) beside it.
 
     Args:
         scene: scene TOML.
         mode: march sees one scattering event and has no noise.
+        tolerance: of the picture, root mean square over its mean where there is matter (default: the scene's, or 0.04).
     """
     from hagoromo.app.render_scene import render_scene
 
     with progress_bar("render") as progress:
-        paths = render_scene(scene, out, mode=mode, force=force, progress=progress)
+        paths = render_scene(scene, out, mode, force, tolerance, progress)
     _wrote(*paths)
 
 

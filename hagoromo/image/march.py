@@ -46,7 +46,7 @@ def march(
             taken = crossing.leave(step, taken) if skip else crossing.on(step, taken)
         else:
             depth = step.tau * medium.density(step) * step.length
-            if (depth > THINNEST) & ~taken.too_coarse(depth):
+            if (depth > THINNEST) & ~crossing.too_coarse(taken, depth):
                 step.distance = step.centroid(depth)
                 met = light_from_sample(medium, lighting, step, origin, direction)
                 passed = dr.exp(-depth)
@@ -88,7 +88,7 @@ def optical_depth(medium: Medium, origin: Any, direction: Any, near: Any, far: A
             taken = crossing.leave(step, taken)
         else:
             met = step.tau * medium.density(step) * step.length
-            depth += dr.select(taken.too_coarse(met), 0.0, met)
+            depth += dr.select(crossing.too_coarse(taken, met), 0.0, met)
             taken = crossing.after(step, met, taken)
         taken = crossing.exchange(taken)
     return depth

@@ -20,7 +20,8 @@ from hagoromo.image.march import march
 from hagoromo.image.scene import Scene
 from hagoromo.image.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 from hagoromo.image.surface import Surfaces
-from hagoromo.volume.medium import STEPS_PER_VOXEL, Medium
+from hagoromo.volume.crossing import TOLERANCE
+from hagoromo.volume.medium import Medium
 
 SHADOWS = ("map", "march", "none")
 COARSEST = 32  # texels a side of a shadow map
@@ -28,12 +29,16 @@ COARSEST = 32  # texels a side of a shadow map
 
 @dataclass(frozen=True)
 class Settings:
-    """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting)."""
+    """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting).
+
+    tolerance: of the picture, root mean square over its mean where there is matter: the steps of the march follow it
+    and the voxels, so that halving it changes the picture by less.
+    """
 
     samples: int = 1
     shadows: str = "map"
     shadow_resolution: int | None = None
-    steps_per_voxel: float = STEPS_PER_VOXEL
+    tolerance: float = TOLERANCE
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -41,8 +46,8 @@ class Settings:
             raise InputError(f"samples is {self.samples}: give 1 or more rays a pixel")
         if self.shadows not in SHADOWS:
             raise InputError(f"shadows is {self.shadows!r}: give one of {', '.join(SHADOWS)}")
-        if not 0.25 <= self.steps_per_voxel <= 64:
-            raise InputError(f"steps_per_voxel is {self.steps_per_voxel}: give a number from 0.25 to 64")
+        if not 1e-4 <= self.tolerance <= 1:
+            raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= 16384:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to 16384 texels")
 
@@ -123,7 +128,7 @@ def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
     boxes = tuple((b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), len(b.materials)) for b in scene.boxes)
     places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
     lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)
-    return (boxes, settings.steps_per_voxel), lamps
+    return (boxes, settings.tolerance), lamps
 
 
 def _medium(scene: Scene, settings: Settings, kept: Kept) -> Medium | None:
@@ -131,7 +136,7 @@ def _medium(scene: Scene, settings: Settings, kept: Kept) -> Medium | None:
     if not scene.boxes:
         return None
     boxes, _ = shadow_casters(scene, settings)
-    return kept.get("medium", boxes, lambda: Medium(scene.boxes, settings.steps_per_voxel))
+    return kept.get("medium", boxes, lambda: Medium(scene.boxes, settings.tolerance))
 
 
 def _surfaces(scene: Scene, kept: Kept) -> Surfaces | None:

@@ -7,7 +7,7 @@
     [[lamp]]     position (near) or to_lamp (far), intensity, spectrum (name, number, CSV or table), name
     [[box]]      file = "name.zarr" or recipe = "matter.toml" (see `matter.build`), tau, materials (list), name, place
     [[surface]]  shape (sphere, rectangle, disk, cylinder, cube) or mesh = "name.ply", smooth, name, place, reflectance
-    [render]     samples, shadows, shadow_resolution, steps_per_voxel, seed
+    [render]     samples, shadows, shadow_resolution, tolerance, seed
 
 A reflectance is {alpha, beta, gamma [rad], n, body_colour, interface_colour, element, name}, or a measured one:
 {file = "materials.json", material = "name", element, response, lamp}. A place is position, rotation_deg (about x, then
@@ -76,7 +76,7 @@ SURFACE = {
 }  # fmt: skip
 RENDER = {
     "samples": count, "shadows": one_of(*SHADOWS), "shadow_resolution": count,
-    "steps_per_voxel": number, "seed": count,
+    "tolerance": number, "seed": count,
 }  # fmt: skip
 
 

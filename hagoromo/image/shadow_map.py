@@ -20,11 +20,11 @@ from hagoromo.image.march import THINNEST
 from hagoromo.light.lamp import Lamp
 from hagoromo.volume.medium import Medium
 
-GROUPS = 3
+GROUPS = 5
 KNOTS = 3 * GROUPS + 1
 WORDS = 4 * (GROUPS + 1)  # of 32 bits, of a ray
-TOLERANCE = 0.004  # of transmittance, between knots; it doubles with each knot that a ray needs beyond EASY
-EASY = 6
+TOLERANCE = 0.003  # of transmittance, between knots; it doubles with each knot that a ray needs beyond EASY
+EASY = 10
 LOOSEST = 2.0  # optical depth that a knot may be off, at most
 GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
 DEEPEST = 7.0  # optical depth where a ray ends: exp(−7) = 1e-3 of the light
@@ -133,7 +133,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, ray: Any, target: Dee
             taken = crossing.leave(step, taken)
         else:
             met = step.tau * medium.density(step) * step.length
-            if (met > THINNEST) & ~taken.too_coarse(met):
+            if (met > THINNEST) & ~crossing.too_coarse(taken, met):
                 begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), reached)
                 if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
                     far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)

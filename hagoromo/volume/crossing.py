@@ -18,7 +18,9 @@ from hagoromo.backend import arrays, lookup, opaque_vector
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
 
-FINE, COARSE = 0.35, 0.7  # optical depth of a sample: what parts aim at, and what is taken apart
+TOLERANCE = 0.04  # of a picture: root mean square over its mean, where there is matter; half-voxel steps
+STEPS, FINE = 2.0, 0.35  # per voxel, and optical depth of a part, at that tolerance
+COARSE = 2.0  # times FINE: optical depth from which a sample is taken in parts
 MOST_PARTS = 32
 EDGE = 1e-3  # the last interpolation cell ends this much before the last voxel centre [voxel]
 WIDTH = 26  # floats of a box's row: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
@@ -70,10 +72,6 @@ class Taken:
     entered: Any
     box: Any
 
-    def too_coarse(self, depth: Any) -> Any:
-        """Whether the next sample, of optical depth `depth`, is to be taken again in (more) parts."""
-        return (depth > COARSE) & (self.part == 0) & (self.parts < MOST_PARTS)
-
 
 @dataclass
 class Step:
@@ -100,15 +98,17 @@ class Step:
 class Frames:
     """The frames of all boxes; `slots` is how many of them a ray may be in at once."""
 
-    def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], steps_per_voxel: float) -> None:
-        kinds = arrays()
+    def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
+        """Errors of a march go with the square of its steps: `tolerance` (see TOLERANCE) sets them for all boxes."""
+        kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
+        self.fine = dr.opaque(kinds.Float, FINE * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
         floats = np.zeros((len(boxes), WIDTH), np.float32)
         whole = np.zeros((len(boxes), 3), np.int32)
         for row, numbers, box, start in zip(floats, whole, boxes, starts, strict=True):
             row[:12] = box.lattice_from_world[:3].T.ravel()
             row[12:15] = np.array(box.bricks.shape[::-1]) - 1
-            row[15:17] = box.tau, box.voxel_size / steps_per_voxel
+            row[15:17] = box.tau, box.voxel_size / STEPS * finer
             row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
             _, my, mx = blocks_shape(box.bricks.lattice)
             numbers[:] = mx, mx * my, start
@@ -208,12 +208,16 @@ class Crossing:
         """On from a sample of optical depth `depth`: again in parts, to its next part, or to the next sample."""
         UInt = arrays().UInt
         number, _ = self._in_slot(step.slot, taken)
-        whole = dr.ceil(depth * arrays().Float(taken.parts) / FINE)
+        whole = dr.ceil(depth * arrays().Float(taken.parts) / self.frames.fine)
         parts = dr.maximum(UInt(dr.fmin(whole, MOST_PARTS)), 1)
-        again, last = taken.too_coarse(depth), taken.part + 1 >= taken.parts
+        again, last = self.too_coarse(taken, depth), taken.part + 1 >= taken.parts
         part = dr.select(again | last, UInt(0), taken.part + 1)
         number = dr.select(last & ~again, number + 1, number)
         return self._at(step, number, taken, part, dr.select(again | last, parts, taken.parts))
+
+    def too_coarse(self, taken: Taken, depth: Any) -> Any:
+        """Whether the next sample, of optical depth `depth`, is to be taken again in (more) parts."""
+        return (depth > COARSE * self.frames.fine) & (taken.part == 0) & (taken.parts < MOST_PARTS)
 
     def exchange(self, taken: Taken) -> Taken:
         """Let the box that the ray enters next into a slot whose box it has left, if there is one."""

@@ -1,7 +1,7 @@
 """Medium: the volume boxes of a scene as kernels see them, and the order in which a ray meets their samples.
 
 Every box is walked on samples of its own, half a voxel apart; where boxes overlap the sample next in depth goes
-first, so extinctions add. A sample whose optical depth is above COARSE is taken in parts of about FINE instead.
+first, so extinctions add. A sample of more than a certain optical depth is taken in parts instead.
 
     crossing = medium.cross(origin, direction, near, far)
     taken = crossing.start()
@@ -9,7 +9,7 @@ first, so extinctions add. A sample whose optical depth is above COARSE is taken
         step = medium.next(crossing, taken)                # the next sample in depth, and the brick it lies in
         if step.brick < 0:  taken = crossing.leave(step, taken)      # to the end of the empty space around
         else:               depth = step.tau * medium.density(step) * step.length
-                            if ~taken.too_coarse(depth):  ...
+                            if ~crossing.too_coarse(taken, depth):  ...
                             taken = crossing.after(step, depth, taken)
         taken = crossing.exchange(taken)         # the next box, where one has been left
         taken = crossing.exchange(taken)
@@ -28,17 +28,16 @@ import numpy as np
 from hagoromo.backend import arrays, clip, lookup
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
-from hagoromo.volume.crossing import EDGE, Crossing, Frames, Step, Taken
+from hagoromo.volume.crossing import EDGE, TOLERANCE, Crossing, Frames, Step, Taken
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
-STEPS_PER_VOXEL = 2.0
 
 
 class Medium:
-    """The boxes of a scene on the device; `steps_per_voxel` sets the sampling of the march."""
+    """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
 
-    def __init__(self, boxes: Sequence[VolumeBox], steps_per_voxel: float = STEPS_PER_VOXEL) -> None:
+    def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = TOLERANCE) -> None:
         kinds, self.boxes = arrays(), tuple(boxes)
         for name in ("density", "axis", "colour", "material"):
             in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
@@ -51,7 +50,7 @@ class Medium:
         counts = np.cumsum([0, *(len(box.materials) for box in self.boxes)])
         self.first_material = lookup(kinds.UInt, counts[:-1].astype(np.uint32))
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
-        self.frames = Frames(self.boxes, starts, steps_per_voxel)
+        self.frames = Frames(self.boxes, starts, tolerance)
         dr.eval(self.coarse, self.fine)
 
     def cross(self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0) -> Crossing:

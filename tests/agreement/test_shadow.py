@@ -41,10 +41,21 @@ def ball(centre, radius, depth, count=64) -> VolumeBox:
 
 
 def error(scene) -> float:
-    settings = (Settings(shadows=shadows, steps_per_voxel=8, shadow_resolution=640) for shadows in ("map", "march"))
+    settings = (Settings(shadows=shadows, tolerance=0.0025, shadow_resolution=640) for shadows in ("map", "march"))
     mapped, brute = (render(scene, s).weights for s in settings)
     assert not np.array_equal(mapped, brute)
     return float(np.sqrt(np.mean((mapped - brute) ** 2)) / brute.mean())
+
+
+@pytest.mark.parametrize("tolerance", [0.04, 0.01])
+@pytest.mark.parametrize("depth", [0.5, 10.0, 100.0, 400.0])
+def test_halving_the_tolerance_changes_the_picture_by_less(depth, tolerance):
+    """Root mean square over the mean, both where there is matter, as the tolerance is told."""
+    boxes = ball((-0.05, 0, 0.06), 0.06, depth), ball((0.06, 0.01, 0.05), 0.05, depth)
+    scene = Scene(CAMERA, LAMPS, boxes)
+    image, finer = (render(scene, Settings(tolerance=t, shadow_resolution=640)) for t in (tolerance, tolerance / 2))
+    a, b = (i.weights[finer.alpha > 1e-3] for i in (image, finer))
+    assert 0 < np.sqrt(np.mean((a - b) ** 2)) / b.mean() < tolerance
 
 
 @pytest.mark.parametrize("depth", [0.5, 10.0, 100.0])

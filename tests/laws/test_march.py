@@ -58,11 +58,11 @@ def depth(boxes, origin, direction, near=0.0, far=math.inf):
     )
 
 
-def lit(boxes, lamps, attenuation=None, steps_per_voxel=2.0):
+def lit(boxes, lamps, attenuation=None, tolerance=0.04):
     """A medium and lighting for hand-made rays."""
     materials = [m for box in boxes for m in box.materials]
     palette = palette_of(materials, [], [lamp.spectrum for lamp in lamps])
-    return Medium(boxes, steps_per_voxel), Lighting(lamps, Materials(materials, palette), attenuation)
+    return Medium(boxes, tolerance), Lighting(lamps, Materials(materials, palette), attenuation)
 
 
 @pytest.mark.parametrize("tau", [0.5, 7.0, 300.0])
@@ -131,7 +131,7 @@ def test_the_march_converges_with_order_two():
     x = dr.linspace(arrays().Float, -0.03, 0.03, 257)
     results = {}
     for steps in (2, 4, 8, 64):
-        medium, lighting = lit([box], lamps, steps_per_voxel=steps)
+        medium, lighting = lit([box], lamps, tolerance=0.16 / steps**2)
         rays = vector(x, 0.013, -1.0), vector(*AHEAD) + 0 * x, arrays().Float(0), arrays().Float(9)
         results[steps] = np.array(march(medium, lighting, *rays)[0][0])
     errors = [np.sqrt(np.mean((results[steps] - results[64]) ** 2)) for steps in (2, 4, 8)]
