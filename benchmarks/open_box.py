@@ -121,8 +121,10 @@ def open_shell(path: Path, rounds: int) -> dict[str, Any]:
         image = next(Preview().pictures(hg.Scene(look, (lamp,), (box,))))
         assert image.alpha.max() > 0.9
         seconds["picture_s"].append(time.perf_counter() - start)
+        kept, size = box.bricks.kept, box.bricks.bytes
+        del box  # memory is that of one box
     return {
-        "bricks": box.bricks.kept, "box_mib": box.bricks.bytes / 2**20, "chunks_mib": decoded / 2**20,
+        "bricks": kept, "box_mib": size / 2**20, "chunks_mib": decoded / 2**20,
         "files_mib": sum(file.stat().st_size for file in files) / 2**20, "open_mib": resident(),
         **{name: statistics.median(times[1:]) for name, times in seconds.items()},
         **{f"cold_{name}": times[0] for name, times in seconds.items()},
