@@ -35,8 +35,8 @@ def main() -> None:
         for number, study in enumerate(STUDIES):
             if options.only in study.name:
                 rows += Contest(number, folder, options.rounds).rows()
-                print(f"  {time.perf_counter() - start:.0f} s so far", flush=True)
-    print(*write(options.out, rows))
+                paths = write(options.out, rows)  # again after every scene: an interrupted run keeps what it has
+                print(f"  {time.perf_counter() - start:.0f} s so far:", *paths, flush=True)
 
 
 if __name__ == "__main__":
