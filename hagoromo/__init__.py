@@ -10,6 +10,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from hagoromo.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from hagoromo.camera.calibrate import calibrate_camera as calibrate_camera
     from hagoromo.camera.calibrate_response import calibrate_response as calibrate_response
@@ -40,8 +42,6 @@ if TYPE_CHECKING:
     from hagoromo.volume.store import load_box as load_box
     from hagoromo.volume.store import save_box as save_box
     from hagoromo.volume.zarr_plan import box_from_zarr as box_from_zarr
-
-__version__ = "0.1.0"
 
 HOMES = {
     "InputError": "errors",

@@ -63,22 +63,13 @@ from hagoromo.volume.plan import BoxPlan
 from hagoromo.volume.zarr_plan import ZarrVolume
 
 KINDS = {
-    "skin": "sphere",
-    "cloth": "cylinder",
-    "feather": "cylinder",
-    "solid": "plane",
-    "volume": "plane",
-    "figure": "",
-}
+    "skin": "sphere", "cloth": "cylinder", "feather": "cylinder", "solid": "plane", "volume": "plane", "figure": "",
+}  # fmt: skip
 FIGURE_ELEMENTS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder"}
 # voxel and mean free path [mm]
 FINENESS = {
-    "skin": (0.12, 0.3),
-    "cloth": (0.12, 0.2),
-    "feather": (0.12, 0.12),
-    "solid": (0.5, 0.5),
-    "volume": (0.5, 0.5),
-}
+    "skin": (0.12, 0.3), "cloth": (0.12, 0.2), "feather": (0.12, 0.12), "solid": (0.5, 0.5), "volume": (0.5, 0.5),
+}  # fmt: skip
 FORMS = ("sphere", "ellipsoid", "box", "capsule", "mesh")
 Progress = Callable[[float], None]
 
@@ -106,12 +97,14 @@ def build_to(
     See `build`, and `resumable_folder` for what is raised besides.
     """
     replaceable_folder(path, force)  # before any work
-    plan, _, print_ = _planned(recipe)
-    build_box(plan, path, print_, force, progress)
+    plan, where, folder = _planned(recipe)
+    with described(where):
+        known = fingerprint(plan.header.provenance["recipe"], folder)
+    build_box(plan, path, known, force, progress)
 
 
-def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, str]:
-    """The plan of a recipe's box, where the recipe stands, for messages, and its fingerprint."""
+def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path | None]:
+    """The plan of a recipe's box; what messages call the recipe; the folder of the files that it names."""
     if isinstance(recipe, (str, Path)):
         record, where, folder = read_toml(recipe), str(recipe), Path(recipe).parent
     else:
@@ -122,7 +115,7 @@ def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, str]
     material = reflectance_from_table(key["material"], folder, f"{where} [material]", element)
     with described(where):
         plan = MAKERS[kind](key, material, folder, where)
-    return plan.named(key["name"], {"recipe": record}), where, fingerprint(record, folder)
+    return plan.named(key["name"], {"recipe": record}), where, folder
 
 
 def _skin(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
@@ -166,11 +159,8 @@ def _solid(key: dict[str, Any], material: Reflectance, folder: Path | None, wher
 def _volume(key: dict[str, Any], material: Reflectance, folder: Path | None, where: str) -> BoxPlan:
     if key["resolution"] != 1.0:
         raise InputError(f"{where}: resolution is for other kinds: a volume has the voxels that it has")
-    paths = {
-        name: Path(key[name]) if folder is None else inside(folder, key[name])
-        for name in ("density", "axis")
-        if key[name]
-    }
+    named = {name: key[name] for name in ("density", "axis") if key[name]}
+    paths = {name: Path(path) if folder is None else inside(folder, path) for name, path in named.items()}
     blocks = ZarrVolume(**paths, scale=key["scale"])
     voxel, pose = key["voxel_mm"] * MM, np.eye(4)
     pose[:2, 3] = -0.5 * voxel * np.array(blocks.shape[:0:-1])

@@ -7,21 +7,24 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import hagoromo
 from hagoromo import backend
 from hagoromo.errors import InputError
 from hagoromo.files.record import inside
+from hagoromo.version import __version__
 
 
 def fingerprint(record: Mapping[str, Any], folder: Path | None) -> str:
     """JSON of the recipe (its seed too), of what the files in `folder` that it names are, of version and backend.
 
-    A file is known by its size and the time when it was last changed.
+    A file is known by its size and the time when it was last changed. Raises `InputError` for what JSON cannot hold.
     """
     named = {text: _state(folder, text) for text in sorted(set(_texts(record)))}
     files = {text: state for text, state in named.items() if state}
-    known = {"recipe": record, "files": files, "version": hagoromo.__version__, "backend": backend.name()}
-    return json.dumps(known, sort_keys=True)
+    known = {"recipe": record, "files": files, "version": __version__, "backend": backend.name()}
+    try:
+        return json.dumps(known, sort_keys=True)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"a box on disk needs a recipe of plain values: {error}") from error
 
 
 def _texts(value: Any) -> Iterator[str]:

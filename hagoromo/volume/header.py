@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.files.record import anything, count, list_of, numbers, positive, table, take, text
 from hagoromo.light.spectrum import Spectrum
@@ -60,4 +61,5 @@ def header_from_record(record: Any, where: str) -> BoxHeader:
         raise InputError(f"{where} has format {record['format']}: this version reads {FORMAT}, update Hagoromo")
     materials = [reflectance_from_record(m, f"{where}: material {k}") for k, m in enumerate(taken.pop("materials"))]
     basis, pose = [Spectrum.load(s) for s in taken.pop("basis")], np.reshape(taken.pop("pose"), (4, 4))
+    pose = rigid_pose(pose, f"the pose of {where}")
     return BoxHeader(materials=tuple(materials), basis=tuple(basis), pose=pose, **taken)

@@ -248,12 +248,13 @@ def test_a_lamp_inside_a_box_is_refused(refused, scene, box, tmp_path):
 
 
 @pytest.mark.parametrize("value", [np.nan, -1.0, np.inf])
-def test_a_density_that_is_none_is_refused(refused, box, value):
+def test_a_density_that_is_none_is_refused(refused, scene, box, tmp_path, value):
     import zarr
 
     density: Any = zarr.open_group(box)["density"]
     density[3, 2, 1] = value
-    assert "density" in refused("info", box)
+    seen = scene(more='[[box]]\nfile = "slab.zarr"\n')
+    assert "density" in refused("render", seen, "--out", tmp_path / "a.exr")
 
 
 @pytest.mark.parametrize(
