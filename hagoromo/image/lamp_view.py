@@ -63,7 +63,9 @@ def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
         assert lamp.to_lamp is not None
         axes = _axes(-lamp.to_lamp)
         extent = 1.01 * np.abs((corners - middle) @ axes[:2].T).max()
-        return LampView("lines", middle + 2.0 * radius * lamp.to_lamp, axes, float(extent), (0.9 * radius, 3.1 * radius))
+        return LampView(
+            "lines", middle + 2.0 * radius * lamp.to_lamp, axes, float(extent), (0.9 * radius, 3.1 * radius)
+        )
     axes, away = _axes(middle - lamp.position), float(np.linalg.norm(middle - lamp.position))
     span = max(away - 1.01 * radius, 0.0), away + 1.01 * radius
     across, along = (corners - lamp.position) @ axes[:2].T, (corners - lamp.position) @ axes[2]

@@ -15,7 +15,7 @@ from hagoromo.backend import arrays
 from hagoromo.image.lighting import Lighting
 from hagoromo.volume.medium import Medium, Step
 
-CUT = 1e-3  # transmittance
+CUT = 4e-3  # transmittance, at TOLERANCE
 THINNEST = 1e-6  # optical depth of a step below which it holds no matter
 DEEPEST = 16.0  # optical depth at which a lamp counts as hidden: exp(−16) = 1e-7
 
@@ -40,7 +40,8 @@ def march(
     taken = crossing.start()
     transmittance = dr.ones(arrays().Float, dr.width(direction))
     channels = [dr.zeros(arrays().Float, dr.width(direction)) for _ in range(lighting.materials.palette.channels)]
-    while crossing.unfinished(taken) & (transmittance > CUT):
+    cut = CUT * medium.tolerance
+    while crossing.unfinished(taken) & (transmittance > cut):
         step = medium.next(crossing, taken)
         if step.brick < 0:
             taken = crossing.leave(step, taken) if skip else crossing.on(step, taken)
@@ -55,7 +56,7 @@ def march(
                 transmittance *= passed
             taken = crossing.after(step, depth, taken)
         taken = crossing.exchange(taken)
-    ended = transmittance <= CUT
+    ended = transmittance <= cut
     scale = dr.select(ended, 1.0 / (1.0 - transmittance), 1.0)
     return [channel * scale for channel in channels], dr.select(ended, 0.0, transmittance)
 

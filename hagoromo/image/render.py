@@ -164,4 +164,6 @@ def _maps(scene: Scene, settings: Settings, medium: Medium, kept: Kept, texels: 
         resolution = min(resolution, max(texels, COARSEST))
         if kept.key("maps")[:1] == (casters,):
             resolution = max(resolution, *kept.key("maps")[1:])
-    return kept.get("maps", (casters, resolution), lambda: mapped_attenuation(medium, scene.lamps, resolution))
+    return kept.get(
+        "maps", (casters, resolution), lambda: mapped_attenuation(medium, scene.lamps, resolution, settings.tolerance)
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,16 +10,20 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
+from hagoromo.image.lighting import Attenuation
 from hagoromo.image.march import optical_depth
 from hagoromo.image.shadow_map import DeepShadowMap
 from hagoromo.light.lamp import Lamp
+from hagoromo.volume.crossing import TOLERANCE
 from hagoromo.volume.medium import Medium
 
 TEXELS_PER_VOXEL = 2.0  # two boxes that shade each other and a floor: 0.7 % against brute march; with one texel 2 %
-MOST_TEXELS = 1024  # a side: 64 MiB a lamp
+MOST_TEXELS = 1024  # a side: 96 MiB a lamp
+DIFFERING = 0.4  # of transmittance, between the rays around a point, from which its surroundings are marched
+NEAR = 4.0  # voxels that are marched there
 
 
-def brute_attenuation(medium: Medium) -> Any:
+def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, exact up to the step; the oracle of the maps."""
 
     def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
@@ -27,12 +32,28 @@ def brute_attenuation(medium: Medium) -> Any:
     return transmittance
 
 
-def mapped_attenuation(medium: Medium, lamps: Sequence[Lamp], resolution: int | None = None) -> Any:
-    """`Attenuation` by one deep shadow map a lamp; `resolution` texels a side (default: about one a voxel)."""
+def mapped_attenuation(
+    medium: Medium, lamps: Sequence[Lamp], resolution: int | None = None, tolerance: float = TOLERANCE
+) -> Attenuation:
+    """`Attenuation` by one deep shadow map a lamp; `resolution` texels a side (default: `fitting_resolution`).
+
+    Where the rays of a map around a point differ, at edges of shadows and under light that grazes, the first few
+    voxels towards the lamp are marched, and the map is looked up behind them: `tolerance` (see `Settings`) says where.
+    """
+    kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
     maps = [DeepShadowMap(medium, lamp, resolution or fitting_resolution(medium)) for lamp in lamps]
+    differing = dr.opaque(kinds.Float, DIFFERING * finer)
+    near = dr.opaque(kinds.Float, NEAR / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
     def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
-        return maps[lamp].transmittance(point)
+        def marched(point: Any, to_lamp: Any, distance: Any, passed: Any) -> Any:
+            reach = dr.fmin(near, distance)
+            depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach)
+            return dr.exp(-depth) * maps[lamp].transmittance(dr.fma(to_lamp, reach, point))
+
+        passed, difference = maps[lamp].look(point)
+        args = (point, to_lamp, kinds.Float(distance), passed)
+        return dr.if_stmt(args, difference > differing, marched, lambda point, to_lamp, distance, passed: passed)
 
     return transmittance
 

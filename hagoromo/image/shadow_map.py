@@ -3,7 +3,7 @@
 Each ray of a square grid of rays from the lamp keeps up to KNOTS knots (distance, optical depth). Between them optical
 depth is linear, to a stated error of the transmittance; across rays transmittance is bilinear. A ray is GROUPS packets
 of four knots, the last of one being the first of the next, after a packet with the distances where they part: a
-look-up reads two packets, whatever the matter.
+look-up reads two packets a ray, whatever the matter.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TOLERANCE = 0.003  # of transmittance, between knots; it doubles with each knot 
 EASY = 10
 LOOSEST = 2.0  # optical depth that a knot may be off, at most
 GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
-DEEPEST = 7.0  # optical depth where a ray ends: exp(−7) = 1e-3 of the light
+DEEPEST = 6.5  # optical depth where a ray ends: exp(−6.5) = 1.5e-3 of the light
 TICKS = 65535.0  # steps of a distance: 16 bits
 DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
 TILE = 4  # rays a side that share lanes
@@ -77,16 +77,23 @@ class DeepShadowMap:
 
     def transmittance(self, point: Any) -> Any:
         """Share of the lamp's light that arrives at `point` (Array3f, world), 0…1."""
+        return self.look(point)[0]
+
+    def look(self, point: Any) -> tuple[Any, Any]:
+        """As `transmittance`, and by how much the four rays around the point differ in it."""
         kinds, size = arrays(), arrays().Float(self.size)
         a, b, distance = self.view.place(point)
         tick = clip((distance - self.view.near) * (TICKS / self.view.depth), 0.0, TICKS - 1.0)
         a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
         column, row = kinds.UInt(a), kinds.UInt(b)
         a, b = a - kinds.Float(column), b - kinds.Float(row)
-        ray = row * self.size + column
-        near, far = ([dr.exp(-self._depth(first + x, tick)) for x in (0, 1)] for first in (ray, ray + self.size))
-        near, far = (dr.fma(a, right - left, left) for left, right in (near, far))
-        return dr.fma(b, far - near, near)
+        first = row * self.size + column
+        rays = (first, first + 1, first + self.size, first + self.size + 1)
+        passed = [dr.exp(-self._depth(ray, tick)) for ray in rays]
+        near, far = (dr.fma(a, right - left, left) for left, right in (passed[:2], passed[2:]))
+        most = dr.fmax(dr.fmax(passed[0], passed[1]), dr.fmax(passed[2], passed[3]))
+        least = dr.fmin(dr.fmin(passed[0], passed[1]), dr.fmin(passed[2], passed[3]))
+        return dr.fma(b, far - near, near), most - least
 
     def _depth(self, ray: Any, tick: Any) -> Any:
         """Optical depth of one ray at a distance [ticks]."""

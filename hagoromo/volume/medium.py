@@ -33,7 +33,6 @@ from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
 
-
 class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
 
@@ -51,6 +50,7 @@ class Medium:
         self.first_material = lookup(kinds.UInt, counts[:-1].astype(np.uint32))
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, tolerance)
+        self.tolerance = dr.opaque(kinds.Float, tolerance / TOLERANCE)  # in units of the usual one
         dr.eval(self.coarse, self.fine)
 
     def cross(self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0) -> Crossing:
