@@ -10,8 +10,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from hagoromo.version import __version__ as __version__
-
 if TYPE_CHECKING:
     from hagoromo.camera.calibrate import calibrate_camera as calibrate_camera
     from hagoromo.camera.calibrate_response import calibrate_response as calibrate_response
@@ -38,12 +36,14 @@ if TYPE_CHECKING:
     from hagoromo.reflectance.materials_file import read_materials as read_materials
     from hagoromo.reflectance.measure import measure as measure
     from hagoromo.reflectance.reflectance import Reflectance as Reflectance
+    from hagoromo.version import __version__ as __version__
     from hagoromo.volume.box import VolumeBox as VolumeBox
     from hagoromo.volume.store import load_box as load_box
     from hagoromo.volume.store import save_box as save_box
     from hagoromo.volume.zarr_plan import box_from_zarr as box_from_zarr
 
 HOMES = {
+    "__version__": "version",
     "InputError": "errors",
     "Spectrum": "light.spectrum",
     "Lamp": "light.lamp",
@@ -75,7 +75,7 @@ HOMES = {
     "compare": "image.compare",
 }
 
-__all__ = ["__version__", *HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [*HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
