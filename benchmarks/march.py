@@ -30,7 +30,7 @@ from hagoromo.backend import name as backend_name
 from hagoromo.image.lighting import Lighting, Materials, palette_of
 from hagoromo.image.march import CUT, march
 from hagoromo.image.render import tile_order
-from hagoromo.image.shadow import DeepShadowMap, brute_attenuation
+from hagoromo.image.shadow import brute_attenuation, mapped_attenuation
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
@@ -162,8 +162,7 @@ def product_frames(shadows: bool) -> dict[str, Frame]:
     if shadows:
 
         def mapped() -> Any:
-            maps = [DeepShadowMap(medium, lamp, 512) for lamp in lamps]
-            return frame(Lighting(lamps, materials, lambda lamp, point, to_lamp, far: maps[lamp].transmittance(point)))
+            return frame(Lighting(lamps, materials, mapped_attenuation(medium, lamps, 512)))
 
         frames["product, maps made and used"] = mapped
         frames["product, brute shadows"] = lambda: frame(Lighting(lamps, materials, brute_attenuation(medium)))

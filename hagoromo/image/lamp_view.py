@@ -11,6 +11,7 @@ import numpy as np
 from hagoromo.backend import arrays, opaque_vector
 from hagoromo.light.lamp import Lamp
 
+TICKS = 65535.0
 WIDEST = math.tan(math.radians(75))  # a wider view from the lamp is mapped onto an octahedron
 
 
@@ -25,6 +26,10 @@ class LampView:
         self.kind, self.extent = kind, dr.opaque(kinds.Float, extent)
         self.near, self.depth = (dr.opaque(kinds.Float, float(d)) for d in (span[0], span[1] - span[0]))
         self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
+
+    def ticks(self) -> tuple[Any, Any]:
+        """Distance [m] of the first tick, and ticks per metre: TICKS of them span all that may be in the way."""
+        return self.near, TICKS / self.depth
 
     def place(self, point: Any) -> tuple[Any, Any, Any]:
         """Square coordinates a, b of a point and its distance along the ray [m]."""

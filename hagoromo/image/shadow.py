@@ -12,7 +12,7 @@ import numpy as np
 from hagoromo.backend import arrays
 from hagoromo.image.lighting import Attenuation
 from hagoromo.image.march import optical_depth
-from hagoromo.image.shadow_map import DeepShadowMap
+from hagoromo.image.shadow_map import ShadowMaps
 from hagoromo.light.lamp import Lamp
 from hagoromo.volume.crossing import TOLERANCE
 from hagoromo.volume.medium import Medium
@@ -41,7 +41,7 @@ def mapped_attenuation(
     voxels towards the lamp are marched, and the map is looked up behind them: `tolerance` (see `Settings`) says where.
     """
     kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
-    maps = [DeepShadowMap(medium, lamp, resolution or fitting_resolution(medium)) for lamp in lamps]
+    maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium))
     differing = dr.opaque(kinds.Float, DIFFERING * finer)
     near = dr.opaque(kinds.Float, NEAR / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
@@ -49,9 +49,9 @@ def mapped_attenuation(
         def marched(point: Any, to_lamp: Any, distance: Any, passed: Any) -> Any:
             reach = dr.fmin(near, distance)
             depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach)
-            return dr.exp(-depth) * maps[lamp].transmittance(dr.fma(to_lamp, reach, point))
+            return dr.exp(-depth) * maps.look(lamp, dr.fma(to_lamp, reach, point))[0]
 
-        passed, difference = maps[lamp].look(point)
+        passed, difference = maps.look(lamp, point)
         args = (point, to_lamp, kinds.Float(distance), passed)
         return dr.if_stmt(args, difference > differing, marched, lambda point, to_lamp, distance, passed: passed)
 

@@ -1,6 +1,6 @@
-"""Deep shadow map: transmittance from one lamp through all volume boxes (Lokovic & Veach 2000).
+"""Deep shadow maps: transmittance from every lamp through all volume boxes (Lokovic & Veach 2000).
 
-Each ray of a square grid of rays from the lamp keeps up to KNOTS knots (distance, optical depth). Between them optical
+Each ray of a square grid of rays from a lamp keeps up to KNOTS knots (distance, optical depth). Between them optical
 depth is linear, to a stated error of the transmittance; across rays transmittance is bilinear. A ray is GROUPS packets
 of four knots, the last of one being the first of the next, after a packet with the distances where they part: a
 look-up reads two packets a ray, whatever the matter.
@@ -8,6 +8,7 @@ look-up reads two packets a ray, whatever the matter.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays, clip
+from hagoromo.files.door import check_memory
 from hagoromo.image.lamp_view import view_from
 from hagoromo.image.march import THINNEST
 from hagoromo.light.lamp import Lamp
@@ -28,10 +30,10 @@ EASY = 10
 LOOSEST = 2.0  # optical depth that a knot may be off, at most
 GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
 DEEPEST = 6.5  # optical depth where a ray ends: exp(−6.5) = 1.5e-3 of the light
-TICKS = 65535.0  # steps of a distance: 16 bits
 DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
 TILE = 4  # rays a side that share lanes
 UNUSED = 0xFFFF  # a knot beyond all places, of no depth
+LAST_TICK = float(UNUSED - 1)
 
 
 @dataclass
@@ -59,41 +61,52 @@ class Fan:
         return dr.fma(slope, distance - self.at, self.depth)
 
 
-class DeepShadowMap:
-    """Transmittance from one lamp through all boxes, on a square of `resolution` rays a side."""
+class ShadowMaps:
+    """Transmittance from the lamps through all boxes, each on a square of `resolution` rays a side."""
 
-    def __init__(self, medium: Medium, lamp: Lamp, resolution: int) -> None:
-        kinds = arrays()
-        self.view = view_from(lamp, np.concatenate([box.corners() for box in medium.boxes]))
-        resolution = -(-resolution // TILE) * TILE
+    def __init__(self, medium: Medium, lamps: Sequence[Lamp], resolution: int) -> None:
+        kinds, resolution = arrays(), -(-resolution // TILE) * TILE
+        check_memory(4 * WORDS * len(lamps) * resolution**2, f"{len(lamps)} shadow maps of {resolution}² texels")
+        corners = np.concatenate([box.corners() for box in medium.boxes])
+        self.views = [view_from(lamp, corners) for lamp in lamps]
         self.size = dr.opaque(kinds.UInt, resolution)
-        self.words = dr.full(kinds.UInt, UNUSED, resolution**2 * WORDS)
-        lane = dr.arange(kinds.UInt, resolution**2)
+        self.words = dr.full(kinds.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
+        lane, each = dr.arange(kinds.UInt, len(lamps) * resolution**2), self.size * self.size
+        lamp, lane = lane // each, lane % each
         tile, inner, across = lane // TILE**2, lane % TILE**2, self.size // TILE
         column, row = tile % across * TILE + inner % TILE, tile // across * TILE + inner // TILE
         a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
-        lay_knots(medium, *self.view.ray(a, b), row * self.size + column, self)
+        target = Target(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
+        origin, direction = self.views[0].ray(a, b)
+        for number, view in enumerate(self.views[1:], 1):
+            here = lamp == number
+            origin, direction = (
+                dr.select(here, n, o) for n, o in zip(view.ray(a, b), (origin, direction), strict=True)
+            )
+            target.near, target.scale = (
+                dr.select(here, n, o) for n, o in zip(view.ticks(), (target.near, target.scale), strict=True)
+            )
+        lay_knots(medium, origin, direction, target)
         dr.eval(self.words)
 
-    def transmittance(self, point: Any) -> Any:
-        """Share of the lamp's light that arrives at `point` (Array3f, world), 0…1."""
-        return self.look(point)[0]
-
-    def look(self, point: Any) -> tuple[Any, Any]:
-        """As `transmittance`, and by how much the four rays around the point differ in it."""
-        kinds, size = arrays(), arrays().Float(self.size)
-        a, b, distance = self.view.place(point)
-        tick = clip((distance - self.view.near) * (TICKS / self.view.depth), 0.0, TICKS - 1.0)
+    def look(self, lamp: int, point: Any) -> tuple[Any, Any]:
+        """Share of a lamp's light, 0…1, that arrives at `point` (Array3f, world), and by how much the four rays around
+        it differ in that.
+        """
+        kinds, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
+        a, b, distance = view.place(point)
+        near, scale = view.ticks()
+        tick = clip((distance - near) * scale, 0.0, LAST_TICK)
         a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
         column, row = kinds.UInt(a), kinds.UInt(b)
         a, b = a - kinds.Float(column), b - kinds.Float(row)
-        first = row * self.size + column
+        first = (lamp * self.size + row) * self.size + column
         rays = (first, first + 1, first + self.size, first + self.size + 1)
         passed = [dr.exp(-self._depth(ray, tick)) for ray in rays]
-        near, far = (dr.fma(a, right - left, left) for left, right in (passed[:2], passed[2:]))
+        left, right = (dr.fma(a, far - near, near) for near, far in (passed[:2], passed[2:]))
         most = dr.fmax(dr.fmax(passed[0], passed[1]), dr.fmax(passed[2], passed[3]))
         least = dr.fmin(dr.fmin(passed[0], passed[1]), dr.fmin(passed[2], passed[3]))
-        return dr.fma(b, far - near, near), most - least
+        return dr.fma(b, right - left, left), most - least
 
     def _depth(self, ray: Any, tick: Any) -> Any:
         """Optical depth of one ray at a distance [ticks]."""
@@ -109,26 +122,33 @@ class DeepShadowMap:
         before, begin = kinds.Float(begin >> 16), kinds.Float(begin & UNUSED)
         after, end = kinds.Float(end >> 16), kinds.Float(end & UNUSED)
         part = clip((tick - begin) / dr.fmax(end - begin, 1.0), 0.0, 1.0)
-        part = dr.select(end == TICKS, 0.0, part)
+        part = dr.select(end == float(UNUSED), 0.0, part)
         return dr.fma(part, after - before, before) * (1.0 / DEPTHS)
 
-    def lay(self, ray: Any, knot: Any, distance: Any, depth: Any) -> None:
+
+class Target:
+    """Where the knots of rays go: their numbers, and how their distances become ticks. Held out of a loop's state."""
+
+    def __init__(self, words: Any, ray: Any, near: Any, scale: Any) -> None:
+        self.words, self.ray, self.near, self.scale = words, ray, near, scale
+
+    def lay(self, knot: Any, distance: Any, depth: Any) -> None:
         """Write knot number `knot` of every ray."""
         kinds = arrays()
-        tick = kinds.UInt(clip((distance - self.view.near) * (TICKS / self.view.depth) + 0.5, 0.0, TICKS - 1.0))
-        word = tick | (kinds.UInt(dr.fmin(depth * DEPTHS + 0.5, TICKS)) << 16)
+        tick = kinds.UInt(clip((distance - self.near) * self.scale + 0.5, 0.0, LAST_TICK))
+        word = tick | (kinds.UInt(dr.fmin(depth * DEPTHS + 0.5, float(UNUSED))) << 16)
         group, place = knot // 3, knot % 3
-        start = ray * WORDS + 4 * group
+        start = self.ray * WORDS + 4 * group
         dr.scatter(self.words, word, start + 4 + place, group < GROUPS)
         shared = (place == 0) & (knot > 0)  # it ends one group and begins the next
         dr.scatter(self.words, word, start + 3, shared)
-        dr.scatter(self.words, tick, ray * WORDS + group - 1, shared & (group < GROUPS))
+        dr.scatter(self.words, tick, self.ray * WORDS + group - 1, shared & (group < GROUPS))
 
 
 @dr.syntax
-def lay_knots(medium: Medium, origin: Any, direction: Any, ray: Any, target: DeepShadowMap) -> None:
+def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target) -> None:
     """March every ray once through the boxes and lay its knots into `target`."""
-    kinds, count = arrays(), dr.width(ray)
+    kinds, count = arrays(), dr.width(target.ray)
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
     taken = crossing.start()
     nothing = dr.zeros(kinds.Float, count)
@@ -145,17 +165,17 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, ray: Any, target: Dee
                 if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
                     far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
                     if far_side:
-                        target.lay(ray, fan.knots, reached, depth)
+                        target.lay(fan.knots, reached, depth)
                     if far_side | (reached < 0.0):
                         number = dr.select(far_side, fan.knots + 1, fan.knots)
-                        target.lay(ray, number, begin, depth)
+                        target.lay(number, begin, depth)
                         fan = fan_from(number + 1, begin, depth)
                 end = dr.fmax(dr.fma(step.length, 0.5, step.distance), reached)
                 depth += met
                 low, high = fan.to(end, depth)
                 if low > high:  # no line passes all points: the knot is where the last one did
                     knot = fan.best(reached)
-                    target.lay(ray, fan.knots, reached, knot)
+                    target.lay(fan.knots, reached, knot)
                     fan = fan_from(fan.knots + 1, reached, knot)
                     low, high = fan.to(end, depth)
                 x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, met, depth) - fan.depth
@@ -165,7 +185,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, ray: Any, target: Dee
         taken = crossing.exchange(taken)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
         if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < DEEPEST)):
-            target.lay(ray, fan.knots, reached, fan.best(reached))
+            target.lay(fan.knots, reached, fan.best(reached))
 
 
 def fan_from(knots: Any, at: Any, depth: Any) -> Fan:
