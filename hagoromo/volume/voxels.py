@@ -1,7 +1,7 @@
 """Voxels of the kept bricks on the device, and how samples of a march read them.
 
 A brick keeps 9³ voxels: its own 8³ and the next layer of its neighbours, so that trilinear interpolation stays inside.
-Packed (7.6 bytes a voxel): densities as pairs of halves along x, so that four reads give the eight around a sample;
+Packed (7.6 bytes a voxel): densities from 6e-5 on as pairs of halves along x, so that four reads give the eight around a sample;
 axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by which the march can be differentiated.
 """
 
@@ -19,6 +19,7 @@ BRICK = 8  # voxels a side
 STORED = BRICK + 1  # voxels a side as kept
 VOXELS = STORED**3
 PAIRS = STORED * STORED * BRICK
+SMALLEST = 2.0**-14  # density, below which there is none: smaller halves would need denormal singles, which are cut
 HALF_EXPONENT = 2.0**112  # between the exponents of half and single precision: the same bits mean so much less
 X_BITS, Y_BITS, Z_BITS = 11, 11, 10  # of an axis: x lowest
 X_FULL, Y_FULL, Z_FULL = (float(2 ** (bits - 1) - 1) for bits in (X_BITS, Y_BITS, Z_BITS))
@@ -109,6 +110,7 @@ def packets(grid: Any, brick: Any, place: Any) -> Any:
 def packed_density(density: Any) -> Any:
     """Pairs of halves of densities ≥ 0, Float (k · 729): UInt (k · 648)."""
     kinds = arrays()
+    density = dr.select(density < SMALLEST, 0.0, density)
     # a half's bits are those of the single 2¹¹² times smaller, without its last 13
     halves = dr.reinterpret_array(kinds.UInt, kinds.Float(kinds.Float16(density)) * (1.0 / HALF_EXPONENT)) >> 13
     dr.eval(halves)

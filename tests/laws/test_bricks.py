@@ -1,0 +1,136 @@
+"""Bricks: what is packed is read back, the two-level table leads to it, and rays meet the boxes in their order."""
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from hagoromo.backend import arrays
+from hagoromo.image.lighting import Lighting, Materials, palette_of
+from hagoromo.image.march import march
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.bricks import BrickWriter, candidates
+from hagoromo.volume.medium import Medium
+from hagoromo.volume.table import BLOCK, in_table_order, table_of
+from hagoromo.volume.voxels import SMALLEST
+
+WHITE = Spectrum.constant(1.0)
+MATTER = Reflectance(0.25, 0.2, 0.25, 1.5, WHITE)
+
+
+def noise_box(seed: int, corner, shape=(11, 17, 13), turn=0.0) -> VolumeBox:
+    """A box of random densities and axes, turned about z."""
+    rng = np.random.default_rng(seed)
+    density = rng.random(shape).astype(np.float16) * (rng.random(shape) < 0.5)
+    axis = rng.normal(size=(*shape, 3))
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    pose[:3, 3] = corner
+    return VolumeBox.from_arrays(density, axis, 0.01, 9.0, [MATTER], pose=pose)
+
+
+def test_densities_come_back_exactly_and_axes_to_their_bits():
+    """Densities below 6e-5 count as none. Axes: ½/1023 along x and y, ½/511 along z, and the rounding of the half that is handed out."""
+    rng = np.random.default_rng(1)
+    density = (10.0 ** rng.uniform(-8, 4.7, (17, 17, 17))).astype(np.float16)
+    axis = rng.normal(size=(17, 17, 17, 3))
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    box = VolumeBox.from_arrays(density, axis, 0.01, 1.0, [MATTER])
+    again, turned = box.bricks.dense()
+    assert np.array_equal(again, np.where(density < SMALLEST, np.float16(0), density))
+    off = np.abs(turned - axis)[density >= SMALLEST].max(axis=0)
+    assert (off < np.array([0.5 / 1023, 0.5 / 1023, 0.5 / 511]) + 2.0**-11).all()
+
+
+def test_bricks_read_and_written_again_keep_their_bits():
+    bricks = noise_box(2, (0, 0, 0)).bricks
+    held = bricks.read(0, bricks.kept)
+    writer = BrickWriter(bricks.shape, bricks.places)
+    writer.write(0, held["density"], held["axis"])
+    again = writer.bricks()
+    for name in ("density", "axis"):
+        one, other = (np.array(getattr(b, name).values) for b in (bricks, again))
+        assert np.array_equal(one, other), name
+
+
+@pytest.mark.parametrize("share", [0.0, 0.0005, 0.02, 1.0])
+def test_the_table_leads_to_every_brick_and_tells_the_distance_to_the_nearest(share):
+    """Against the Chebyshev distance to every kept brick, counted one by one."""
+    lattice = (19, 23, 29)
+    places = np.argwhere(np.random.default_rng(3).random(lattice) < share)
+    places = in_table_order(np.random.default_rng(4).permutation(places), lattice)
+    table = table_of(places, lattice)
+    for z, y, x in np.random.default_rng(5).integers(0, lattice, (400, 3)):
+        block = table.coarse[z // BLOCK, y // BLOCK, x // BLOCK]
+        if not len(places):
+            assert block < 0
+            continue
+        away = np.abs(places - (z, y, x)).max(axis=1).min()
+        if block < 0:
+            blocks = np.abs(places // BLOCK - (z // BLOCK, y // BLOCK, x // BLOCK)).max(axis=1).min()
+            assert block == -(2 * blocks + 1)
+            continue
+        entry = table.fine[block, ((z % BLOCK) * BLOCK + y % BLOCK) * BLOCK + x % BLOCK]
+        if entry >= 0:
+            assert tuple(places[entry]) == (z, y, x)
+        else:
+            assert entry == -2 * away
+
+
+def test_cubes_that_may_hold_matter_are_cut_down_to_the_same_bricks():
+    """A sphere's surface: the bricks whose ball it cuts, found from large cubes down and one by one."""
+    lattice = (61, 67, 71)
+
+    def occupied(middle, radius):
+        return dr.abs(dr.norm(middle - arrays().Array3f(280.0, 260.0, 240.0)) - 200.0) < radius
+
+    found = np.concatenate(list(candidates(lattice, occupied)))
+    every = np.concatenate(list(candidates(lattice, None)))
+    middle = arrays().Array3f(*(np.ascontiguousarray(every[:, k] * 8.0 + 4.0, np.float32) for k in (2, 1, 0)))
+    wanted = every[np.array(occupied(middle, 0.5 * 3**0.5 * 9))]
+    assert len(found) == len(wanted) > 1000
+    assert np.array_equal(in_table_order(found, lattice), in_table_order(wanted, lattice))
+
+
+def picture(boxes, slots=None):
+    """Rays across `boxes`: weights and transmittance; `slots`: as many boxes at once, in place of what may overlap."""
+    kinds, lamps = arrays(), [Lamp(position=(0.3, 0.5, -2.9))]
+    medium = Medium(boxes)
+    medium.frames.slots = slots or medium.frames.slots
+    lighting = Lighting(lamps, Materials([MATTER] * len(boxes), palette_of([MATTER], [], [WHITE])))
+    index = dr.arange(kinds.UInt, 61 * 47)
+    x, y = kinds.Float(index % 61) / 61 * 0.7 - 0.1, kinds.Float(index // 61) / 47 * 0.5 - 0.1
+    direction = dr.normalize(kinds.Array3f(0.1 * x + 0.05, 0.1 * y, 1.0))
+    channels, passed = march(
+        medium, lighting, kinds.Array3f(x, y, -2.0), direction, kinds.Float(0), kinds.Float(dr.inf)
+    )
+    return medium.frames.slots, np.stack([np.array(value) for value in (*channels, passed)])
+
+
+def test_boxes_that_are_exchanged_along_a_ray_change_no_bit():
+    """A row of pairs that overlap in twos, some turned: two or three slots against all boxes at once."""
+    boxes = [
+        noise_box(k, (0.2 * (k // 2 % 3), 0.2 * (k // 6), 0.3 * (k % 2) * 0.2 + 0.4 * (k // 12)), turn=0.2 * (k % 3))
+        for k in range(18)
+    ]
+    slots, exchanged = picture(boxes)
+    assert slots < len(boxes)
+    _, together = picture(boxes, slots=len(boxes))
+    assert exchanged[-1].min() < 0.5 < exchanged[-1].max()
+    assert np.array_equal(exchanged, together)
+
+
+def test_boxes_of_a_scene_share_one_pool_and_one_matter_is_held_once():
+    """Bytes of the pool: those of the distinct bricks, however often they stand in the scene."""
+    one, other = noise_box(1, (0, 0, 0)), noise_box(2, (0.2, 0, 0))
+    alone = picture([one])[1]
+    moved = np.eye(4)
+    moved[:3, 3] = (0.4, 0.0, 0.0)
+    medium = Medium([one, other, one.with_pose(moved)])
+    pool = medium.boxes[0].bricks.density.values
+    assert pool is other.bricks.density.values
+    assert dr.width(pool) == (one.bricks.kept + other.bricks.kept) * one.bricks.density.each
+    assert np.array_equal(picture([one])[1], alone)  # its voxels have moved, and are the same
