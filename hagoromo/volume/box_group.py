@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zarr
 from numpy.typing import NDArray
 
 from hagoromo.volume.blocks import SIDE
@@ -21,6 +22,7 @@ from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.table import BLOCK
 
 AXES = ("z", "y", "x")
+KEEP_EMPTY = {"array.write_empty_chunks": True}  # a setting of arrays as they are opened, not as they are stored
 Shape = tuple[int, int, int]
 
 
@@ -31,8 +33,6 @@ class BoxGroup:
     """
 
     def __init__(self, folder: Path, shape: Shape, header: BoxHeader, colours: int, material: bool) -> None:
-        import zarr
-
         self.folder, self.shape = folder, shape
         self.group = zarr.open_group(folder, mode="a", zarr_format=3)
         self.group.attrs["hagoromo"] = header.record()
@@ -53,7 +53,8 @@ class BoxGroup:
         """Whether a block has been written."""
         key = "/".join(map(str, ("c", *block)))
         suffix = {"axis": "/0", "body_colour": "/0"}
-        return all((self.folder / name / (key + suffix.get(name, ""))).is_file() for name in self._arrays)
+        chunks = [self.folder / name / (key + suffix.get(name, "")) for name in self._arrays]
+        return all(chunk.is_file() and chunk.stat().st_size for chunk in chunks)
 
     def finish(self, places: NDArray[np.integer]) -> None:
         """Write which bricks are kept, (n, 3), and zeros where one of them lies in a block that was not written.
@@ -74,13 +75,14 @@ class BoxGroup:
 
     def _array(self, name: str, kind: str, components: int = 0) -> Any:
         if name in self.group:
-            return self.group[name]
+            with zarr.config.set(KEEP_EMPTY):
+                return self.group[name]
         more = (components,) if components else ()
         chunks = tuple(min(SIDE, n) for n in self.shape)
         return self._create(name, self.shape + more, chunks + more, kind, AXES + (("component",) if more else ()))
 
     def _create(self, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], kind: str, axes: Any) -> Any:
-        return self.group.create_array(
-            name, shape=shape, chunks=chunks, dtype=kind, fill_value=0, dimension_names=axes, overwrite=True,
-            config={"write_empty_chunks": True},
-        )  # fmt: skip
+        with zarr.config.set(KEEP_EMPTY):
+            return self.group.create_array(
+                name, shape=shape, chunks=chunks, dtype=kind, fill_value=0, dimension_names=axes, overwrite=True
+            )

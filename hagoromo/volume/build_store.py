@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from hagoromo.volume.box_group import BoxGroup
 from hagoromo.volume.plan import BoxPlan
 from hagoromo.volume.table import BLOCK
 from hagoromo.volume.zarr_blocks import in_order
+
+Bricks = tuple[NDArray[np.int64], NDArray[np.uint8]]  # places (n, 3) of bricks with matter, and their `matter_flags`
 
 
 def build_box(
@@ -35,36 +38,48 @@ def build_box(
         done = folder.parent / "done"
         done.mkdir(exist_ok=True)
 
-        def write(block_and_values: tuple[Block, dict[str, NDArray]]) -> tuple[NDArray, NDArray]:
+        def write(block_and_values: tuple[Block, dict[str, NDArray]]) -> Bricks:
             block, values = block_and_values
             group.write(block, values)
             flags = matter_flags(filled(values["density"] > 0))
             held = np.argwhere(flags)
             return held + np.array(block) * BLOCK, flags[tuple(held.T)]
 
-        parts = blocks.parts()
+        parts, bricks = blocks.parts(), []
         for number, part in enumerate(parts):
-            if not (done / f"{number}.npz").exists():
-                _note(done / f"{number}.npz", list(in_order(write, blocks.read(part))))
+            path = done / f"{number}.npz"
+            noted = _noted(path, group) or _joined(list(in_order(write, blocks.read(part))))
+            if not path.exists():
+                _note(path, noted)
+            bricks.append(noted)
             if progress:
                 progress((number + 1) / len(parts))
-        places, flags = _noted([done / f"{number}.npz" for number in range(len(parts))])
-        group.finish(kept_bricks(places, flags, blocks.shape))
+        group.finish(kept_bricks(*_joined(bricks), blocks.shape))
 
 
-def _note(path: Path, bricks: list[tuple[NDArray, NDArray]]) -> None:
-    """Note that a part is done: the places (n, 3) of its bricks with matter, and their `matter_flags`."""
+def _joined(bricks: list[Bricks]) -> Bricks:
     places = np.concatenate([np.zeros((0, 3), np.int64), *(places for places, _ in bricks)])
-    flags = np.concatenate([np.zeros(0, np.uint8), *(flags for _, flags in bricks)])
+    return places, np.concatenate([np.zeros(0, np.uint8), *(flags for _, flags in bricks)])
+
+
+def _note(path: Path, bricks: Bricks) -> None:
+    """Note that a part is done."""
     partial = path.with_suffix(".partial")
     with partial.open("wb") as file:
-        np.savez(file, places=places, flags=flags)
+        np.savez(file, places=bricks[0], flags=bricks[1])
     os.replace(partial, path)
 
 
-def _noted(paths: list[Path]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    parts = [(np.zeros((0, 3), np.int64), np.zeros(0, np.uint8))]
-    for path in paths:
+def _noted(path: Path, group: BoxGroup) -> Bricks | None:
+    """What was noted of a part; None unless its blocks are there, too (after a loss of power they may not be)."""
+    if not path.exists():
+        return None
+    try:
         with np.load(path) as noted:
-            parts.append((noted["places"], noted["flags"]))
-    return np.concatenate([places for places, _ in parts]), np.concatenate([flags for _, flags in parts])
+            places, flags = noted["places"], noted["flags"]
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        places, flags = np.zeros((1, 3), np.int64) - 1, np.zeros(1, np.uint8)
+    if all(group.holds((z, y, x)) for z, y, x in np.unique(places // BLOCK, axis=0).tolist()):
+        return places, flags
+    path.unlink()
+    return None

@@ -1,13 +1,18 @@
 """A box streamed to disk is the box built in memory: colours, materials and the borders of bricks and blocks too."""
 
+import errno
+
 import drjit as dr
 import numpy as np
 import pytest
 
 from hagoromo.backend import arrays
+from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume import field_blocks
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_group import BoxGroup
 from hagoromo.volume.build_store import build_box
 from hagoromo.volume.field_blocks import FieldBlocks
 from hagoromo.volume.header import BoxHeader
@@ -56,3 +61,28 @@ def test_a_box_streamed_to_disk_is_the_box_built_in_memory(tmp_path, field, occu
         else:
             assert np.array_equal(found[name], values), name
     assert box.name == "layers" and len(box.basis) == len(basis)
+
+
+def upper(point):
+    """Matter from the first layer of the second blocks on: the last bricks of the first ones share it."""
+    return dr.select(point.z > 64 * VOXEL, 0.5, 0.0), dr.normalize(point)
+
+
+def test_a_block_that_only_shares_the_matter_of_the_next_survives_a_resumed_build(tmp_path, monkeypatch):
+    shape, path, write = (66, 9, 70), tmp_path / "box.zarr", BoxGroup.write
+    monkeypatch.setattr(field_blocks, "AT_ONCE", 1)
+    plan = BoxPlan(BoxHeader(VOXEL, 1.0, (GREY,)), FieldBlocks(upper, shape, VOXEL))
+
+    def failing(group, block, values):
+        if block == (1, 0, 1):
+            raise OSError(errno.EIO, "Input/output error")
+        write(group, block, values)
+
+    monkeypatch.setattr(BoxGroup, "write", failing)
+    with pytest.raises(InputError):
+        build_box(plan, path, "upper")
+    monkeypatch.setattr(BoxGroup, "write", write)
+    build_box(plan, path, "upper")
+    whole = VolumeBox.from_field(upper, (70, 9, 66), VOXEL, 1.0, (GREY,))
+    assert np.array_equal(load_box(path).bricks.places, whole.bricks.places)
+    assert (whole.bricks.places[:, 0] == 7).any()

@@ -102,6 +102,20 @@ def test_a_build_cut_off_leaves_no_box_and_goes_on_where_it_stopped(recipe, tmp_
     assert_whole(tmp_path / "ball.zarr", recipe)
 
 
+@pytest.mark.parametrize("lost", ["density/c/0/0/0", "axis/c/0/0/1/0"])
+@pytest.mark.parametrize("left", [None, b""])
+def test_a_chunk_lost_from_the_work_is_made_again(recipe, tmp_path, written, lost, left):
+    """As a loss of power may leave it: away, or empty."""
+    written.fail = OSError(errno.EIO, "Input/output error")
+    with pytest.raises(InputError):
+        build_to(recipe, tmp_path / "ball.zarr")
+    written.fail = None
+    chunk = tmp_path / ".ball.zarr.building" / "whole" / lost
+    chunk.unlink() if left is None else chunk.write_bytes(left)
+    build_to(recipe, tmp_path / "ball.zarr")
+    assert_whole(tmp_path / "ball.zarr", recipe)
+
+
 def test_an_interrupted_build_says_in_one_line_how_to_go_on(recipe, tmp_path, written, capsys):
     written.fail = KeyboardInterrupt()
     assert main(["build", str(recipe), "--out", str(tmp_path / "ball.zarr")]) == 130
