@@ -1,46 +1,58 @@
 """The march on KERNEL's reference scene: the product against a plain march and, where present, the prototypes.
 
-A noisy ball in 256³ voxels, half-voxel steps, 512² pixels, three point lamps, Torrance–Sparrow shading. All
-contenders run in this process in turn, A B C A B C …; the medians and their ratios are printed, and no ratio is
-tested. Frames only: grids stay on the device, images are not copied back. The prototypes (../shared/prototypes) run
-in a temporary folder.
+A noisy ball in 256³ voxels, 512² pixels, three point lamps, Torrance–Sparrow shading. All contenders run in this
+process in turn, A B C A B C …; no time is tested. `render` is all that a user waits for: tables, maps, picture, its
+copy to the host; the others leave their picture on the device. Written to out/bench/march.json.
 
-    python benchmarks/march.py [--rounds 7] [--shadows]
+    python benchmarks/march.py [--rounds 7]
 """
 
 from __future__ import annotations
 
-import argparse
-import os
-import platform
-import shutil
-import sys
-import tempfile
-import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Sequence
+from itertools import count
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
+from plain_march import Grid, plain_march
+from prototypes import prototype_frames
+from turns import Frame, in_turn, options, record
 
+import hagoromo as hg
 from hagoromo.backend import arrays, opaque_vector
-from hagoromo.backend import name as backend_name
-from hagoromo.image.lighting import Lighting, Materials, palette_of
-from hagoromo.image.march import CUT, march
-from hagoromo.image.render import tile_order
+from hagoromo.image.film import tile_order
+from hagoromo.image.lighting import Attenuation, Lighting, Materials, palette_of
+from hagoromo.image.march import march
+from hagoromo.image.render import Settings
 from hagoromo.image.shadow import brute_attenuation, mapped_attenuation
-from hagoromo.light.lamp import Lamp
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.medium import Medium
 
 VOXELS, PIXELS, TAU = 256, 512, 100.0
 LAMPS = ((3.0, 3.0, 3.0), (-3.0, 2.0, 3.0), (0.0, -3.0, 3.0))
-PROTOTYPES = Path(__file__).resolve().parents[2] / "shared" / "prototypes"
-Frame = Callable[[], Any]
+TEXELS = 512  # a side of a map, as the prototypes have it
+WHITE = hg.Spectrum.constant(1.0)
+MATTER = hg.Reflectance(0.25, 0.3, 0.2, 1.5, WHITE)
+EYE = (0.0, 0.0, 3.0)
+
+
+def main() -> None:
+    """Run all contenders in turn; print and record medians, and ratios to the product without shadows."""
+    rounds = options(__doc__, 7).parse_args().rounds
+    scene = ReferenceScene()
+    frames = scene.frames() | prototype_frames()
+    times = in_turn(frames, rounds)
+    base = np.array(times["march, no shadows"])
+    rows = [
+        {
+            "frame": name, "median_s": float(np.median(taken)), "least_s": min(taken),
+            "ratio": float(np.median(np.array(taken) / base[: len(taken)])),
+        }
+        for name, taken in times.items()
+    ]  # fmt: skip
+    for row in rows:
+        print(f"{row['frame']:40s}{row['median_s']:9.4f} s{row['least_s']:9.4f} s{row['ratio']:8.2f}")
+    record("march", {"rounds": rounds, "frames": rows, "shadow_error": scene.shadow_errors()})
 
 
 def reference_voxels() -> np.ndarray:
@@ -55,149 +67,73 @@ def reference_voxels() -> np.ndarray:
     return np.concatenate([density[..., None], normal], -1)
 
 
+def reference_lamps(turn: float) -> tuple[hg.Lamp, ...]:
+    """The three lamps, turned by `turn` about the z axis [rad]."""
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    return tuple(hg.Lamp(position=rotation @ place, intensity=27.0, spectrum=WHITE) for place in LAMPS)
+
+
 def camera_rays(order: np.ndarray) -> tuple[Any, Any]:
     """Rays of the reference camera, pixels in the given order."""
     kinds = arrays()
     pixel = kinds.UInt(order)
     x, y = kinds.Float(pixel % PIXELS) + 0.5, kinds.Float(pixel // PIXELS) + 0.5
     direction = kinds.Array3f(x / PIXELS * 2 - 1, 1 - y / PIXELS * 2, -2.5)
-    return opaque_vector((0, 0, 3)), dr.normalize(direction)
+    return opaque_vector(EYE), dr.normalize(direction)
 
 
-@dr.syntax
-def plain(grid: Any, lighting: Lighting, origin: Any, direction: Any) -> Any:
-    """The march as one writes it first: a dense grid in single precision, every half voxel, nothing skipped."""
-    kinds, step = arrays(), 1.0 / VOXELS
-    near, far = (-1.0 - origin) / direction, (1.0 - origin) / direction
-    t = dr.fmax(dr.max(dr.minimum(near, far)), 0.0) + 0.5 * step
-    end = dr.min(dr.maximum(near, far))
-    passed = dr.ones(kinds.Float, dr.width(direction))
-    channels = [dr.zeros(kinds.Float, dr.width(direction)) for _ in range(2)]
-    while (t < end) & (passed > CUT):
-        point = dr.fma(direction, t, origin)
-        voxel = trilinear(grid, point)
-        depth = TAU * voxel[0] * step
-        if depth > 1e-6:
-            axis = dr.normalize(kinds.Array3f(voxel[1], voxel[2], voxel[3]) + 1e-9)
-            material = kinds.UInt(0)
-            met = lighting.reflected(point, -direction, axis, material, lighting.materials.coefficients(material))
-            gain = passed * (1.0 - dr.exp(-depth))
-            channels = [dr.fma(gain, met[0], channels[0]), dr.fma(gain, met[1], channels[1])]
-            passed *= dr.exp(-depth)
-        t += step
-    return channels[0] + channels[1]
+class ReferenceScene:
+    """KERNEL's scene on the device, and the product's frames of it; the lamps stand elsewhere in each mapped one."""
 
+    def __init__(self) -> None:
+        self.voxels, pose = reference_voxels(), np.eye(4)
+        pose[:3, 3] = -1.0
+        density, normal = self.voxels[..., 0], self.voxels[..., 1:]
+        self.box = hg.VolumeBox.from_arrays(density, normal, 2 / VOXELS, TAU, [MATTER], pose=pose)
+        self.materials = Materials([MATTER], palette_of([MATTER], [], [WHITE]))
+        self.medium, self.turn = Medium([self.box]), count(1)
+        self.tiles = tile_order(PIXELS, PIXELS)
 
-class Grid:
-    """A dense grid, held in a plain object so that loops do not take it into their state."""
+    def lighting(self, lamps: Sequence[hg.Lamp] | None = None, attenuation: Attenuation | None = None) -> Lighting:
+        """Light of the lamps, without shadows unless `attenuation` is given."""
+        return Lighting(lamps or reference_lamps(0.0), self.materials, attenuation)
 
-    def __init__(self, voxels: np.ndarray) -> None:
-        self.values = arrays().Float(voxels.ravel())
-
-
-def trilinear(grid: Grid, point: Any) -> Any:
-    """Density and normal at a point of the cube −1…1."""
-    kinds = arrays()
-    place = (point * 0.5 + 0.5) * VOXELS - 0.5
-    cell = dr.minimum(dr.maximum(kinds.Array3i(dr.floor(place)), 0), VOXELS - 2)
-    part = place - kinds.Array3f(cell)
-    part = kinds.Array3f(*(dr.fmin(dr.fmax(part[k], 0.0), 1.0) for k in range(3)))
-    total: Any = 0.0
-    for z, y, x in np.ndindex(2, 2, 2):
-        weight = (part.z if z else 1 - part.z) * (part.y if y else 1 - part.y) * (part.x if x else 1 - part.x)
-        index = ((cell.z + int(z)) * VOXELS + cell.y + int(y)) * VOXELS + cell.x + int(x)
-        total = total + weight * dr.gather(kinds.Array4f, grid.values, kinds.UInt(index))
-    return total
-
-
-def prototype_frames(shadows: bool) -> dict[str, Frame]:
-    """The prototypes' best frames: distance skipping, halves, tiles; with shadows, maps of 512², 32 slices."""
-    if not (PROTOTYPES / "q2.py").exists() or backend_name() != "llvm":
-        print(f"prototypes: not here ({PROTOTYPES.name} absent, or another backend than llvm), left out")
-        return {}
-    folder = tempfile.mkdtemp()
-    for script in PROTOTYPES.glob("*.py"):
-        shutil.copy(script, folder)
-    os.chdir(folder)
-    sys.path.insert(0, folder)
-    sys.argv = sys.argv[:1]  # the scripts read theirs when they are imported
-    import mkgrid  # pyright: ignore[reportMissingImports]
-
-    np.save("vox256.npy", mkgrid.make(256))
-    import q2  # pyright: ignore[reportMissingImports]
-
-    frames: dict[str, Frame] = {"prototype": lambda: q2.render(q2.sh_none)}
-    if shadows:
-
-        def mapped() -> Any:
-            maps = [q2.dsm_one(lamp, 512, 32, q2.STEP, 10.0) for lamp in q2.Ls]
-            dr.eval(maps)
-            return q2.render(q2.sh_dsm(maps, 512, 32))
-
-        frames["prototype, maps made and used"] = mapped
-    return frames
-
-
-def product_frames(shadows: bool) -> dict[str, Frame]:
-    """The product's march and its plain oracle; with shadows, maps and the brute march."""
-    voxels = reference_voxels()
-    material = Reflectance(0.25, 0.3, 0.2, 1.5, Spectrum.constant(1.0))
-    pose = np.eye(4)
-    pose[:3, 3] = -1.0
-    box = VolumeBox.from_arrays(voxels[..., 0], voxels[..., 1:], 2 / VOXELS, TAU, [material], pose=pose)
-    materials = Materials([material], palette_of([material], [], [Spectrum.constant(1.0)]))
-    lamps = [Lamp(position=place, intensity=27.0) for place in LAMPS]
-    medium, lighting, grid = Medium([box]), Lighting(lamps, materials), Grid(voxels)
-    tiles, rows = tile_order(PIXELS, PIXELS), np.arange(PIXELS**2, dtype=np.uint32)
-    far = arrays().Float(1e9)
-
-    def frame(light: Lighting) -> Any:
-        channels, _ = march(medium, light, *camera_rays(tiles), arrays().Float(0), far)
+    def frame(self, lighting: Lighting) -> Any:
+        """Radiance of all pixels, in the order of `tiles`, on the device."""
+        channels, _ = march(self.medium, lighting, *camera_rays(self.tiles), arrays().Float(0), arrays().Float(dr.inf))
         return channels[0] + channels[1]
 
-    frames: dict[str, Frame] = {
-        "product": lambda: frame(lighting),
-        "plain march": lambda: plain(grid, lighting, *camera_rays(rows)),
-    }
-    if shadows:
+    def mapped(self, turn: float, texels: int | None = TEXELS) -> Any:
+        """A frame with maps made for it; texels: a side of a map, None: as many as `render` takes."""
+        lamps = reference_lamps(turn)
+        return self.frame(self.lighting(lamps, mapped_attenuation(self.medium, lamps, texels)))
 
-        def mapped() -> Any:
-            return frame(Lighting(lamps, materials, mapped_attenuation(medium, lamps, 512)))
+    def rendered(self, settings: Settings) -> Any:
+        """A frame by `render`."""
+        camera = hg.Camera(PIXELS, PIXELS, (1.25 * PIXELS,) * 2, (PIXELS / 2,) * 2).look_at(EYE, (0, 0, 0), (0, 1, 0))
+        hg.render(hg.Scene(camera, reference_lamps(0.05 * next(self.turn)), (self.box,)), settings)
 
-        frames["product, maps made and used"] = mapped
-        frames["product, brute shadows"] = lambda: frame(Lighting(lamps, materials, brute_attenuation(medium)))
-    return frames
+    def frames(self) -> dict[str, Frame]:
+        """The product's march and a plain one, without shadows, with maps made anew, by brute march."""
+        rows, grid = np.arange(PIXELS**2, dtype=np.uint32), Grid(self.voxels)
+        unshaded, brute = self.lighting(), self.lighting(attenuation=brute_attenuation(self.medium))
+        return {
+            "march, no shadows": lambda: self.frame(unshaded),
+            "march, maps 512² made anew": lambda: self.mapped(0.05 * next(self.turn)),
+            "render, maps 512² made anew": lambda: self.rendered(Settings(shadow_resolution=TEXELS)),
+            "render, maps of its own choice": lambda: self.rendered(Settings()),
+            "march, brute shadows": lambda: self.frame(brute),
+            "plain march, no shadows": lambda: plain_march(grid, TAU, unshaded, *camera_rays(rows)),
+        }
 
-
-def seconds(frame: Frame) -> float:
-    """Wall time of one frame [s]."""
-    start = time.perf_counter()
-    dr.eval(frame())
-    dr.sync_thread()
-    return time.perf_counter() - start
-
-
-def main() -> None:
-    """Run all contenders in turn and print medians and ratios to the product."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--shadows", action="store_true")
-    options = parser.parse_args()
-    frames = product_frames(options.shadows) | prototype_frames(options.shadows)
-    first = {name: seconds(frame) for name, frame in frames.items()}
-    times: dict[str, list[float]] = {name: [] for name in frames}
-    for _ in range(options.rounds):
-        for name, frame in frames.items():
-            times[name].append(seconds(frame))
-    product = np.array(times["product"])
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, backend {backend_name()}, "
-        f"Dr.Jit {dr.__version__}, Mitsuba {mitsuba.__version__}, {time.strftime('%Y-%m-%d')}, {options.rounds} rounds"
-    )
-    print(f"{'':34s}{'first [s]':>10s}{'median [s]':>12s}{'min [s]':>9s}{'median of time / product':>27s}")
-    for name, taken in times.items():
-        ratio = float(np.median(np.array(taken) / product))
-        print(f"{name:34s}{first[name]:10.3f}{np.median(taken):12.4f}{min(taken):9.4f}{ratio:27.2f}")
+    def shadow_errors(self) -> dict[str, float]:
+        """Root mean square of mapped − brute over the mean, where there is matter: maps of TEXELS², and `render`'s."""
+        brute = np.array(self.frame(self.lighting(attenuation=brute_attenuation(self.medium))))
+        matter, errors = brute > 0.0, {}
+        for name, texels in (("512²", TEXELS), ("own choice", None)):
+            difference = np.array(self.mapped(0.0, texels)) - brute
+            errors[name] = float(np.sqrt(np.mean(difference[matter] ** 2)) / brute[matter].mean())
+        return errors
 
 
 if __name__ == "__main__":

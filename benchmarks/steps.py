@@ -1,0 +1,44 @@
+"""Steps: how many samples a frame's camera rays take, and how many of them stand in kept bricks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+
+import hagoromo as hg
+from hagoromo.backend import arrays
+from hagoromo.image.film import tile_place
+from hagoromo.image.march import CUT
+from hagoromo.volume.medium import Medium
+
+
+def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera) -> dict[str, int]:
+    """Steps of all rays of a frame, jumps over empty bricks included, and samples of matter among them."""
+    kinds = arrays()
+    column, row = tile_place(dr.arange(kinds.UInt, camera.width * camera.height), kinds.UInt(camera.width))
+    origin, direction = camera.rays(kinds.Float(column) + 0.5, kinds.Float(row) + 0.5)
+    steps, samples = counted(Medium(boxes), origin, direction)
+    return {"steps": int(dr.sum(steps)[0]), "samples": int(dr.sum(samples)[0])}
+
+
+@dr.syntax
+def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
+    """Steps and samples of matter of every ray, as the march takes them."""
+    kinds, width = arrays(), dr.width(direction)
+    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    taken = crossing.start()
+    passed, steps, samples = dr.ones(kinds.Float, width), dr.zeros(kinds.UInt, width), dr.zeros(kinds.UInt, width)
+    while crossing.unfinished(taken) & (passed > CUT):
+        step = medium.next(crossing, taken)
+        steps += 1
+        if step.brick < 0:
+            taken = crossing.leave(step, taken)
+        else:
+            depth = step.tau * medium.density(step) * step.length
+            passed *= dr.select(crossing.too_coarse(taken, depth), 1.0, dr.exp(-depth))
+            samples += 1
+            taken = crossing.after(step, depth, taken)
+        taken = crossing.exchange(taken)
+    return steps, samples
