@@ -78,12 +78,12 @@ def light_from_sample(medium: Medium, lighting: Lighting, step: Step, origin: An
 
 
 @dr.syntax
-def optical_depth(medium: Medium, origin: Any, direction: Any, near: Any, far: Any, deepest: float = DEEPEST) -> Any:
-    """∫ σ du along rays from `near` to `far` [m], by brute march; stops beyond `deepest`."""
-    crossing = medium.cross(origin, direction, near, far)
+def optical_depth(medium: Medium, origin: Any, direction: Any, near: Any, far: Any, stride: float = 1.0) -> Any:
+    """∫ σ du along rays from `near` to `far` [m], by brute march; stops beyond DEEPEST. stride: see `Medium.cross`."""
+    crossing = medium.cross(origin, direction, near, far, stride=stride)
     taken = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
-    while crossing.unfinished(taken) & (depth < deepest):
+    while crossing.unfinished(taken) & (depth < DEEPEST):
         step = medium.next(crossing, taken)
         if step.brick < 0:
             taken = crossing.leave(step, taken)

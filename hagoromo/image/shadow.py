@@ -19,8 +19,11 @@ from hagoromo.volume.medium import Medium
 
 TEXELS_PER_VOXEL = 2.0  # two boxes that shade each other and a floor: 0.7 % against brute march; with one texel 2 %
 MOST_TEXELS = 1024  # a side: 96 MiB a lamp
-DIFFERING = 0.4  # of transmittance, between the rays around a point, from which its surroundings are marched
-NEAR = 4.0  # voxels that are marched there
+DIFFERING = (
+    0.15,
+    0.3,
+)  # between the rays around a point, from which the way to it is marched: transmittance, share of it
+NEAR, STRIDE = 8.0, 2.0  # voxels that are marched there, and length of a step in usual ones
 
 
 def brute_attenuation(medium: Medium) -> Attenuation:
@@ -42,18 +45,20 @@ def mapped_attenuation(
     """
     kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
     maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium))
-    differing = dr.opaque(kinds.Float, DIFFERING * finer)
+    least, share = (dr.opaque(kinds.Float, figure * finer) for figure in DIFFERING)
     near = dr.opaque(kinds.Float, NEAR / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
     def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
         def marched(point: Any, to_lamp: Any, distance: Any, passed: Any) -> Any:
             reach = dr.fmin(near, distance)
-            depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach)
+            depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach, STRIDE)
             return dr.exp(-depth) * maps.look(lamp, dr.fma(to_lamp, reach, point))[0]
 
         passed, difference = maps.look(lamp, point)
         args = (point, to_lamp, kinds.Float(distance), passed)
-        return dr.if_stmt(args, difference > differing, marched, lambda point, to_lamp, distance, passed: passed)
+        return dr.if_stmt(
+            args, difference > dr.fma(share, passed, least), marched, lambda point, to_lamp, distance, passed: passed
+        )
 
     return transmittance
 

@@ -145,9 +145,10 @@ class Frames:
 class Crossing:
     """Rays on the lattices of all boxes."""
 
-    def __init__(self, frames: Frames, origin: Any, direction: Any, near: Any, far: Any, phase: Any) -> None:
-        self.frames, self.origin, self.direction = frames, origin, direction
-        self.near, self.far, self.phase = near, far, phase
+    def __init__(self, frames: Frames, rays: tuple[Any, Any, Any, Any], phase: Any, stride: float) -> None:
+        """`rays`: origin, direction (Array3f), near and far [m]; `phase`, `stride`: see `Medium.cross`."""
+        self.frames, self.phase, self.stride = frames, phase, stride
+        self.origin, self.direction, self.near, self.far = rays
         self.exchanged = frames.count > frames.slots
         self.rays = [] if self.exchanged else [self.ray(arrays().UInt(k)) for k in range(frames.count)]
 
@@ -245,12 +246,13 @@ class Crossing:
         """The ray on the lattice of box number `box` (UInt); without samples where it misses the box."""
         kinds, frame = arrays(), self.frames.frame(box)
         start, along, enter, leave = self.span(frame)
-        samples = dr.ceil((leave - enter) / frame.step + (self.phase - EDGE))
+        step = frame.step * self.stride
+        samples = dr.ceil((leave - enter) / step + (self.phase - EDGE))
         met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
         end = kinds.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
         return Ray(
             box, start, along, enter, leave, end,
-            frame.step, frame.last, frame.tau, frame.row, frame.layer, frame.first,
+            step, frame.last, frame.tau, frame.row, frame.layer, frame.first,
         )  # fmt: skip
 
     def span(self, frame: Frame) -> tuple[Any, Any, Any, Any]:

@@ -53,12 +53,15 @@ class Medium:
         self.tolerance = dr.opaque(kinds.Float, tolerance / TOLERANCE)  # in units of the usual one
         dr.eval(self.coarse, self.fine)
 
-    def cross(self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0) -> Crossing:
+    def cross(
+        self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0, stride: float = 1.0
+    ) -> Crossing:
         """Where rays (world, direction unit) are inside each box between the distances `near` and `far` [m].
 
         phase: part of a step, 0…1, by which the first one is shortened; pictures averaged over it show no rings.
+        stride: length of a step in usual ones.
         """
-        return Crossing(self.frames, origin, direction, near, far, phase)
+        return Crossing(self.frames, (origin, direction, near, far), phase, stride)
 
     def next(self, crossing: Crossing, taken: Taken) -> Step:
         """The sample next in depth over all boxes."""

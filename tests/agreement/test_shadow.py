@@ -11,9 +11,9 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.image.lamp_view import view_from
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
-from hagoromo.image.lamp_view import view_from
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -62,6 +62,31 @@ def test_halving_the_tolerance_changes_the_picture_by_less(depth, tolerance):
 def test_maps_agree_with_the_brute_march_in_thin_and_dense_media(depth):
     boxes = ball((-0.05, 0, 0.06), 0.06, depth), ball((0.06, 0.01, 0.05), 0.05, depth)
     assert error(Scene(CAMERA, LAMPS, boxes)) < 0.01
+
+
+def slab(low, high, half_width, depth, count, seed) -> VolumeBox:
+    """A block of noise from z = low to high with hard faces; `depth`: its optical depth from top to bottom."""
+    side = 2 * half_width / count
+    shape = (round((high - low) / side), count, count)
+    density = np.random.default_rng(seed).uniform(0.5, 1.5, shape).astype(np.float32)
+    axis = np.broadcast_to(np.float32((0, 0, 1)), (*shape, 3))
+    pose = np.eye(4)
+    pose[:3, 3] = -half_width, -half_width, low
+    return VolumeBox.from_arrays(density, axis, side, depth / (high - low), [MATTER], pose=pose)
+
+
+@pytest.mark.parametrize(("lamps", "bound"), [(LAMPS, 0.01), ((Lamp(position=(0.9, -0.2, 0.07)),), 0.02)])
+@pytest.mark.parametrize("depth", [0.5, 10.0, 100.0])
+def test_contacts_of_boxes_and_light_that_grazes_agree_with_the_brute_march(depth, lamps, bound):
+    """A block on a plate, hard noisy faces, also under light 3° to 5° above them, at the tightest tolerance: errors
+    over the mean where there is matter. Light that grazes enters by a fraction of a voxel: 1.4 %, not 1 %, is reached.
+    """
+    boxes = slab(0.0, 0.02, 0.1, depth, 48, 1), slab(0.02, 0.06, 0.04, depth, 32, 2)
+    camera = Camera(64, 48, (150.0, 150.0), (32.0, 24.0)).look_at((0, -0.6, 0.35), (0, 0, 0.02))
+    scene = Scene(camera, lamps, boxes)
+    mapped, brute = (render(scene, Settings(4, shadows, tolerance=0.001)) for shadows in ("map", "march"))
+    a, b = (image.weights[brute.alpha > 1e-3] for image in (mapped, brute))
+    assert 0 < np.sqrt(np.mean((a - b) ** 2)) / b.mean() < bound
 
 
 def test_a_box_shades_a_surface():

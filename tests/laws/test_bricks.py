@@ -33,7 +33,7 @@ def noise_box(seed: int, corner, shape=(11, 17, 13), turn=0.0) -> VolumeBox:
 
 
 def test_densities_come_back_exactly_and_axes_to_their_bits():
-    """Densities below 6e-5 count as none. Axes: ½/1023 along x and y, ½/511 along z, and the rounding of the half that is handed out."""
+    """Densities below 6e-5 count as none. Axes: ½/1023 along x and y, ½/511 along z, and a half's rounding."""
     rng = np.random.default_rng(1)
     density = (10.0 ** rng.uniform(-8, 4.7, (17, 17, 17))).astype(np.float16)
     axis = rng.normal(size=(17, 17, 17, 3))
