@@ -1,8 +1,8 @@
 """Voxels of the kept bricks on the device, and how samples of a march read them.
 
 A brick keeps 9³ voxels: its own 8³ and the next layer of its neighbours, so that trilinear interpolation stays inside.
-Packed (7.6 bytes a voxel): densities from 6e-5 on as pairs of halves along x, so that four reads give the eight around a
-sample; axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by which the march can be differentiated.
+Packed (7.6 bytes a voxel): densities from 6e-5 on as pairs of halves along x, so that four reads give the eight around
+a sample; axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by which the march can be differentiated.
 """
 
 from __future__ import annotations
