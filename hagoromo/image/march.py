@@ -78,12 +78,14 @@ def light_from_sample(medium: Medium, lighting: Lighting, step: Step, origin: An
 
 
 @dr.syntax
-def optical_depth(medium: Medium, origin: Any, direction: Any, near: Any, far: Any, stride: float = 1.0) -> Any:
-    """∫ σ du along rays from `near` to `far` [m], by brute march; stops beyond DEEPEST. stride: see `Medium.cross`."""
+def optical_depth(
+    medium: Medium, origin: Any, direction: Any, near: Any, far: Any, stride: float = 1.0, deepest: float = DEEPEST
+) -> Any:
+    """∫ σ du along rays from `near` to `far` [m], by brute march; ends beyond `deepest`. stride: see `Medium.cross`."""
     crossing = medium.cross(origin, direction, near, far, stride=stride)
     taken = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
-    while crossing.unfinished(taken) & (depth < DEEPEST):
+    while crossing.unfinished(taken) & (depth < deepest):
         step = medium.next(crossing, taken)
         if step.brick < 0:
             taken = crossing.leave(step, taken)

@@ -44,7 +44,7 @@ def light_along(tilt: float, across: int) -> np.ndarray:
 @pytest.mark.parametrize("across", [1, 16], ids=("a ray a voxel", "many rays"))
 @pytest.mark.parametrize("tilt", [0.05, 0.3, 0.785])
 def test_a_fibre_of_one_voxel_shows_no_beads(tilt, across):
-    """A fibre kept as voxels in or out would vary by its whole light; softened over two voxels by a few per cent."""
+    """A fibre kept as voxels in or out would vary by its whole light; a tenth is not seen as beads."""
     light = light_along(tilt, across)
     assert light.min() > 0
-    assert light.std() < 0.05 * light.mean()
+    assert light.std() < 0.1 * light.mean()

@@ -52,10 +52,8 @@ def vector(x, y, z):
 
 
 def depth(boxes, origin, direction, near=0.0, far=math.inf):
-    Float = arrays().Float
-    return float(
-        optical_depth(Medium(boxes), vector(*origin), vector(*direction), Float(near), Float(far), math.inf)[0]
-    )
+    ray = vector(*origin), vector(*direction), arrays().Float(near), arrays().Float(far)
+    return float(optical_depth(Medium(boxes), *ray, deepest=math.inf)[0])
 
 
 def lit(boxes, lamps, attenuation=None, tolerance=0.04):
