@@ -110,7 +110,8 @@ class ReferenceScene:
 
     def rendered(self, settings: Settings) -> Any:
         """A frame by `render`."""
-        camera = hg.Camera(PIXELS, PIXELS, (1.25 * PIXELS,) * 2, (PIXELS / 2,) * 2).look_at(EYE, (0, 0, 0), (0, 1, 0))
+        camera = hg.Camera(PIXELS, PIXELS, (1.25 * PIXELS, 1.25 * PIXELS), (PIXELS / 2, PIXELS / 2))
+        camera = camera.look_at(EYE, (0, 0, 0), (0, 1, 0))
         hg.render(hg.Scene(camera, reference_lamps(0.05 * next(self.turn)), (self.box,)), settings)
 
     def frames(self) -> dict[str, Frame]:

@@ -30,7 +30,8 @@ def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
     taken = crossing.start()
     passed, steps, samples = dr.ones(kinds.Float, width), dr.zeros(kinds.UInt, width), dr.zeros(kinds.UInt, width)
-    while crossing.unfinished(taken) & (passed > CUT):
+    cut = CUT * medium.tolerance
+    while crossing.unfinished(taken) & (passed > cut):
         step = medium.next(crossing, taken)
         steps += 1
         if step.brick < 0:

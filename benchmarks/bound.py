@@ -1,0 +1,118 @@
+"""What bounds the march: KERNEL's frame without shadows, its gathers alone, its arithmetic alone, and this machine.
+
+The parts: replay.py. The machine: rates of gathers from tables of many sizes, at random and in order, of a stream of
+memory, and of multiply-adds, each by a kernel that does nothing else. Written to out/bench/bound.json.
+
+    python benchmarks/bound.py [--rounds 9]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+from march import PIXELS, ReferenceScene, camera_rays
+from replay import Replayed, arithmetic, gathers, words
+from turns import in_turn, medians, options, record
+
+from hagoromo.backend import arrays
+
+LANES = 1 << 18  # as many as the frame has rays
+READS = 64  # of every lane, from a table
+TABLES = tuple(1 << k for k in range(12, 29, 2))  # [byte]
+STREAM = 1 << 25  # floats of an array
+CHAINS, LINKS, TURNS = 8, 8, 64  # of multiply-adds: independent ones, in each, times
+
+
+def main() -> None:
+    """Time the frame, its parts and the machine's roofs in turn."""
+    rounds = options(__doc__, 9).parse_args().rounds
+    scene = ReferenceScene()
+    rays = camera_rays(scene.tiles)
+    replayed, lighting = Replayed(scene.box, *rays), scene.lighting()
+    parts = {
+        "whole": lambda: scene.frame(lighting),
+        "gathers": lambda: gathers(replayed, scene.materials)[0],
+        "arithmetic": lambda: arithmetic(replayed, lighting, *rays),
+        "words": lambda: words(replayed),
+    }
+    found: dict[str, Any] = {"parts_s": medians(in_turn(parts, rounds))}
+    found["rays"], found["steps"] = PIXELS**2, int(dr.sum(replayed.counts)[0])
+    found["gathers"] = int(dr.sum(gathers(replayed, scene.materials)[1])[0])
+    found["gather_rates"] = [{"bytes": size, "per_s": gather_rate(size, rounds)} for size in TABLES]
+    found["stream_bytes_per_s"], found["flops_per_s"] = stream_rate(rounds), arithmetic_rate(rounds)
+    for name, value in found.items():
+        print(name, value)
+    record("bound", found)
+
+
+def gather_rate(size: int, rounds: int) -> float:
+    """Gathered words a second, from random places of a table of `size` [byte]."""
+    kinds = arrays()
+    table = dr.arange(kinds.UInt, size // 4)
+    dr.make_opaque(table)
+    mask = dr.opaque(kinds.UInt, size // 4 - 1)
+    return LANES * READS / typical(lambda: read_at_random(Held(table), mask), rounds)
+
+
+class Held:
+    """A table in a plain object, so that loops do not take it into their state."""
+
+    def __init__(self, values: Any) -> None:
+        self.values = values
+
+
+@dr.syntax
+def read_at_random(table: Held, mask: Any) -> Any:
+    """READS gathers of every lane; no place depends on what was read."""
+    UInt = arrays().UInt
+    turn, total = dr.zeros(UInt, LANES), dr.zeros(UInt, LANES)
+    place = dr.arange(UInt, LANES) * 0x9E3779B9
+    while turn < READS // 8:
+        for _ in range(8):
+            place = place * 1664525 + 1013904223
+            total ^= dr.gather(UInt, table.values, (place >> 7) & mask)
+        turn += 1
+    return total
+
+
+def stream_rate(rounds: int) -> float:
+    """Bytes a second read and written by a + s b."""
+    kinds = arrays()
+    a, b, s = dr.arange(kinds.Float, STREAM), dr.arange(kinds.Float, STREAM), dr.opaque(kinds.Float, 3.0)
+    dr.eval(a, b)
+    return 3 * 4 * STREAM / typical(lambda: dr.fma(s, b, a), rounds)
+
+
+def arithmetic_rate(rounds: int) -> float:
+    """Operations a second of multiply-adds, two each."""
+    return 2 * LANES * CHAINS * LINKS * TURNS / typical(multiply_adds, rounds)
+
+
+@dr.syntax
+def multiply_adds() -> Any:
+    """CHAINS chains of multiply-adds."""
+    kinds = arrays()
+    turn, factor = dr.zeros(kinds.UInt, LANES), dr.opaque(kinds.Float, 0.999)
+    chains = [kinds.Float(dr.arange(kinds.UInt, LANES) + k) for k in range(CHAINS)]
+    while turn < TURNS:
+        chains = linked(chains, factor)
+        turn += 1
+    return sum(chains)
+
+
+def linked(chains: list[Any], factor: Any) -> list[Any]:
+    """Every chain LINKS multiply-adds longer."""
+    for _ in range(LINKS):
+        chains = [dr.fma(chain, factor, factor) for chain in chains]
+    return chains
+
+
+def typical(kernel: Callable[[], Any], rounds: int) -> float:
+    """Median time of a kernel [s]."""
+    return medians(in_turn({"": kernel}, rounds))[""]
+
+
+if __name__ == "__main__":
+    main()
