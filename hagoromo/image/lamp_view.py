@@ -16,14 +16,17 @@ WIDEST = math.tan(math.radians(75))  # a wider view from the lamp is mapped onto
 
 
 class LampView:
-    """What a lamp sees, as a square a, b in 0…1: a pyramid, parallel lines or the octahedron of all directions."""
+    """What a lamp sees, as a square a, b in 0…1: parallel lines (far lamps), a pyramid or the octahedron of all
+    directions (near ones: which of the two is read from memory, so that a lamp that moves compiles nothing anew).
+    """
 
     def __init__(self, kind: str, origin: np.ndarray, axes: np.ndarray, extent: float, span: tuple) -> None:
-        """`extent`: half the width of the square, at distance 1 in a pyramid [m]. `span`: least and greatest distance
-        along rays [m] at which anything may be.
+        """`kind`: lines, pyramid or octahedron. `extent`: half the width of the square, at distance 1 in a pyramid [m].
+        `span`: least and greatest distance along rays [m] at which anything may be.
         """
         kinds = arrays()
         self.kind, self.extent = kind, dr.opaque(kinds.Float, extent)
+        self.folded = dr.opaque(kinds.Bool, kind == "octahedron")
         self.near, self.depth = (dr.opaque(kinds.Float, float(d)) for d in (span[0], span[1] - span[0]))
         self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
 
@@ -35,29 +38,37 @@ class LampView:
         """Square coordinates a, b of a point and its distance along the ray [m]."""
         offset = point - self.origin
         x, y, z = (dr.dot(offset, axis) for axis in (self.right, self.up, self.ahead))
-        if self.kind == "octahedron":
-            folded = dr.rcp(dr.abs(x) + dr.abs(y) + dr.abs(z))
-            u, v = x * folded, y * folded
-            behind = z < 0
-            outer = _turned(1.0 - dr.abs(v), u), _turned(1.0 - dr.abs(u), v)
-            u, v = dr.select(behind, outer[0], u), dr.select(behind, outer[1], v)
-            return 0.5 * u + 0.5, 0.5 * v + 0.5, dr.norm(offset)
-        scale = 0.5 / (self.extent * z) if self.kind == "pyramid" else 0.5 / self.extent
-        return x * scale + 0.5, y * scale + 0.5, dr.norm(offset) if self.kind == "pyramid" else z
+        if self.kind == "lines":
+            scale = 0.5 / self.extent
+            return x * scale + 0.5, y * scale + 0.5, z
+        a, b = dr.if_stmt((x, y, z), self.folded, _folded, lambda x, y, z: _flat(x, y, z, self.extent))
+        return a, b, dr.norm(offset)
 
     def ray(self, a: Any, b: Any) -> tuple[Any, Any]:
         """Origin and unit direction of the ray at square coordinates a, b."""
         u, v = 2.0 * a - 1.0, 2.0 * b - 1.0
         if self.kind == "lines":
             return self.origin + (u * self.right + v * self.up) * self.extent, self.ahead
-        if self.kind == "octahedron":
-            z = 1.0 - dr.abs(u) - dr.abs(v)
-            u, v = (
-                dr.select(z < 0, _turned(1.0 - dr.abs(v), u), u),
-                dr.select(z < 0, _turned(1.0 - dr.abs(u), v), v),
-            )
-            return self.origin, dr.normalize(u * self.right + v * self.up + z * self.ahead)
-        return self.origin, dr.normalize((u * self.right + v * self.up) * self.extent + self.ahead)
+        z = 1.0 - dr.abs(u) - dr.abs(v)
+        aside = [dr.select(z < 0, _turned(1.0 - dr.abs(other), own), own) for own, other in ((u, v), (v, u))]
+        x, y = (dr.select(self.folded, folded, flat * self.extent) for folded, flat in zip(aside, (u, v), strict=True))
+        z = dr.select(self.folded, z, 1.0)
+        return self.origin, dr.normalize(x * self.right + y * self.up + z * self.ahead)
+
+
+def _flat(x: Any, y: Any, z: Any, extent: Any) -> tuple[Any, Any]:
+    """Square coordinates on the base of a pyramid."""
+    scale = 0.5 / (extent * z)
+    return x * scale + 0.5, y * scale + 0.5
+
+
+def _folded(x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    """Square coordinates on the octahedron."""
+    inverse = dr.rcp(dr.abs(x) + dr.abs(y) + dr.abs(z))
+    u, v = x * inverse, y * inverse
+    outer = _turned(1.0 - dr.abs(v), u), _turned(1.0 - dr.abs(u), v)
+    u, v = (dr.select(z < 0, out, within) for out, within in zip(outer, (u, v), strict=True))
+    return 0.5 * u + 0.5, 0.5 * v + 0.5
 
 
 def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
