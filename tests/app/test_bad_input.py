@@ -233,6 +233,10 @@ def test_unknown_keys_are_named_with_the_known_ones(refused, scene, tmp_path):
         assert "unknown key" in said and "known are" in said and "scene.toml" in said
 
 
+def test_a_tolerance_beyond_reason_is_refused(refused, scene, tmp_path):
+    assert "tolerance is 7" in refused("render", scene(), "--out", tmp_path / "a.exr", "--tolerance", 7)
+
+
 def test_a_reflectance_that_breaks_energy_conservation_is_refused(refused, scene, tmp_path):
     assert "energy conservation" in refused("render", scene("alpha = 0.2", "alpha = 0.9"), "--out", tmp_path / "a.exr")
 
