@@ -30,10 +30,14 @@ test: $(READY)
 test-slow: $(READY)
 	$(BIN)/pytest -n 2 -m slow
 
-# The march by itself, then beside its peers: out/bench/peers.md.
+# The march, how it grows, what bounds it, and its peers (a quarter of an hour; 6 GiB): docs/performance.md.
 bench: $(PEERS)
 	$(BIN)/python benchmarks/march.py
+	$(BIN)/python benchmarks/bound.py
+	$(BIN)/python benchmarks/scaling.py
+	$(BIN)/python benchmarks/scale.py
 	$(BIN)/python benchmarks/peers.py --out out/bench
+	$(BIN)/python benchmarks/page.py
 
 $(PEERS): $(READY)
 	$(INSTALL) --no-build-isolation -e '.[bench]'

@@ -1,0 +1,65 @@
+"""The page of performance: the records as tables and plots, put into docs/performance.md between their marks.
+
+What stands between `<!-- march -->` and `<!-- end -->` is made from out/bench/march.json, and so on; text outside of
+marks is written by hand and has no measured figure in it. What has no record stays as it is.
+
+    python benchmarks/page.py
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from plots import bound, growth
+from tables import bound_told, march_told, scale_told, scaling_told
+from turns import RECORDS
+
+from hagoromo.files.record import read_json
+from hagoromo.files.whole import whole_file
+
+PAGE = Path("docs/performance.md")
+FIGURES = PAGE.parent / "figures"
+TOLD = {"march": march_told, "scaling": scaling_told, "scale": scale_told, "bound": bound_told}
+PLOTS = {"scaling": growth, "bound": bound}
+
+
+def main() -> None:
+    """Refresh the page and its figures from the records that are there."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, told in TOLD.items():
+        source = RECORDS / f"{name}.json"
+        if source.exists():
+            held = read_json(source)
+            text = replaced(text, name, f"{taken_on(held['machine'])}\n\n{told(held['figures'])}")
+            if name in PLOTS:
+                PLOTS[name](held["figures"], FIGURES / f"{name}.png")
+    peers = RECORDS / "peers.md"
+    if peers.exists():
+        text = replaced(text, "peers", peers.read_text(encoding="utf-8").split("\n", 1)[1].strip())
+    with whole_file(PAGE, force=True) as file:
+        file.write_text(text, encoding="utf-8")
+    print(f"{PAGE} written")
+
+
+def replaced(text: str, name: str, body: str) -> str:
+    """The text with `body` between the marks of `name`; `ValueError` without them."""
+    marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
+    if not marks.search(text):
+        raise ValueError(f"no marks for {name}: write <!-- {name} --> and <!-- end --> where it belongs")
+    return marks.sub(lambda found: f"{found[1]}{body}\n{found[2]}", text)
+
+
+def taken_on(machine: Mapping[str, Any]) -> str:
+    """The machine, the versions and the date, in one line."""
+    versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
+    return (
+        f"*{machine['date']}; {machine['processor']}, {machine['cores']} cores, load {machine['load']:.1f} at the end, "
+        f"backend {machine['backend']}; {machine['system']}, Python {machine['python']}; {versions}*"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""Tables of the records, as Markdown, and what they come to in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+Rows = Sequence[Mapping[str, Any]]
+STUDIES = {"resolution": "voxels", "pixels": "pixels", "lamps": "lamps", "boxes": "boxes"}  # and what is varied
+GROWTH = {
+    "voxels": "voxels along an edge", "lattice": "voxels of the lattice", "kept_bricks": "kept bricks",
+    "samples": "samples of matter", "pixels": "pixels", "lamps": "lamps", "boxes": "boxes", "arranged": "arranged",
+    "unshaded_s": "no shadows [s]", "mapped_s": "maps made anew [s]",
+}  # fmt: skip
+SCALE = {
+    "shell": "shell", "voxels": "voxels along an edge", "kept": "kept bricks", "share": "of the lattice [%]",
+    "dense_gib": "dense [GiB]", "held_gib": "held [GiB]", "build_s": "build [s]", "build_gib": "peak then [GiB]",
+    "first_s": "first frame [s]", "mapped_s": "warm, maps anew [s]", "unshaded_s": "warm, no shadows [s]",
+    "peak_gib": "peak [GiB]",
+}  # fmt: skip
+
+
+def march_told(found: Mapping[str, Any]) -> str:
+    """Frames of KERNEL's scene, and the errors of their shadows."""
+    head = {"frame": "frame of 512² pixels", "median_s": "median [s]", "least_s": "least [s]", "ratio": "ratio"}
+    errors = "; ".join(f"{100 * error:.2f} % with maps of {name}" for name, error in found["shadow_error"].items())
+    return (
+        f"{table(head, found['frames'])}\n\nRatio: to the march without shadows, median of {found['rounds']} rounds. "
+        f"Shadows against brute march, root mean square over the mean: {errors}."
+    )
+
+
+def scaling_told(found: Mapping[str, Rows]) -> str:
+    """Growth with resolution, pixels, lamps and boxes."""
+    parts = ["![Time of a frame against resolution, pixels, lamps and boxes](figures/scaling.png)"]
+    for study, across in STUDIES.items():
+        rows = found[study]
+        parts.append(table({key: name for key, name in GROWTH.items() if key in rows[0]}, rows))
+        for arranged in dict.fromkeys(row.get("arranged") for row in rows):
+            some = [row for row in rows if row.get("arranged") == arranged]
+            slopes = f"{slope(some, across, 'unshaded_s'):.2f}, with maps {slope(some, across, 'mapped_s'):.2f}"
+            parts.append(f"Slope against {across}{f' {arranged}' if arranged else ''}: without shadows {slopes}.")
+    return "\n\n".join(parts)
+
+
+def scale_told(found: Mapping[str, Any]) -> str:
+    """Large boxes, and the one that does not fit."""
+    boxes, no = [row | {"share": 100 * row["kept"] / row["bricks"]} for row in found["boxes"]], found["refused"]
+    said = f"{no['voxels']}³ of the {no['shell']} shell, after {no['seconds']:.0f} s at {no['peak_gib']:.2f} GiB"
+    return f"{table(SCALE, boxes)}\n\nRefused: {said}:\n\n    {no['said']}"
+
+
+def bound_told(found: Mapping[str, Any]) -> str:
+    """What the march is made of, and what the machine can do."""
+    parts, number, rates = found["parts_s"], found["gathers"], found["gather_rates"]
+    gathers, arithmetic = (parts[key] - parts["words"] for key in ("gathers", "arithmetic"))
+    kernels = {"march": parts["whole"], "its gathers alone": gathers, "its arithmetic alone": arithmetic}
+    rows = [
+        {"kernel": name, "seconds": taken, "share": taken / parts["whole"], "rate": number / taken / 1e9}
+        for name, taken in kernels.items()
+    ]
+    rows[2]["rate"] = "none"
+    head = {"kernel": "kernel", "seconds": "time [s]", "share": "of the march", "rate": "gathers [10⁹/s]"}
+    return "\n\n".join([
+        "![The march, its gathers and its arithmetic alone; rates of gathers](figures/bound.png)",
+        table(head, rows),
+        f"{found['steps'] / 1e6:.1f} million steps, {number / 1e6:.0f} million gathers. Reading the record, "
+        f"{shown(parts['words'])} s, is taken off both parts. The slower part alone takes "
+        f"{max(gathers, arithmetic) / parts['whole']:.2f} of the time of the march, both one after the other "
+        f"{(gathers + arithmetic) / parts['whole']:.2f}.",
+        f"The machine gathers {rates[0]['per_s'] / 1e9:.1f} · 10⁹ words a second at random from "
+        f"{rates[0]['bytes'] >> 10} KiB and {rates[-1]['per_s'] / 1e9:.2f} · 10⁹ from {rates[-1]['bytes'] >> 20} MiB, "
+        f"streams {found['stream_bytes_per_s'] / 1e9:.0f} GB/s, and does {found['flops_per_s'] / 1e9:.0f} · 10⁹ "
+        f"operations a second in multiply-adds.",
+    ])  # fmt: skip
+
+
+def slope(rows: Rows, across: str, along: str) -> float:
+    """Of log `along` against log `across`, by least squares; NaN for fewer than two rows."""
+    if len(rows) < 2:
+        return float("nan")
+    x, y = (np.log([row[key] for row in rows]) for key in (across, along))
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def table(head: Mapping[str, str], rows: Rows) -> str:
+    """Columns of `head`: key of a row → heading with its unit; the first is text."""
+    lines = [list(head.values()), ["---", *["---:"] * (len(head) - 1)]]
+    lines += [[shown(row[key]) for key in head] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def shown(value: Any) -> str:
+    """Three figures of a number; whole ones in groups of three digits."""
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
