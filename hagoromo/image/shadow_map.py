@@ -1,9 +1,9 @@
 """Deep shadow maps: transmittance from every lamp through all volume boxes (Lokovic & Veach 2000).
 
 Each ray of a square grid of rays from a lamp keeps up to KNOTS knots (distance, optical depth). Between them optical
-depth is linear, to a stated error of the transmittance; across rays transmittance is bilinear. A ray is GROUPS packets
-of four knots, the last of one being the first of the next, after a packet with the distances where they part: a
-look-up reads two packets a ray, whatever the matter.
+depth is linear, to a stated error of the transmittance; between three rays transmittance is. A ray is GROUPS packets of
+four knots, the last of one being the first of the next, after a packet with the distances where they part: a look-up
+reads two packets a ray, whatever the matter.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class ShadowMaps:
         dr.eval(self.words)
 
     def look(self, lamp: int, point: Any) -> tuple[Any, Any]:
-        """Share of a lamp's light, 0…1, that arrives at `point` (Array3f, world), and by how much the four rays around
+        """Share of a lamp's light, 0…1, that arrives at `point` (Array3f, world), and by how much the three rays around
         it differ in that.
         """
         kinds, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
@@ -100,13 +100,12 @@ class ShadowMaps:
         a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
         column, row = kinds.UInt(a), kinds.UInt(b)
         a, b = a - kinds.Float(column), b - kinds.Float(row)
-        first = (lamp * self.size + row) * self.size + column
-        rays = (first, first + 1, first + self.size, first + self.size + 1)
-        passed = [dr.exp(-self._depth(ray, tick)) for ray in rays]
-        left, right = (dr.fma(a, far - near, near) for near, far in (passed[:2], passed[2:]))
-        most = dr.fmax(dr.fmax(passed[0], passed[1]), dr.fmax(passed[2], passed[3]))
-        least = dr.fmin(dr.fmin(passed[0], passed[1]), dr.fmin(passed[2], passed[3]))
-        return dr.fma(b, right - left, left), most - least
+        begin = (lamp * self.size + row) * self.size + column
+        side = dr.select(a > b, 1, self.size)  # the triangle of the square that the point is in
+        first, second, last = (dr.exp(-self._depth(ray, tick)) for ray in (begin, begin + side, begin + self.size + 1))
+        passed = dr.fma(dr.fmin(a, b), last - second, dr.fma(dr.fmax(a, b), second - first, first))
+        most, least = dr.fmax(dr.fmax(first, second), last), dr.fmin(dr.fmin(first, second), last)
+        return passed, most - least
 
     def _depth(self, ray: Any, tick: Any) -> Any:
         """Optical depth of one ray at a distance [ticks]."""
