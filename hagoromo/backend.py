@@ -87,11 +87,19 @@ def lookup(kind: Any, values: Any) -> Any:
 
     flat = np.asarray(values).ravel()
     flat = np.repeat(flat, 2) if flat.size == 1 else flat
-    memory = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
+    memory = aligned(flat.size, flat.dtype)
+    memory[:] = flat
+    return kind(memory)
+
+
+def aligned(count: int, kind: Any) -> Any:
+    """An uninitialised NumPy array (count) of the type `kind`, aligned as Dr.Jit aligns memory, which may share it."""
+    import numpy as np
+
+    kind = np.dtype(kind)
+    memory = np.empty(count * kind.itemsize + ALIGNMENT, np.uint8)
     first = -memory.ctypes.data % ALIGNMENT
-    aligned = memory[first : first + flat.nbytes].view(flat.dtype)
-    aligned[:] = flat
-    return kind(aligned)
+    return memory[first : first + count * kind.itemsize].view(kind)
 
 
 def _works(backend: str) -> bool:

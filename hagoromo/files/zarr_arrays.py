@@ -109,13 +109,13 @@ def open_array(path: str | Path) -> ZarrArray:
 
 def _files(folder: Path) -> set[str]:
     """Paths of all files under `folder`, relative to it; `InputError` for a link, a pipe and the like."""
-    found, left = set(), [(folder, "")]
+    found, left = set(), [(str(folder), "")]
     while left:
         here, before = left.pop()
         with os.scandir(here) as entries:
             for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
-                    left.append((Path(entry.path), f"{before}{entry.name}/"))
+                    left.append((entry.path, f"{before}{entry.name}/"))
                 elif entry.is_file(follow_symlinks=False):
                     found.add(before + entry.name)
                 else:

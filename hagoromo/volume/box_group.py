@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hagoromo.volume.blocks import SIDE
 from hagoromo.volume.bricks import table_shape
 from hagoromo.volume.header import BoxHeader
+from hagoromo.volume.seal import SEALED
 from hagoromo.volume.table import BLOCK
 
 AXES = ("z", "y", "x")
@@ -84,5 +85,6 @@ class BoxGroup:
     def _create(self, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], kind: str, axes: Any) -> Any:
         with zarr.config.set(KEEP_EMPTY):
             return self.group.create_array(
-                name, shape=shape, chunks=chunks, dtype=kind, fill_value=0, dimension_names=axes, overwrite=True
-            )
+                name, shape=shape, chunks=chunks, dtype=kind, fill_value=0, dimension_names=axes, overwrite=True,
+                compressors=SEALED,
+            )  # fmt: skip

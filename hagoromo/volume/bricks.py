@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.backend import arrays
+from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.volume.table import BrickTable, in_table_order, table_of
@@ -166,28 +166,35 @@ class BrickWriter:
         """
         import drjit as dr
 
-        kinds = arrays()
-        density = _flat(density, kinds.Float)
-        check_density(density)
-        axis = _flat(axis, kinds.Array3f)
-        axis = dr.select(density > 0, axis, 0)
-        if not bool(np.array(dr.all(dr.isfinite(dr.squared_norm(axis)))).ravel()[0]):
-            raise InputError("the axis of a voxel with matter is not finite: give unit vectors or zeros")
-        values = {"density": packed_density(density), "axis": packed_axis(axis)}
-        if "colour" in self.grids:
-            values["colour"] = dr.ravel(kinds.Array4f16(_flat(colour, kinds.Array4f)))
-        if "material" in self.grids:
-            values["material"] = kinds.UInt8(_flat(material, kinds.UInt))
-        bricks = dr.width(density) // VOXELS
-        for name, written in values.items():
-            grid = self.grids[name]
-            index = dr.arange(kinds.UInt, bricks * grid.each) + dr.opaque(kinds.UInt, first * grid.each)
-            dr.scatter(grid.values, written, index)
+        UInt = arrays().UInt
+        bricks, values = packed_voxels(density, axis, colour, material)
+        for name, grid in self.grids.items():
+            index = dr.arange(UInt, bricks * grid.each) + dr.opaque(UInt, first * grid.each)
+            dr.scatter(grid.values, values[name], index)
         dr.eval([grid.values for grid in self.grids.values()])
 
     def bricks(self) -> Bricks:
         """What has been written."""
         return Bricks(self.shape, self.places, **self.grids)
+
+
+def packed_voxels(density: Any, axis: Any, colour: Any = None, material: Any = None) -> tuple[int, dict[str, Any]]:
+    """Number of bricks, and what grids keep of their voxels, by name; arguments and checks: see `BrickWriter.write`."""
+    import drjit as dr
+
+    kinds = arrays()
+    density = _flat(density, kinds.Float)
+    check_density(density)
+    axis = _flat(axis, kinds.Array3f)
+    axis = dr.select(density > 0, axis, 0)
+    if not bool(np.array(dr.all(dr.isfinite(dr.squared_norm(axis)))).ravel()[0]):
+        raise InputError("the axis of a voxel with matter is not finite: give unit vectors or zeros")
+    values = {"density": packed_density(density), "axis": packed_axis(axis)}
+    if colour is not None:
+        values["colour"] = dr.ravel(kinds.Array4f16(_flat(colour, kinds.Array4f)))
+    if material is not None:
+        values["material"] = kinds.UInt8(_flat(material, kinds.UInt))
+    return dr.width(density) // VOXELS, values
 
 
 def table_shape(shape: Shape) -> Shape:
@@ -334,12 +341,13 @@ def _indices(places: np.ndarray, shape: Shape) -> tuple[Any, Any, Any]:
 
 
 def _flat(values: Any, kind: Any) -> Any:
-    """Values, NumPy or Dr.Jit, as a Dr.Jit array of `kind`."""
+    """Values, NumPy or Dr.Jit, as a Dr.Jit array of `kind`; NumPy's are moved to aligned memory, see `lookup`."""
     import drjit as dr
 
     if not isinstance(values, np.ndarray):
         return kind(values)
-    if kind is arrays().UInt:
-        return kind(np.ascontiguousarray(values, np.uint32).ravel())
-    flat = arrays().Float(np.ascontiguousarray(values, np.float32).ravel())
-    return flat if kind is arrays().Float else dr.unravel(kind, flat)
+    memory = aligned(values.size, np.uint32 if kind is arrays().UInt else np.float32)
+    memory.reshape(values.shape)[...] = values
+    if kind in (arrays().UInt, arrays().Float):
+        return kind(memory)
+    return dr.unravel(kind, arrays().Float(memory))

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.volume.blocks import Block, filled, kept_bricks, matter_flags
 from hagoromo.volume.box_group import BoxGroup
+from hagoromo.volume.packed_bricks import write_packed
 from hagoromo.volume.plan import BoxPlan
 from hagoromo.volume.table import BLOCK
 from hagoromo.volume.zarr_blocks import in_order
 
+BUILT = 0.7  # of the work, when all blocks are written and their bricks are to be packed
 Bricks = tuple[NDArray[np.int64], NDArray[np.uint8]]  # places (n, 3) of bricks with matter, and their `matter_flags`
 
 
@@ -53,8 +55,9 @@ def build_box(
                 _note(path, noted)
             bricks.append(noted)
             if progress:
-                progress((number + 1) / len(parts))
+                progress(BUILT * (number + 1) / len(parts))
         group.finish(kept_bricks(*_joined(bricks), blocks.shape))
+        write_packed(folder, (lambda share: progress(BUILT + (1.0 - BUILT) * share)) if progress else None)
 
 
 def _joined(bricks: list[Bricks]) -> Bricks:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError, described
 from hagoromo.volume.blocks import OFFSETS, as_bricks, bricks_of, filled, kept_bricks, low_part, matter_flags, runs
 from hagoromo.volume.bricks import Bricks, BrickWriter, table_shape
@@ -43,20 +43,29 @@ def occupied_places(source: ZarrBlocks) -> NDArray[np.int32]:
 def read_bricks(source: ZarrBlocks, places: NDArray[np.integer], materials: int) -> Bricks:
     """The bricks at `places` (n, 3). materials: how many there are.
 
-    `InputError` for a material number beyond them, matter in a brick that is not in `places`, and what `ZarrBlocks`
-    and `BrickWriter` refuse.
+    `InputError` for what `brick_runs` and `BrickWriter` refuse.
     """
     with described(source.density.where):
         writer = BrickWriter(source.shape, places, source.colours > 0, source.material)
-    for first, values in _gathered(_backwards(source, writer.places)):
+    for first, voxels in brick_runs(source, writer.places, materials):
+        with described(source.density.where):
+            writer.write(first, **voxels)
+    return writer.bricks()
+
+
+def brick_runs(source: ZarrBlocks, places: NDArray[np.integer], materials: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Number of the first brick, and arguments of `BrickWriter.write`, of runs of bricks; the last run first.
+
+    places: (n, 3) in table order. `InputError` for a material number beyond `materials`, matter in a brick that is not
+    in `places`, and what `ZarrBlocks` refuses.
+    """
+    for first, values in _gathered(_backwards(source, places)):
         if "material" in values and values["material"].max() >= materials:
             raise InputError(
                 f"{source.others['material'].where} has material number {values['material'].max()}: "
                 f"the box has {materials}, numbers start at 0"
             )
-        with described(source.density.where):
-            writer.write(first, **_on_device(values))
-    return writer.bricks()
+        yield first, _on_device(values)
 
 
 def _backwards(source: ZarrBlocks, places: NDArray[np.integer]) -> Iterator[tuple[int, Values]]:
@@ -146,14 +155,14 @@ def _on_device(values: Values) -> dict[str, Any]:
 
     kinds = arrays()
     sent: dict[str, Any] = {
-        "density": kinds.Float(kinds.Float16(values["density"].ravel())),
-        "axis": kinds.Array3f(dr.unravel(kinds.Array3f16, kinds.Float16(values["axis"].ravel()))),
+        "density": kinds.Float(lookup(kinds.Float16, values["density"])),
+        "axis": kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, values["axis"]))),
     }
     if "body_colour" in values:
         colour = values["body_colour"]
         colour = np.concatenate([colour, np.zeros((*colour.shape[:-1], 4 - colour.shape[-1]), colour.dtype)], axis=-1)
-        sent["colour"] = kinds.Array4f(dr.unravel(kinds.Array4f16, kinds.Float16(colour.ravel())))
+        sent["colour"] = kinds.Array4f(dr.unravel(kinds.Array4f16, lookup(kinds.Float16, colour)))
     if "material" in values:
-        sent["material"] = kinds.UInt(values["material"].astype(np.uint32).ravel())
+        sent["material"] = lookup(kinds.UInt, values["material"].astype(np.uint32))
     dr.eval(sent)  # once, for the several kernels that write them
     return sent

@@ -9,19 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_folder
-from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.blocks import OFFSETS, SIDE, Block, block_of, low_part, runs
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.box_group import BoxGroup
-from hagoromo.volume.bricks import brick_bytes, table_shape
-from hagoromo.volume.header import BoxHeader, header_from_record, header_of
-from hagoromo.volume.read_bricks import occupied_places, read_bricks
-from hagoromo.volume.table import BLOCK, in_table_order
-from hagoromo.volume.zarr_blocks import ZarrBlocks
-
-ARRAYS = ("density", "axis", "body_colour", "material", "bricks")
+from hagoromo.volume.bricks import brick_bytes
+from hagoromo.volume.header import BoxHeader, header_of
+from hagoromo.volume.open_box import open_box
+from hagoromo.volume.packed_bricks import read_packed, write_packed
+from hagoromo.volume.read_bricks import read_bricks
+from hagoromo.volume.table import BLOCK
 
 
 def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
@@ -32,13 +29,13 @@ def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
         for block, values in _blocks(box, colours):
             group.write(block, values)
         group.finish(box.bricks.places)
+        write_packed(folder)
 
 
 def load_box(path: str | Path) -> VolumeBox:
     """The volume box in the Zarr group at `path`; `InputError` when it is missing, damaged, foreign or too large."""
-    header, source, bricks = _opened(Path(path))
-    places = occupied_places(source) if bricks is None else _stored_places(bricks, source)
-    return header.box(read_bricks(source, places, len(header.materials)))
+    box = open_box(path)
+    return box.header.box(read_packed(box) or read_bricks(box.source, box.places, len(box.header.materials)))
 
 
 class StoredBox(NamedTuple):
@@ -57,49 +54,9 @@ class StoredBox(NamedTuple):
 
 def look_at_box(path: str | Path) -> StoredBox:
     """The box in the Zarr group at `path`, its voxels unread; `InputError` as from `load_box`."""
-    header, source, bricks = _opened(Path(path))
-    kept = len(occupied_places(source) if bricks is None else _stored_places(bricks, source))
-    return StoredBox(header, source.shape, kept, kept * brick_bytes(source.colours > 0, source.material))
-
-
-def _opened(folder: Path) -> tuple[BoxHeader, ZarrBlocks, ZarrArray | None]:
-    """Header, voxels and, if the writer left it, the array `bricks` of a box on disk."""
-    if not (folder / "zarr.json").is_file():
-        raise InputError(f"{folder} is no volume box: give a Zarr v3 group that `hagoromo build` wrote")
-    attributes, found = open_arrays(folder, ARRAYS)
-    header, bricks = header_from_record(attributes.get("hagoromo"), str(folder)), found.pop("bricks", None)
-    if "density" not in found or (bricks and "axis" not in found):
-        raise InputError(f"{folder} lacks the array {'axis' if 'density' in found else 'density'!r}: it is damaged")
-    source = ZarrBlocks(found.pop("density"), found)
-    if source.colours not in (0, max(len(header.basis), 1)):
-        raise InputError(f"{folder}: body_colour has {source.colours} components, basis {len(header.basis)} spectra")
-    return header, source, bricks
-
-
-def _stored_places(bricks: ZarrArray, source: ZarrBlocks) -> NDArray[np.int32]:
-    """The kept bricks that `bricks` names, (n, 3) in table order; every block that holds some has its chunks."""
-    lattice = table_shape(source.shape)
-    if bricks.shape != lattice:
-        raise InputError(f"{bricks.where} is {bricks.shape}: density {source.shape} needs {lattice}")
-    found = [np.zeros((0, 3), np.int64)]
-    for index in bricks.files:
-        low = tuple(k * size for k, size in zip(index, bricks.grid, strict=True))
-        high = tuple(min(a + size, n) for a, size, n in zip(low, bricks.grid, lattice, strict=True))
-        found.append(np.argwhere(bricks.read(low, high)) + low)
-    places = in_table_order(np.concatenate(found), lattice)
-    blocks = runs(places // BLOCK)[0].tolist()
-    for array in (source.density, *source.others.values()):
-        if array.grid[:3] == tuple(min(SIDE, n) for n in source.shape):
-            _check_chunks(array, blocks)
-    return places
-
-
-def _check_chunks(array: ZarrArray, blocks: list[list[int]]) -> None:
-    for block in blocks:
-        index = (*block, *(0 for _ in array.shape[3:]))
-        if index not in array.files:
-            key = array.array.metadata.encode_chunk_key(index)
-            raise InputError(f"{array.where}/{key} is missing, and `bricks` says that it holds matter: build it again")
+    box = open_box(path)
+    size = brick_bytes(box.source.colours > 0, box.source.material)
+    return StoredBox(box.header, box.source.shape, len(box.places), len(box.places) * size)
 
 
 def _blocks(box: VolumeBox, colours: int) -> Iterator[tuple[Block, dict[str, NDArray]]]:

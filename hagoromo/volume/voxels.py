@@ -137,6 +137,13 @@ def unpacked_density(pairs: np.ndarray) -> np.ndarray:
     return np.concatenate([low, last], axis=-1).astype(np.uint16).view(np.float16)
 
 
+def paired_density(halves: np.ndarray, pairs: np.ndarray) -> None:
+    """Pack densities, bits of halves uint16 (k · 729), into `pairs`, uint32 (k · 648)."""
+    rows, filled = halves.reshape(-1, STORED), pairs.reshape(-1, BRICK)
+    np.left_shift(rows[:, 1:], np.uint32(16), out=filled, dtype=np.uint32)
+    filled |= rows[:, :-1]
+
+
 def unpacked_axis(axes: np.ndarray) -> np.ndarray:
     """Axes of their bits, int32 (k · 729): float16 (k, 9, 9, 9, 3). Packed again they give the same bits."""
     x, y, z = axes << (Y_BITS + Z_BITS) >> (Y_BITS + Z_BITS), axes << Z_BITS >> (X_BITS + Z_BITS), axes >> (32 - Z_BITS)
