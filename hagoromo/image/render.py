@@ -20,7 +20,7 @@ from hagoromo.image.march import march
 from hagoromo.image.scene import Scene
 from hagoromo.image.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 from hagoromo.image.surface import Surfaces
-from hagoromo.volume.crossing import TOLERANCE
+from hagoromo.volume.frames import TOLERANCE
 from hagoromo.volume.medium import Medium
 
 SHADOWS = ("map", "march", "none")

@@ -14,7 +14,7 @@ from hagoromo.image.lighting import Attenuation
 from hagoromo.image.march import optical_depth
 from hagoromo.image.shadow_map import ShadowMaps
 from hagoromo.light.lamp import Lamp
-from hagoromo.volume.crossing import TOLERANCE
+from hagoromo.volume.frames import TOLERANCE
 from hagoromo.volume.medium import Medium
 
 TEXELS_PER_VOXEL = 2.0  # two boxes that shade each other and a floor: 0.7 % against brute march; with one texel 2 %

@@ -7,37 +7,17 @@ With no more boxes than slots none is ever exchanged, and the rays are worked ou
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
-from hagoromo.backend import arrays, lookup, opaque_vector
-from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.table import blocks_shape
+from hagoromo.backend import arrays
+from hagoromo.volume.frames import Frame, Frames
 
-TOLERANCE = 0.04  # of a picture: root mean square over its mean, where there is matter; half-voxel steps
-STEPS, FINE = 2.0, 0.35  # per voxel, and optical depth of a part, at that tolerance
 COARSE = 2.0  # times FINE: optical depth from which a sample is taken in parts
 MOST_PARTS = 32
 EDGE = 1e-3  # the last interpolation cell ends this much before the last voxel centre [voxel]
-WIDTH = 26  # floats of a box's row: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
-
-
-@dataclass
-class Frame:
-    """A box as numbers that kernels read: another pose or voxel size does not compile anew."""
-
-    columns: list[Any]  # lattice_from_world: directions
-    shift: Any  # and offset
-    last: Any  # nx−1, ny−1, nz−1
-    tau: Any
-    step: Any  # [m]
-    row: Any  # blocks along x
-    layer: Any  # blocks along x times along y
-    first: Any  # where its table starts
 
 
 @dataclass
@@ -93,53 +73,6 @@ class Step:
         thick = dr.fmax(depth, 1e-2)
         share = dr.select(depth > 1e-2, 1.0 / thick - 1.0 / (dr.exp(thick) - 1.0), 0.5 - depth / 12.0)
         return dr.fma(self.length, share - 0.5, self.distance)
-
-
-class Frames:
-    """The frames of all boxes; `slots` is how many of them a ray may be in at once."""
-
-    def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
-        """Errors of a march go with the square of its steps: `tolerance` (see TOLERANCE) sets them for all boxes."""
-        kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
-        self.fine = dr.opaque(kinds.Float, FINE * finer)
-        self.count, self.slots = len(boxes), most_at_once(boxes)
-        floats = np.zeros((len(boxes), WIDTH), np.float32)
-        whole = np.zeros((len(boxes), 3), np.int32)
-        for row, numbers, box, start in zip(floats, whole, boxes, starts, strict=True):
-            row[:12] = box.lattice_from_world[:3].T.ravel()
-            row[12:15] = np.array(box.bricks.shape[::-1]) - 1
-            row[15:17] = box.tau, box.voxel_size / STEPS * finer
-            row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
-            _, my, mx = blocks_shape(box.bricks.lattice)
-            numbers[:] = mx, mx * my, start
-        self.floats, self.whole = lookup(kinds.Float, floats), lookup(kinds.Int, whole)
-        self.boxes = dr.opaque(kinds.UInt, len(boxes))
-        self.only: tuple[Frame, list[Any]] | None = None
-        if self.count == 1:  # numbers common to all rays cost no reads
-            x, y, z, shift, last = (opaque_vector(floats[0, k : k + 3]) for k in range(0, 15, 3))
-            tau, step = (dr.opaque(kinds.Float, float(v)) for v in floats[0, 15:17])
-            row, layer, first = (dr.opaque(kinds.Int, int(v)) for v in whole[0])
-            rotation = [opaque_vector(floats[0, k : k + 3]) for k in (17, 20, 23)]
-            self.only = Frame([x, y, z], shift, last, tau, step, row, layer, first), rotation
-        dr.eval(self.floats, self.whole)
-
-    def frame(self, box: Any) -> Frame:
-        """The frame of box number `box` (UInt)."""
-        if self.only:
-            return self.only[0]
-        kinds = arrays()
-        x, y, z, shift, last = (self._vector(box, k) for k in range(0, 15, 3))
-        tau, step = (dr.gather(kinds.Float, self.floats, box * WIDTH + k) for k in (15, 16))
-        row, layer, first = (dr.gather(kinds.Int, self.whole, box * 3 + k) for k in range(3))
-        return Frame([x, y, z], shift, last, tau, step, row, layer, first)
-
-    def rotation(self, box: Any) -> list[Any]:
-        """Axes of box number `box` in the world."""
-        return self.only[1] if self.only else [self._vector(box, k) for k in (17, 20, 23)]
-
-    def _vector(self, box: Any, first: int) -> Any:
-        kinds = arrays()
-        return kinds.Array3f(*(dr.gather(kinds.Float, self.floats, box * WIDTH + first + k) for k in range(3)))
 
 
 class Crossing:
@@ -302,15 +235,6 @@ def next_box(crossing: Crossing, entered: Any, last: Any) -> tuple[Any, Any]:
         box, when = dr.select(found, k, box), dr.select(found, enter, when)
         k += 1
     return box, when
-
-
-def most_at_once(boxes: Sequence[VolumeBox]) -> int:
-    """A bound on how many boxes share a point: the most whose upright bounds meet those of one of them."""
-    corners = np.stack([box.corners() for box in boxes])
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    touch = 1e-6 * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))
-    meet = ((low[:, None] + touch < high[None]) & (low[None] + touch < high[:, None])).all(axis=-1)
-    return int(meet.sum(axis=1).max())
 
 
 def _select(mask: Any, yes: Any, no: Any) -> Any:

@@ -28,7 +28,8 @@ import numpy as np
 from hagoromo.backend import arrays, clip, lookup
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
-from hagoromo.volume.crossing import EDGE, TOLERANCE, Crossing, Frames, Step, Taken
+from hagoromo.volume.crossing import EDGE, Crossing, Step, Taken
+from hagoromo.volume.frames import TOLERANCE, Frames
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
