@@ -80,7 +80,7 @@ def read_at_random(table: Held, mask: Any) -> Any:
 def stream_rate(rounds: int) -> float:
     """Bytes a second read and written by a + s b."""
     kinds = arrays()
-    a, b, s = dr.arange(kinds.Float, STREAM), dr.arange(kinds.Float, STREAM), dr.opaque(kinds.Float, 3.0)
+    a, b, s = dr.arange(kinds.Float, STREAM), dr.arange(kinds.Float, STREAM) + 1.0, dr.opaque(kinds.Float, 3.0)
     dr.eval(a, b)
     return 3 * 4 * STREAM / typical(lambda: dr.fma(s, b, a), rounds)
 
