@@ -12,8 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
+import numpy as np
 from march import PIXELS, ReferenceScene, camera_rays
-from replay import Replayed, arithmetic, gathers, words
+from replay import TILE, Replayed, arithmetic, gathers, words
 from turns import in_turn, medians, options, record
 
 from hagoromo.backend import arrays
@@ -39,12 +40,19 @@ def main() -> None:
     }
     found: dict[str, Any] = {"parts_s": medians(in_turn(parts, rounds))}
     found["rays"], found["steps"] = PIXELS**2, int(dr.sum(replayed.counts)[0])
+    found["lanes"], found["busy"] = TILE, busy_lanes(replayed)
     found["gathers"] = int(dr.sum(gathers(replayed, scene.materials)[1])[0])
     found["gather_rates"] = [{"bytes": size, "per_s": gather_rate(size, rounds)} for size in TABLES]
     found["stream_bytes_per_s"], found["flops_per_s"] = stream_rate(rounds), arithmetic_rate(rounds)
     for name, value in found.items():
         print(name, value)
     record("bound", found)
+
+
+def busy_lanes(replayed: Replayed) -> float:
+    """Share of the steps of TILE neighbouring rays, marched together, that are not spent waiting for the longest."""
+    counts = np.array(replayed.counts).reshape(-1, TILE)
+    return float(counts.sum() / (TILE * counts.max(axis=1)).sum())
 
 
 def gather_rate(size: int, rounds: int) -> float:

@@ -43,7 +43,8 @@ def bound(found: Mapping[str, Any], path: Path) -> None:
     bars.barh(list(shown), replay, color="white", alpha=0.55, hatch="///", label="of it: reading the record")
     bars.invert_yaxis()
     bars.set_xlabel("time of a frame of 512² pixels [ms]", fontsize=9)
-    bars.legend(fontsize=7.5, frameon=False)
+    bars.legend(fontsize=7.5, frameon=False, loc="lower right")
+    bars.set_xlim(right=1.2 * max(times))
     size = np.array([row["bytes"] for row in found["gather_rates"]]) / 2**20
     rates.loglog(size, [row["per_s"] / 1e9 for row in found["gather_rates"]], "o-", color=GREY, label="at random")
     alone = found["gathers"] / (parts["gathers"] - parts["words"]) / 1e9
@@ -51,6 +52,7 @@ def bound(found: Mapping[str, Any], path: Path) -> None:
     rates.axhline(
         found["gathers"] / parts["whole"] / 1e9, color=COLOURS["unshaded_s"], label="the frame's, in the march"
     )
+    _plain(rates.xaxis, rates.yaxis)
     rates.set_xlabel("table [MiB]", fontsize=9)
     rates.set_ylabel("gathers of 32 bits [10⁹/s]", fontsize=9)
     rates.legend(fontsize=7.5, frameon=False)
@@ -89,6 +91,17 @@ def _ticks(axis: Any, places: Sequence[float]) -> None:
     names = [f"{int(np.sqrt(n))}²" if n > 1e4 else str(n) for n in places]
     axis.set_xticks(places, names)
     axis.set_xticks([], minor=True)
+    _plain(axis.yaxis)
+
+
+def _plain(*scales: Any) -> None:
+    """Numbers of logarithmic scales as one writes them; 1, 2 and 5 of every power of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for scale in scales:
+        scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        scale.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        scale.set_minor_formatter(NullFormatter())
 
 
 def _figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, list[Any]]:

@@ -20,12 +20,13 @@ from shells import FUZZY, RADIUS, THIN, Shell
 from turns import in_turn, medians, options, record, seconds
 
 import hagoromo as hg
-from hagoromo.files.door import free_memory
+from hagoromo.files.door import SHARE_OF_MEMORY, free_memory
 from hagoromo.volume.bricks import brick_bytes
 from hagoromo.volume.voxels import BRICK
 
 BOXES = ((FUZZY, 1024), (THIN, 4096))
 GIB = 2.0**30
+SPILL = 1.6  # bricks by which those that hold matter of a shell are thicker than it
 
 
 def main() -> None:
@@ -79,11 +80,16 @@ def refused(shell: Shell, voxels: int) -> dict[str, Any]:
 
 
 def too_fine(shell: Shell) -> int:
-    """Voxels a side, a power of two, at which the shell's bricks are more than the free memory."""
-    voxels = 1024
-    while 4 * np.pi * RADIUS**2 * shell.thickness * (voxels / BRICK) ** 3 * brick_bytes() < free_memory():
+    """Voxels a side, a power of two, at which the shell's bricks need more than the memory that may be taken."""
+    voxels, area = 1024, 4 * np.pi * RADIUS**2
+    while area * (voxels / BRICK) ** 2 * (shell.thickness * voxels / BRICK + SPILL) * brick_bytes() < allowed():
         voxels *= 2
     return voxels
+
+
+def allowed() -> float:
+    """Memory that one box may take [byte]."""
+    return SHARE_OF_MEMORY * free_memory()
 
 
 if __name__ == "__main__":

@@ -69,7 +69,8 @@ def bound_told(found: Mapping[str, Any]) -> str:
         f"{found['steps'] / 1e6:.1f} million steps, {number / 1e6:.0f} million gathers. Reading the record, "
         f"{shown(parts['words'])} s, is taken off both parts. The slower part alone takes "
         f"{max(gathers, arithmetic) / parts['whole']:.2f} of the time of the march, both one after the other "
-        f"{(gathers + arithmetic) / parts['whole']:.2f}.",
+        f"{(gathers + arithmetic) / parts['whole']:.2f}. Of {found['lanes']} neighbouring rays that step together, "
+        f"{100 * found['busy']:.0f} % are still on their way, on average.",
         f"The machine gathers {rates[0]['per_s'] / 1e9:.1f} · 10⁹ words a second at random from "
         f"{rates[0]['bytes'] >> 10} KiB and {rates[-1]['per_s'] / 1e9:.2f} · 10⁹ from {rates[-1]['bytes'] >> 20} MiB, "
         f"streams {found['stream_bytes_per_s'] / 1e9:.0f} GB/s, and does {found['flops_per_s'] / 1e9:.0f} · 10⁹ "

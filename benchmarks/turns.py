@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -18,6 +18,7 @@ from hagoromo.files.whole import whole_file
 
 RECORDS = Path("out/bench")
 Frame = Callable[[], Any]
+Name = TypeVar("Name", bound=Hashable)
 
 
 def seconds(frame: Frame) -> float:
@@ -28,11 +29,11 @@ def seconds(frame: Frame) -> float:
     return time.perf_counter() - start
 
 
-def in_turn(frames: Mapping[str, Frame], rounds: int, most: float = 60.0) -> dict[str, list[float]]:
+def in_turn(frames: Mapping[Name, Frame], rounds: int, most: float = 60.0) -> dict[Name, list[float]]:
     """Times [s] of every contender, after one frame each that is not counted; no new round after `most` seconds."""
     for frame in frames.values():
         seconds(frame)
-    times: dict[str, list[float]] = {name: [] for name in frames}
+    times: dict[Name, list[float]] = {name: [] for name in frames}
     begin = time.perf_counter()
     for _ in range(rounds):
         for name, frame in frames.items():
@@ -42,7 +43,7 @@ def in_turn(frames: Mapping[str, Frame], rounds: int, most: float = 60.0) -> dic
     return times
 
 
-def medians(times: Mapping[str, list[float]]) -> dict[str, float]:
+def medians(times: Mapping[Name, list[float]]) -> dict[Name, float]:
     """Median time of every contender [s]."""
     return {name: float(np.median(taken)) for name, taken in times.items()}
 
