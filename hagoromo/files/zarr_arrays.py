@@ -37,7 +37,7 @@ class ZarrArray:
 
     array: Any
     where: str
-    files: Mapping[Index, Path]
+    files: Mapping[Index, str]
 
     @property
     def shape(self) -> Index:
@@ -64,7 +64,7 @@ class ZarrArray:
             return np.full([b - a for a, b in cell], self.array.fill_value, self.array.dtype)
         try:
             if whole and self._decode:
-                stored = np.frombuffer(self._decode(self.files[index].read_bytes()), self.array.dtype)
+                stored = np.frombuffer(self._decode(Path(self.files[index]).read_bytes()), self.array.dtype)
                 return stored.reshape(self.grid)[tuple(slice(b - a) for a, b in cell)]
             return np.asarray(self.array[tuple(map(slice, low, high))])
         except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
@@ -139,7 +139,7 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
         match = re.fullmatch(r"(?:c[/.])?(\d+(?:[/.]\d+)*)", name)
         index = tuple(map(int, re.split("[/.]", match[1]))) if match else ()
         if match and array.metadata.encode_chunk_key(index) == name:
-            chunks[index] = folder / name
+            chunks[index] = f"{folder}{os.sep}{name}"  # there may be very many: no Path
     return ZarrArray(array, str(folder), chunks)
 
 
