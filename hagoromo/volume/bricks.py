@@ -29,6 +29,7 @@ from hagoromo.volume.voxels import (
 )
 
 CHUNK = 1 << 12  # bricks evaluated at once
+TOLD = 1 << 18  # bricks between two looks at the free memory
 PARTS = 4  # along each edge, of a cube that `occupied` does not promise to be empty
 MATERIALS = 256  # numbers of materials that fit a voxel
 DENSEST = 6e4  # density that fits a half
@@ -218,12 +219,16 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
     import drjit as dr
 
     check_shape(shape)
-    kinds, kept = arrays(), [np.zeros((0, 3), np.int32)]
+    kinds, kept, count, checked = arrays(), [np.zeros((0, 3), np.int32)], 0, 0
     for places in candidates(table_shape(shape), occupied):
+        if count - checked > TOLD:  # what will not fit is refused while it is counted
+            check_memory(count * brick_bytes(), f"more than {count} bricks of a lattice of {shape[::-1]} voxels")
+            checked = count
         x, y, z = _indices(places, shape)
         density = kinds.Float(field(x, y, z)["density"]) + 0.0 * kinds.Float(x)  # as wide as the voxels
         check_density(density)
         kept.append(places[np.array(dr.block_reduce(dr.ReduceOp.Max, density, VOXELS)) > 0])
+        count += len(kept[-1])
     first = field(*(kinds.UInt(0) for _ in range(3)))
     writer = BrickWriter(shape, np.concatenate(kept), "colour" in first, "material" in first)
     for start in range(0, len(writer.places), CHUNK):
