@@ -36,6 +36,7 @@ bench: $(PEERS)
 	$(BIN)/python benchmarks/bound.py
 	$(BIN)/python benchmarks/scaling.py
 	$(BIN)/python benchmarks/scale.py
+	$(BIN)/python benchmarks/open_box.py --out out/bench/open_box.json
 	$(BIN)/python benchmarks/peers.py --out out/bench
 	$(BIN)/python benchmarks/page.py
 

@@ -1,8 +1,10 @@
 """Opening a box from disk: from its files to the first picture, against reading and decoding its chunks alone.
 
-A fuzzy shell whose voxels are random (no codec shortens them) is built to disk, in a process of its own. Another one
-reads and decodes all chunks with as many threads as `load_box`, then loads the box and takes the first picture of a
-preview, in turn, A B A B …: medians and their ratio are printed, with files in the system's cache, and cold.
+A fuzzy shell whose voxels are random (no codec shortens them much) is built to disk, in a process of its own. Another
+one reads and decodes all files that `load_box` reads, with as many threads, and fills as much memory as the box takes:
+no opening can do less. Then it loads the box and takes the first picture of a preview, in turn, A B A B …: medians and
+their ratios to that least are printed, with files in the system's cache, and cold. A third one does the same without
+the packed bricks: the arrays are cut into bricks.
 
     python benchmarks/open_box.py [--voxels 512 1024] [--share 0.045] [--rounds 5] [--out RECORD.json]
 """
@@ -16,6 +18,7 @@ import multiprocessing
 import os
 import platform
 import resource
+import shutil
 import statistics
 import tempfile
 import time
@@ -25,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import drjit as dr
+import numpy as np
 import zarr
 from numcodecs import Zstd
 
@@ -37,6 +41,7 @@ from hagoromo.volume.build_store import build_box
 from hagoromo.volume.field_blocks import FieldBlocks
 from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store import look_at_box
 from hagoromo.volume.zarr_blocks import THREADS
 
 RADIUS = 0.4  # of the shell, in edges of the box, which is 1 m
@@ -61,8 +66,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "shell.zarr"
             built = alone(build_shell, voxels, asked.share, path)
-            opened = alone(open_shell, path, asked.rounds)
-        records.append({"voxels": voxels, **built, **opened})
+            packed = alone(open_shell, path, asked.rounds)
+            shutil.rmtree(path / "packed")
+            arrays_alone = alone(open_shell, path, asked.rounds)
+        records.append({"voxels": voxels, **built, "packed": packed, "arrays": arrays_alone})
         print(described(records[-1]))
     if asked.out:
         record = {"machine": machine, "date": str(datetime.date.today()), "boxes": records}
@@ -97,20 +104,27 @@ def build_shell(voxels: int, share: float, path: Path) -> dict[str, Any]:
 
 
 def open_shell(path: Path, rounds: int) -> dict[str, Any]:
-    """Seconds to read and decode all chunks, to load the box, and to its first picture: medians, and cold."""
+    """Seconds to look at a box, to read its files, to load it, and to its first picture: medians, and cold."""
     dr.eval(arrays().Float(1.0) + 1.0)  # the backend is up
     look = hg.Camera.preset("canon_eos_kiss_digital").look_at((0.5, -1.9, 0.5), (0.5, 0.5, 0.5))
-    files = [
-        file for name in ("density", "axis", "bricks") for file in (path / name / "c").rglob("*") if file.is_file()
-    ]
-    seconds: dict[str, list[float]] = {"read_s": [], "load_s": [], "picture_s": []}
+    voxels = ("packed/density", "packed/axis") if (path / "packed").exists() else ("density", "axis")
+    files = [file for name in (*voxels, "bricks") for file in (path / name / "c").rglob("*") if file.is_file()]
+    seconds: dict[str, list[float]] = {"look_s": [], "read_s": [], "fill_s": [], "load_s": [], "picture_s": []}
     for turn in range(rounds + 1):
+        start = time.perf_counter()
+        size = look_at_box(path).bytes
+        seconds["look_s"].append(time.perf_counter() - start)
         if turn == 0:
             forget(files)
         start = time.perf_counter()
         with ThreadPoolExecutor(THREADS) as threads:
             decoded = sum(threads.map(lambda file: len(Zstd().decode(file.read_bytes())), files))
         seconds["read_s"].append(time.perf_counter() - start)
+        start = time.perf_counter()
+        memory = np.empty(size, np.uint8)
+        memory.fill(1)
+        seconds["fill_s"].append(time.perf_counter() - start)
+        del memory
         if turn == 0:
             forget(files)
         start = time.perf_counter()
@@ -146,20 +160,29 @@ def resident() -> float:
 
 def described(record: dict[str, Any]) -> str:
     """A record as lines of text."""
-    share = record["bricks"] / (record["voxels"] / 8) ** 3
+    bricks = record["packed"]["bricks"]
+    share = bricks / (record["voxels"] / 8) ** 3
     return (
-        f"{record['voxels']}³: {record['bricks']} bricks ({share:.1%}), {record['box_mib']:.0f} MiB on the device, "
-        f"{record['files_mib']:.0f} MiB of files, {record['chunks_mib']:.0f} MiB decoded\n"
+        f"{record['voxels']}³: {bricks} bricks ({share:.1%}), {record['packed']['box_mib']:.0f} MiB on the device\n"
         f"  built in {record['build_s']:.2f} s within {record['build_mib']:.0f} MiB resident\n"
-        + "".join(
-            f"  {title}: read and decode {record[f'{cold}read_s']:.2f} s, load {record[f'{cold}load_s']:.2f} s "
-            f"(× {record[f'{cold}load_s'] / record[f'{cold}read_s']:.2f}), "
-            f"first picture after {record[f'{cold}picture_s']:.2f} s "
-            f"(× {record[f'{cold}picture_s'] / record[f'{cold}read_s']:.2f})\n"
-            for title, cold in (("cached", ""), ("cold", "cold_"))
-        )
-        + f"  within {record['open_mib']:.0f} MiB resident"
+        + "\n".join(f"  {name}: {opening(record[name])}" for name in ("packed", "arrays"))
     )
+
+
+def opening(record: dict[str, Any]) -> str:
+    """Figures of opening a box one way, as lines of text."""
+    text = (
+        f"{record['files_mib']:.0f} MiB of files, {record['chunks_mib']:.0f} MiB decoded, "
+        f"within {record['open_mib']:.0f} MiB resident, looked at in {record['look_s']:.3f} s"
+    )
+    for title, cold in (("cached", ""), ("cold", "cold_")):
+        read, fill, load, picture = (record[f"{cold}{name}_s"] for name in ("read", "fill", "load", "picture"))
+        least = read + fill
+        text += (
+            f"\n    {title}: read and decode {read:.2f} s, fill memory {fill:.2f} s, load {load:.2f} s "
+            f"(× {load / least:.2f}), first picture after {picture:.2f} s (× {picture / least:.2f})"
+        )
+    return text
 
 
 if __name__ == "__main__":
