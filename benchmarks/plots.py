@@ -52,7 +52,8 @@ def bound(found: Mapping[str, Any], path: Path) -> None:
     rates.axhline(
         found["gathers"] / parts["whole"] / 1e9, color=COLOURS["unshaded_s"], label="the frame's, in the march"
     )
-    _plain(rates.xaxis, rates.yaxis)
+    _plain(rates.xaxis, (1.0,))
+    _plain(rates.yaxis)
     rates.set_xlabel("table [MiB]", fontsize=9)
     rates.set_ylabel("gathers of 32 bits [10⁹/s]", fontsize=9)
     rates.legend(fontsize=7.5, frameon=False)
@@ -94,14 +95,13 @@ def _ticks(axis: Any, places: Sequence[float]) -> None:
     _plain(axis.yaxis)
 
 
-def _plain(*scales: Any) -> None:
-    """Numbers of logarithmic scales as one writes them; 1, 2 and 5 of every power of ten."""
+def _plain(scale: Any, parts: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
+    """Numbers of a logarithmic scale as one writes them, at `parts` of every power of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    for scale in scales:
-        scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        scale.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        scale.set_minor_formatter(NullFormatter())
+    scale.set_major_locator(LogLocator(subs=parts))
+    scale.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    scale.set_minor_formatter(NullFormatter())
 
 
 def _figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, list[Any]]:

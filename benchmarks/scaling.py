@@ -88,7 +88,7 @@ def pictures() -> Study:
     """The same shell in more and more pixels."""
     study, box = Study(), FUZZY.box(VOXELS)
     for side in PICTURES:
-        study.add({"pixels": side**2}, [box], pixels=side)
+        study.add({"pixels": side**2} | steps_of([box], camera(side)), [box], pixels=side)
     return study
 
 

@@ -12,7 +12,7 @@ STUDIES = {"resolution": "voxels", "pixels": "pixels", "lamps": "lamps", "boxes"
 GROWTH = {
     "voxels": "voxels along an edge", "lattice": "voxels of the lattice", "kept_bricks": "kept bricks",
     "samples": "samples of matter", "pixels": "pixels", "lamps": "lamps", "boxes": "boxes", "arranged": "arranged",
-    "unshaded_s": "no shadows [s]", "mapped_s": "maps made anew [s]",
+    "unshaded_s": "no shadows [s]", "each_ns": "that, per sample [ns]", "mapped_s": "maps made anew [s]",
 }  # fmt: skip
 SCALE = {
     "shell": "shell", "voxels": "voxels along an edge", "kept": "kept bricks", "share": "of the lattice [%]",
@@ -36,7 +36,10 @@ def scaling_told(found: Mapping[str, Rows]) -> str:
     """Growth with resolution, pixels, lamps and boxes."""
     parts = ["![Time of a frame against resolution, pixels, lamps and boxes](figures/scaling.png)"]
     for study, across in STUDIES.items():
-        rows = found[study]
+        rows = [
+            {**row, **({"each_ns": 1e9 * row["unshaded_s"] / row["samples"]} if "samples" in row else {})}
+            for row in found[study]
+        ]
         parts.append(table({key: name for key, name in GROWTH.items() if key in rows[0]}, rows))
         for arranged in dict.fromkeys(row.get("arranged") for row in rows):
             some = [row for row in rows if row.get("arranged") == arranged]
@@ -56,9 +59,10 @@ def bound_told(found: Mapping[str, Any]) -> str:
     """What the march is made of, and what the machine can do."""
     parts, number, rates = found["parts_s"], found["gathers"], found["gather_rates"]
     gathers, arithmetic = (parts[key] - parts["words"] for key in ("gathers", "arithmetic"))
-    kernels = {"march": parts["whole"], "its gathers alone": gathers, "its arithmetic alone": arithmetic}
+    whole, slower = parts["whole"], max(gathers, arithmetic)
+    kernels = {"march": whole, "its gathers alone": gathers, "its arithmetic alone": arithmetic}
     rows = [
-        {"kernel": name, "seconds": taken, "share": taken / parts["whole"], "rate": number / taken / 1e9}
+        {"kernel": name, "seconds": taken, "share": taken / whole, "rate": number / taken / 1e9}
         for name, taken in kernels.items()
     ]
     rows[2]["rate"] = "none"
@@ -67,9 +71,9 @@ def bound_told(found: Mapping[str, Any]) -> str:
         "![The march, its gathers and its arithmetic alone; rates of gathers](figures/bound.png)",
         table(head, rows),
         f"{found['steps'] / 1e6:.1f} million steps, {number / 1e6:.0f} million gathers. Reading the record, "
-        f"{shown(parts['words'])} s, is taken off both parts. The slower part alone takes "
-        f"{max(gathers, arithmetic) / parts['whole']:.2f} of the time of the march, both one after the other "
-        f"{(gathers + arithmetic) / parts['whole']:.2f}. Of {found['lanes']} neighbouring rays that step together, "
+        f"{shown(parts['words'])} s, is taken off both parts. The slower part alone takes {slower / whole:.2f} of the "
+        f"time of the march ({(slower + parts['words']) / whole:.2f} with the record), both one after the other "
+        f"{(gathers + arithmetic) / whole:.2f}. Of {found['lanes']} neighbouring rays that step together, "
         f"{100 * found['busy']:.0f} % are still on their way, on average.",
         f"The machine gathers {rates[0]['per_s'] / 1e9:.1f} · 10⁹ words a second at random from "
         f"{rates[0]['bytes'] >> 10} KiB and {rates[-1]['per_s'] / 1e9:.2f} · 10⁹ from {rates[-1]['bytes'] >> 20} MiB, "
