@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from plots import bound, growth
-from tables import bound_told, march_told, scale_told, scaling_told
+from tables import bound_told, march_told, open_told, scale_told, scaling_told
 from turns import RECORDS
 
 from hagoromo.files.record import read_json
@@ -36,6 +36,10 @@ def main() -> None:
             text = replaced(text, name, f"{taken_on(held['machine'])}\n\n{told(held['figures'])}")
             if name in PLOTS:
                 PLOTS[name](held["figures"], FIGURES / f"{name}.png")
+    opened = RECORDS / "open_box.json"
+    if opened.exists():
+        held = read_json(opened)
+        text = replaced(text, "open_box", f"*{held['date']}; {held['machine']}*\n\n{open_told(held['boxes'])}")
     peers = RECORDS / "peers.md"
     if peers.exists():
         text = replaced(text, "peers", peers.read_text(encoding="utf-8").split("\n", 1)[1].strip())

@@ -20,6 +20,11 @@ SCALE = {
     "first_s": "first frame [s]", "mapped_s": "warm, maps anew [s]", "unshaded_s": "warm, no shadows [s]",
     "peak_gib": "peak [GiB]",
 }  # fmt: skip
+OPENING = {
+    "voxels": "voxels along an edge", "bricks": "kept bricks", "way": "read from", "files_mib": "files [MiB]",
+    "read_s": "reading and decoding alone [s]", "fill_s": "filling memory [s]", "load_s": "load [s]",
+    "picture_s": "first picture [s]", "cold_picture_s": "not cached [s]",
+}  # fmt: skip
 
 
 def march_told(found: Mapping[str, Any]) -> str:
@@ -53,6 +58,12 @@ def scale_told(found: Mapping[str, Any]) -> str:
     boxes, no = [row | {"share": 100 * row["kept"] / row["bricks"]} for row in found["boxes"]], found["refused"]
     said = f"{no['voxels']}³ of the {no['shell']} shell, after {no['seconds']:.0f} s at {no['peak_gib']:.2f} GiB"
     return f"{table(SCALE, boxes)}\n\nRefused: {said}:\n\n    {no['said']}"
+
+
+def open_told(found: Rows) -> str:
+    """Boxes opened from disk."""
+    ways = ("packed", "arrays")
+    return table(OPENING, [{"voxels": box["voxels"], "way": way, **box[way]} for box in found for way in ways])
 
 
 def bound_told(found: Mapping[str, Any]) -> str:
