@@ -3,7 +3,7 @@
 Arrays `density` (nz, ny, nx), `axis` (nz, ny, nx, 3), where the box has them `material` (nz, ny, nx) and `body_colour`
 (nz, ny, nx, j), and `bricks`, a bool per brick of 8³ voxels: which ones hold matter in their 9³. Chunks are blocks of
 8³ bricks; every block with a True in `bricks` has its chunk of each array, blocks without one are absent. The
-attribute `hagoromo` holds the header.
+attribute `hagoromo` holds the header. Beside the arrays the group `packed` keeps their bricks, see `packed_bricks`.
 """
 
 from __future__ import annotations

@@ -47,8 +47,10 @@ def _ends(paths: Sequence[str]) -> bytes:
     """Sizes and last bytes of files."""
     ends = []
     for path in paths:
-        with open(path, "rb", buffering=0) as file:
-            size = os.fstat(file.fileno()).st_size
-            file.seek(max(size - TAIL, 0))
-            ends.append(size.to_bytes(8) + file.read(TAIL))
+        file = os.open(path, os.O_RDONLY)
+        try:
+            size = os.lseek(file, 0, os.SEEK_END)
+            ends.append(size.to_bytes(8) + os.pread(file, TAIL, max(size - TAIL, 0)))
+        finally:
+            os.close(file)
     return b"".join(ends)
