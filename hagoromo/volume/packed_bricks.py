@@ -7,6 +7,7 @@ shows that the arrays have changed. Arrays, in table order: `density` (bricks, 9
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -77,20 +78,20 @@ def read_packed(box: OpenBox) -> Bricks | None:
     record, stored = open_arrays(folder, tuple(KINDS))
     if record.get("format") != FORMAT or record.get("seal") != seal(box.arrays.values()):
         return None
-    names, kinds, count = _names(box), arrays(), len(box.places)
+    names, count = _names(box), len(box.places)
     with described(str(folder)):
         check_memory(count * brick_bytes(box.source.colours > 0, box.source.material), f"{count} bricks")
-    chunks = [(name, index) for name in names for index in _indices(box, name, stored.get(name))]
-    each = {name: PAIRS if name == "density" else int(np.prod(_voxel(name))) for name in names}
-    pools = {name: aligned(count * each[name], np.uint32 if name == "density" else BITS[name]) for name in names}
+    chunks = [(name, number) for name in names for number in _numbers(box, name, stored.get(name))]
+    pools = {name: aligned(count * _each(name), np.uint32 if name == "density" else BITS[name]) for name in names}
 
     def read(chunk: tuple[str, int]) -> None:
-        name, index = chunk
-        begin, size = index * stored[name].grid[0], stored[name].grid[0]
-        values = stored[name].read((begin, *(0 for _ in _voxel(name))), (min(begin + size, count), *_voxel(name)))
-        bits = values.view(BITS[name])
+        name, number = chunk
+        begin = number * stored[name].grid[0]
+        end = min(begin + stored[name].grid[0], count)
+        values = stored[name].read((begin, *(0 for _ in _voxel(name))), (end, *_voxel(name)))
+        bits = np.ascontiguousarray(values).view(BITS[name])
         _check_voxels(name, bits, stored[name], len(box.header.materials))
-        place = pools[name][begin * each[name] : (begin + size) * each[name]]
+        place = pools[name][begin * _each(name) : end * _each(name)]
         if name == "density":
             paired_density(bits, place)
         else:
@@ -98,10 +99,16 @@ def read_packed(box: OpenBox) -> Bricks | None:
 
     for _ in in_order(read, chunks):
         pass
-    types = {"density": kinds.UInt, "axis": kinds.Int, "colour": kinds.Float16, "material": kinds.UInt8}
-    pools["colour"] = pools["colour"].view(np.float16) if "colour" in pools else None
-    grids = {name: Grid(types[name](pools[name]), each[name], count) for name in names}
-    return Bricks(box.source.shape, box.places, **grids)
+    return Bricks(box.source.shape, box.places, **{name: _grid(name, pools[name], count) for name in names})
+
+
+def _grid(name: str, pool: NDArray, count: int) -> Grid:
+    """The memory of a quantity of `count` bricks, given to Dr.Jit."""
+    kinds = arrays()
+    if name == "colour":
+        return Grid(kinds.Float16(pool.view(np.float16)), _each(name), count)
+    kind = {"density": kinds.UInt, "axis": kinds.Int, "material": kinds.UInt8}[name]
+    return Grid(kind(pool), _each(name), count)
 
 
 def _names(box: OpenBox) -> list[str]:
@@ -112,6 +119,11 @@ def _names(box: OpenBox) -> list[str]:
 def _voxel(name: str) -> tuple[int, ...]:
     """Shape of what an array holds of a brick."""
     return (STORED, STORED, STORED, *COMPONENTS.get(name, ()))
+
+
+def _each(name: str) -> int:
+    """Numbers that the device keeps of a brick."""
+    return PAIRS if name == "density" else math.prod(_voxel(name))
 
 
 def _chunks(box: OpenBox) -> Iterator[tuple[int, Values]]:
@@ -133,7 +145,7 @@ def _as_stored(packed: dict[str, Any]) -> Values:
     return {"density": halves} | {name: array.reshape(-1, *_voxel(name)) for name, array in values.items()}
 
 
-def _indices(box: OpenBox, name: str, array: ZarrArray | None) -> range:
+def _numbers(box: OpenBox, name: str, array: ZarrArray | None) -> range:
     """Numbers of the chunks of an array, if it is what `box` needs and all of them are there."""
     where, wanted = box.folder / FOLDER, (len(box.places), *_voxel(name))
     if array is None or array.shape != wanted or array.grid[1:] != wanted[1:] or str(array.array.dtype) != KINDS[name]:
