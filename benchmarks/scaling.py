@@ -28,7 +28,7 @@ RESOLUTIONS = (128, 256, 512, 1024, 2048)
 PICTURES = (128, 256, 512, 1024, 2048)
 LAMP_COUNTS = (1, 2, 4, 8, 16)
 CUTS = ((1, 1, 1), (2, 1, 1), (2, 2, 1), (2, 2, 2), (4, 2, 2), (4, 4, 2))  # boxes along x, y and z
-LONGEST, GROWTH = 20.0, 3.0  # s, of a frame; one of twice the boxes is taken to need GROWTH times as long, and left out
+LONGEST, GROWTH = 10.0, 3.0  # s, of a frame; one of twice the boxes is taken to need GROWTH times as long, and left out
 
 
 def main() -> None:
@@ -58,7 +58,7 @@ class Study:
     def rows(self, rounds: int) -> list[dict[str, Any]]:
         """What every setting is, and the median times of its frames [s]."""
         turns = {(k, name): f for k, (_, own) in enumerate(self.settings) for name, f in own.items()}
-        taken = medians(in_turn(turns, rounds, 3 * LONGEST))
+        taken = medians(in_turn(turns, rounds, 4 * LONGEST))
         rows = [what | {name: taken[k, name] for name in own} for k, (what, own) in enumerate(self.settings)]
         print(*rows, sep="\n", flush=True)
         return rows
