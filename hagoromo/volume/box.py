@@ -14,7 +14,8 @@ from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.bricks import MATERIALS, Bricks, bricks_from_arrays, bricks_from_field
+from hagoromo.volume.bricks import MATERIALS, Bricks
+from hagoromo.volume.fill_bricks import bricks_from_arrays, bricks_from_field
 
 Field = Callable[[Any], tuple[Any, ...]]
 

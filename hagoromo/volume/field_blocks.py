@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.volume.blocks import OFFSETS, SIDE, Block, as_bricks, runs
-from hagoromo.volume.bricks import Bricks, bricks_from_field, candidates, check_density, check_shape
+from hagoromo.volume.brick_writer import check_density
+from hagoromo.volume.bricks import Bricks, check_shape
+from hagoromo.volume.fill_bricks import bricks_from_field, candidates
 from hagoromo.volume.table import BLOCK, in_table_order
 from hagoromo.volume.voxels import BRICK
 

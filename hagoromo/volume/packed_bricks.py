@@ -20,7 +20,8 @@ from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError, described
 from hagoromo.files.door import check_memory
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
-from hagoromo.volume.bricks import DENSEST, Bricks, Grid, brick_bytes, packed_voxels
+from hagoromo.volume.brick_writer import DENSEST, packed_voxels
+from hagoromo.volume.bricks import Bricks, Grid, brick_bytes
 from hagoromo.volume.open_box import OpenBox, open_box
 from hagoromo.volume.read_bricks import brick_runs
 from hagoromo.volume.seal import seal

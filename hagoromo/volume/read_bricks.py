@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError, described
 from hagoromo.volume.blocks import OFFSETS, as_bricks, bricks_of, filled, kept_bricks, low_part, matter_flags, runs
-from hagoromo.volume.bricks import Bricks, BrickWriter, table_shape
+from hagoromo.volume.brick_writer import BrickWriter
+from hagoromo.volume.bricks import Bricks, table_shape
 from hagoromo.volume.table import BLOCK
 from hagoromo.volume.voxels import BRICK
 from hagoromo.volume.zarr_blocks import Tile, ZarrBlocks, in_order

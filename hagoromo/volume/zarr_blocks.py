@@ -18,7 +18,8 @@ from hagoromo.errors import InputError, described
 from hagoromo.files.door import check_memory
 from hagoromo.files.zarr_arrays import Index, ZarrArray
 from hagoromo.volume.blocks import SIDE
-from hagoromo.volume.bricks import DENSEST, check_shape
+from hagoromo.volume.brick_writer import DENSEST
+from hagoromo.volume.bricks import check_shape
 
 LARGEST_HALF = 0x7BFF  # bits of the largest finite half: halves from 0 on have no greater ones
 GRADIENT_CHUNKS = 3  # chunks along an edge of a tile of densities without axes, whose rim is read more than once

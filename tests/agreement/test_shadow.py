@@ -69,7 +69,7 @@ def slab(low, high, half_width, depth, count, seed) -> VolumeBox:
     side = 2 * half_width / count
     shape = (round((high - low) / side), count, count)
     density = np.random.default_rng(seed).uniform(0.5, 1.5, shape).astype(np.float32)
-    axis = np.broadcast_to(np.float32((0, 0, 1)), (*shape, 3))
+    axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (*shape, 3))
     pose = np.eye(4)
     pose[:3, 3] = -half_width, -half_width, low
     return VolumeBox.from_arrays(density, axis, side, depth / (high - low), [MATTER], pose=pose)

@@ -9,7 +9,7 @@ import pytest
 from hagoromo.backend import aligned
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume import bricks
+from hagoromo.volume import brick_writer
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store import load_box, save_box
 
@@ -64,5 +64,5 @@ def test_a_second_box_opened_from_disk_compiles_nothing(tmp_path, packed):
 def test_the_count_sees_what_alignment_compiles(monkeypatch):
     """The count is not blind: the same numbers off the alignment are read by other kernels."""
     a_box((17, 25, 33))
-    monkeypatch.setattr(bricks, "aligned", lambda count, kind: off(np.empty(count, kind), 4))
+    monkeypatch.setattr(brick_writer, "aligned", lambda count, kind: off(np.empty(count, kind), 4))
     assert compiled(lambda: a_box((17, 25, 33))) > 0

@@ -11,7 +11,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.bricks import BrickWriter, candidates
+from hagoromo.volume.brick_writer import BrickWriter
+from hagoromo.volume.fill_bricks import candidates
 from hagoromo.volume.medium import Medium
 from hagoromo.volume.table import BLOCK, in_table_order, table_of
 from hagoromo.volume.voxels import SMALLEST
