@@ -159,7 +159,8 @@ def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> 
 
 def _maps(scene: Scene, settings: Settings, medium: Medium, kept: Kept, texels: int | None) -> Any:
     """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
-    casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution or fitting_resolution(medium)
+    casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
+    resolution = resolution or fitting_resolution(medium, settings.tolerance)
     if texels:
         resolution = min(resolution, max(texels, COARSEST))
         if kept.key("maps")[:1] == (casters,):

@@ -17,7 +17,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.volume.frames import TOLERANCE
 from hagoromo.volume.medium import Medium
 
-TEXELS_PER_VOXEL = 2.0  # two boxes that shade each other and a floor: 0.7 % against brute march; with one texel 2 %
+TEXELS_PER_VOXEL = 1.2  # at TOLERANCE
 MOST_TEXELS = 1024  # a side: 96 MiB a lamp
 DIFFERING = (
     0.15,
@@ -44,7 +44,7 @@ def mapped_attenuation(
     voxels towards the lamp are marched, and the map is looked up behind them: `tolerance` (see `Settings`) says where.
     """
     kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
-    maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium))
+    maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium, tolerance))
     least, share = (dr.opaque(kinds.Float, figure * finer) for figure in DIFFERING)
     near = dr.opaque(kinds.Float, NEAR / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
@@ -63,8 +63,12 @@ def mapped_attenuation(
     return transmittance
 
 
-def fitting_resolution(medium: Medium) -> int:
-    """Texels a side: TEXELS_PER_VOXEL of the smallest voxel over the extent of all boxes, from 128 to MOST_TEXELS."""
+def fitting_resolution(medium: Medium, tolerance: float = TOLERANCE) -> int:
+    """Texels a side: TEXELS_PER_VOXEL of the smallest voxel over the extent of all boxes, from 128 to MOST_TEXELS.
+
+    A tolerance of a sixteenth takes twice as many.
+    """
     corners = np.concatenate([box.corners() for box in medium.boxes])
     voxels = np.linalg.norm(np.ptp(corners, axis=0)) / min(box.voxel_size for box in medium.boxes)
-    return int(np.clip(64 * round(TEXELS_PER_VOXEL * voxels / 64), 128, MOST_TEXELS))
+    finer = (TOLERANCE / tolerance) ** 0.25
+    return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels / 64), 128, MOST_TEXELS))
