@@ -33,6 +33,8 @@ from hagoromo.volume.frames import TOLERANCE, Frames
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
+ABSENT = -(2**31)  # shift of a box that has no such grid
+
 
 class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
@@ -125,9 +127,6 @@ class Medium:
             for grid, box in zip(grids, self.boxes, strict=True)
         ]
         return values, lookup(arrays().Int, np.array(shifts, np.int32))
-
-
-ABSENT = -(2**31)
 
 
 def _tables(bricks: list[Bricks]) -> tuple[np.ndarray, np.ndarray, list[int]]:
