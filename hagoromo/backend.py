@@ -17,6 +17,7 @@ from hagoromo.errors import InputError
 X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")
 ALIGNMENT = 64  # bytes, of Dr.Jit's own memory: the widest vector of 16 floats
+MOST_ENTRIES = 2**32 - 1  # of an array
 OLDEST_LLVM = 17  # on x86; before it, kernels of Dr.Jit 1.5 with a maximum, or arctan2, abort the process
 NO_LLVM = (
     "no Dr.Jit backend works here: no GPU was found and the library libLLVM {state}; "
@@ -75,6 +76,12 @@ def opaque_vector(values: Any) -> Any:
     vector = arrays().Array3f(*(float(value) for value in values))
     dr.make_opaque(vector)
     return vector
+
+
+def check_entries(count: int, what: str) -> None:
+    """Raises `InputError` where `what` needs an array of more entries than the 32 bits of an index can tell apart."""
+    if count > MOST_ENTRIES:
+        raise InputError(f"{what} need {count:.3g} numbers and an array holds {MOST_ENTRIES:.3g}: make it smaller")
 
 
 def lookup(kind: Any, values: Any) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip
+from hagoromo.backend import arrays, check_entries, clip
 from hagoromo.files.door import check_memory
 from hagoromo.image.lamp_view import view_from
 from hagoromo.image.march import THINNEST
@@ -66,7 +66,9 @@ class ShadowMaps:
 
     def __init__(self, medium: Medium, lamps: Sequence[Lamp], resolution: int) -> None:
         kinds, resolution = arrays(), -(-resolution // TILE) * TILE
-        check_memory(4 * WORDS * len(lamps) * resolution**2, f"{len(lamps)} shadow maps of {resolution}² texels")
+        what = f"{len(lamps)} shadow maps of {resolution}² texels"
+        check_entries(len(lamps) * resolution**2 * WORDS, what)
+        check_memory(4 * WORDS * len(lamps) * resolution**2, what)
         corners = np.concatenate([box.corners() for box in medium.boxes])
         self.views = [view_from(lamp, corners) for lamp in lamps]
         self.size = dr.opaque(kinds.UInt, resolution)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, check_entries
 from hagoromo.errors import InputError
 from hagoromo.volume.table import BrickTable, table_of
 from hagoromo.volume.voxels import BRICK, PAIRS, STORED, VOXELS, unpacked_axis, unpacked_density
@@ -110,6 +110,7 @@ def in_one_pool(grids: Sequence[Grid]) -> None:
     distinct = list({id(grid): grid for grid in grids}.values())
     if all(grid.values is distinct[0].values for grid in distinct):
         return
+    check_entries(sum(grid.count * grid.each for grid in distinct), "the bricks of all boxes together")
     joined = dr.concat([grid.read(0, grid.count) for grid in distinct])
     dr.eval(joined)
     first = 0

@@ -16,7 +16,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from hagoromo.backend import aligned, arrays
+from hagoromo.backend import aligned, arrays, check_entries
 from hagoromo.errors import InputError, described
 from hagoromo.files.door import check_memory
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
@@ -82,6 +82,7 @@ def read_packed(box: OpenBox) -> Bricks | None:
     names, count = _names(box), len(box.places)
     with described(str(folder)):
         check_memory(count * brick_bytes(box.source.colours > 0, box.source.material), f"{count} bricks")
+    check_entries(count * max(map(_each, names)), f"{count} bricks")
     chunks = [(name, number) for name in names for number in _numbers(box, name, stored.get(name))]
     pools = {name: aligned(count * _each(name), np.uint32 if name == "density" else BITS[name]) for name in names}
 

@@ -4,7 +4,9 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from hagoromo import backend
 from hagoromo.backend import arrays
+from hagoromo.errors import InputError
 from hagoromo.image.lighting import Lighting, Materials, palette_of
 from hagoromo.image.march import march
 from hagoromo.light.lamp import Lamp
@@ -79,6 +81,17 @@ def test_the_table_leads_to_every_brick_and_tells_the_distance_to_the_nearest(sh
             assert tuple(places[entry]) == (z, y, x)
         else:
             assert entry == -2 * away
+
+
+def test_more_bricks_than_an_array_can_number_are_refused(monkeypatch):
+    """Indices have 32 bits: here a limit of 2¹⁶ stands for 2³²."""
+    monkeypatch.setattr(backend, "MOST_ENTRIES", 2**16)
+    with pytest.raises(InputError, match="numbers and an array holds"):
+        BrickWriter((81, 81, 81), np.argwhere(np.ones((10, 10, 10), bool)))
+    one, other = noise_box(1, (0, 0, 0)), noise_box(2, (0.2, 0, 0))
+    monkeypatch.setattr(backend, "MOST_ENTRIES", one.bricks.kept * one.bricks.axis.each)
+    with pytest.raises(InputError, match="the bricks of all boxes together"):
+        Medium([one, other])
 
 
 def test_cubes_that_may_hold_matter_are_cut_down_to_the_same_bricks():
