@@ -17,6 +17,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, check_entries, clip
 from hagoromo.files.door import check_memory
+from hagoromo.image.film import TILE, tile_place
 from hagoromo.image.lamp_view import view_from
 from hagoromo.image.march import THINNEST
 from hagoromo.light.lamp import Lamp
@@ -31,7 +32,6 @@ LOOSEST = 2.0  # optical depth that a knot may be off, at most
 GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
 DEEPEST = 6.5  # optical depth where a ray ends: exp(−6.5) = 1.5e-3 of the light
 DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
-TILE = 4  # rays a side that share lanes
 UNUSED = 0xFFFF  # a knot beyond all places, of no depth
 LAST_TICK = float(UNUSED - 1)
 
@@ -65,7 +65,8 @@ class ShadowMaps:
     """Transmittance from the lamps through all boxes, each on a square of `resolution` rays a side."""
 
     def __init__(self, medium: Medium, lamps: Sequence[Lamp], resolution: int) -> None:
-        kinds, resolution = arrays(), -(-resolution // TILE) * TILE
+        kinds, side = arrays(), max(TILE)
+        resolution = -(-resolution // side) * side  # whole tiles
         what = f"{len(lamps)} shadow maps of {resolution}² texels"
         check_entries(len(lamps) * resolution**2 * WORDS, what)
         check_memory(4 * WORDS * len(lamps) * resolution**2, what)
@@ -75,8 +76,7 @@ class ShadowMaps:
         self.words = dr.full(kinds.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
         lane, each = dr.arange(kinds.UInt, len(lamps) * resolution**2), self.size * self.size
         lamp, lane = lane // each, lane % each
-        tile, inner, across = lane // TILE**2, lane % TILE**2, self.size // TILE
-        column, row = tile % across * TILE + inner % TILE, tile // across * TILE + inner // TILE
+        column, row = tile_place(lane, self.size)
         a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
         target = Target(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
         origin, direction = self.views[0].ray(a, b)

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.backend import aligned, arrays, check_entries
+from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
-from hagoromo.volume.bricks import Bricks, Grid, Shape, brick_bytes, check_shape, table_shape
+from hagoromo.volume.bricks import Bricks, Grid, Shape, check_bricks, check_shape, table_shape
 from hagoromo.volume.table import in_table_order
 from hagoromo.volume.voxels import PAIRS, VOXELS, packed_axis, packed_density
 
@@ -26,9 +25,7 @@ class BrickWriter:
         kinds, self.shape = arrays(), shape
         self.places = in_table_order(places, table_shape(shape))
         count = max(len(self.places), 1)  # without matter, one empty brick that is never read
-        what = f"{count} bricks of a lattice of {shape[::-1]} voxels"
-        check_memory(count * brick_bytes(colour, material), what)
-        check_entries(count * (4 * VOXELS if colour else VOXELS), what)
+        check_bricks(count, colour, material, f"{count} bricks of a lattice of {shape[::-1]} voxels")
         wanted = {
             "density": (kinds.UInt, PAIRS), "axis": (kinds.Int, VOXELS),
             "colour": (kinds.Float16, VOXELS * 4) if colour else None,

@@ -11,6 +11,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, check_entries
 from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory
 from hagoromo.volume.table import BrickTable, table_of
 from hagoromo.volume.voxels import BRICK, PAIRS, STORED, VOXELS, unpacked_axis, unpacked_density
 
@@ -128,6 +129,12 @@ def table_shape(shape: Shape) -> Shape:
 def brick_bytes(colour: bool = False, material: bool = False) -> int:
     """Memory of one kept brick [byte]."""
     return 4 * PAIRS + VOXELS * (4 + 8 * colour + material)
+
+
+def check_bricks(count: int, colour: bool, material: bool, what: str) -> None:
+    """Raises `InputError` where `what`, `count` kept bricks, does not fit the memory or the indices of arrays."""
+    check_memory(count * brick_bytes(colour, material), what)
+    check_entries(count * (4 * VOXELS if colour else VOXELS), what)
 
 
 def check_shape(shape: tuple[int, ...]) -> None:

@@ -89,7 +89,7 @@ class Crossing:
         """Before the first sample of every box."""
         kinds = arrays()
         rays = dr.width(self.direction, self.origin)
-        numbers = [dr.zeros(kinds.UInt, rays) for _ in range(self.frames.slots if self.exchanged else len(self.rays))]
+        numbers = [dr.zeros(kinds.UInt, rays) for _ in range(min(self.frames.slots, self.frames.count))]
         taken = Taken(numbers, dr.zeros(kinds.UInt, rays), dr.ones(kinds.UInt, rays), [], kinds.Float(0), kinds.UInt(0))
         if self.exchanged:
             taken.entered, taken.box = dr.full(kinds.Float, -dr.inf, rays), dr.zeros(kinds.UInt, rays)
@@ -102,7 +102,7 @@ class Crossing:
 
     def unfinished(self, taken: Taken) -> Any:
         """Whether a sample is left in any slot."""
-        rays = taken.rays if self.exchanged else self.rays
+        rays = self._rays(taken)
         left = taken.numbers[0] < rays[0].end
         for number, ray in zip(taken.numbers[1:], rays[1:], strict=True):
             left |= number < ray.end
@@ -110,7 +110,7 @@ class Crossing:
 
     def nearest(self, taken: Taken) -> tuple[Any, Any, Any, Ray]:
         """Slot, distance of the middle, length and ray of the sample next in depth."""
-        rays = taken.rays if self.exchanged else self.rays
+        rays = self._rays(taken)
         slot, ray = arrays().UInt(0), rays[0]
         distance, length = self._sample(ray, taken.numbers[0])
         for k in range(1, len(rays)):
@@ -199,9 +199,13 @@ class Crossing:
         leave = dr.fmin(dr.min(kinds.Array3f(*map(dr.fmax, *faces))), self.far)
         return start, along, enter, leave
 
+    def _rays(self, taken: Taken) -> list[Ray]:
+        """The rays in the slots."""
+        return taken.rays if self.exchanged else self.rays
+
     def _in_slot(self, slot: Any, taken: Taken) -> tuple[Any, Ray]:
         """Number of the next sample, and ray, of a slot."""
-        rays = taken.rays if self.exchanged else self.rays
+        rays = self._rays(taken)
         number, ray = taken.numbers[0], rays[0]
         for k in range(1, len(rays)):
             number, ray = dr.select(slot == k, taken.numbers[k], number), _select(slot == k, rays[k], ray)

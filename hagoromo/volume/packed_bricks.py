@@ -16,12 +16,11 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from hagoromo.backend import aligned, arrays, check_entries
+from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError, described
-from hagoromo.files.door import check_memory
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.brick_writer import DENSEST, packed_voxels
-from hagoromo.volume.bricks import Bricks, Grid, brick_bytes
+from hagoromo.volume.bricks import Bricks, Grid, check_bricks
 from hagoromo.volume.open_box import OpenBox, open_box
 from hagoromo.volume.read_bricks import brick_runs
 from hagoromo.volume.seal import seal
@@ -81,8 +80,7 @@ def read_packed(box: OpenBox) -> Bricks | None:
         return None
     names, count = _names(box), len(box.places)
     with described(str(folder)):
-        check_memory(count * brick_bytes(box.source.colours > 0, box.source.material), f"{count} bricks")
-    check_entries(count * max(map(_each, names)), f"{count} bricks")
+        check_bricks(count, box.source.colours > 0, box.source.material, f"{count} bricks")
     chunks = [(name, number) for name in names for number in _numbers(box, name, stored.get(name))]
     pools = {name: aligned(count * _each(name), np.uint32 if name == "density" else BITS[name]) for name in names}
 
