@@ -69,7 +69,7 @@ def _boxes(figure: str, materials: Mapping[str, Reflectance], recipe: Recipe) ->
     if figure == "figure_8_whole":
         return angel(materials, resolution, seed, progress=recipe.tell)
     if figure == "figure_7_skin":
-        return (skin_patch(materials["skin"], fineness=Fineness(0.12, 0.3).finer(resolution), seed=seed).box(),)
+        return (skin_patch(materials["skin"], fineness=Fineness(0.04, 0.06).finer(resolution), seed=seed).box(),)
     if figure == "figure_6_feather":
         return (feather(materials["feather"], fineness=Fineness(0.12, 0.12).finer(resolution), seed=seed).box(),)
     return (drape_patch(materials["cloth"], fineness=Fineness(0.12, 0.2).finer(resolution), seed=seed).box(),)

@@ -17,7 +17,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.plan import BoxPlan
 
 PARTS = ("skin", "cloth", "feather")
-GRANULES = Granules(granule_mm=0.3, field_mm=1.0, furrow_mm=0.03, fade_mm=0.05)
+GRANULES = Granules(granule_mm=0.3, fade_mm=0.05)
 
 
 class Part(NamedTuple):
@@ -31,7 +31,7 @@ class Part(NamedTuple):
 
 FIGURE = {
     "skin": Part(
-        lambda fine, seed: lambda point: skin(point, body, GRANULES, fine, seed),
+        lambda fine, seed: lambda point: skin(point, body, GRANULES, fine, seed)[:2],
         lambda fine, seed: fine.layer(body, 0.3, 2.0),
         ((-16.0, -55.0, 177.0), (16.0, 17.0, 268.0)),
         Fineness(0.28, 0.45),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import number, one_of, take, text
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS
+from hagoromo.reflectance.pigment import pigment_from_record, skin_colour
 from hagoromo.reflectance.torrance_sparrow import LN2, cosines, weights_at
 
 VISIBLE = (400.0, 700.0)  # nm, the range of eq. (10)
@@ -87,10 +89,18 @@ class Reflectance:
 
 
 def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
-    """A Reflectance from a table: alpha, beta, gamma [rad], n, and colours as `Spectrum.load` takes them."""
+    """A Reflectance from a table: alpha, beta, gamma [rad], n, and colours as `Spectrum.load` takes them.
+
+    The body colour may be that of skin, by its pigments: `{melanin = 0.03, blood = 0.01, oxygenation = 0.8}`.
+    """
     colour = lambda source: Spectrum.load(source, folder)  # noqa: E731
+
+    def body(source: Any) -> Spectrum:
+        by_pigment = isinstance(source, Mapping) and not source.keys() & {"wavelengths", "values"}
+        return skin_colour(pigment_from_record(source, f"{where}: body_colour")) if by_pigment else colour(source)
+
     spec = {
-        "alpha": number, "beta": number, "gamma": number, "n": number, "body_colour": colour,
+        "alpha": number, "beta": number, "gamma": number, "n": number, "body_colour": body,
         "interface_colour": (colour, NEUTRAL), "element": (one_of(*ELEMENTS), "plane"), "name": (text, ""),
     }  # fmt: skip
     return Reflectance(**take(record, spec, where))
