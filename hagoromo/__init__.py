@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from hagoromo.reflectance.materials_file import read_materials as read_materials
     from hagoromo.reflectance.measure import measure as measure
     from hagoromo.reflectance.reflectance import Reflectance as Reflectance
+    from hagoromo.reflectance.reflectance_prior import ReflectancePrior as ReflectancePrior
+    from hagoromo.reflectance.spectrum_estimate import Reading as Reading
+    from hagoromo.reflectance.spectrum_estimate import SpectrumEstimate as SpectrumEstimate
+    from hagoromo.reflectance.spectrum_estimate import reflectance_spectrum as reflectance_spectrum
     from hagoromo.version import __version__ as __version__
     from hagoromo.volume.box import VolumeBox as VolumeBox
     from hagoromo.volume.store import load_box as load_box
@@ -59,6 +63,10 @@ HOMES = {
     "Reflectance": "reflectance.reflectance",
     "measure": "reflectance.measure",
     "read_materials": "reflectance.materials_file",
+    "Reading": "reflectance.spectrum_estimate",
+    "ReflectancePrior": "reflectance.reflectance_prior",
+    "SpectrumEstimate": "reflectance.spectrum_estimate",
+    "reflectance_spectrum": "reflectance.spectrum_estimate",
     "VolumeBox": "volume.box",
     "build": "matter.build",
     "load_box": "volume.store",

@@ -12,6 +12,8 @@ from hagoromo.camera.response import Response, response_matrix, white
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance_prior import ReflectancePrior
+from hagoromo.reflectance.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
 
@@ -70,6 +72,19 @@ class MaterialEstimate:
         return Reflectance(
             self.alpha, self.beta, self.gamma, self.n, spectrum, constant, element or self.element, self.name
         )
+
+    def body_spectrum(
+        self, response: Response, lamp_spectrum: Spectrum, priors: Sequence[ReflectancePrior] | None = None
+    ) -> SpectrumEstimate:
+        """Spectrum of the body colour (of mean 1 over the channels) with its covariance: see `reflectance_spectrum`.
+
+        Its channels are taken for independent. `InputError` where the colour has no standard error.
+        """
+        error = self.standard_error.get("body_colour")
+        if error is None:
+            raise InputError(f"material {self.name!r}: its body colour has no standard error, so its spectrum has none")
+        reading = Reading(self.body_colour, error, lamp_spectrum, response)
+        return reflectance_spectrum([reading], priors, upper=np.inf)
 
 
 def _short(values: Sequence[float] | np.ndarray) -> str:
