@@ -27,8 +27,8 @@ RISE = 0.15  # of a granule over its neighbours, in its diameters
 class Granules(NamedTuple):
     """Micro-structure of skin: granules, scales, lines and pores (see `Lines`), and the fade outside.
 
-    corneum_mm: thickness of the layer of scales (10–20 µm but for palms and soles); scale_mm, scale_deg: width of a
-    scale (cells of the horn are 30–50 µm wide and peel in flakes) and its tilt. The defaults are those of life.
+    corneum_mm: thickness of the layer of scales (10–20 µm but for palms and soles; 0: none); scale_mm, scale_deg: width
+    of a scale (cells of the horn are 30–50 µm wide and peel in flakes) and its tilt. The defaults are those of life.
     """
 
     granule_mm: float = 0.12
@@ -77,7 +77,7 @@ def skin(point: Any, shape: Shape, granules: Granules, fineness: Fineness, seed:
     depth = height - distance
     outside = dr.square(clip(1.0 + depth / (granules.fade_mm + fineness.softness), 0.0, 1.0))
     axis = unit(normal - (slope - normal * dr.dot(normal, slope)) + _tilt(point, granules, fineness, seed))
-    horn = depth < granules.corneum_mm
+    horn = (depth < granules.corneum_mm) & (granules.corneum_mm > 0)
     return outside * fineness.core(depth), axis, dr.select(horn, arrays().UInt(1), 0)
 
 
