@@ -1,132 +1,132 @@
-"""Feather: rachis, barbs (element cylinder, tangents along them) and a thin, half transparent vane. All in mm."""
+"""Feather: the plan of a feather, or of a patch of its vane under the microscope. All in mm.
+
+Elements are cylinders: their tangents run along shaft, barbs and barbules. The vane is thin: light passes.
+"""
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 
-from hagoromo.backend import arrays, clip
-from hagoromo.matter.fill import Fineness, fill
-from hagoromo.matter.noise import gradient_noise, random
-from hagoromo.matter.shape import coverage, unit
+from hagoromo.errors import InputError
+from hagoromo.matter.feather_check import check_feather
+from hagoromo.matter.feather_kinds import FEATHERS
+from hagoromo.matter.fill import MM, Fineness, blocks_in
+from hagoromo.matter.plume import flat_spot, spot_on
+from hagoromo.matter.shape import Shape
+from hagoromo.matter.vane import Feather, feather_at
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
 
-SLOPE = 1.0 / math.tan(math.radians(40))  # of the barbs: along the rachis per mm across, near the rachis
-BEND = 0.35  # by how much the barbs have turned towards the tip at the edge of the vane
-TIP = 0.68  # share of the length where the tip begins to round
-VANE_DENSITY = 0.3  # of the barbules between the barbs
-SPLITS = 5  # places a side where a vane may be torn
-
-
-class Plume(NamedTuple):
-    """A feather [mm]: length, half width of the outer and the inner vane, distance of the barbs, radius of the rachis.
-
-    quill: share of the length that is bare. bow: how far the tip is off the line of the quill.
-    """
-
-    length_mm: float = 90.0
-    outer_mm: float = 8.0
-    inner_mm: float = 12.0
-    barb_mm: float = 0.8
-    rachis_mm: float = 0.8
-    quill: float = 0.15
-    bow_mm: float = 10.0
-
-
-class Vane(NamedTuple):
-    """A place on a vane: distance to the outline (negative inside), start of its barb, tangent (across, along)."""
-
-    edge: Any
-    start: Any
-    tangent: Any
-
-
-def vane(across: Any, along: Any, length: Any, half: Any, quill: float = 0.0) -> Vane:
-    """The vane of a feather whose rachis runs `along` 0 to `length`; `half`: width of the vane on this side."""
-    kinds = arrays()
-    share = clip((along / length - quill) / (1.0 - quill), 0.0, 1.0)
-    rounding = dr.fmax((share - TIP) / (1.0 - TIP), 0.0)
-    rise = clip(share / 0.15, 0.0, 1.0)
-    outline = half * dr.sqrt(dr.fmax(1.0 - dr.square(rounding), 1e-6)) * rise * (2.0 - rise) * (0.8 + 0.2 * share)
-    edge = dr.fmax(dr.abs(across) - outline, dr.fmax(quill * length - along, along - length))
-    out = dr.abs(across)
-    slope = SLOPE * (1.0 + BEND * out / half)
-    side = dr.select(across < 0, -1.0, 1.0)
-    steep = SLOPE * (1.0 + 2.0 * BEND * out / half)
-    return Vane(edge, along - out * slope, kinds.Array2f(side, steep) * dr.rsqrt(1.0 + steep * steep))
+FEATHER_FINENESS = Fineness(0.08, 0.03)
+PATCH_FINENESS = Fineness(0.01, 0.03)
 
 
 def feather(
-    material: Reflectance,
-    plume: Plume = Plume(),  # noqa: B008 (an immutable record)
-    fineness: Fineness = Fineness(0.12, 0.12),  # noqa: B008
+    material: Reflectance | Sequence[Reflectance],
+    made: Feather = FEATHERS["primary"],
+    fineness: Fineness = FEATHER_FINENESS,
     seed: int = 0,
 ) -> BoxPlan:
-    """One feather that stands on its quill at z = 0 around x = 0 and shows its upper side to −y."""
-    long, widest = plume.length_mm, max(plume.outer_mm, plume.inner_mm)
+    """A feather that stands on its quill at z = 0 around x = 0 and shows its upper side to −y.
 
-    def field(point: Any) -> tuple[Any, Any]:
-        return plumage(point, plume, fineness, seed)
+    material: one, or two (the second is the marking's), or three (the third is the shaft's). `InputError` for sizes
+    that cannot be.
+    """
+    made = check_feather(made)
+    plume = made.plume
+    widest = max(plume.outer_mm, plume.inner_mm) * 1.05 + 0.5 * made.barbs.ragged_mm
+    loft = 2.6 * made.down.loft_mm if made.down.share > 0 else 0.0
+    deep = max(loft, plume.rachis_mm, 1.5 * made.barbs.height_mm) + 2.0 * fineness.softness
+
+    def field(point: Any) -> tuple[Any, Any, Any]:
+        density, tangent, colour = feather_at(spot_on(point, plume), made, fineness, seed)
+        if made.after > 0:
+            other, other_way, other_colour = feather_at(
+                spot_on(_behind(point, made), after.plume), after, fineness, seed + 1
+            )
+            more = other > density
+            density, tangent = dr.fmax(density, other), dr.select(more, other_way, tangent)
+            colour = dr.select(more, other_colour, colour)
+        return density, tangent, colour
+
+    after = afterfeather(made)
 
     def bound(point: Any) -> Any:
-        across, height, _ = _place(point, plume)
-        return dr.fmax(abs(height) - 1.5, abs(across) - widest) * 0.7
+        spot = spot_on(point, plume)
+        quill = plume.quill * plume.length_mm
+        bare = dr.fmax(abs(spot.across), abs(spot.height)) - plume.rachis_mm - fineness.softness
+        webbed = dr.fmax(dr.fmax(abs(spot.height) - deep, abs(spot.across) - widest), quill - spot.along)
+        ends = dr.fmax(-spot.along, spot.along - plume.length_mm) - 2.0 * fineness.softness
+        near = dr.fmin(dr.fmax(dr.fmin(bare, webbed), ends), 1e3)
+        return 0.7 * near
 
-    bend = abs(plume.bow_mm)
-    extent = (-widest - bend - 2.0, -0.2 * widest - 3.0, -1.0), (widest + bend + 2.0, 0.1 * long + 3.0, long + 2.0)
-    return fill(field, bound, extent, fineness, material, name="feather")
-
-
-def plumage(point: Any, plume: Plume, fineness: Fineness, seed: int) -> tuple[Any, Any]:
-    """Density and tangent of one feather."""
-    kinds, soft = arrays(), fineness.softness
-    across, height, (right, ahead) = _place(point, plume)
-    share = clip(point.z / plume.length_mm, 0.0, 1.0)
-    half = dr.select(across < 0, plume.outer_mm, kinds.Float(plume.inner_mm))
-    down = clip(1.0 - (share - plume.quill) / 0.22, 0.0, 1.0)  # the downy part at the foot of the vane
-    waver = gradient_noise(kinds.Array3f(across * 0.25, point.z * 0.12, 0.5), seed)
-    found = vane(across, point.z + waver * (0.6 + 3.5 * down), plume.length_mm, half, plume.quill)
-
-    number = dr.floor(found.start / plume.barb_mm)
-    spacing = plume.barb_mm * found.tangent.x * dr.select(across < 0, -1.0, 1.0)
-    beside = (found.start / plume.barb_mm - number - 0.5) * spacing
-    ragged = (random((kinds.Int(number), 0, kinds.Int(half)), seed) - 0.5) * (0.6 + 2.0 * down)
-    outline = dr.fmax(found.edge + ragged, _split(found.start, across, half, plume, seed))
-    barb = dr.sqrt(dr.square(beside) + dr.square(height)) - 0.3 * plume.barb_mm * (1.0 - 0.5 * down)
-    barbs = coverage(dr.fmax(barb, outline), soft)
-    barbules = coverage(dr.fmax(abs(height) - 0.12 * plume.barb_mm, outline), soft)
-    density = dr.fmax(barbs, barbules * VANE_DENSITY * (1.0 - 0.9 * down))
-    axis = unit(right * found.tangent.x + ahead * found.tangent.y)
-
-    thick = plume.rachis_mm * (1.0 - 0.85 * share)
-    rachis = dr.sqrt(dr.square(across) + dr.square(height + 0.4 * thick)) - thick
-    rachis = coverage(dr.fmax(rachis, dr.fmax(-point.z, point.z - 0.97 * plume.length_mm)), soft)
-    return dr.fmax(density, rachis), dr.select(rachis > density, ahead, axis)
+    side, back = widest + abs(plume.bow_mm) + 2.0, plume.arch_mm + plume.camber_mm + deep + 1.0
+    extent = (-side, -deep - 1.0 - max(-plume.arch_mm, 0.0), -1.0), (side, back, plume.length_mm + 2.0)
+    return plan_of(field, bound, extent, fineness, material, "feather")
 
 
-def _place(point: Any, plume: Plume) -> tuple[Any, Any, tuple[Any, Any]]:
-    """Across the rachis, height behind the vane, and unit directions to the right and ahead on it."""
-    kinds, share = arrays(), point.z * (1.0 / plume.length_mm)
-    across = point.x - plume.bow_mm * (share * share - 0.5 * share)
-    lean = plume.bow_mm / plume.length_mm * (2.0 * share - 0.5)
-    widest = max(plume.outer_mm, plume.inner_mm)
-    hollow = 0.18 / widest  # the vanes curve back on both sides of the rachis
-    back = 0.05 * plume.length_mm * share * share
-    height = point.y - back - hollow * across * across
-    right = unit(kinds.Array3f(1.0, 2.0 * hollow * across, 0.0))
-    ahead = unit(kinds.Array3f(lean, 0.1 * share, 1.0))
-    return across, height * right.x, (right, ahead)
+def vane_patch(
+    material: Reflectance | Sequence[Reflectance],
+    made: Feather = FEATHERS["primary"],
+    crop_mm: tuple[float, float] = (3.0, 3.0),
+    middle_mm: tuple[float, float] = (4.0, 55.0),
+    fineness: Fineness = PATCH_FINENESS,
+    seed: int = 0,
+) -> BoxPlan:
+    """A patch of a vane laid flat: `crop_mm` across and along the feather, around `middle_mm` (across, along).
+
+    Stands on z = 0 around x = 0 and shows its upper side to −y. material: see `feather`.
+    """
+    made = check_feather(made)
+    (wide, tall), (across, along) = crop_mm, middle_mm
+    if min(wide, tall) <= 0:
+        raise InputError(f"crop_mm is {wide:g}, {tall:g}: give two lengths above 0")
+    if not (-made.plume.outer_mm <= across <= made.plume.inner_mm and 0.0 <= along <= made.plume.length_mm):
+        raise InputError(
+            f"middle_mm {across:g}, {along:g} is not on the feather: give (across, along) within its vanes"
+        )
+
+    def field(point: Any) -> tuple[Any, Any, Any]:
+        there = type(point)(point.x + across, point.y, point.z - 0.5 * tall + along)
+        return feather_at(flat_spot(there), made, fineness, seed)
+
+    half, soft = 0.5 * wide, fineness.softness
+    up, under = 2.0 * made.barbules.rise_mm + made.barbules.height_mm + soft, made.barbs.height_mm + soft
+    if abs(across) < half + made.plume.rachis_mm:
+        under, up = max(under, made.plume.rachis_mm), max(up, 0.5 * made.plume.rachis_mm)
+    if made.down.share > 0 and along < made.plume.length_mm * (made.plume.quill + 1.3 * made.down.share):
+        under, up = max(under, 2.0 * made.down.loft_mm), max(up, 2.0 * made.down.loft_mm)
+    extent = (-half, -up, 0.0), (half, under, tall)
+    return plan_of(field, lambda point: abs(point.y) - 2.0 * under - up, extent, fineness, material, "vane")
 
 
-def _split(start: Any, across: Any, half: Any, plume: Plume, seed: int) -> Any:
-    """Where barbs have come apart: above 0 within gaps that open towards the edge of the vane [mm]."""
-    kinds, every = arrays(), plume.length_mm / SPLITS
-    cell = dr.floor(start / every)
-    place, chance, width = (random((kinds.Int(cell), kinds.Int(half), k), seed + 9) for k in range(3))
-    middle = (cell + 0.25 + 0.5 * place) * every
-    out = abs(across) / half
-    gap = (0.4 + 1.1 * width) * plume.barb_mm * 2.0 * out * out
-    return dr.select(chance < 0.6, gap - abs(start - middle), -1e3)
+def afterfeather(made: Feather) -> Feather:
+    """The second, wholly downy feather that grows from the same quill."""
+    plume, share = made.plume, max(made.after, 1e-3)
+    small = plume._replace(
+        length_mm=plume.length_mm * share, outer_mm=0.8 * plume.outer_mm, inner_mm=0.8 * plume.inner_mm,
+        rachis_mm=0.3 * plume.rachis_mm, quill=min(plume.quill / share, 0.5), tip=0.7, bow_mm=0.0,
+    )  # fmt: skip
+    return made._replace(plume=small, down=made.down._replace(share=1.0), after=0.0)
+
+
+def _behind(point: Any, made: Feather) -> Any:
+    """The point as an afterfeather sees it: it lies beneath its feather."""
+    return type(point)(point.x, point.y - 0.8 * made.plume.rachis_mm - 0.4 * made.down.loft_mm, point.z)
+
+
+def plan_of(
+    field: Any, bound: Shape, extent: Any, fineness: Fineness, material: Reflectance | Sequence[Reflectance], name: str
+) -> BoxPlan:
+    """The plan of a field of density, tangent and colour; up to three materials, one for each colour."""
+    given = (material,) if isinstance(material, Reflectance) else tuple(material)
+    if not 1 <= len(given) <= 3:
+        raise InputError(f"{len(given)} materials of a feather: give one, two (the marking's) or three (the shaft's)")
+    three = (*given, *(given[0],) * (3 - len(given)))
+    blocks, pose = blocks_in(field, bound, extent, fineness.voxel_mm)
+    header = BoxHeader(fineness.voxel_mm * MM, 1.0 / (fineness.mean_free_path_mm * MM), three, pose, name=name)
+    return BoxPlan(header, blocks)

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from hagoromo.backend import arrays, clip
-from hagoromo.matter.feather import vane
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import random
 from hagoromo.matter.shape import coverage, spline, unit
@@ -26,6 +25,33 @@ SHEET = 25.0, 0.0042, 0.0006  # y of the shoulder, curvature of the sheet outwar
 BARB = 0.9  # distance of the barbs
 THICKNESS = 0.9  # of a feather
 REACH = 7.5  # of all feathers off the sheet
+
+SLOPE = 1.0 / math.tan(math.radians(40))  # of the barbs: along the rachis per mm across, near the rachis
+BEND = 0.35  # by how much the barbs have turned towards the tip at the edge of the vane
+TIP = 0.68  # share of the length where the tip begins to round
+
+
+class Vane(NamedTuple):
+    """A place on a vane: distance to the outline (negative inside), start of its barb, tangent (across, along)."""
+
+    edge: Any
+    start: Any
+    tangent: Any
+
+
+def vane(across: Any, along: Any, length: Any, half: Any, quill: float = 0.0) -> Vane:
+    """The vane of a feather whose rachis runs `along` 0 to `length`; `half`: width of the vane on this side."""
+    kinds = arrays()
+    share = clip((along / length - quill) / (1.0 - quill), 0.0, 1.0)
+    rounding = dr.fmax((share - TIP) / (1.0 - TIP), 0.0)
+    rise = clip(share / 0.15, 0.0, 1.0)
+    outline = half * dr.sqrt(dr.fmax(1.0 - dr.square(rounding), 1e-6)) * rise * (2.0 - rise) * (0.8 + 0.2 * share)
+    edge = dr.fmax(dr.abs(across) - outline, dr.fmax(quill * length - along, along - length))
+    out = dr.abs(across)
+    slope = SLOPE * (1.0 + BEND * out / half)
+    side = dr.select(across < 0, -1.0, 1.0)
+    steep = SLOPE * (1.0 + 2.0 * BEND * out / half)
+    return Vane(edge, along - out * slope, kinds.Array2f(side, steep) * dr.rsqrt(1.0 + steep * steep))
 
 
 class Row(NamedTuple):

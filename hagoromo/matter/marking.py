@@ -1,0 +1,48 @@
+"""Marking: where a feather has its second colour. All in mm."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from hagoromo.backend import arrays
+from hagoromo.matter.noise import random
+
+PATTERNS = ("plain", "bars", "tip", "edge", "eye")
+
+
+class Marking(NamedTuple):
+    """The second pigment of a feather.
+
+    pattern: "plain" (none), "bars" across the feather, its "tip", its "edge", or an "eye" near the tip. bars_per_cm and
+    bar_share: how many bars, and how much of the way from one to the next they fill. tip_mm, edge_mm: how much of tip
+    or edge has the colour; eye_mm: radius of the eye, a ring and a spot. jag_mm: by how much it differs between barbs.
+    """
+
+    pattern: str = "plain"
+    bars_per_cm: float = 1.0
+    bar_share: float = 0.4
+    tip_mm: float = 12.0
+    edge_mm: float = 1.5
+    eye_mm: float = 6.0
+    jag_mm: float = 0.6
+
+
+def is_marked(across: Any, along: Any, edge: Any, number: Any, plume: Any, marking: Marking, seed: Any) -> Any:
+    """Whether a place has the second colour; edge: distance to the outline, negative within; number: of its barb."""
+    kinds = arrays()
+    side = dr.select(across < 0, kinds.Int(1), 0)
+    jag = (random((kinds.Int(number), side, 77), seed) - 0.5) * marking.jag_mm
+    if marking.pattern == "bars":
+        place = (plume.length_mm - along + jag + 0.35 * abs(across)) * (0.1 * marking.bars_per_cm)
+        return place - dr.floor(place) < marking.bar_share
+    if marking.pattern == "tip":
+        return along + jag + 0.15 * abs(across) > plume.length_mm - marking.tip_mm
+    if marking.pattern == "edge":
+        return edge + 0.5 * jag > -marking.edge_mm
+    if marking.pattern == "eye":
+        middle = plume.length_mm - 2.2 * marking.eye_mm
+        apart = dr.sqrt(across * across + dr.square(0.8 * (along + jag - middle))) / marking.eye_mm
+        return (apart < 0.45) | ((apart > 0.7) & (apart < 1.0))
+    return across > 1e9

@@ -1,0 +1,128 @@
+"""Plume: the outer form of a feather: how it bends, its outline, its shaft. All in mm.
+
+On a feather, `along` counts from the end of the quill to the tip, `across` from the shaft (outer, narrow vane below 0),
+`height` over the upper side of the vane.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from hagoromo.backend import arrays, clip
+from hagoromo.matter.shape import coverage
+
+TAPER = 0.9  # share of the shaft's width that is lost from the foot of the vane to the tip
+WALL, PITH = 0.16, 0.3  # wall of the shaft as a share of its radius; density of the foam within (0 in the quill)
+SUNK = 0.5  # of its radius: the shaft's middle lies so far below the vane, which meets it near its upper side
+
+
+class Plume(NamedTuple):
+    """The form of a feather.
+
+    length_mm: quill and vane. outer_mm, inner_mm: widths of the vanes; their ratio is the asymmetry (3 and more in
+    outer primaries). rachis_mm: width of the shaft at the foot of the vane. quill: share of the length that is bare.
+    tip: share of the vane over which it rounds off to the tip. bow_mm: how far the tip is off the line of the quill
+    within the vane, arch_mm: below it. camber_mm: how far the edges hang below the shaft.
+    Sizes: a pigeon's (Lucas & Stettenheim, Avian Anatomy: Integument, 1972; Bachmann et al., Front. Zool. 4:23, 2007).
+    """
+
+    length_mm: float = 90.0
+    outer_mm: float = 5.0
+    inner_mm: float = 13.0
+    rachis_mm: float = 1.8
+    quill: float = 0.2
+    tip: float = 0.5
+    bow_mm: float = 7.0
+    arch_mm: float = 6.0
+    camber_mm: float = 1.5
+
+
+class Spot(NamedTuple):
+    """A place on a feather and the unit directions in which across, along and height increase."""
+
+    across: Any
+    along: Any
+    height: Any
+    right: Any
+    ahead: Any
+    above: Any
+
+
+def flat_spot(point: Any) -> Spot:
+    """A place on a flat feather that lies in the plane y = 0, its upper side towards −y."""
+    kinds = arrays()
+    directions = kinds.Array3f(1, 0, 0), kinds.Array3f(0, 0, 1), kinds.Array3f(0, -1, 0)
+    return Spot(point.x, point.z, -point.y, *directions)
+
+
+def spot_on(point: Any, plume: Plume) -> Spot:
+    """A place on a bent feather: arched and cambered over cylinders, bowed along a circle, all true to lengths."""
+    kinds, long = arrays(), plume.length_mm
+    height, z, s, c = _rolled(-point.y, point.z, 2.0 * plume.arch_mm / long**2)
+    right, ahead, above = kinds.Array3f(1, 0, 0), kinds.Array3f(0, s, c), kinds.Array3f(0, -c, s)
+    across, along, s, c = _rolled(point.x, z, -2.0 * plume.bow_mm / long**2)
+    right, ahead = right * c + ahead * s, ahead * c - right * s
+    wide = max(plume.outer_mm, plume.inner_mm)
+    height, across, s, c = _rolled(height, across, 2.0 * plume.camber_mm / wide**2)
+    right, above = right * c - above * s, above * c + right * s
+    return Spot(across, along, height, right, ahead, above)
+
+
+def outline(across: Any, along: Any, plume: Any) -> Any:
+    """Distance to the edge of the vane [mm], negative within, to first order; beyond its first barb see `barbs`."""
+    half = dr.select(across < 0, plume.outer_mm, arrays().Float(plume.inner_mm))
+    vane = plume.length_mm * (1.0 - plume.quill)
+    share = clip((along - plume.length_mm * plume.quill) / vane, 0.0, 1.2)
+    start = 1.0 - plume.tip
+    rounding = dr.fmax(share - start, 0.0) / plume.tip
+    foot = clip(5.0 * share, 0.0, 1.0)
+    half = half * (0.55 + 0.27 * foot * (2.0 - foot) + 0.36 * share * (1.0 - 0.5 * share))
+    x, r = across / half, rounding * rounding
+    value = x * x + r * r - 1.0
+    slope = dr.sqrt(dr.square(x / half) + dr.square(2.0 * r * rounding / (plume.tip * vane)))
+    return 0.5 * value / dr.fmax(slope, 0.3 / half)
+
+
+def shaft(spot: Spot, plume: Any, softness: float) -> Any:
+    """Density of quill and rachis: round, then square with a groove beneath, then round and thin at the tip."""
+    quill = plume.length_mm * plume.quill
+    share = clip((spot.along - quill) / (plume.length_mm - quill), 0.0, 1.0)
+    foot = dr.sqrt(clip(spot.along / (1.5 * plume.rachis_mm) + 0.05, 0.0, 1.0))
+    radius = 0.5 * plume.rachis_mm * (1.0 - TAPER * share) * foot
+    x, y = abs(spot.across), spot.height + SUNK * radius
+    square = clip(8.0 * share, 0.0, 1.0) * clip(3.0 * (1.0 - share), 0.0, 1.0)
+    rounding = radius * (1.0 - 0.55 * square)
+    a, b = x - radius + rounding, abs(y) - radius + rounding
+    outside = dr.sqrt(dr.square(dr.fmax(a, 0.0)) + dr.square(dr.fmax(b, 0.0))) + dr.fmin(dr.fmax(a, b), 0.0)
+    distance = outside - rounding
+    groove = 0.4 * radius * square - dr.sqrt(x * x + dr.square(y + 1.1 * radius))
+    distance = dr.fmax(distance, dr.fmax(groove, dr.fmax(-spot.along, spot.along - 0.985 * plume.length_mm)))
+    pith = PITH * clip(10.0 * share, 0.05, 1.0)
+    solid = coverage(-distance - WALL * radius, softness)  # 1 in the wall, 0 deep inside
+    return coverage(distance, softness) * (pith + (1.0 - pith) * solid)
+
+
+def shaft_radius(along: Any, plume: Any) -> Any:
+    """Half the width of the shaft where the vane is."""
+    quill = plume.length_mm * plume.quill
+    share = clip((along - quill) / (plume.length_mm - quill), 0.0, 1.0)
+    return 0.5 * plume.rachis_mm * (1.0 - TAPER * share)
+
+
+def _rolled(off: Any, along: Any, curvature: float) -> tuple[Any, Any, Any, Any]:
+    """(off, along) about a circle through (0, 0) that leaves along `along` and bends towards −off.
+
+    The distance outside the circle, the arc length, and sine and cosine of the turn there: along the circle the
+    direction is along · cos − off · sin.
+    """
+    if abs(curvature) < 1e-6:
+        zero = 0.0 * off
+        return off, along, zero, zero + 1.0
+    radius = 1.0 / curvature
+    sign = math.copysign(1.0, curvature)
+    reach = sign * dr.sqrt(dr.square(off + radius) + along * along)
+    turn = dr.atan2(sign * along, sign * (off + radius))
+    return reach - radius, radius * turn, along / reach, (off + radius) / reach
