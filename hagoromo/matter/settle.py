@@ -1,0 +1,177 @@
+"""Settle: cloth falls over bodies and on the floor z = 0, and comes to rest in folds. All in mm and s.
+
+Points of a grid are masses; neighbours are joined by springs along the yarns and, weaker, across them; the cloth bends
+as stiffly as its bending length says. Small steps of symplectic Euler, one pass over the springs in each (Macklin et
+al. 2019, "Small steps in physics simulation"), are as stiff as the step allows, and the step is chosen by the strain
+allowed. Every point gathers its own forces: the same input gives the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, lookup
+from hagoromo.errors import InputError
+from hagoromo.matter.collider import Collider
+from hagoromo.matter.contact import Contacts
+from hagoromo.matter.cut import Cut
+from hagoromo.matter.sheet import Sheet
+from hagoromo.matter.springs import mesh_of
+
+GRAVITY = 9810.0  # mm/s²
+STRETCH, SHEAR, TOUCH = 0.5, 0.06, 0.15  # stiffness of springs, in masses per step²; stable below 4 together
+FRICTION_INSIDE = 0.05  # share of the speed along a spring, and of that of touching points, that a step takes away
+STRAIN = 0.02  # of the cloth where it carries most
+DRAW = 120.0  # mm/s, speed at which a belt is drawn in
+GRIP = 0.05  # share of the speed that a belt takes away in a step
+TOUCH_EVERY = 1 / 250  # s, between searches for touching points
+FALL, REST = 8.0, 40.0  # drag of the air [1/s] while the cloth falls, and at the end, so that it rests
+
+
+class Fabric(NamedTuple):
+    """bending: bending length (Peirce 1930: cubed, stiffness over weight) [mm]; friction: coefficient; clear: of its
+    middle from bodies and floor [mm].
+    """
+
+    bending: float = 3.0
+    friction: float = 0.4
+    clear: float = 0.6
+
+
+class Fall(NamedTuple):
+    """How it is computed: spacing of the points [mm], seconds of fall on the coarsest grid, levels of grids, each
+    twice as fine as the one before, seed of the small disorder from which folds begin.
+    """
+
+    spacing: float = 1.5
+    seconds: float = 1.2
+    levels: int = 2
+    seed: int = 0
+
+
+def settled(
+    cuts: Sequence[Cut],
+    collider: Collider,
+    fabric: Fabric = Fabric(),  # noqa: B008
+    fall: Fall = Fall(),  # noqa: B008
+) -> list[Sheet]:
+    """The pieces at rest, in their order. They touch each other, the floor and the bodies of `collider`."""
+    check(fabric, fall)
+    sheets: list[Sheet | None] = [None] * len(cuts)
+    for level in range(fall.levels):
+        spacing, seconds = fall.spacing * 2.0 ** (fall.levels - 1 - level), fall.seconds / 2.0**level
+        begin = [cut.sheet(spacing, sheet) for cut, sheet in zip(cuts, sheets, strict=True)]
+        sheets[:] = _after(cuts, begin, collider, fabric, spacing, seconds, fall.seed + level)
+    return [sheet for sheet in sheets if sheet is not None]
+
+
+def check(fabric: Fabric, fall: Fall) -> None:
+    """`InputError` for numbers that let no cloth settle."""
+    if not (np.isfinite(fabric).all() and fabric.bending >= 0 and fabric.friction >= 0 and fabric.clear >= 0):
+        raise InputError(f"{fabric}: give finite numbers, none below 0")
+    if not (np.isfinite(fall.spacing) and fall.spacing > 0 and fall.levels >= 1 and 0 < fall.seconds < 60):
+        raise InputError(f"{fall}: give a spacing above 0, up to 60 seconds and at least one level")
+
+
+def _after(
+    cuts: Sequence[Cut],
+    sheets: Sequence[Sheet],
+    collider: Collider,
+    fabric: Fabric,
+    spacing: float,
+    seconds: float,
+    seed: int,
+) -> list[Sheet]:
+    """Sheets after `seconds` of fall, the last third of it at rest."""
+    kinds, mesh = arrays(), mesh_of(cuts, sheets, spacing)
+    points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in sheets])
+    draw = np.random.default_rng(seed).normal(size=points.shape) * 0.02 * spacing
+    points = points + np.where(mesh["held"].numpy()[:, None] > 0, 0.0, draw)
+    step = spacing * math.sqrt(STRETCH * STRAIN / (GRAVITY * max(cut.height for cut in cuts)))
+    contacts = Contacts(sheets, np.concatenate([cut.over(cut.apart, spacing).ravel() > 0 for cut in cuts]))
+    numbers = {
+        "step": step, "bend": GRAVITY * fabric.bending**3, "clear": fabric.clear, "friction": fabric.friction,
+        "thick": spacing,
+    }  # fmt: skip
+    mesh |= {name: dr.opaque(kinds.Float, value) for name, value in numbers.items()}
+    mesh["body"] = collider.values  # a frozen function reads only what is handed to it
+    move: Callable[..., Any] = dr.freeze(
+        lambda place, speed, touching, drag, mesh: _moved(place, speed, touching, drag, mesh, collider)
+    )
+    place = kinds.Array3f(*(lookup(kinds.Float, points[:, k].astype(np.float32)) for k in range(3)))
+    speed = dr.zeros(kinds.Array3f, len(points))
+    turns, every = math.ceil(seconds / step), max(round(TOUCH_EVERY / step), 1)
+    for turn in range(turns):
+        if turn % every == 0:
+            now = np.array(place, np.float64).T
+            touching = [lookup(kinds.UInt, row) for row in contacts.found(now, 2.2 * spacing)]
+            ease = FALL + (REST - FALL) * min(max(3.0 * turn / turns - 1.5, 0.0), 1.0)
+            drag = dr.opaque(kinds.Float, math.exp(-ease * step))
+        place, speed = move(place, speed, touching, drag, mesh)
+    now, starts = np.array(place, np.float64).T, np.cumsum([0] + [sheet.u.size for sheet in sheets])
+    if not np.isfinite(now).all():
+        raise InputError("the cloth did not come to rest: give a shorter bending length or a wider spacing")
+    return [
+        Sheet(now[first:last].reshape(sheet.points.shape), sheet.u, sheet.v, sheet.around)
+        for sheet, first, last in zip(sheets, starts[:-1], starts[1:], strict=True)
+    ]
+
+
+def _moved(place: Any, speed: Any, touching: Sequence[Any], drag: Any, mesh: dict[str, Any], collider: Collider) -> Any:
+    """Places and speeds one step later."""
+    kinds, step = arrays(), mesh["step"]
+    stiff = dr.rcp(dr.square(step))
+    pull = kinds.Array3f(0.0, 0.0, -GRAVITY)
+    for springs, share in ((mesh["along"], STRETCH), (mesh["across"], SHEAR)):
+        for other, rest in springs:
+            offset = dr.gather(kinds.Array3f, place, other) - place
+            length = dr.norm(offset) + 1e-6
+            direction = offset / length
+            closing = dr.dot(dr.gather(kinds.Array3f, speed, other) - speed, direction)
+            force = share * stiff * (length - rest) + FRICTION_INSIDE / step * closing
+            pull += direction * dr.select(rest > 0, force, 0.0)
+    for before, after, before2, after2, share in mesh["bends"]:
+        one, two = (dr.gather(kinds.Array3f, place, index) for index in (before, after))
+        middle = one + two - 2.0 * place
+        first = dr.gather(kinds.Array3f, place, before2[0]) + place - 2.0 * one
+        last = dr.gather(kinds.Array3f, place, after2[0]) + place - 2.0 * two
+        pull += (middle * (2.0 * share) - first * before2[1] - last * after2[1]) * mesh["bend"]
+    own = dr.arange(kinds.UInt, dr.width(place))
+    for other in touching:
+        offset = dr.gather(kinds.Array3f, place, other) - place
+        far = dr.norm(offset) + 1e-6
+        deep = dr.fmax(mesh["thick"] - far, 0.0)
+        slip = dr.gather(kinds.Array3f, speed, other) - speed
+        force = slip * (FRICTION_INSIDE / step) - offset * (TOUCH * stiff * deep / far)
+        pull += dr.select((deep > 0) & (other != own), force, 0.0)
+    speed = (speed + pull * step) * drag
+    moved = place + speed * step
+    moved, speed = _held_off(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
+    moved, speed = _drawn_in(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
+    moved, speed = _held_off(moved, speed, moved.z, kinds.Array3f(0, 0, 1), mesh)
+    free = mesh["held"] <= 0
+    return dr.select(free, moved, place), dr.select(free, speed, 0.0)
+
+
+def _held_off(place: Any, speed: Any, distance: Any, normal: Any, mesh: dict[str, Any]) -> tuple[Any, Any]:
+    """Points pushed out of a body, and their speed after the push and the friction of it (Coulomb)."""
+    deep = dr.fmax(mesh["clear"] - distance, 0.0)
+    inwards = dr.fmin(dr.dot(speed, normal), 0.0)
+    slide = speed - normal * dr.dot(speed, normal)
+    quick = dr.norm(slide) + 1e-9
+    slower = dr.fmax(1.0 - mesh["friction"] * (deep / mesh["step"] - inwards) / quick, 0.0)
+    after = slide * slower + normal * (dr.dot(speed, normal) - inwards)
+    touching = deep > 0
+    return place + normal * deep, dr.select(touching, after, speed)
+
+
+def _drawn_in(place: Any, speed: Any, distance: Any, normal: Any, mesh: dict[str, Any]) -> tuple[Any, Any]:
+    """Points of a belt nearer to the body, and the belt's grip on them."""
+    over = dr.fmax(distance - mesh["reach"], 0.0)
+    slower = (speed - normal * dr.fmax(dr.dot(speed, normal), 0.0)) * (1.0 - GRIP)
+    return place - normal * dr.fmin(over, DRAW * mesh["step"]), dr.select(over > 0, slower, speed)
