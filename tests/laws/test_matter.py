@@ -107,38 +107,15 @@ def test_fibre_tangents_run_along_the_yarn():
     assert np.sqrt(np.mean((rise - told) ** 2)) < 0.06
 
 
-@pytest.mark.parametrize("form", ["sphere", "mesh"])
-def test_a_solid_has_its_volume_and_outward_axes(form, tmp_path):
-    """A ball 30 voxels across, and an icosphere in a mesh file, against their own volumes."""
-    import trimesh
-
-    shape, truth = {"form": "sphere", "radius_mm": 7.5}, 4 / 3 * np.pi * 7.5**3
-    if form == "mesh":
-        ball = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
-        ball.export(tmp_path / "ball.ply")
-        shape, truth = {"form": "mesh", "file": str(tmp_path / "ball.ply"), "height_mm": 15.0}, ball.volume * 7.5**3
-    box = build({"kind": "solid", "shape": shape, "voxel_mm": 0.5, "material": MATERIAL})
+def test_a_solid_has_its_volume_and_outward_axes():
+    """A ball 30 voxels across: soft edges enlarge it by h²/r² = 0.4 %."""
+    box = build({"kind": "solid", "shape": BALL | {"radius_mm": 7.5}, "voxel_mm": 0.5, "material": MATERIAL})
     density, axis = dense(box)
-    assert density.sum() * 0.5**3 == pytest.approx(truth, rel=0.01)
+    assert density.sum() * 0.5**3 == pytest.approx(4 / 3 * np.pi * 7.5**3, rel=0.01)
     offset = places(box) - (0.0, 0.0, 7.5)
     surface = (density > 0.05) & (density < 0.95)
     outward = (axis * offset).sum(axis=-1)[surface] / np.linalg.norm(offset, axis=-1)[surface]
-    assert outward.min() > 0.99  # 8°: a face of the icosphere spans 8°, and its corners' normals are interpolated
-
-
-def test_thin_parts_stay_whole(tmp_path):
-    """A plate of a third of a voxel has matter in every column that crosses it, and less mass than two voxels."""
-    import trimesh
-
-    trimesh.creation.box((11.0, 0.2, 13.0)).export(tmp_path / "plate.stl")
-    shape = {"form": "mesh", "file": str(tmp_path / "plate.stl"), "height_mm": 13.0}
-    box = build({"kind": "solid", "shape": shape, "voxel_mm": 0.6, "material": MATERIAL})
-    density, _ = dense(box)
-    at = places(box)[:, 0, :]
-    crossed = (np.abs(at[..., 0]) < 5.0) & (np.abs(at[..., 2] - 6.5) < 6.0)
-    across = density.sum(axis=1)[crossed]
-    assert across.min() > 0.2 / 0.6
-    assert across.max() < 2.0
+    assert outward.min() > 0.9999
 
 
 @pytest.mark.parametrize("part", FIGURE)
@@ -204,18 +181,6 @@ def test_bad_recipes_are_refused_in_one_line(change, message):
     with pytest.raises(InputError, match=message) as refused:
         build(RECIPES["cloth"] | change)
     assert "\n" not in str(refused.value)
-
-
-def test_meshes_that_enclose_nothing_are_refused(tmp_path):
-    import trimesh
-
-    sheet_of_two = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 1], [1, 1, 1]], [[0, 1, 2], [1, 3, 2]])
-    sheet_of_two.export(tmp_path / "open.ply")
-    (tmp_path / "text.ply").write_text("no mesh")
-    for name, message in (("open.ply", "does not enclose"), ("text.ply", "cannot be read"), ("none.ply", "not exist")):
-        shape = {"form": "mesh", "file": str(tmp_path / name), "height_mm": 5.0}
-        with pytest.raises(InputError, match=message):
-            build({"kind": "solid", "shape": shape, "material": MATERIAL})
 
 
 @pytest.mark.parametrize(
