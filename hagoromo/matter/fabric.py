@@ -1,0 +1,110 @@
+"""Fabric: one period of a cloth as a function of (u, v, height) [mm], ready to be made a texel.
+
+Density is the share of space that is fibre (1 inside a fibre that voxels show), tangents are along the fibres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, lookup
+from hagoromo.matter.hair import Fuzz, grown
+from hagoromo.matter.section import section
+from hagoromo.matter.strand import Grid, Paths, Place, Strands, grid_over
+from hagoromo.matter.thread import either, fibre, inside, spun
+from hagoromo.matter.weave import Woven, check_woven, period_of, woven_paths
+from hagoromo.matter.yarn import Yarn
+
+CELLS = 5  # of the search for the nearest yarn, in the diameter of the thinnest
+ROOM = 0.5  # for hairs above and below, of their mean length
+MARGIN = 2  # voxels at the border of the period in which all variants agree
+
+
+class Fabric(NamedTuple):
+    """field: (point (u, v, height), variant) → density, unit tangent (along u, v, normal), population (UInt);
+    period_mm along u and v; heights_mm that it spans; populations; thickness_mm between the yarns' outermost sides.
+    """
+
+    field: Callable[[Any, Any], tuple[Any, Any, Any]]
+    period_mm: tuple[float, float]
+    heights_mm: tuple[float, float]
+    populations: int
+    thickness_mm: float
+
+
+def woven(cloth: Woven, voxel_mm: float, variants: int = 4, seed: int = 0) -> Fabric:
+    """A woven cloth on voxels of `voxel_mm` [mm]. Raises `InputError` where it cannot be woven."""
+    check_woven(cloth)
+    yarns, period = (cloth.warp, cloth.weft), period_of(cloth)
+    paths = woven_paths(cloth, _margin(yarns, voxel_mm), variants, seed)
+    return _fabric(yarns, paths, period, cloth.thickness, len(cloth.palette), voxel_mm, seed)
+
+
+def _margin(yarns: tuple[Yarn, Yarn], voxel_mm: float) -> float:
+    return MARGIN * voxel_mm + max(yarn.width_mm for yarn in yarns)
+
+
+def _fabric(
+    yarns: tuple[Yarn, Yarn], paths: tuple[Paths, Paths], period: tuple[float, float], thickness: float,
+    populations: int, voxel_mm: float, seed: int,
+) -> Fabric:  # fmt: skip
+    """The fabric of two kinds of yarns, of which the one at whose axis a point is nearer is there."""
+    kinds = arrays()
+    thick = max(float(each.girth.max()) for each in paths)
+    room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
+    top = 0.5 * thickness * thick + room
+    grid = grid_over(period, (-top, top), min(yarn.thickness_mm for yarn in yarns) / CELLS)
+    strands = tuple(Strands(each, period, grid) for each in paths)
+    shown = tuple(section(yarn, voxel_mm, seed) for yarn in yarns)
+    table = lookup(kinds.Float, np.concatenate([each.nearest for each in shown]))
+    lengths = tuple(each.step * each.steps for each in strands)
+    kept = tuple(
+        spun(yarn, each, voxel_mm, length, k * len(each.nearest))
+        for k, (yarn, each, length) in enumerate(zip(yarns, shown, lengths, strict=True))
+    )
+    fuzz = _fuzz(yarns, paths, period, (-top, top), grid, voxel_mm, seed)
+
+    def field(point: Any, variant: Any) -> tuple[Any, Any, Any]:
+        cell = grid.cell(point, variant)
+        one, other = (each.nearest(point, cell, variant) for each in strands)
+        first = inside(one, kept[0]) < inside(other, kept[1])
+        one, other = (each._replace(yarn=2 * each.yarn + k) for k, each in enumerate((one, other)))
+        place = Place(*(dr.select(first, a, b) for a, b in zip(one, other, strict=True)))
+        density, tangent = fibre(place, either(first, *kept), table, seed)
+        hair, along, colour = fuzz.at(point, cell)
+        outside = hair > density
+        return (
+            dr.select(outside, hair, density),
+            dr.select(outside, along, tangent),
+            dr.select(outside, colour, place.population),
+        )
+
+    return Fabric(field, period, (-top, top), populations, thickness)
+
+
+def _fuzz(
+    yarns: tuple[Yarn, Yarn], paths: tuple[Paths, Paths], period: tuple[float, float], heights: tuple[float, float],
+    grid: Grid, voxel_mm: float, seed: int,
+) -> Fuzz:  # fmt: skip
+    """Hairs of both kinds of yarns: those near the border of the period are the same in all variants."""
+    reach = MARGIN * voxel_mm + max(grid.edge[:2])
+    room = heights[0] + 2.0 * voxel_mm, heights[1] - 2.0 * voxel_mm
+    kept = []
+    for variant in range(paths[0].points.shape[0]):
+        hairs = []
+        for shared in (True, False):
+            draw = np.random.default_rng((seed, 7) if shared else (seed, 8, variant))
+            both = zip(yarns, paths, strict=True)
+            every = [hair for yarn, each in both for hair in grown(yarn, each, 0 if shared else variant, room, draw)]
+            hairs += [hair for hair in every if _crosses(hair.points, period, reach) == shared]
+        kept.append(hairs)
+    return Fuzz(kept, period, grid, voxel_mm)
+
+
+def _crosses(points: np.ndarray, period: tuple[float, float], reach: float) -> bool:
+    """Whether any of the points is within `reach` of the border of the period."""
+    return bool((np.minimum(points[:, :2] % period, -points[:, :2] % period) < reach).any())

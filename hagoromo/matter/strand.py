@@ -1,0 +1,168 @@
+"""Strand: the paths of yarns through a period of cloth, and the nearest of them to a point, on the device.
+
+A path is told at equal steps of its length; it ends where it began, or a whole period of the cloth farther on.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from hagoromo.backend import arrays, clip, lookup
+
+BEYOND = 1e6  # mm: the third axis does not repeat
+SOUGHT, FARTHEST = 3, 4.0  # times that the foot of a point is bettered, steps that it is moved each time
+LEAST_STRETCH = 0.2  # on the inside of bends: points beyond their centre are in no yarn
+
+
+class Paths(NamedTuple):
+    """Yarns of one kind. points: (variants, yarns, steps, 3) [mm]; girth: (variants, yarns, steps), of the diameter;
+    phase: the same, turn of the plies [rad], its last step `turns` whole turns before its first of the next period;
+    population: (yarns, steps).
+    """
+
+    points: NDArray[np.float64]
+    girth: NDArray[np.float64]
+    phase: NDArray[np.float64]
+    turns: int
+    population: NDArray[np.int64]
+
+
+class Place(NamedTuple):
+    """A point beside the nearest yarn: offsets across the cloth and along its normal [mm], their unit axes, the yarn's
+    unit tangent, stretch of the way along it there (less than 1 on the inside of bends), girth, phase [rad] and its
+    rate [rad/mm of the axis], share of the way along the yarn, the yarn's number and population.
+    """
+
+    across: Any
+    above: Any
+    aside: Any
+    up: Any
+    tangent: Any
+    stretch: Any
+    girth: Any
+    phase: Any
+    rate: Any
+    way: Any
+    yarn: Any
+    population: Any
+
+
+class Grid(NamedTuple):
+    """Cells over a period: edge counts (x, y, z), edges [mm] and where the lowest lies along the normal [mm]."""
+
+    count: tuple[int, int, int]
+    edge: tuple[float, float, float]
+    bottom: float
+
+    def middles(self) -> NDArray[np.float64]:
+        """Middles of the cells, z slowest: (nz · ny · nx, 3)."""
+        z, y, x = np.meshgrid(*(np.arange(n) + 0.5 for n in self.count[::-1]), indexing="ij")
+        return np.stack([x, y, z], axis=-1).reshape(-1, 3) * np.array(self.edge) + np.array([0.0, 0.0, self.bottom])
+
+    def cell(self, point: Any, variant: Any) -> Any:
+        """Index of the cell of a point (UInt), the variants one after another."""
+        kinds = arrays()
+        place = (point - kinds.Array3f(0.0, 0.0, self.bottom)) / kinds.Array3f(*self.edge)
+        x, y, z = (kinds.UInt(dr.fmin(dr.fmax(place[k], 0.0), self.count[k] - 1.0)) for k in range(3))
+        nx, ny, nz = self.count
+        return ((variant * nz + z) * ny + y) * nx + x
+
+
+def grid_over(period: tuple[float, float], heights: tuple[float, float], edge: float) -> Grid:
+    """Cells of about `edge` [mm]."""
+    spans = (*period, heights[1] - heights[0])
+    count = tuple(max(1, round(span / edge)) for span in spans)
+    edges = tuple(span / n for span, n in zip(spans, count, strict=True))
+    return Grid(count, edges, heights[0])  # type: ignore[arg-type]
+
+
+def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid) -> NDArray[np.uint32]:
+    """For every cell the number of the step that is nearest to its middle. points: (n, 3)."""
+    box = np.array([*period, BEYOND])
+    lifted = np.array([0.0, 0.0, 0.5 * BEYOND])
+    wrapped = points + lifted
+    wrapped[:, :2] %= period
+    wrapped[:, :2] = np.where(wrapped[:, :2] >= period, 0.0, wrapped[:, :2])
+    tree = KDTree(wrapped, boxsize=box)
+    return np.asarray(tree.query(grid.middles() + lifted)[1], np.uint32)
+
+
+class Strands:
+    """Paths on the device."""
+
+    def __init__(self, paths: Paths, period: tuple[float, float], grid: Grid) -> None:
+        kinds = arrays()
+        _, self.yarns, self.steps, _ = paths.points.shape
+        self.period, self.grid = period, grid
+        ahead, behind = np.roll(paths.points, -1, axis=2), np.roll(paths.points, 1, axis=2)
+        chord = _within(ahead - behind, period)
+        tangent = chord / np.linalg.norm(chord, axis=-1, keepdims=True)
+        self.step = float(np.linalg.norm(_within(ahead - paths.points, period), axis=-1).mean())
+        turn = np.diff(paths.phase, axis=2, append=paths.phase[:, :, :1] + 2.0 * np.pi * paths.turns)
+        population = np.broadcast_to(paths.population, paths.girth.shape)
+        self._a = _packets(kinds, paths.points, paths.girth)
+        self._b = _packets(kinds, tangent, paths.phase % (2.0 * np.pi))
+        self._c = lookup(kinds.Float, np.stack([turn, population], axis=-1).astype(np.float32))
+        cells = [nearest_steps(each.reshape(-1, 3), period, grid) for each in paths.points]
+        self._nearest = lookup(kinds.UInt, np.concatenate(cells))
+
+    def nearest(self, point: Any, cell: Any, variant: Any) -> Place:
+        """Where points are beside the yarn nearest to them."""
+        kinds = arrays()
+        found = dr.gather(kinds.UInt, self._nearest, cell)
+        yarn, step = found // self.steps, kinds.Float(found % self.steps)
+        first = (variant * self.yarns + yarn) * self.steps
+        for _ in range(SOUGHT):  # the cell's step is a few steps off
+            step = step - self.steps * dr.floor(step / self.steps)
+            index = dr.fmin(kinds.UInt(step), self.steps - 1)
+            following = dr.select(index + 1 < self.steps, index + 1, 0)
+            (a, b), (a_next, b_next) = self._step(first + index), self._step(first + following)
+            before, beyond = self._beyond(point, a, b), self._beyond(point, a_next, b_next)
+            stretch = dr.fmax(before - beyond, LEAST_STRETCH * self.step)
+            part = before / stretch
+            step = kinds.Float(index) + clip(part, -FARTHEST, FARTHEST)
+        part = clip(part, 0.0, 1.0)
+        middle = _xyz(a) + self._within(_xyz(a_next) - _xyz(a)) * part
+        tangent = dr.normalize(dr.lerp(_xyz(b), _xyz(b_next), part))
+        offset = self._within(point - middle)
+        up = dr.normalize(kinds.Array3f(0.0, 0.0, 1.0) - tangent * tangent.z)
+        aside = dr.cross(up, tangent)
+        turn, population = (dr.gather(kinds.Float, self._c, 2 * (first + index) + k) for k in (0, 1))
+        return Place(
+            dr.dot(offset, aside), dr.dot(offset, up), aside, up, tangent, stretch * (1.0 / self.step),
+            dr.lerp(a.w, a_next.w, part), b.w + part * turn, turn * (1.0 / self.step),
+            (kinds.Float(index) + part) * (1.0 / self.steps), yarn, kinds.UInt(population),
+        )  # fmt: skip
+
+    def _beyond(self, point: Any, a: Any, b: Any) -> Any:
+        """How far points lie beyond a step [mm]."""
+        return dr.dot(self._within(point - _xyz(a)), _xyz(b))
+
+    def _step(self, index: Any) -> tuple[Any, Any]:
+        kinds = arrays()
+        return dr.gather(kinds.Array4f, self._a, index), dr.gather(kinds.Array4f, self._b, index)
+
+    def _within(self, offset: Any) -> Any:
+        """An offset to the nearest of the places that repeat."""
+        u, v = self.period
+        x, y = offset.x - u * dr.round(offset.x * (1.0 / u)), offset.y - v * dr.round(offset.y * (1.0 / v))
+        return arrays().Array3f(x, y, offset.z)
+
+
+def _within(offset: NDArray, period: tuple[float, float]) -> NDArray:
+    moved = offset.copy()
+    moved[..., :2] -= np.round(moved[..., :2] / period) * period
+    return moved
+
+
+def _packets(kinds: Any, vector: NDArray, fourth: NDArray) -> Any:
+    return lookup(kinds.Float, np.concatenate([vector, fourth[..., None]], axis=-1).astype(np.float32))
+
+
+def _xyz(packet: Any) -> Any:
+    return arrays().Array3f(packet.x, packet.y, packet.z)

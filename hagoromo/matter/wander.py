@@ -1,0 +1,75 @@
+"""Wander: how the yarns of a cloth differ from one another and along themselves: girth, place and twist.
+
+All that varies repeats after a period of the cloth; the variants of a period differ inside and agree at its border.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.matter.yarn import Yarn
+
+WAVES = 1, 2, 3, 5  # per period, of all that varies along a yarn
+SLUB = 0.33, 2.0  # of the girth; length in diameters
+TWIST = 0.3  # rad by which twist runs ahead or behind, standard deviation
+
+
+class Wander(NamedTuple):
+    """Of yarns at equal steps along them, (variants, yarns, steps): girth of the diameter, place to the side of its
+    standard deviation, phase [rad].
+    """
+
+    girth: NDArray[np.float64]
+    aside: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+
+def wander(yarn: Yarn, free: NDArray, length: float, variants: int, draws: tuple[np.random.Generator, ...]) -> Wander:
+    """What yarns of `length` [mm] do. free: (yarns, steps), 0 where variants agree to 1 where they differ wholly.
+
+    draws: a generator for what all variants share and one for what is theirs.
+    """
+    shared, own = draws
+    yarns, steps = free.shape
+    way = np.arange(steps) / steps
+
+    def varied() -> NDArray:
+        both = _waves(shared, yarns, way) + np.zeros((variants, 1, 1))
+        return np.sqrt(1.0 - 0.5 * free**2) * both + np.sqrt(0.5) * free * np.stack(
+            [_waves(own, yarns, way) for _ in range(variants)]
+        )
+
+    girth, aside, phase = 1.0 + yarn.uneven * varied(), varied(), TWIST * varied()
+    for each in girth.reshape(-1, steps):
+        for _ in range(own.poisson(0.1 * yarn.slubs_per_cm * length)):
+            away = (way - own.random() + 0.5) % 1.0 - 0.5
+            each += SLUB[0] * np.exp(-((away * length / (SLUB[1] * yarn.diameter_mm)) ** 2)) * free.max(axis=0)
+    start = 2.0 * np.pi * shared.random((yarns, 1))
+    return Wander(girth / np.sqrt((girth**2).mean()), aside, phase + start)
+
+
+def freedom(points: NDArray, period: tuple[float, float], margin: float) -> NDArray:
+    """0 within `margin` [mm] of the border of the period, rising to 1 twice as far inside: of points (…, 3)."""
+    away = np.minimum(points[..., :2] % period, -points[..., :2] % period).min(axis=-1)
+    share = np.clip((away - margin) / margin, 0.0, 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+def equal_steps(path: NDArray, count: int) -> tuple[NDArray, float]:
+    """`count` points at equal steps of length along a path (n + 1, …), whose last point begins its next period.
+
+    The first three numbers of a point are its place. Also the length.
+    """
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1))])
+    at = np.arange(count) * (length[-1] / count)
+    return np.stack([np.interp(at, length, column) for column in path.T], axis=-1), float(length[-1])
+
+
+def _waves(draw: np.random.Generator, yarns: int, way: NDArray) -> NDArray:
+    """Sums of waves of random phase, mean 0 and variance 1 along every yarn: (yarns, steps)."""
+    phase = draw.random((len(WAVES), yarns, 1))
+    turns = np.array(WAVES)[:, None, None] * way
+    return np.sqrt(2.0 / len(WAVES)) * np.sin(2.0 * np.pi * (turns + phase)).sum(axis=0)

@@ -1,0 +1,118 @@
+"""Yarn: what is spun: fibres side by side, twisted to plies, plies twisted around one another."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hagoromo.errors import InputError
+
+HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal discs can cover
+# ° of the outside: two plies then touch on both sides (Bohr & Olsen, "The ancient art of laying rope", 2011)
+STEEPEST = 45.0
+MOST_FIBRES = 2000
+HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
+
+
+class Yarn(NamedTuple):
+    """A yarn by its measures.
+
+    diameter_mm: of the round yarn; flatness: how much wider than that it lies in the cloth (and as much thinner).
+    plies; twist_per_cm: turns of the plies around one another or, in a yarn of one ply, of the fibres; hand: Z or S.
+    ply_twist_per_cm: turns of the fibres in their ply, of the other hand (0: they follow the ply).
+    fibres: of a ply, each fibre_um thick; migration: how far they wander through the yarn, of its ply's radius.
+    hairs_per_cm, hair_mm: fly-away fibres and their mean length. uneven: spread of the girth, of itself.
+    slubs_per_cm: thick places, a third thicker than the yarn.
+    """
+
+    diameter_mm: float = 0.34
+    flatness: float = 1.15
+    plies: int = 1
+    twist_per_cm: float = 6.0
+    hand: str = "Z"
+    ply_twist_per_cm: float = 0.0
+    fibres: int = 150
+    fibre_um: float = 18.0
+    migration: float = 0.12
+    hairs_per_cm: float = 12.0
+    hair_mm: float = 0.6
+    uneven: float = 0.06
+    slubs_per_cm: float = 0.1
+
+    @property
+    def width_mm(self) -> float:
+        """Across the cloth."""
+        return self.diameter_mm * self.flatness
+
+    @property
+    def thickness_mm(self) -> float:
+        """Along the cloth's normal."""
+        return self.diameter_mm / self.flatness
+
+    @property
+    def ply(self) -> tuple[float, float]:
+        """Radius of a ply and of the circle on which the plies lie, of the yarn's radius."""
+        if self.plies == 1:
+            return 1.0, 0.0
+        radius = 1.0 / (1.0 + 1.0 / math.sin(math.pi / self.plies))
+        return radius, 1.0 - radius
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        """Turn of the plies around the yarn and of the fibres around their ply [rad/mm], right-handed above 0."""
+        turn, back = (0.2 * math.pi * HANDS[self.hand] * t for t in (self.twist_per_cm, self.ply_twist_per_cm))
+        return turn, turn - back
+
+    @property
+    def packing(self) -> float:
+        """Share of a ply's section that its fibres would fill without twist."""
+        return self.fibres * (self.fibre_um * 1e-3 / (self.diameter_mm * self.ply[0])) ** 2
+
+    @property
+    def lengthening(self) -> float:
+        """Length of the fibres per length of the yarn: the mean secant of their angles."""
+        return mean_secant(self)
+
+
+def mean_secant(yarn: Yarn) -> float:
+    """Mean over a ply's section of √(1 + slope²) of the fibres' helices."""
+    (radius, offset), (turn, spin) = yarn.ply, yarn.rates
+    share, around = (np.arange(64) + 0.5) / 64, 2.0 * np.pi * np.arange(64) / 64
+    reach = radius * np.sqrt(share)[:, None]  # rings of equal area
+    slope = np.hypot(turn * offset + spin * reach * np.cos(around), spin * reach * np.sin(around))
+    return float(np.sqrt(1.0 + (0.5 * yarn.diameter_mm * slope) ** 2).mean())
+
+
+def check_yarn(yarn: Yarn, name: str) -> Yarn:
+    """`yarn`, or `InputError` in one line where it cannot be spun; name: what messages call it."""
+    for key in ("diameter_mm", "flatness", "plies", "fibres", "fibre_um"):
+        _check(yarn, key, name, getattr(yarn, key) > 0, "a number above 0")
+    for key in ("twist_per_cm", "ply_twist_per_cm", "migration", "hairs_per_cm", "hair_mm", "uneven", "slubs_per_cm"):
+        _check(yarn, key, name, getattr(yarn, key) >= 0, "a number, 0 or more")
+    for key, most in (("plies", 8), ("fibres", MOST_FIBRES)):
+        whole = isinstance(getattr(yarn, key), int)
+        _check(yarn, key, name, whole and getattr(yarn, key) <= most, f"a whole number from 1 to {most}")
+    _check(yarn, "hand", name, yarn.hand in HANDS, "Z or S")
+    _check(yarn, "flatness", name, 1 <= yarn.flatness <= 2, "a number from 1 (round) to 2")
+    for key, most in (("migration", 0.5), ("uneven", 0.3)):
+        _check(yarn, key, name, getattr(yarn, key) <= most, f"at most {most:g}")
+    if yarn.ply_twist_per_cm and yarn.plies == 1:
+        raise InputError(f"ply_twist_per_cm of the {name} is {yarn.ply_twist_per_cm:g}: a yarn of one ply has none")
+    if yarn.packing > HEXAGONAL:
+        most = int(yarn.fibres * HEXAGONAL / yarn.packing)
+        raise InputError(f"{yarn.fibres} fibres of {yarn.fibre_um:g} µm do not fit a ply of the {name}: at most {most}")
+    angle = math.degrees(math.atan(0.5 * yarn.diameter_mm * abs(yarn.rates[0]) * (yarn.ply[1] or 1.0)))
+    if angle > STEEPEST or yarn.packing * yarn.lengthening > HEXAGONAL:
+        raise InputError(
+            f"twist_per_cm {yarn.twist_per_cm:g} of the {name} is beyond the packing limit ({angle:.0f}° outside, "
+            f"{yarn.packing * yarn.lengthening:.2f} of the section filled): less twist or fewer fibres"
+        )
+    return yarn
+
+
+def _check(yarn: Yarn, key: str, name: str, right: bool, wanted: str) -> None:
+    value = getattr(yarn, key)
+    if not right or (isinstance(value, float) and not math.isfinite(value)):
+        raise InputError(f"{key} of the {name} is {value}: give {wanted}")
