@@ -9,6 +9,7 @@ import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.image.lighting import Lighting
+from hagoromo.volume.medium import Element
 
 CUT = 1e-3  # transmittance at which rays end
 
@@ -51,7 +52,9 @@ def plain_march(grid: Grid, tau: float, lighting: Lighting, origin: Any, directi
         if depth > 1e-6:
             axis = dr.normalize(kinds.Array3f(voxel[1], voxel[2], voxel[3]) + 1e-9)
             material = kinds.UInt(0)
-            met = lighting.reflected(point, -direction, axis, material, lighting.materials.coefficients(material))
+            met = lighting.reflected(
+                point, -direction, [Element(axis, material)], [lighting.materials.coefficients(material)]
+            )
             gain = passed * (1.0 - dr.exp(-depth))
             channels = [dr.fma(gain, met[0], channels[0]), dr.fma(gain, met[1], channels[1])]
             passed *= dr.exp(-depth)

@@ -74,7 +74,7 @@ class Replayed(Medium):
 
     def cross(self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0, stride: float = 1.0) -> Any:
         """As `Medium.cross`; rays count their steps."""
-        return CountedCrossing(self.frames, (origin, direction, near, far), phase, stride)
+        return CountedCrossing(self.frames, (origin, direction, near, far), phase, stride, (0.0, 0.0))
 
     def write(self, step: Any, count: Any, density: Any, shaded: Any) -> None:
         """Record a step."""
@@ -114,11 +114,11 @@ def walked(medium: Replayed, origin: Any, direction: Any, write: bool = False) -
         if step.brick < 0:
             taken = crossing.leave(step, taken)
         else:
-            density = medium.density(step)
+            density, clear = medium.density(step)
             depth = step.tau * density * step.length
             shaded = (depth > THINNEST) & ~crossing.too_coarse(taken, depth)
             passed *= dr.select(shaded, dr.exp(-depth), 1.0)
-            taken = crossing.after(step, depth, taken)
+            taken = crossing.after(step, depth, clear, taken)
         if dr.hint(write, mode="scalar"):
             medium.write(step, count, density, shaded)
     return taken.count

@@ -37,9 +37,10 @@ def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
         if step.brick < 0:
             taken = crossing.leave(step, taken)
         else:
-            depth = step.tau * medium.density(step) * step.length
+            density, clear = medium.density(step)
+            depth = step.tau * density * step.length
             passed *= dr.select(crossing.too_coarse(taken, depth), 1.0, dr.exp(-depth))
             samples += 1
-            taken = crossing.after(step, depth, taken)
+            taken = crossing.after(step, depth, clear, taken)
         taken = crossing.exchange(taken)
     return steps, samples

@@ -34,6 +34,14 @@ class LampView:
         """Distance [m] of the first tick, and ticks per metre: TICKS of them span all that may be in the way."""
         return self.near, TICKS / self.depth
 
+    def cone(self, size: Any) -> tuple[Any, Any]:
+        """Width of a ray at the origin [m] and by how much it widens per metre, where `size` rays are a side."""
+        kinds = arrays()
+        apart = 2.0 / kinds.Float(size)
+        if self.kind == "lines":
+            return self.extent * apart, kinds.Float(0)
+        return kinds.Float(0), dr.select(self.folded, 1.6, self.extent) * apart  # 1.6: π / 2 and a little
+
     def place(self, point: Any) -> tuple[Any, Any, Any]:
         """Square coordinates a, b of a point and its distance along the ray [m]."""
         offset = point - self.origin

@@ -21,9 +21,11 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body, sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
+from hagoromo.volume.medium import Element
 
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
-Attenuation = Callable[[int, Any, Any, Any], Any]  # (lamp, point, to_lamp, distance) → transmittance 0…1
+# (lamp, point, to_lamp, distance, where in a texel the point is if it is in one) → transmittance 0…1
+Attenuation = Callable[[int, Any, Any, Any, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -136,8 +138,13 @@ class Lighting:
                 painted[j] = dr.select(here, found, painted[j])
         return painted
 
-    def reflected(self, point: Any, to_eye: Any, axis: Any, material: Any, coefficients: list[Any]) -> list[Any]:
-        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel."""
+    def reflected(
+        self, point: Any, to_eye: Any, elements: list[Element], coefficients: list[list[Any]], within: Any = None
+    ) -> list[Any]:
+        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel.
+
+        coefficients: of every element, on the palette. within: where in a texel the point is, if it is in one.
+        """
         palette = self.materials.palette
         channels: list[Any] = [arrays().Float(0)] * palette.channels
         for number, (where, intensity, near, group) in enumerate(self.lamps):
@@ -147,24 +154,29 @@ class Lighting:
                 squared = dr.squared_norm(offset)
                 inverse = dr.rsqrt(squared)
                 to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
-            body, interface = self.materials.weights(material, axis, to_lamp, to_eye)
-            irradiance = irradiance * self._passed(number, body + interface > 0.0, point, to_lamp, distance)
-            for j in range(len(palette.colours)):
-                weight = (body if j < len(palette.bodies) else interface) * coefficients[j]
-                k = group * len(palette.colours) + j
-                channels[k] = dr.fma(irradiance, weight, channels[k])
+            weights, lit = [], arrays().Bool(False)
+            for element in elements:
+                body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
+                weights.append((body * element.body, interface * element.interface))
+                lit |= body + interface > 0.0
+            irradiance = irradiance * self._passed(number, lit, point, to_lamp, distance, within)
+            for (body, interface), share in zip(weights, coefficients, strict=True):
+                for j in range(len(palette.colours)):
+                    weight = (body if j < len(palette.bodies) else interface) * share[j]
+                    k = group * len(palette.colours) + j
+                    channels[k] = dr.fma(irradiance, weight, channels[k])
         return channels
 
-    def _passed(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any) -> Any:
+    def _passed(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
         """Share of a lamp's light that arrives; looked up only where matter is turned towards the lamp (`lit`)."""
         attenuation = self.attenuation
         if attenuation is None:
             return 1.0
         return dr.if_stmt(
-            args=(point, to_lamp, arrays().Float(distance)),
+            args=(point, to_lamp, arrays().Float(distance), within),
             cond=lit,
-            true_fn=lambda point, to_lamp, distance: attenuation(lamp, point, to_lamp, distance),
-            false_fn=lambda point, to_lamp, distance: arrays().Float(0),
+            true_fn=lambda point, to_lamp, distance, within: attenuation(lamp, point, to_lamp, distance, within),
+            false_fn=lambda point, to_lamp, distance, within: arrays().Float(0),
         )
 
 

@@ -13,6 +13,7 @@ import drjit as dr
 
 from hagoromo.backend import arrays
 from hagoromo.image.lighting import Lighting
+from hagoromo.volume.crossing import Cone
 from hagoromo.volume.medium import Medium, Step
 
 CUT = 4e-3  # transmittance, at TOLERANCE
@@ -30,13 +31,14 @@ def march(
     far: Any,
     phase: Any = 0.0,
     skip: bool = True,
+    cone: Cone = (0.0, 0.0),
 ) -> Any:
     """Weights of the radiance towards the ray's origin (list of Float, one per channel) and the transmittance left.
 
-    origin, direction (unit): Array3f, world. near, far: Float [m]. phase: see `Medium.cross`.
+    origin, direction (unit): Array3f, world. near, far: Float [m]. phase, cone: see `Medium.cross`.
     `skip=False` steps through empty bricks too.
     """
-    crossing = medium.cross(origin, direction, near, far, phase)
+    crossing = medium.cross(origin, direction, near, far, phase, cone=cone)
     taken = crossing.start()
     transmittance = dr.ones(arrays().Float, dr.width(direction))
     channels = [dr.zeros(arrays().Float, dr.width(direction)) for _ in range(lighting.materials.palette.channels)]
@@ -46,7 +48,8 @@ def march(
         if step.brick < 0:
             taken = crossing.leave(step, taken) if skip else crossing.on(step, taken)
         else:
-            depth = step.tau * medium.density(step) * step.length
+            density, clear = medium.density(step)
+            depth = step.tau * density * step.length
             if (depth > THINNEST) & ~crossing.too_coarse(taken, depth):
                 step.distance = step.centroid(depth)
                 met = light_from_sample(medium, lighting, step, origin, direction)
@@ -54,7 +57,7 @@ def march(
                 gain = transmittance * (1.0 - passed)
                 channels = added(channels, gain, met)
                 transmittance *= passed
-            taken = crossing.after(step, depth, taken)
+            taken = crossing.after(step, depth, clear, taken)
         taken = crossing.exchange(taken)
     ended = transmittance <= cut
     scale = dr.select(ended, 1.0 / (1.0 - transmittance), 1.0)
@@ -69,12 +72,11 @@ def added(channels: list[Any], gain: Any, met: list[Any]) -> list[Any]:
 def light_from_sample(medium: Medium, lighting: Lighting, step: Step, origin: Any, direction: Any) -> list[Any]:
     """What the matter of one sample sends back along the ray: its weights, one per channel."""
     point = dr.fma(direction, step.distance, origin)
-    axis = medium.axis(step)
-    material = medium.material(step)
-    coefficients = lighting.materials.coefficients(material)
+    elements, within = medium.elements(step)
+    coefficients = [lighting.materials.coefficients(element.material) for element in elements]
     if lighting.painted:
-        coefficients = lighting.paint(coefficients, step.box, medium.colour(step))
-    return lighting.reflected(point, -direction, axis, material, coefficients)
+        coefficients[0] = lighting.paint(coefficients[0], step.box, medium.colour(step))
+    return lighting.reflected(point, -direction, elements, coefficients, within)
 
 
 @dr.syntax
@@ -90,8 +92,9 @@ def optical_depth(
         if step.brick < 0:
             taken = crossing.leave(step, taken)
         else:
-            met = step.tau * medium.density(step) * step.length
+            density, clear = medium.density(step)
+            met = step.tau * density * step.length
             depth += dr.select(crossing.too_coarse(taken, met), 0.0, met)
-            taken = crossing.after(step, met, taken)
+            taken = crossing.after(step, met, clear, taken)
         taken = crossing.exchange(taken)
     return depth

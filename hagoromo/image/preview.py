@@ -62,7 +62,7 @@ class Preview:
         record = metadata(scene, self.settings)
         for number, (stride, point) in enumerate(steps):
             if number <= len(coarse):  # each coarse picture and the first whole one start anew
-                light = Light(scene, self.settings, self.kept, None if stride == 1 else math.isqrt(size) // stride)
+                light = Light(scene, self.settings, self.kept, stride)
                 film = Film(scene.camera, light.channels, stride)
             film.add(light.along, point)
             level = {"stride": stride, "samples": film.samples, "share": sum(work[: number + 1]) / sum(work)}

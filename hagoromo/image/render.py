@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 from hagoromo.image.surface import Surfaces
 from hagoromo.volume.frames import TOLERANCE
-from hagoromo.volume.medium import Medium
+from hagoromo.volume.medium import Element, Medium
 
 SHADOWS = ("map", "march", "none")
 COARSEST = 32  # texels a side of a shadow map
@@ -73,11 +74,14 @@ class Light:
     """A scene made ready for rays: its medium, surfaces, materials, lamps and shadow maps.
 
     kept: what was made for the scene before; what is still as it was is not made, or brought to the device, again.
-    texels: a side of a shadow map that is made for a coarse picture, where fewer than the settings ask for.
+    stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, kept: Kept | None = None, texels: int | None = None) -> None:
-        kept = kept or Kept()
+    def __init__(self, scene: Scene, settings: Settings, kept: Kept | None = None, stride: int = 1) -> None:
+        kept, camera = kept or Kept(), scene.camera
+        texels = None if stride == 1 else math.isqrt(camera.width * camera.height) // stride
+        width = stride / (max(camera.focal) * math.sqrt(settings.samples if stride == 1 else 1))
+        self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
         reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
         bases = [box.basis for box in scene.boxes]
         self.palette = palette_of(reflectances, [s for b in bases for s in b], [lamp.spectrum for lamp in scene.lamps])
@@ -101,11 +105,12 @@ class Light:
             far, point, normal, surface = self.surfaces.meet(origin, direction)
             material = self.first_on_surface + surface
             coefficients = self.lighting.materials.coefficients(material)
-            light = self.lighting.reflected(point, -direction, normal, material, coefficients)
+            light = self.lighting.reflected(point, -direction, [Element(normal, material)], [coefficients])
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, kinds.Float(0))
-        channels, passed = march(self.medium, self.lighting, origin, direction, kinds.Float(0), far, phase)
+        cone = kinds.Float(0), self.spread
+        channels, passed = march(self.medium, self.lighting, origin, direction, kinds.Float(0), far, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
 
@@ -150,8 +155,8 @@ def _surfaces(scene: Scene, kept: Kept) -> Surfaces | None:
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
     """Share of a lamp's light that passes all boxes and surfaces on its way to a point."""
 
-    def share(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
-        passed = boxes_shade(lamp, point, to_lamp, distance) if boxes_shade else arrays().Float(1)
+    def share(lamp: int, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
+        passed = boxes_shade(lamp, point, to_lamp, distance, within) if boxes_shade else arrays().Float(1)
         return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
 
     return share

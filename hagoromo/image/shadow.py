@@ -23,13 +23,14 @@ DIFFERING = (
     0.15,
     0.3,
 )  # between the rays around a point, from which the way to it is marched: transmittance, share of it
+STEEPEST = 4.0  # slope against light, up to which a surface stands clear of its own shadow in a map
 NEAR, STRIDE = 8.0, 2.0  # voxels that are marched there, and length of a step in usual ones
 
 
 def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, exact up to the step; the oracle of the maps."""
 
-    def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
+    def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
         return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), arrays().Float(distance)))
 
     return transmittance
@@ -48,7 +49,22 @@ def mapped_attenuation(
     least, share = (dr.opaque(kinds.Float, figure * finer) for figure in DIFFERING)
     near = dr.opaque(kinds.Float, NEAR / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
-    def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
+    def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
+        if medium.textures is None:
+            return looked_up(lamp, point, to_lamp, distance)
+        return dr.if_stmt(
+            (point, to_lamp, distance, within), within.textured,
+            lambda point, to_lamp, distance, within: out_of_texel(lamp, point, to_lamp, distance, within),
+            lambda point, to_lamp, distance, within: looked_up(lamp, point, to_lamp, distance),
+        )  # fmt: skip
+
+    def out_of_texel(lamp: int, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
+        depth, length = medium.through(within, to_lamp, distance)
+        slope = dr.abs(dr.dot(within.frame.normal, to_lamp))
+        length += maps.width(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), STEEPEST))
+        return dr.exp(-depth) * maps.look(lamp, dr.fma(to_lamp, dr.fmin(length, distance), point))[0]
+
+    def looked_up(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
         def marched(point: Any, to_lamp: Any, distance: Any, passed: Any) -> Any:
             reach = dr.fmin(near, distance)
             depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach, STRIDE)

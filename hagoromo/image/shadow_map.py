@@ -21,6 +21,7 @@ from hagoromo.image.film import TILE, tile_place
 from hagoromo.image.lamp_view import view_from
 from hagoromo.image.march import THINNEST
 from hagoromo.light.lamp import Lamp
+from hagoromo.volume.crossing import Cone
 from hagoromo.volume.medium import Medium
 
 GROUPS = 5
@@ -80,6 +81,7 @@ class ShadowMaps:
         a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
         target = Target(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
         origin, direction = self.views[0].ray(a, b)
+        cone = self.views[0].cone(self.size)
         for number, view in enumerate(self.views[1:], 1):
             here = lamp == number
             origin, direction = (
@@ -88,7 +90,8 @@ class ShadowMaps:
             target.near, target.scale = (
                 dr.select(here, n, o) for n, o in zip(view.ticks(), (target.near, target.scale), strict=True)
             )
-        lay_knots(medium, origin, direction, target)
+            cone = tuple(dr.select(here, n, o) for n, o in zip(view.cone(self.size), cone, strict=True))
+        lay_knots(medium, origin, direction, target, cone)
         dr.eval(self.words)
 
     def look(self, lamp: int, point: Any) -> tuple[Any, Any]:
@@ -108,6 +111,12 @@ class ShadowMaps:
         passed = dr.fma(dr.fmin(a, b), last - second, dr.fma(dr.fmax(a, b), second - first, first))
         most, least = dr.fmax(dr.fmax(first, second), last), dr.fmin(dr.fmin(first, second), last)
         return passed, most - least
+
+    def width(self, lamp: int, point: Any) -> Any:
+        """Distance [m] between the rays of a map at `point`."""
+        view = self.views[lamp]
+        width, spread = view.cone(self.size)
+        return dr.fma(spread, view.place(point)[2], width)
 
     def _depth(self, ray: Any, tick: Any) -> Any:
         """Optical depth of one ray at a distance [ticks]."""
@@ -147,10 +156,10 @@ class Target:
 
 
 @dr.syntax
-def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target) -> None:
+def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone: Cone) -> None:
     """March every ray once through the boxes and lay its knots into `target`."""
     kinds, count = arrays(), dr.width(target.ray)
-    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf), cone=cone)
     taken = crossing.start()
     nothing = dr.zeros(kinds.Float, count)
     depth, reached = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
@@ -160,7 +169,8 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target) -> No
         if step.brick < 0:
             taken = crossing.leave(step, taken)
         else:
-            met = step.tau * medium.density(step) * step.length
+            density, clear = medium.density(step)
+            met = step.tau * density * step.length
             if (met > THINNEST) & ~crossing.too_coarse(taken, met):
                 begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), reached)
                 if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
@@ -182,7 +192,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target) -> No
                 x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, met, depth) - fan.depth
                 fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
                 fan.low, fan.high, reached = low, high, end
-            taken = crossing.after(step, met, taken)
+            taken = crossing.after(step, met, clear, taken)
         taken = crossing.exchange(taken)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
         if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < DEEPEST)):

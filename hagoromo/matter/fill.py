@@ -83,8 +83,16 @@ def fill(
     bound: a Shape [mm] that is never more than the distance to matter; bricks beyond it are not looked at.
     extent: low and high corner [mm]. σ = τ ρ with τ = 1 / mean free path. record: name and provenance of the box.
     """
+    blocks, pose = blocks_in(field, bound, extent, fineness.voxel_mm)
+    tau = 1.0 / (fineness.mean_free_path_mm * MM)
+    return BoxPlan(BoxHeader(fineness.voxel_mm * MM, tau, (material,), pose, **record), blocks)
+
+
+def blocks_in(
+    field: Callable[[Any], Any], bound: Shape, extent: tuple[Sequence[float], Sequence[float]], voxel: float
+) -> tuple[FieldBlocks, NDArray[np.float64]]:
+    """Blocks of a function of the point [mm] on voxels of edge `voxel` [mm], and the pose of their box [m]."""
     low, high = (np.asarray(corner, float) for corner in extent)
-    voxel = fineness.voxel_mm
     voxels = np.ceil((high - low) / voxel)
     if not voxels.max() <= LARGEST:
         raise InputError(
@@ -102,7 +110,7 @@ def fill(
         voxel * MM,
         lambda centre, radius: _may_hold(bound, in_mm(centre), radius / MM),
     )
-    return BoxPlan(BoxHeader(voxel * MM, 1.0 / (fineness.mean_free_path_mm * MM), (material,), pose, **record), blocks)
+    return blocks, pose
 
 
 def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:

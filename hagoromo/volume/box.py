@@ -16,6 +16,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.bricks import MATERIALS, Bricks
 from hagoromo.volume.fill_bricks import bricks_from_arrays, bricks_from_field
+from hagoromo.volume.texel import Texel
 
 Field = Callable[[Any], tuple[Any, ...]]
 
@@ -26,6 +27,8 @@ class VolumeBox:
 
     pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m] (σ = τ ρ). materials: one Reflectance
     per material number. basis: spectra that the per-voxel body colours are coefficients of (empty: a material's own).
+    texel: micro-structure that the box's chart maps onto a surface; `bricks` then hold shares 0…1 of the `band` of
+    heights [m] instead of densities, and normals instead of axes (see `chart`).
     """
 
     bricks: Bricks
@@ -36,6 +39,8 @@ class VolumeBox:
     basis: tuple[Spectrum, ...] = ()
     name: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
+    texel: Texel | None = None
+    band: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
         for key in ("voxel_size", "tau"):
@@ -46,6 +51,13 @@ class VolumeBox:
             raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
         if len(self.materials) > MATERIALS:
             raise InputError(f"volume box {self.name!r} has {len(self.materials)} materials: give at most {MATERIALS}")
+        if (self.texel is None) != (self.bricks.chart is None):
+            raise InputError(f"volume box {self.name!r} has a chart or a texel: give both or none")
+        if self.texel and len(self.materials) != self.texel.populations:
+            raise InputError(
+                f"volume box {self.name!r} has {len(self.materials)} materials: give one per population of its texel, "
+                f"{self.texel.populations}"
+            )
         if len(self.basis) > 4:
             raise InputError(f"volume box {self.name!r}: basis has {len(self.basis)} spectra: give at most 4")
         object.__setattr__(self, "pose", rigid_pose(self.pose, f"the pose of volume box {self.name!r}"))

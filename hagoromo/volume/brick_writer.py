@@ -18,34 +18,40 @@ DENSEST = 6e4  # density that fits a half
 class BrickWriter:
     """Bricks written one after the other into memory taken once: `places` are sorted into table order first."""
 
-    def __init__(self, shape: Shape, places: np.ndarray, colour: bool = False, material: bool = False) -> None:
+    def __init__(
+        self, shape: Shape, places: np.ndarray, colour: bool = False, material: bool = False, chart: bool = False
+    ) -> None:
         import drjit as dr
 
         check_shape(shape)
         kinds, self.shape = arrays(), shape
         self.places = in_table_order(places, table_shape(shape))
         count = max(len(self.places), 1)  # without matter, one empty brick that is never read
-        check_bricks(count, colour, material, f"{count} bricks of a lattice of {shape[::-1]} voxels")
+        check_bricks(count, f"{count} bricks of a lattice of {shape[::-1]} voxels", colour, material, chart)
         wanted = {
             "density": (kinds.UInt, PAIRS), "axis": (kinds.Int, VOXELS),
             "colour": (kinds.Float16, VOXELS * 4) if colour else None,
             "material": (kinds.UInt8, VOXELS) if material else None,
+            "chart": (kinds.UInt, VOXELS * 4) if chart else None,
         }  # fmt: skip
         self.grids = {
             name: Grid(dr.zeros(kind[0], count * kind[1]), kind[1], count) for name, kind in wanted.items() if kind
         }
         dr.eval([grid.values for grid in self.grids.values()])
 
-    def write(self, first: int, density: Any, axis: Any, colour: Any = None, material: Any = None) -> None:
-        """Write bricks from number `first` on: density (k · 729), axis (k · 729 · 3), colour (… · 4), material (…).
+    def write(
+        self, first: int, density: Any, axis: Any, colour: Any = None, material: Any = None, chart: Any = None
+    ) -> None:
+        """Write bricks from number `first` on: density (k · 729), axis (k · 729 · 3), colour (… · 4), material (…),
+        chart (… · 4).
 
-        NumPy arrays, flat or shaped, or Dr.Jit arrays (axis an Array3f, colour an Array4f, numbers for all voxels may
-        have width 1). Checked: finite, 0 ≤ density < 6e4.
+        NumPy arrays, flat or shaped, or Dr.Jit arrays (axis an Array3f, colour an Array4f, chart an Array4u, numbers
+        for all voxels may have width 1). Checked: finite, 0 ≤ density < 6e4.
         """
         import drjit as dr
 
         UInt = arrays().UInt
-        bricks, values = packed_voxels(density, axis, colour, material)
+        bricks, values = packed_voxels(density, axis, colour, material, chart)
         for name, grid in self.grids.items():
             index = dr.arange(UInt, bricks * grid.each) + dr.opaque(UInt, first * grid.each)
             dr.scatter(grid.values, values[name], index)
@@ -56,7 +62,9 @@ class BrickWriter:
         return Bricks(self.shape, self.places, **self.grids)
 
 
-def packed_voxels(density: Any, axis: Any, colour: Any = None, material: Any = None) -> tuple[int, dict[str, Any]]:
+def packed_voxels(
+    density: Any, axis: Any, colour: Any = None, material: Any = None, chart: Any = None
+) -> tuple[int, dict[str, Any]]:
     """Number of bricks, and what grids keep of their voxels, by name; arguments and checks: see `BrickWriter.write`."""
     import drjit as dr
 
@@ -64,7 +72,8 @@ def packed_voxels(density: Any, axis: Any, colour: Any = None, material: Any = N
     density = _flat(density, kinds.Float)
     check_density(density)
     axis = _flat(axis, kinds.Array3f)
-    axis = dr.select(density > 0, axis, 0)
+    if chart is None:
+        axis = dr.select(density > 0, axis, 0)
     if not bool(np.array(dr.all(dr.isfinite(dr.squared_norm(axis)))).ravel()[0]):
         raise InputError("the axis of a voxel with matter is not finite: give unit vectors or zeros")
     values = {"density": packed_density(density), "axis": packed_axis(axis)}
@@ -72,6 +81,8 @@ def packed_voxels(density: Any, axis: Any, colour: Any = None, material: Any = N
         values["colour"] = dr.ravel(kinds.Array4f16(_flat(colour, kinds.Array4f)))
     if material is not None:
         values["material"] = kinds.UInt8(_flat(material, kinds.UInt))
+    if chart is not None:
+        values["chart"] = dr.ravel(_flat(chart, kinds.Array4u))
     return dr.width(density) // VOXELS, values
 
 
@@ -95,8 +106,9 @@ def _flat(values: Any, kind: Any) -> Any:
 
     if not isinstance(values, np.ndarray):
         return kind(values)
-    memory = aligned(values.size, np.uint32 if kind is arrays().UInt else np.float32)
+    whole = kind in (arrays().UInt, arrays().Array4u)
+    memory = aligned(values.size, np.uint32 if whole else np.float32)
     memory.reshape(values.shape)[...] = values
     if kind in (arrays().UInt, arrays().Float):
         return kind(memory)
-    return dr.unravel(kind, arrays().Float(memory))
+    return dr.unravel(kind, (arrays().UInt if whole else arrays().Float)(memory))

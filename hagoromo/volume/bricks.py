@@ -46,7 +46,7 @@ class Bricks:
     """The sparse lattice: shape (nz, ny, nx) [voxels], and the kept bricks' places (n, 3) [z, y, x] in table order.
 
     density: pairs of halves, UInt; axis: bits, Int (see `PackedVoxels`); colour: Float16, four coefficients of the body
-    colour on the box's basis, or None; material: UInt8, or None.
+    colour on the box's basis, or None; material: UInt8, or None. chart: UInt, four words, or None; see `chart`.
     """
 
     shape: Shape
@@ -55,6 +55,7 @@ class Bricks:
     axis: Grid
     colour: Grid | None = None
     material: Grid | None = None
+    chart: Grid | None = None
 
     @property
     def kept(self) -> int:
@@ -74,7 +75,9 @@ class Bricks:
     @property
     def bytes(self) -> int:
         """Memory of table and bricks [byte]."""
-        return self.table.bytes + self.kept * brick_bytes(self.colour is not None, self.material is not None)
+        return self.table.bytes + self.kept * brick_bytes(
+            *(grid is not None for grid in (self.colour, self.material, self.chart))
+        )
 
     def corners(self) -> np.ndarray:
         """First voxel (z, y, x) of every kept brick, in order: (bricks, 3)."""
@@ -91,6 +94,8 @@ class Bricks:
             held["colour"] = np.array(self.colour.read(begin, end)).reshape(*stored, 4)
         if self.material is not None:
             held["material"] = np.array(self.material.read(begin, end)).reshape(stored)
+        if self.chart is not None:
+            held["chart"] = np.array(self.chart.read(begin, end)).reshape(*stored, 4)
         return held
 
     def dense(self) -> tuple[np.ndarray, np.ndarray]:
@@ -126,15 +131,15 @@ def table_shape(shape: Shape) -> Shape:
     return z, y, x
 
 
-def brick_bytes(colour: bool = False, material: bool = False) -> int:
+def brick_bytes(colour: bool = False, material: bool = False, chart: bool = False) -> int:
     """Memory of one kept brick [byte]."""
-    return 4 * PAIRS + VOXELS * (4 + 8 * colour + material)
+    return 4 * PAIRS + VOXELS * (4 + 8 * colour + material + 16 * chart)
 
 
-def check_bricks(count: int, colour: bool, material: bool, what: str) -> None:
+def check_bricks(count: int, what: str, colour: bool = False, material: bool = False, chart: bool = False) -> None:
     """Raises `InputError` where `what`, `count` kept bricks, does not fit the memory or the indices of arrays."""
-    check_memory(count * brick_bytes(colour, material), what)
-    check_entries(count * (4 * VOXELS if colour else VOXELS), what)
+    check_memory(count * brick_bytes(colour, material, chart), what)
+    check_entries(count * (4 * VOXELS if colour or chart else VOXELS), what)
 
 
 def check_shape(shape: tuple[int, ...]) -> None:

@@ -17,7 +17,9 @@ from hagoromo.volume.frames import Frame, Frames
 
 COARSE = 2.0  # times FINE: optical depth from which a sample is taken in parts
 MOST_PARTS = 32
+CLEAR = 0.8  # share of a distance without matter that is passed at once: between voxels it is told by interpolation
 EDGE = 1e-3  # the last interpolation cell ends this much before the last voxel centre [voxel]
+Cone = tuple[Any, Any]  # width of a ray at its origin [m], and by how much it widens per metre
 
 
 @dataclass
@@ -36,6 +38,7 @@ class Ray:
     row: Any
     layer: Any
     first: Any
+    level: Any  # row of the level of its texel, see `Textures`
 
 
 @dataclass
@@ -67,6 +70,7 @@ class Step:
     length: Any
     place: Any  # lattice coordinates, inside [0, n−1)
     brick: Any  # ≥ 0: number of its brick; < 0: how far the next one is, see `BrickTable`
+    level: Any  # row of the level of its texel, see `Textures`
 
     def centroid(self, depth: Any) -> Any:
         """Distance [m] of the centroid of exp(−σs) over the sample: its middle in thin matter, its front in dense."""
@@ -78,9 +82,9 @@ class Step:
 class Crossing:
     """Rays on the lattices of all boxes."""
 
-    def __init__(self, frames: Frames, rays: tuple[Any, Any, Any, Any], phase: Any, stride: float) -> None:
-        """`rays`: origin, direction (Array3f), near and far [m]; `phase`, `stride`: see `Medium.cross`."""
-        self.frames, self.phase, self.stride = frames, phase, stride
+    def __init__(self, frames: Frames, rays: tuple[Any, Any, Any, Any], phase: Any, stride: float, cone: Cone) -> None:
+        """`rays`: origin, direction (Array3f), near and far [m]; `phase`, `stride`, `cone`: see `Medium.cross`."""
+        self.frames, self.phase, self.stride, self.cone = frames, phase, stride, cone
         self.origin, self.direction, self.near, self.far = rays
         self.exchanged = frames.count > frames.slots
         self.rays = [] if self.exchanged else [self.ray(arrays().UInt(k)) for k in range(frames.count)]
@@ -138,15 +142,21 @@ class Crossing:
         number, _ = self._in_slot(step.slot, taken)
         return self._at(step, number + 1, taken, arrays().UInt(0), arrays().UInt(1))
 
-    def after(self, step: Step, depth: Any, taken: Taken) -> Taken:
-        """On from a sample of optical depth `depth`: again in parts, to its next part, or to the next sample."""
+    def after(self, step: Step, depth: Any, clear: Any, taken: Taken) -> Taken:
+        """On from a sample of optical depth `depth`: again in parts, to its next part, or to the next sample.
+
+        clear: distance [m] around it in which there is no matter, if that is known.
+        """
         UInt = arrays().UInt
-        number, _ = self._in_slot(step.slot, taken)
+        number, ray = self._in_slot(step.slot, taken)
         whole = dr.ceil(depth * arrays().Float(taken.parts) / self.frames.fine)
         parts = dr.maximum(UInt(dr.fmin(whole, MOST_PARTS)), 1)
         again, last = self.too_coarse(taken, depth), taken.part + 1 >= taken.parts
         part = dr.select(again | last, UInt(0), taken.part + 1)
-        number = dr.select(last & ~again, number + 1, number)
+        following = number + 1
+        if clear is not None:
+            following = number + dr.maximum(UInt(CLEAR * clear / ray.step), 1)
+        number = dr.select(last & ~again, following, number)
         return self._at(step, number, taken, part, dr.select(again | last, parts, taken.parts))
 
     def too_coarse(self, taken: Taken, depth: Any) -> Any:
@@ -179,13 +189,19 @@ class Crossing:
         """The ray on the lattice of box number `box` (UInt); without samples where it misses the box."""
         kinds, frame = arrays(), self.frames.frame(box)
         start, along, enter, leave = self.span(frame)
-        step = frame.step * self.stride
+        level, step = arrays().UInt(0), frame.step
+        if textures := self.frames.textures:
+            width, spread = self.cone
+            row, finest = textures.level(box, dr.fma(spread, dr.fmax(enter, 0.0), width), self.phase)
+            textured = textures.textured(box)
+            level, step = dr.select(textured, row, level), dr.select(textured, finest, step)
+        step = step * self.stride
         samples = dr.ceil((leave - enter) / step + (self.phase - EDGE))
         met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
         end = kinds.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
         return Ray(
             box, start, along, enter, leave, end,
-            step, frame.last, frame.tau, frame.row, frame.layer, frame.first,
+            step, frame.last, frame.tau, frame.row, frame.layer, frame.first, level,
         )  # fmt: skip
 
     def span(self, frame: Frame) -> tuple[Any, Any, Any, Any]:

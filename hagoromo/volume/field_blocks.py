@@ -26,7 +26,8 @@ INNER = BRICK**3  # voxels of a brick that it does not share with those before i
 class FieldBlocks:
     """Blocks of a function of position on a lattice of `shape` (nz, ny, nx) voxels.
 
-    field and occupied: see `VolumeBox.from_field`, in box axes [m]; voxel_size [m].
+    field and occupied: see `VolumeBox.from_field`, in box axes [m]; voxel_size [m]. A field of a chart gives a
+    dictionary as that of `bricks_from_field`; it has no blocks, only bricks.
     """
 
     def __init__(
@@ -128,7 +129,10 @@ class FieldBlocks:
     def _voxels(self, x: Any, y: Any, z: Any) -> dict[str, Any]:
         """The field at voxel indices."""
         position = (arrays().Array3f(x, y, z) + 0.5) * self.voxel_size
-        return dict(zip(("density", "axis", "material", "colour"), self.field(position), strict=False))
+        found = self.field(position)
+        if isinstance(found, dict):
+            return found
+        return dict(zip(("density", "axis", "material", "colour"), found, strict=False))
 
     def _may_hold(self, middle: Any, radius: float) -> Any:
         """`occupied` of a ball in lattice coordinates [voxels]."""

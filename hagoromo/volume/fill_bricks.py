@@ -23,7 +23,8 @@ Occupied = Callable[[Any, float], Any]
 def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = None) -> Bricks:
     """Bricks of `field`, evaluated chunk by chunk.
 
-    field(x, y, z): voxel indices (UInt) → {"density", "axis" (Array3f), optional "colour" (list of ≤ 4), "material"}.
+    field(x, y, z): voxel indices (UInt) → {"density", "axis" (Array3f), optional "colour" (list of ≤ 4), "material",
+    "chart" (Array4u) and, with it, "kept": above 0 where it is wanted}.
     occupied(middle, radius): optional, False promises that the ball [voxels] around `middle` (Array3f, lattice
     coordinates) is empty; asked of large cubes first, then of their parts.
     """
@@ -36,12 +37,14 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
             check_memory(count * brick_bytes(), f"more than {count} bricks of a lattice of {shape[::-1]} voxels")
             checked = count
         x, y, z = _indices(places, shape)
-        density = kinds.Float(field(x, y, z)["density"]) + 0.0 * kinds.Float(x)  # as wide as the voxels
+        voxel = field(x, y, z)
+        density = kinds.Float(voxel.get("kept", voxel["density"])) + 0.0 * kinds.Float(x)  # as wide as the voxels
         check_density(density)
         kept.append(places[np.array(dr.block_reduce(dr.ReduceOp.Max, density, VOXELS)) > 0])
         count += len(kept[-1])
     first = field(*(kinds.UInt(0) for _ in range(3)))
-    writer = BrickWriter(shape, np.concatenate(kept), "colour" in first, "material" in first)
+    optional = ("colour" in first, "material" in first, "chart" in first)
+    writer = BrickWriter(shape, np.concatenate(kept), *optional)
     for start in range(0, len(writer.places), CHUNK):
         x, y, z = _indices(writer.places[start : start + CHUNK], shape)
         voxel = field(x, y, z)
@@ -49,7 +52,7 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
         if colour is not None:
             colour = kinds.Array4f(*colour, *[0.0] * (4 - len(colour)))
         density = kinds.Float(voxel["density"]) + 0.0 * kinds.Float(x)
-        writer.write(start, density, kinds.Array3f(voxel["axis"]), colour, voxel.get("material"))
+        writer.write(start, density, kinds.Array3f(voxel["axis"]), colour, voxel.get("material"), voxel.get("chart"))
     return writer.bricks()
 
 

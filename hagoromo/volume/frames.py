@@ -13,6 +13,7 @@ import numpy as np
 from hagoromo.backend import arrays, lookup, opaque_vector
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
+from hagoromo.volume.textures import Textures
 
 TOLERANCE = 0.04  # of a picture: root mean square over its mean, where there is matter; half-voxel steps
 STEPS, FINE = 2.0, 0.35  # per voxel, and optical depth of a part of a step, at that tolerance
@@ -39,6 +40,7 @@ class Frames:
     def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
         """Errors of a march go with the square of its steps: `tolerance` (see TOLERANCE) sets them for all boxes."""
         kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
+        self.textures = Textures(boxes, finer) if any(box.texel for box in boxes) else None
         self.fine = dr.opaque(kinds.Float, FINE * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
         floats = np.zeros((len(boxes), WIDTH), np.float32)

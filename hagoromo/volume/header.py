@@ -14,6 +14,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks
+from hagoromo.volume.texel import Texel
 
 FORMAT = 1
 
@@ -29,6 +30,8 @@ class BoxHeader:
     basis: tuple[Spectrum, ...] = ()
     name: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
+    texel: Texel | None = None
+    band: tuple[float, float] = (0.0, 1.0)
 
     def box(self, bricks: Bricks) -> VolumeBox:
         """The volume box of this header and `bricks`."""
@@ -36,7 +39,8 @@ class BoxHeader:
 
     def record(self) -> dict[str, Any]:
         """Plain values, as the attribute `hagoromo` of a box on disk has them."""
-        return {
+        chart = {"texel": self.texel.record(), "band": list(self.band)} if self.texel else {}
+        return chart | {
             "format": FORMAT, "voxel_size": self.voxel_size, "tau": self.tau, "name": self.name,
             "pose": self.pose.ravel().tolist(), "materials": [m.record() for m in self.materials],
             "basis": [s.record() for s in self.basis], "provenance": self.provenance,
@@ -49,14 +53,16 @@ def header_of(box: VolumeBox) -> BoxHeader:
 
 
 def header_from_record(record: Any, where: str) -> BoxHeader:
-    """The header of a record that came from `where`; `InputError` where it is none."""
+    """The header of a record that came from `where`, without its texel; `InputError` where it is none."""
     if record is None:
         raise InputError(f"{where} is a Zarr group without the attribute 'hagoromo': it is no volume box")
     spec = {
         "format": count, "voxel_size": positive, "tau": positive, "name": (text, ""), "pose": numbers(16),
         "materials": list_of(anything), "basis": (list_of(anything), []), "provenance": (table, {}),
+        "texel": (table, None), "band": (numbers(2), (0.0, 1.0)),
     }  # fmt: skip
     taken = take(record, spec, where)
+    taken.pop("texel")  # its numbers; what they say of arrays is read with these
     if taken.pop("format") != FORMAT:
         raise InputError(f"{where} has format {record['format']}: this version reads {FORMAT}, update Hagoromo")
     materials = [reflectance_from_record(m, f"{where}: material {k}") for k, m in enumerate(taken.pop("materials"))]

@@ -8,11 +8,11 @@ first, so extinctions add. A sample of more than a certain optical depth is take
     while crossing.unfinished(taken):
         step = medium.next(crossing, taken)                # the next sample in depth, and the brick it lies in
         if step.brick < 0:  taken = crossing.leave(step, taken)      # to the end of the empty space around
-        else:               depth = step.tau * medium.density(step) * step.length
+        else:               density, clear = medium.density(step)
+                            depth = step.tau * density * step.length
                             if ~crossing.too_coarse(taken, depth):  ...
-                            taken = crossing.after(step, depth, taken)
-        taken = crossing.exchange(taken)         # the next box, where one has been left
-        taken = crossing.exchange(taken)
+                            taken = crossing.after(step, depth, clear, taken)
+        taken = crossing.exchange(taken)                   # the next box, where one has been left
 
 Grids are held here, in a plain object, so that loops do not take them into their state.
 """
@@ -20,6 +20,7 @@ Grids are held here, in a plain object, so that loops do not take them into thei
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -28,7 +29,8 @@ import numpy as np
 from hagoromo.backend import arrays, clip, lookup
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
-from hagoromo.volume.crossing import EDGE, Crossing, Step, Taken
+from hagoromo.volume.chart import OnSurface, SurfaceFrame, place_on_surface, surface_frame
+from hagoromo.volume.crossing import EDGE, Cone, Crossing, Step, Taken
 from hagoromo.volume.frames import TOLERANCE, Frames
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
@@ -36,35 +38,67 @@ from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, 
 ABSENT = -(2**31)  # shift of a box that has no such grid
 
 
+@dataclass
+class Element:
+    """Elements of a sample: unit axis in the world, material, and shares of the light they send back."""
+
+    axis: Any
+    material: Any
+    body: Any = 1.0
+    interface: Any = 1.0
+
+
+@dataclass
+class Within:
+    """Where a sample is in a texel; meaningless where `textured` is false."""
+
+    textured: Any
+    box: Any
+    level: Any
+    tau: Any
+    here: OnSurface
+    frame: SurfaceFrame
+
+
 class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
 
     def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = TOLERANCE) -> None:
         kinds, self.boxes = arrays(), tuple(boxes)
-        for name in ("density", "axis", "colour", "material"):
+        for name in ("density", "axis", "colour", "material", "chart"):
             in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
         bricks = list({id(box.bricks): box.bricks for box in self.boxes}.values())
         coarse, fine, first = _tables(bricks)
         self.coarse, self.fine = lookup(kinds.Int, coarse), lookup(kinds.Int, fine)
         self.voxels: Voxels = PackedVoxels(bricks[0].density.values, bricks[0].axis.values)
         self.colours, self.colour_shift = self._optional("colour")
+        self.charts, self.chart_shift = self._optional("chart")
         self.materials, self.material_shift = self._optional("material")
         counts = np.cumsum([0, *(len(box.materials) for box in self.boxes)])
         self.first_material = lookup(kinds.UInt, counts[:-1].astype(np.uint32))
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, tolerance)
+        self.textures = self.frames.textures
         self.tolerance = dr.opaque(kinds.Float, tolerance / TOLERANCE)  # in units of the usual one
         dr.eval(self.coarse, self.fine)
 
     def cross(
-        self, origin: Any, direction: Any, near: Any, far: Any, phase: Any = 0.0, stride: float = 1.0
+        self,
+        origin: Any,
+        direction: Any,
+        near: Any,
+        far: Any,
+        phase: Any = 0.0,
+        stride: float = 1.0,
+        cone: Cone = (0.0, 0.0),
     ) -> Crossing:
         """Where rays (world, direction unit) are inside each box between the distances `near` and `far` [m].
 
         phase: part of a step, 0…1, by which the first one is shortened; pictures averaged over it show no rings.
-        stride: length of a step in usual ones.
+        stride: length of a step in usual ones. cone: how wide rays are, at their origin [m] and more so per metre: it
+        decides the levels of texels.
         """
-        return Crossing(self.frames, (origin, direction, near, far), phase, stride)
+        return Crossing(self.frames, (origin, direction, near, far), phase, stride, cone)
 
     def next(self, crossing: Crossing, taken: Taken) -> Step:
         """The sample next in depth over all boxes."""
@@ -83,17 +117,60 @@ class Medium:
         place_in_block = (inner.z * BLOCK + inner.y) * BLOCK + inner.x
         held = outer >= 0
         brick = dr.gather(kinds.Int, self.fine, kinds.UInt(outer * BRICKS + place_in_block), held)
-        return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer))
+        return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
 
-    def density(self, step: Step) -> Any:
-        """Density at a sample in a kept brick."""
-        return self.voxels.density(arrays().UInt(step.brick), step.place)
+    def density(self, step: Step) -> tuple[Any, Any]:
+        """Density at a sample in a kept brick; distance [m] around it in which there is surely none, where known."""
+        density = self.voxels.density(arrays().UInt(step.brick), step.place)
+        textures = self.textures
+        if textures is None:
+            return density, None
+
+        def looked_up(step: Step, share: Any) -> tuple[Any, Any]:
+            height, clear = textures.height(step.box, share)
+            return dr.if_stmt(
+                (step, height), clear > 0.0,
+                lambda step, height: arrays().Float(0),
+                lambda step, height: sum(textures.densities(step.box, step.level, self._charted(step, height)[0])),
+            ), clear  # fmt: skip
+
+        nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
+        return dr.if_stmt((step, density), textures.textured(step.box), looked_up, nothing)
+
+    def elements(self, step: Step) -> tuple[list[Element], Within | None]:
+        """What the matter of a sample in a kept brick is made of, and where in a texel it is, if boxes have some."""
+        plain = Element(self.axis(step), self.material(step))
+        textures = self.textures
+        if textures is None:
+            return [plain], None
+        textured = textures.textured(step.box)
+        share = self.voxels.density(arrays().UInt(step.brick), step.place)
+        here, along_u = self._charted(step, textures.height(step.box, share)[0])
+        frame = surface_frame(self._in_world(step.box, along_u), plain.axis)
+        found, each = [], textures.densities(step.box, step.level, here)
+        scale = dr.rcp(dr.fmax(sum(each), 1e-9))
+        scales = textures.scales(step.level)
+        for k, axis in enumerate(textures.axes(step.box, step.level, here)):
+            axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
+            own = [dr.select(textured, each[k] * scale * factor, float(k == 0)) for factor in scales[k]]
+            found.append(Element(axis, plain.material + dr.select(textured, k, arrays().UInt(0)), own[0], own[1]))
+        return found, Within(textured, step.box, step.level, step.tau, here, frame)
+
+    def through(self, within: Within, to_lamp: Any, stop: Any) -> tuple[Any, Any]:
+        """Optical depth of the texel between a sample and where light comes in, and the way to there [m]."""
+        assert self.textures is not None
+        way = within.frame.inwards(to_lamp)
+        passed, length = self.textures.through(within.box, within.level, within.here, way, stop)
+        return within.tau * passed, length
+
+    def _charted(self, step: Step, height: Any) -> tuple[OnSurface, Any]:
+        """Where a sample in a kept brick of a box with a chart is on its surface, and the tangent along u."""
+        return place_on_surface(self.charts, self._brick_in(self.chart_shift, step), step.place, height)
 
     def axis(self, step: Step) -> Any:
         """Unit axis, in the world, at a sample in a kept brick."""
         axis = self.voxels.axis(arrays().UInt(step.brick), step.place)
-        x, y, z = self.frames.rotation(step.box)
-        return dr.normalize(axis.x * x + axis.y * y + axis.z * z + 1e-9)
+        return dr.normalize(self._in_world(step.box, axis) + 1e-9)
 
     def colour(self, step: Step) -> Any:
         """Coefficients of the body colour at a sample in a kept brick of a box that has them."""
@@ -111,6 +188,11 @@ class Medium:
         offset = (nearest.z * STORED + nearest.y) * STORED + nearest.x
         has = dr.gather(arrays().Int, self.material_shift, step.box) != ABSENT
         return first + UInt(dr.gather(arrays().UInt8, self.materials, start + offset, has))
+
+    def _in_world(self, box: Any, vector: Any) -> Any:
+        """A vector in box axes as one in the world."""
+        x, y, z = self.frames.rotation(box)
+        return vector.x * x + vector.y * y + vector.z * z
 
     def _brick_in(self, shift: Any, step: Step) -> Any:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""

@@ -80,7 +80,7 @@ def read_packed(box: OpenBox) -> Bricks | None:
         return None
     names, count = _names(box), len(box.places)
     with described(str(folder)):
-        check_bricks(count, box.source.colours > 0, box.source.material, f"{count} bricks")
+        check_bricks(count, f"{count} bricks", box.source.colours > 0, box.source.material)
     chunks = [(name, number) for name in names for number in _numbers(box, name, stored.get(name))]
     pools = {name: aligned(count * _each(name), np.uint32 if name == "density" else BITS[name]) for name in names}
 

@@ -55,7 +55,7 @@ class PackedVoxels:
         rows = []
         for row in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK):
             pair = dr.gather(kinds.UInt, self.densities, start + row)
-            rows.append(_lerp(_half(pair << 13), _half(pair >> 3), part.x))
+            rows.append(_lerp(half_value(pair << 13), half_value(pair >> 3), part.x))
         low, high = _lerp(rows[0], rows[1], part.y), _lerp(rows[2], rows[3], part.y)
         return _lerp(low, high, part.z) * HALF_EXPONENT
 
@@ -63,13 +63,7 @@ class PackedVoxels:
         """Trilinear axis in box axes, not normalised."""
         kinds = arrays()
         start, part = corner(brick, place)
-        packed = [dr.gather(kinds.Int, self.axes, start + offset) for offset in CORNERS]
-        # each number is read with the bits of the next below it, which stand for what `packed_axis` cut off
-        return kinds.Array3f(
-            _trilinear([kinds.Float(word << (Y_BITS + Z_BITS)) for word in packed], part) * X_UNIT,
-            _trilinear([kinds.Float(word << Z_BITS) for word in packed], part) * Y_UNIT,
-            _trilinear([kinds.Float(word) for word in packed], part) * Z_UNIT,
-        )
+        return axis_between([dr.gather(kinds.Int, self.axes, start + offset) for offset in CORNERS], part)
 
 
 @dataclass
@@ -104,7 +98,18 @@ def packets(grid: Any, brick: Any, place: Any) -> Any:
     kinds = arrays()
     kind = kinds.Array4f16 if type(grid) is kinds.Float16 else kinds.Array4f
     start, part = corner(brick, place)
-    return _trilinear([kinds.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
+    return trilinear([kinds.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
+
+
+def axis_between(words: list[Any], part: Any) -> Any:
+    """Trilinear axis between eight packed ones (Int, in the order of CORNERS), not normalised: Array3f."""
+    kinds = arrays()
+    # each number is read with the bits of the next below it, which stand for what `packed_axis` cut off
+    return kinds.Array3f(
+        trilinear([kinds.Float(word << (Y_BITS + Z_BITS)) for word in words], part) * X_UNIT,
+        trilinear([kinds.Float(word << Z_BITS) for word in words], part) * Y_UNIT,
+        trilinear([kinds.Float(word) for word in words], part) * Z_UNIT,
+    )
 
 
 def packed_density(density: Any) -> Any:
@@ -153,7 +158,7 @@ def unpacked_axis(axes: np.ndarray) -> np.ndarray:
     return axis.astype(np.float16).reshape(-1, STORED, STORED, STORED, 3)
 
 
-def _half(bits: Any) -> Any:
+def half_value(bits: Any) -> Any:
     """The float, 2¹¹² times too small, of a half whose bits stand 13 places up (others are masked)."""
     return dr.reinterpret_array(arrays().Float, bits & 0x0FFFE000)
 
@@ -162,7 +167,7 @@ def _lerp(begin: Any, end: Any, part: Any) -> Any:
     return dr.fma(end - begin, part, begin)
 
 
-def _trilinear(values: list[Any], part: Any) -> Any:
+def trilinear(values: list[Any], part: Any) -> Any:
     """Between eight values in the order of CORNERS."""
     along = [_lerp(values[k], values[k + 1], part.x) for k in (0, 2, 4, 6)]
     return _lerp(_lerp(along[0], along[1], part.y), _lerp(along[2], along[3], part.y), part.z)

@@ -1,0 +1,89 @@
+"""Levels of a texel: from its finest lattice to ever coarser ones, each with means over cells twice as wide.
+
+Along u and v down to one cell a period; along the height down to a few cells, that the light still finds a depth.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.volume.texel import Level
+
+FEWEST_ALONG_HEIGHT = 4  # cells
+Values = NDArray[np.float32]
+
+
+def levels_of(density: NDArray, axis: NDArray, variants: int) -> tuple[Level, ...]:
+    """All levels of the finest lattice; density and axis as those of `Level`, axes of either sign.
+
+    Axes of a population are turned to one side before they are averaged: cylinders have no direction.
+    """
+    populations, v, u, h = density.shape
+    finest = Level(density.astype(np.float16), axis.astype(np.float16), np.ones((populations, 2), np.float32))
+    levels = [finest]
+    held = density.astype(np.float32)
+    moment = _to_one_side(held, axis.astype(np.float32)) * held[..., None]
+    cells = (u - 1) // variants, v - 1, h - 1
+    while max(cells[:2]) > 1:
+        cells = max(cells[0] // 2, 1), max(cells[1] // 2, 1), max(cells[2] // 2, min(cells[2], FEWEST_ALONG_HEIGHT))
+        held, moment = (_coarser(values, cells, variants) for values in (held, moment))
+        mean = moment / np.maximum(held, 1e-6)[..., None]
+        levels.append(Level(held.astype(np.float16), mean.astype(np.float16), finest.scale.copy()))
+    return tuple(levels)
+
+
+def _to_one_side(density: Values, axis: Values) -> Values:
+    """Axes of every population turned to the side of their principal direction."""
+    turned = np.empty_like(axis)
+    for k, (weight, vectors) in enumerate(zip(density, axis, strict=True)):
+        flat, share = vectors.reshape(-1, 3), weight.reshape(-1)
+        some = share > 0
+        inertia = (flat[some] * share[some, None]).T @ flat[some] if some.any() else np.eye(3)
+        principal = np.linalg.eigh(inertia)[1][:, -1]
+        side = np.where(vectors @ principal < 0, -1.0, 1.0).astype(np.float32)
+        turned[k] = vectors * side[..., None]
+    return turned
+
+
+def _coarser(values: Values, cells: tuple[int, ...], variants: int) -> Values:
+    """Values at the nodes of fewer cells: (populations, v, u, h, …)."""
+    blocks = _split(values, variants)  # populations, variants, v, u, h, without the last, repeated nodes of v and u
+    for axis, count in ((3, cells[0]), (2, cells[1])):
+        blocks = np.moveaxis(np.tensordot(_around(blocks.shape[axis], count), blocks, (1, axis)), 0, axis)
+    blocks = np.moveaxis(np.tensordot(_upwards(blocks.shape[4] - 1, cells[2]), blocks, (1, 4)), 0, 4)
+    blocks[:, :, 0] = blocks[:, :, 0].mean(axis=1, keepdims=True)  # any variant may be the neighbour
+    blocks[:, :, :, 0] = blocks[:, :, :, 0].mean(axis=1, keepdims=True)
+    return _joined(blocks)
+
+
+def _split(values: Values, variants: int) -> Values:
+    """(populations, v, u, h, …) as (populations, variants, v, u, h, …), each node of a period once."""
+    inner = values[:, :-1, :-1]
+    populations, v, u = inner.shape[:3]
+    parts = inner.reshape(populations, v, variants, u // variants, *inner.shape[3:])
+    return np.moveaxis(parts, 2, 1)
+
+
+def _joined(blocks: Values) -> Values:
+    """The inverse of `_split`."""
+    parts = np.moveaxis(blocks, 1, 2)
+    populations, v, variants, u = parts.shape[:4]
+    inner = parts.reshape(populations, v, variants * u, *parts.shape[4:])
+    inner = np.concatenate([inner, inner[:, :, :1]], axis=2)
+    return np.concatenate([inner, inner[:, :1]], axis=1)
+
+
+def _around(many: int, few: int) -> Values:
+    """Weights (few, many) of the nodes of a period in those of a coarser one: tents as wide as two of its cells."""
+    ratio = many / few
+    apart = np.abs(np.arange(few)[:, None] * ratio - np.arange(many))
+    weights = np.maximum(1.0 - apart / ratio, 0.0) + np.maximum(1.0 - (many - apart) / ratio, 0.0)
+    return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+def _upwards(many: int, few: int) -> Values:
+    """The same along the height, (few + 1, many + 1): there is nothing below the lowest and above the highest node."""
+    ratio = many / few
+    apart = np.abs(np.arange(few + 1)[:, None] * ratio - np.arange(many + 1))
+    return (np.maximum(1.0 - apart / ratio, 0.0) / ratio).astype(np.float32)
