@@ -47,17 +47,18 @@ def down_density(barb: Barb, height: Any, down: Down, fineness: Fineness, seed: 
     grown = dr.fmin(barb.out / (1.2 * down.loft_mm), 1.0)
     for step in BESIDE:
         number = kinds.Int(barb.number) + step
-        phase, lift, quick, swing = (random((number, k, 3), seed + 21) for k in range(4))
-        turn = barb.out * (2.0 * math.pi / down.wave_mm) * (0.7 + 0.6 * quick) + 2.0 * math.pi * phase
-        wave = dr.sin(turn)
-        beside = barb.beside - (step + 0.75 * (swing - 0.5 + 0.6 * wave) * grown) * barb.spacing
-        up = height - grown * down.loft_mm * (1.7 * (lift - 0.6) + 0.35 * dr.cos(1.3 * turn))
+        lift, own, side = random((number, 0, 3), seed + 21), barb.number * 5.3 + 5.3 * step, barb.along.x
+        place = kinds.Array3f(barb.out * (2.0 / down.wave_mm), own, side)
+        wave = gradient_noise(place, seed + 22)
+        beside = barb.beside - (step + 1.3 * wave * grown) * barb.spacing
+        sway = gradient_noise(place * kinds.Array3f(0.7, 1, 1) + 0.37, seed + 23)
+        up = height - grown * down.loft_mm * (1.4 * (lift - 0.6) + 1.2 * sway)
         far = dr.sqrt(beside * beside + up * up + 1e-9)
         core = rod(beside, up, STALK, 0.0, softness)
         radial = kinds.Array3f(0.0, beside / far, up / far)
         halo = _halo(barb, far, height, down, fineness, seed)
         here = dr.fmax(core, halo)
-        lean = kinds.Array3f(1.0, 0.45 * dr.cos(turn) * grown * barb.spacing, 0.0)
+        lean = kinds.Array3f(1.0, wave * grown, sway * grown)
         along = dr.select(core > halo, unit(lean), unit(radial + kinds.Array3f(0.5, 0, 0)))
         tangent = dr.select(here > density, along, tangent)
         density = dr.fmin(density + here, 1.0)

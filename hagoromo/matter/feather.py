@@ -38,7 +38,8 @@ def feather(
     """
     made = check_feather(made)
     plume = made.plume
-    widest = max(plume.outer_mm, plume.inner_mm) * 1.05 + 0.5 * made.barbs.ragged_mm
+    frayed = 1.5 * made.barbs.ragged_mm + 2.0 * fineness.softness
+    widest = max(plume.outer_mm, plume.inner_mm) * 1.05 + frayed
     loft = 2.6 * made.down.loft_mm if made.down.share > 0 else 0.0
     deep = max(loft, plume.rachis_mm, 1.5 * made.barbs.height_mm) + 2.0 * fineness.softness
 
@@ -60,12 +61,12 @@ def feather(
         quill = plume.quill * plume.length_mm
         bare = dr.fmax(abs(spot.across), abs(spot.height)) - plume.rachis_mm - fineness.softness
         webbed = dr.fmax(dr.fmax(abs(spot.height) - deep, abs(spot.across) - widest), quill - spot.along)
-        ends = dr.fmax(-spot.along, spot.along - plume.length_mm) - 2.0 * fineness.softness
+        ends = dr.fmax(-spot.along, spot.along - plume.length_mm) - frayed
         near = dr.fmin(dr.fmax(dr.fmin(bare, webbed), ends), 1e3)
         return 0.7 * near
 
     side, back = widest + abs(plume.bow_mm) + 2.0, plume.arch_mm + plume.camber_mm + deep + 1.0
-    extent = (-side, -deep - 1.0 - max(-plume.arch_mm, 0.0), -1.0), (side, back, plume.length_mm + 2.0)
+    extent = (-side, -deep - 1.0 - max(-plume.arch_mm, 0.0), -1.0), (side, back, plume.length_mm + frayed + 1.0)
     return plan_of(field, bound, extent, fineness, material, "feather")
 
 

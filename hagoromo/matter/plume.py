@@ -86,8 +86,11 @@ def outline(across: Any, along: Any, plume: Any) -> Any:
     return 0.5 * value / dr.fmax(slope, 0.3 / half)
 
 
-def shaft(spot: Spot, plume: Any, softness: float) -> Any:
-    """Density of quill and rachis: round, then square with a groove beneath, then round and thin at the tip."""
+def shaft(spot: Spot, plume: Any, softness: float) -> tuple[Any, Any]:
+    """Density of quill and rachis: round, then square with a groove beneath, then round and thin at the tip.
+
+    And the share of space that is theirs, where there is nothing else.
+    """
     quill = plume.length_mm * plume.quill
     share = clip((spot.along - quill) / (plume.length_mm - quill), 0.0, 1.0)
     foot = dr.sqrt(clip(spot.along / (1.5 * plume.rachis_mm) + 0.05, 0.0, 1.0))
@@ -102,7 +105,8 @@ def shaft(spot: Spot, plume: Any, softness: float) -> Any:
     distance = dr.fmax(distance, dr.fmax(groove, dr.fmax(-spot.along, spot.along - 0.985 * plume.length_mm)))
     pith = PITH * clip(10.0 * share, 0.05, 1.0)
     solid = coverage(-distance - WALL * radius, softness)  # 1 in the wall, 0 deep inside
-    return coverage(distance, softness) * (pith + (1.0 - pith) * solid)
+    inside = coverage(distance, softness)
+    return inside * (pith + (1.0 - pith) * solid), inside
 
 
 def shaft_radius(along: Any, plume: Any) -> Any:

@@ -32,12 +32,16 @@ class Feather(NamedTuple):
 
 
 class Web(NamedTuple):
-    """The vane at a place: its barb, distance to its edge (negative within), share of the way there, and downiness."""
+    """The vane at a place: its barb, share of the way from the shaft to the edge, and downiness.
+
+    edge: distance to where barbs end or gape, negative within; rim: the same to the outline of the whole vane.
+    """
 
     barb: Barb
-    edge: Any
     share: Any
     fluff: Any
+    edge: Any
+    rim: Any
 
 
 def feather_at(spot: Spot, made: Feather, fineness: Fineness, seed: Any) -> tuple[Any, Any, Any]:
@@ -56,11 +60,12 @@ def feather_at(spot: Spot, made: Feather, fineness: Fineness, seed: Any) -> tupl
         + spot.ahead * (along.y * way.x + aside.y * way.y)
         + spot.above * way.z
     )
-    stem = shaft(spot, made.plume, soft)
+    stem, taken = shaft(spot, made.plume, soft)
+    density = density * (1.0 - taken)
     stiff = stem > density
-    marked = is_marked(spot.across, spot.along, web.edge, web.barb.number, made.plume, made.marking, seed)
+    marked = is_marked(spot.across, spot.along, web.rim, web.barb.number, made.plume, made.marking, seed)
     colour = dr.select(stiff, kinds.UInt(2), dr.select(marked, kinds.UInt(1), 0))
-    return dr.fmax(density, stem), unit(dr.select(stiff, spot.ahead, tangent)), colour
+    return dr.fmin(density + stem, 1.0), unit(dr.select(stiff, spot.ahead, tangent)), colour
 
 
 def web_at(across: Any, along: Any, made: Feather, seed: Any) -> Web:
@@ -69,10 +74,10 @@ def web_at(across: Any, along: Any, made: Feather, seed: Any) -> Web:
     barb = barb_at(across, along, plume, made.barbs, seed)
     fluff = fluff_at(barb.start, plume, made.down)
     longer = random((kinds.Int(barb.number), dr.select(across < 0, kinds.Int(0), 1), 5), seed) - 0.5
-    edge = outline(across, along, plume) + longer * made.barbs.ragged_mm * (1.0 + 6.0 * fluff)
-    edge = dr.fmax(edge, dr.fmax(plume.quill * plume.length_mm - barb.start, barb.gap))
+    rim = outline(across, along, plume) + longer * made.barbs.ragged_mm * (1.0 + 2.0 * fluff)
+    edge = dr.fmax(rim, dr.fmax(plume.quill * plume.length_mm - barb.start, barb.gap))
     half = dr.select(across < 0, plume.outer_mm, kinds.Float(plume.inner_mm))
-    return Web(barb, edge, clip(barb.out / half, 0.0, 1.0), fluff)
+    return Web(barb, clip(barb.out / half, 0.0, 1.0), fluff, edge, rim)
 
 
 def closed_vane(spot: Spot, web: Web, made: Feather, fineness: Fineness, seed: Any) -> tuple[Any, Any]:
@@ -81,7 +86,7 @@ def closed_vane(spot: Spot, web: Web, made: Feather, fineness: Fineness, seed: A
     What the lattice cannot show apart is spread as a film of the same mass, whose tangent is the mean one: barbules
     lean to both sides of the barb, so their mean is along it.
     """
-    kinds, soft, (barb, edge, share, _) = arrays(), fineness.softness, web
+    kinds, soft, (barb, share, _, edge, _) = arrays(), fineness.softness, web
     barbs_shown, barbules_shown = shown(made, fineness)
     inside, way = coverage(edge, soft), kinds.Array3f(1, 0, 0)
     # the edge is stiff barbs alone: barbules end before it
