@@ -13,6 +13,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.matter.hair import Fuzz, grown
+from hagoromo.matter.knit import Knitted, check_knitted, knitted_paths, knitted_period, loop_of
 from hagoromo.matter.section import section
 from hagoromo.matter.strand import Grid, Paths, Place, Strands, grid_over
 from hagoromo.matter.thread import either, fibre, inside, spun
@@ -42,6 +43,15 @@ def woven(cloth: Woven, voxel_mm: float, variants: int = 4, seed: int = 0) -> Fa
     yarns, period = (cloth.warp, cloth.weft), period_of(cloth)
     paths = woven_paths(cloth, _margin(yarns, voxel_mm), variants, seed)
     return _fabric(yarns, paths, period, cloth.thickness, len(cloth.palette), voxel_mm, seed)
+
+
+def knitted(cloth: Knitted, voxel_mm: float, variants: int = 4, seed: int = 0) -> Fabric:
+    """A knitted cloth on voxels of `voxel_mm` [mm]. Raises `InputError` where it cannot be knitted."""
+    check_knitted(cloth)
+    yarns, period = (cloth.yarn, cloth.yarn), knitted_period(cloth)
+    paths = knitted_paths(cloth, _margin(yarns, voxel_mm), variants, seed)
+    thickness = 2.0 * loop_of(cloth).depth + cloth.yarn.thickness_mm
+    return _fabric(yarns, paths, period, thickness, 2, voxel_mm, seed)
 
 
 def _margin(yarns: tuple[Yarn, Yarn], voxel_mm: float) -> float:

@@ -59,7 +59,7 @@ class Grid(NamedTuple):
     edge: tuple[float, float, float]
     bottom: float
 
-    def middles(self) -> NDArray[np.float64]:
+    def middles(self) -> NDArray[np.floating]:
         """Middles of the cells, z slowest: (nz · ny · nx, 3)."""
         z, y, x = np.meshgrid(*(np.arange(n) + 0.5 for n in self.count[::-1]), indexing="ij")
         return np.stack([x, y, z], axis=-1).reshape(-1, 3) * np.array(self.edge) + np.array([0.0, 0.0, self.bottom])

@@ -187,8 +187,8 @@ def _yarns(cloth: Woven, k: int) -> int:
 
 _FLAX = Yarn(0.34, 1.2, 1, 5.5, "Z", 0.0, 150, 18.0, 0.15, 12.0, 0.6, 0.08, 0.2)
 _WORSTED = Yarn(0.42, 1.1, 2, 4.5, "S", 6.0, 45, 21.0, 0.15, 30.0, 1.0, 0.05, 0.02)
-_ORGANZINE = Yarn(0.11, 1.4, 2, 5.0, "S", 0.0, 16, 11.0, 0.08, 0.0, 0.0, 0.02, 0.0)
-_TRAM = _ORGANZINE._replace(diameter_mm=0.14, plies=1, twist_per_cm=1.5, fibres=80, flatness=1.6)
+_ORGANZINE = Yarn(0.095, 1.3, 2, 6.0, "S", 0.0, 11, 11.0, 0.08, 0.0, 0.0, 0.02, 0.0)
+_TRAM = Yarn(0.11, 1.5, 1, 1.5, "Z", 0.0, 58, 11.0, 0.1, 0.0, 0.0, 0.03, 0.0)
 LINEN = Woven(plain(), 16.0, 15.0, _FLAX, _FLAX)
-WOOL = Woven(twill(2, 2), 16.0, 15.0, _WORSTED, _WORSTED)
-SILK = Woven(satin(8), 62.0, 38.0, _ORGANZINE, _TRAM, 0.35, 0.02)
+WOOL = Woven(twill(2, 2), 13.0, 12.5, _WORSTED, _WORSTED)
+SILK = Woven(satin(8), 60.0, 38.0, _ORGANZINE, _TRAM, 0.62, 0.015)
