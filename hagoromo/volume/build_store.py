@@ -15,6 +15,7 @@ from hagoromo.volume.blocks import Block, filled, kept_bricks, matter_flags
 from hagoromo.volume.box_group import BoxGroup
 from hagoromo.volume.packed_bricks import write_packed
 from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store import save_box
 from hagoromo.volume.table import BLOCK
 from hagoromo.volume.zarr_blocks import in_order
 
@@ -35,6 +36,9 @@ def build_box(
     one with the same, see `resumable_folder`, which also says what is raised. progress: told the share done, 0…1.
     """
     blocks = plan.blocks
+    if plan.header.texel:  # small: built in memory
+        save_box(plan.box(), path, force)
+        return
     with resumable_folder(path, fingerprint, force) as folder:
         group = BoxGroup(folder, blocks.shape, plan.header, blocks.colours, blocks.material)
         done = folder.parent / "done"

@@ -35,6 +35,7 @@ from hagoromo.volume.frames import TOLERANCE, Frames
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
+DEEPEST = 6.5  # optical depth at which a lamp counts as hidden within a texel: exp(−6.5) = 1.5e-3
 ABSENT = -(2**31)  # shift of a box that has no such grid
 
 
@@ -131,7 +132,9 @@ class Medium:
             return dr.if_stmt(
                 (step, height), clear > 0.0,
                 lambda step, height: arrays().Float(0),
-                lambda step, height: sum(textures.densities(step.box, step.level, self._charted(step, height)[0])),
+                lambda step, height: textures.density(
+                    textures.lattice(step.box, step.level), self._charted(step, height)[0]
+                ),
             ), clear  # fmt: skip
 
         nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
@@ -147,10 +150,11 @@ class Medium:
         share = self.voxels.density(arrays().UInt(step.brick), step.place)
         here, along_u = self._charted(step, textures.height(step.box, share)[0])
         frame = surface_frame(self._in_world(step.box, along_u), plain.axis)
-        found, each = [], textures.densities(step.box, step.level, here)
+        lattice = textures.lattice(step.box, step.level)
+        found, each = [], textures.densities(lattice, here)
         scale = dr.rcp(dr.fmax(sum(each), 1e-9))
         scales = textures.scales(step.level)
-        for k, axis in enumerate(textures.axes(step.box, step.level, here)):
+        for k, axis in enumerate(textures.axes(lattice, here)):
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
             own = [dr.select(textured, each[k] * scale * factor, float(k == 0)) for factor in scales[k]]
             found.append(Element(axis, plain.material + dr.select(textured, k, arrays().UInt(0)), own[0], own[1]))
@@ -160,7 +164,8 @@ class Medium:
         """Optical depth of the texel between a sample and where light comes in, and the way to there [m]."""
         assert self.textures is not None
         way = within.frame.inwards(to_lamp)
-        passed, length = self.textures.through(within.box, within.level, within.here, way, stop)
+        deepest = DEEPEST / within.tau
+        passed, length = self.textures.through(within.box, within.level, within.here, way, stop, deepest)
         return within.tau * passed, length
 
     def _charted(self, step: Step, height: Any) -> tuple[OnSurface, Any]:

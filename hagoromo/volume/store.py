@@ -1,4 +1,4 @@
-"""Volume boxes on disk: a Zarr v3 group that any Zarr reader opens; `box_group` says what is in it."""
+"""Volume boxes on disk: a Zarr v3 group that any Zarr reader opens; `box_group` and `shell_store` say what is in it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.whole import whole_folder
+from hagoromo.files.zarr_arrays import open_arrays
 from hagoromo.volume.blocks import OFFSETS, SIDE, Block, block_of, low_part, runs
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.box_group import BoxGroup
@@ -18,6 +19,7 @@ from hagoromo.volume.header import BoxHeader, header_of
 from hagoromo.volume.open_box import open_box
 from hagoromo.volume.packed_bricks import read_packed, write_packed
 from hagoromo.volume.read_bricks import read_bricks
+from hagoromo.volume.shell_store import is_shell, look_at_shell, read_shell, write_shell
 from hagoromo.volume.table import BLOCK
 
 
@@ -25,6 +27,9 @@ def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
     """Write `box` as a Zarr group at `path`, whole or not at all; loaded again it has the same bits."""
     colours = max(len(box.basis), 1) if box.bricks.colour is not None else 0
     with whole_folder(path, force) as folder:
+        if box.texel:
+            write_shell(box, folder)
+            return
         group = BoxGroup(folder, box.bricks.shape, header_of(box), colours, box.bricks.material is not None)
         for block, values in _blocks(box, colours):
             group.write(block, values)
@@ -34,6 +39,8 @@ def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
 
 def load_box(path: str | Path) -> VolumeBox:
     """The volume box in the Zarr group at `path`; `InputError` when it is missing, damaged, foreign or too large."""
+    if _holds_shell(path):
+        return read_shell(Path(path))
     box = open_box(path)
     return box.header.box(read_packed(box) or read_bricks(box.source, box.places, len(box.header.materials)))
 
@@ -54,9 +61,15 @@ class StoredBox(NamedTuple):
 
 def look_at_box(path: str | Path) -> StoredBox:
     """The box in the Zarr group at `path`, its voxels unread; `InputError` as from `load_box`."""
+    if _holds_shell(path):
+        return StoredBox(*look_at_shell(Path(path)))
     box = open_box(path)
     size = brick_bytes(box.source.colours > 0, box.source.material)
     return StoredBox(box.header, box.source.shape, len(box.places), len(box.places) * size)
+
+
+def _holds_shell(path: str | Path) -> bool:
+    return (Path(path) / "zarr.json").is_file() and is_shell(open_arrays(path)[0].get("hagoromo"))
 
 
 def _blocks(box: VolumeBox, colours: int) -> Iterator[tuple[Block, dict[str, NDArray]]]:

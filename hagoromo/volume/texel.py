@@ -41,8 +41,8 @@ class Level:
 
     @property
     def bytes(self) -> int:
-        """Memory on the device [byte]."""
-        return 8 * self.density.size
+        """Memory on the device [byte]: all populations together have densities, too."""
+        return 8 * (self.density.size + self.density.size // len(self.density))
 
 
 @dataclass(frozen=True, eq=False)

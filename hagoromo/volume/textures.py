@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -17,7 +18,49 @@ from hagoromo.volume.texel import Level, Texel
 from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, packed_axis
 
 STEPS = 2.0  # per shortest edge of a cell
+WITHIN = 2.0  # steps of a ray from the eye, that a step to a lamp within the texel is long
+FARTHEST = 6.0  # thicknesses that light comes through a texel at most: beyond, the surface is not flat
+MOST_STEPS = 64.0
 EDGE = 1e-3  # the last cell along the height ends this much before its last node [cell]
+
+
+@dataclass
+class Corner:
+    """The first node around a place, and where the place is between the eight, along (u, v, h)."""
+
+    node: Any
+    part: Any
+
+
+@dataclass
+class Lattice:
+    """A level as kernels read it: where it starts, nodes along u, h and v, cells of a period along u; its texel."""
+
+    offset: Any
+    across: Any
+    high: Any
+    deep: Any
+    cells: Any
+    variants: Any
+    populations: Any
+    bottom: Any
+    inverse: Any  # of the height [1/m]
+
+    @property
+    def nodes(self) -> Any:
+        """Of one population."""
+        return self.deep * self.across * self.high
+
+    def corner(self, here: OnSurface) -> Corner:
+        """The node, u and v being counted through the variant that stands there."""
+        kinds = arrays()
+        variant = (_mixed(here.tile_u, here.tile_v) >> 16) * self.variants >> 16
+        u, v = here.u * kinds.Float(self.cells), here.v * kinds.Float(self.deep - 1)
+        h = clip((here.height - self.bottom) * self.inverse, 0.0, 1.0) * (kinds.Float(self.high - 1) - EDGE)
+        column, row = dr.minimum(kinds.UInt(u), self.cells - 1), dr.minimum(kinds.UInt(v), self.deep - 2)
+        node = kinds.UInt(h)
+        part = kinds.Array3f(u - kinds.Float(column), v - kinds.Float(row), h - kinds.Float(node))
+        return Corner(self.offset + (row * self.across + variant * self.cells + column) * self.high + node, part)
 
 
 class Textures:
@@ -28,12 +71,12 @@ class Textures:
         kinds = arrays()
         texels = list({id(box.texel): box.texel for box in boxes if box.texel}.values())
         levels = [level for texel in texels for level in texel.levels]
-        count = sum(level.density.size for level in levels)
+        count = sum(_entries(level) for level in levels)
         check_entries(count, "the texels of all boxes together")
         check_memory(8 * count, "the texels of all boxes together")
         first = np.cumsum([0, *(len(texel.levels) for texel in texels)])
         places = {id(texel): int(start) for texel, start in zip(texels, first, strict=False)}
-        offsets = np.cumsum([0, *(level.density.size for level in levels)])
+        offsets = np.cumsum([0, *map(_entries, levels)])
         rows = [_level_row(texel, level) for texel in texels for level in texel.levels]
         words = np.array([(offset, *row) for offset, row in zip(offsets, rows, strict=False)], np.uint32)
         self.rows = lookup(kinds.UInt, words)
@@ -77,31 +120,36 @@ class Textures:
         height = dr.fma(share, span, low)
         return height, dr.fmax(dr.fmax(bottom - height, height - bottom - dr.rcp(inverse)), 0.0)
 
-    def densities(self, box: Any, level: Any, here: OnSurface) -> list[Any]:
-        """Density of every population."""
+    def lattice(self, box: Any, level: Any) -> Lattice:
+        """What look-ups in one level have in common."""
         kinds = arrays()
-        start, next_v, next_u, each, part = self._cell(box, level, here)
-        many = dr.gather(kinds.UInt, self.whole, box * 4 + 3)
+        offset, across, high, packed = dr.gather(kinds.Array4u, self.rows, level)
+        _, _, variants, populations = dr.gather(kinds.Array4u, self.whole, box)
+        bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
+        return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
+
+    def density(self, lattice: Lattice, here: OnSurface) -> Any:
+        """Density of all populations together."""
+        return self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
+
+    def densities(self, lattice: Lattice, here: OnSurface) -> list[Any]:
+        """Density of every population."""
         found = []
         for k in range(self.populations):
-            has = many > k
-            rows = []
-            for corner in (0, next_u, next_v, next_v + next_u):
-                pair = dr.gather(kinds.UInt, self.densities_pool, start + k * each + corner, has)
-                rows.append(_lerp(half_value(pair << 13), half_value(pair >> 3), part.z))
-            value = _lerp(_lerp(rows[0], rows[1], part.x), _lerp(rows[2], rows[3], part.x), part.y)
-            found.append(value * (HALF_EXPONENT * here.presence))
+            number = dr.select(lattice.populations > k, arrays().UInt(k + 1), 0)
+            value = self._density(lattice, lattice.corner(here), number) * here.presence
+            found.append(dr.select(number > 0, value, 0.0))
         return found
 
-    def axes(self, box: Any, level: Any, here: OnSurface) -> list[Any]:
+    def axes(self, lattice: Lattice, here: OnSurface) -> list[Any]:
         """Axis of every population along (u, v, normal), not normalised."""
-        kinds = arrays()
-        start, next_v, next_u, each, part = self._cell(box, level, here)
+        corner = lattice.corner(here)
+        steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
         found = []
         for k in range(self.populations):
-            first = start + dr.select(dr.gather(kinds.UInt, self.whole, box * 4 + 3) > k, k * each, 0)
-            corners = [first + h + u + v for h in (0, 1) for v in (0, next_v) for u in (0, next_u)]
-            found.append(axis_between([dr.gather(kinds.Int, self.axes_pool, corner) for corner in corners], part))
+            start = corner.node + dr.select(lattice.populations > k, (k + 1) * lattice.nodes, 0)
+            words = [dr.gather(arrays().Int, self.axes_pool, start + step) for step in steps]
+            found.append(axis_between(words, corner.part))
         return found
 
     def scales(self, level: Any) -> list[tuple[Any, Any]]:
@@ -112,56 +160,43 @@ class Textures:
             for k in range(self.populations)
         ]
 
-    def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any) -> tuple[Any, Any]:
+    def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any, deepest: Any) -> tuple[Any, Any]:
         """Density · length [m] along a straight `way` (along u, v, normal; unit) out of the texel, and its length [m].
 
-        It ends at `stop` [m] if that is nearer. The surface is taken to be flat there.
+        It ends at `stop` [m] if that is nearer, and is not followed beyond `deepest` [m]. The surface is taken as flat.
         """
-        kinds = arrays()
-        bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
+        kinds, lattice = arrays(), self.lattice(box, level)
         inverse_u, inverse_v = (dr.gather(kinds.Float, self.floats, box * 8 + k) for k in (4, 5))
-        step = dr.gather(kinds.Float, self.steps, level)
-        thickness = dr.rcp(inverse)
+        thickness = dr.rcp(lattice.inverse)
         rising = way.z > 0
-        room = dr.select(rising, bottom + thickness - here.height, here.height - bottom)
+        room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
         reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, FARTHEST * thickness))
-        count = dr.ceil(reach / (WITHIN * step))
-        count = dr.fmin(dr.fmax(count, 1.0), MOST_STEPS)
+        step = WITHIN * dr.gather(kinds.Float, self.steps, level)
+        count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_STEPS)
         length = reach / count
+        enough = deepest / length
 
         def one(k: Any, passed: Any) -> tuple[Any, Any]:
-            way_on = (k + 0.5) * length
-            u, v = dr.fma(way_on, way.x * inverse_u, here.u), dr.fma(way_on, way.y * inverse_v, here.v)
+            on = (k + 0.5) * length
+            u, v = dr.fma(on, way.x * inverse_u, here.u), dr.fma(on, way.y * inverse_v, here.v)
             over_u, over_v = dr.floor(u), dr.floor(v)
-            there = OnSurface(
-                here.tile_u + kinds.Int(over_u), here.tile_v + kinds.Int(over_v), u - over_u, v - over_v,
-                dr.fma(way_on, way.z, here.height), here.presence,
-            )  # fmt: skip
-            return k + 1.0, passed + sum(self.densities(box, level, there)) * length
+            tiles = here.tile_u + kinds.Int(over_u), here.tile_v + kinds.Int(over_v)
+            there = OnSurface(*tiles, u - over_u, v - over_v, dr.fma(on, way.z, here.height), here.presence)
+            return k + 1.0, passed + self.density(lattice, there)
 
-        _, passed = dr.while_loop((kinds.Float(0), kinds.Float(0)), lambda k, passed: k < count, one)
-        return passed, reach
+        start = kinds.Float(0), kinds.Float(0)
+        _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
+        return passed * length, reach
 
-    def _cell(self, box: Any, level: Any, here: OnSurface) -> tuple[Any, Any, Any, Any, Any]:
-        """Number of the first node around a place, from it to the next along v and u, nodes of a population, parts."""
-        kinds = arrays()
-        offset, across, high, packed = dr.gather(kinds.Array4u, self.rows, level)
-        deep, cells = packed & 0xFFFF, packed >> 16
-        bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
-        variants = dr.gather(kinds.UInt, self.whole, box * 4 + 2)
-        variant = (_mixed(here.tile_u, here.tile_v) >> 16) * variants >> 16
-        u, v = here.u * kinds.Float(cells), here.v * kinds.Float(deep - 1)
-        h = clip((here.height - bottom) * inverse, 0.0, 1.0) * (kinds.Float(high - 1) - EDGE)
-        column = dr.minimum(kinds.UInt(u), cells - 1)
-        row, node = dr.minimum(kinds.UInt(v), deep - 2), kinds.UInt(h)
-        part = kinds.Array3f(u - kinds.Float(column), v - kinds.Float(row), h - kinds.Float(node))
-        start = offset + (row * across + variant * cells + column) * high + node
-        return start, across * high, high, deep * across * high, part
-
-
-WITHIN = 1.0  # steps of a ray from the eye, that a step to a lamp within the texel is long
-FARTHEST = 6.0  # thicknesses that light comes through a texel at most: beyond, the surface is not flat
-MOST_STEPS = 64.0
+    def _density(self, lattice: Lattice, corner: Corner, number: Any) -> Any:
+        """Density of the population before `number`, of all together for 0."""
+        rows, next_v = [], lattice.across * lattice.high
+        start = corner.node + number * lattice.nodes
+        for step in (0, lattice.high, next_v, next_v + lattice.high):
+            pair = dr.gather(arrays().UInt, self.densities_pool, start + step)
+            rows.append(_lerp(half_value(pair << 13), half_value(pair >> 3), corner.part.z))
+        low, high = _lerp(rows[0], rows[1], corner.part.x), _lerp(rows[2], rows[3], corner.part.x)
+        return _lerp(low, high, corner.part.y) * HALF_EXPONENT
 
 
 def _mixed(u: Any, v: Any) -> Any:
@@ -180,16 +215,25 @@ def _level_row(texel: Texel, level: Level) -> tuple[int, int, int]:
     return u, h, v | (texel.cells(level)[0] << 16)
 
 
+def _entries(level: Level) -> int:
+    """Of a level in the pools: all populations together, then each."""
+    return level.density.size // len(level.density) * (len(level.density) + 1)
+
+
 def _pairs(level: Level) -> NDArray[np.uint32]:
     """Densities as halves, each with the next above it."""
-    halves = np.where(level.density < SMALLEST, np.float16(0), level.density).view(np.uint16).astype(np.uint32)
+    total = level.density.astype(np.float32).sum(axis=0, keepdims=True).astype(np.float16)
+    density = np.concatenate([total, level.density])
+    halves = np.where(density < SMALLEST, np.float16(0), density).view(np.uint16).astype(np.uint32)
     above = np.concatenate([halves[..., 1:], np.zeros_like(halves[..., :1])], axis=-1)
     return (halves | above << np.uint32(16)).ravel().astype(np.uint32)
 
 
 def _axes(level: Level) -> Any:
+    """Packed axes; none of all populations together."""
     kinds = arrays()
-    return packed_axis(kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, level.axis))))
+    axis = np.concatenate([np.zeros_like(level.axis[:1]), level.axis])
+    return packed_axis(kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, axis))))
 
 
 def _lerp(begin: Any, end: Any, part: Any) -> Any:
