@@ -140,27 +140,37 @@ calibrate = verbs.command(calibrations, name="calibrate", help="Calibrate a came
 
 @_verb(calibrations, "camera")
 def calibrate_camera(
-    photographs: Positional[tuple[Path, ...]], out: Out, board: str, square: float, force: Force = False
+    photographs: Positional[tuple[Path, ...]],
+    out: Out,
+    board: str,
+    square: float,
+    marker: float = 0.0,
+    dictionary: str = "4X4_50",
+    coefficients: Literal[0, 2, 4, 5, 8] = 5,
+    square_pixels: bool = False,
+    window: int | None = None,
+    force: Force = False,
 ) -> None:
-    """Photographs of a chessboard → intrinsics, distortion, their standard deviations, rms.
+    """Photographs of a board → intrinsics, distortion, their standard deviations, rms, a plot of the residuals beside.
 
     Args:
         photographs: PNG or JPEG, all of one size, three or more.
         board: inner corners, columns x rows, such as 9x6.
         square: side of a square [m].
+        marker: side of a marker [m] of a ChArUco board; 0 for a chessboard.
+        dictionary: OpenCV's name of the markers.
+        coefficients: of the lens, fitted: none, k1 k2, p1 p2 too, k3 too, k4 k5 k6 too.
+        square_pixels: one focal length for both axes.
+        window: half side [px] of the search for a corner (default: a third of the smallest square).
     """
-    from hagoromo.camera.calibrate import calibrate_camera
-    from hagoromo.files.record import write_json
-    from hagoromo.files.whole import whole_file
+    from hagoromo.app.calibrate_camera import calibrate_to, parse_board
 
-    corners = re.fullmatch(r"(\d+)x(\d+)", board)
-    if corners is None:
-        raise InputError(f"--board is {board!r}: give inner corners as columns x rows, such as 9x6")
-    with whole_file(out, force) as partial:
-        found = calibrate_camera(_pictures(photographs), (int(corners[1]), int(corners[2])), square)
-        write_json(partial, found.record())
+    target = parse_board(board, square, marker, dictionary, window)
+    found, written = calibrate_to(_pictures(photographs), target, out, coefficients, square_pixels, force)
     print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
-    _wrote(out)
+    for name in found.outliers:
+        print(f"{name}: rms {found.boards[name]:.3f} px, far above the others: look at it, or leave it out")
+    _wrote(*written)
 
 
 @_verb(calibrations, "lamps")
@@ -172,9 +182,9 @@ def calibrate_lamps(
     Args:
         photographs: PNG or JPEG, one per lamp, all from one place.
         mask: picture that is white on the ball and black elsewhere.
-        camera: camera.json of `calibrate camera`; without it the view is taken for orthographic.
+        camera: camera.json of `calibrate camera`, or OpenCV's YAML; without it the view is taken for orthographic.
     """
-    from hagoromo.camera.calibrate import read_camera
+    from hagoromo.camera.camera_file import read_camera
     from hagoromo.files.picture import read_picture
     from hagoromo.files.record import write_json
     from hagoromo.files.whole import whole_file
@@ -211,6 +221,27 @@ def calibrate_response(pairs: Positional[Path], out: Out, force: Force = False) 
         write_table(partial, {"wavelength_nm": response.wavelengths, **columns})
     for channel, residual in zip(response.channels, found.residual, strict=True):
         print(f"{channel}: residual {100 * residual:.2f} % of the mean reading")
+    _wrote(out)
+
+
+@_verb(verbs)
+def convert(
+    cameras: Positional[Path],
+    out: Out,
+    to: Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"] | None = None,
+    images: Path | None = None,
+    force: Force = False,
+) -> None:
+    """Cameras of one program's file → another's, or with their images → a capture.
+
+    Args:
+        cameras: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, Middlebury's _par.txt.
+        to: format (default: that of the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
+        images: folder of the images; the result is then a capture.
+    """
+    from hagoromo.app.convert import convert
+
+    print(convert(cameras, out, to, images, force))
     _wrote(out)
 
 
@@ -294,7 +325,8 @@ def info(file: Positional[Path]) -> None:
     """What is in a file or folder.
 
     Args:
-        file: capture, box.zarr, EXR, PNG, JPEG, scene or matter TOML, materials.json, camera.json, spectrum CSV.
+        file: capture, box.zarr, EXR, PNG, JPEG, scene or matter TOML, materials.json, spectrum CSV, cameras (JSON,
+            YAML, _par.txt, COLMAP).
     """
     from hagoromo.app.info import describe
 

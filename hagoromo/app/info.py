@@ -9,12 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from hagoromo.camera.calibrate import NAMES
+from hagoromo.camera.camera_file import read_views
+from hagoromo.camera.colmap import find_colmap
+from hagoromo.camera.opencv_file import MATRIX
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
+from hagoromo.photograph.capture import count_absent
 
 Facts = dict[str, Any]
 MATERIAL = ("element", "alpha", "beta", "gamma", "n", "body_colour", "identifiable")
@@ -39,7 +44,9 @@ def _folder(path: Path) -> Facts:
         return _transforms(path / "transforms.json")
     if (path / "zarr.json").exists():
         return _box(path)
-    raise InputError(f"{path} is neither a capture (transforms.json) nor a volume box (zarr.json): give one")
+    if find_colmap(path) is not None:
+        return _cameras(path)
+    raise InputError(f"{path} is neither a capture (transforms.json), a volume box (zarr.json) nor COLMAP's: give one")
 
 
 def _transforms(path: Path) -> Facts:
@@ -50,6 +57,7 @@ def _transforms(path: Path) -> Facts:
     return {
         "kind": "capture",
         "frames": len(frames),
+        "images_absent": count_absent(path, frames),
         "size": [record.get("w"), record.get("h")],
         "lamps": len(record.get("lamps", [])),
         "sensor": "sensor" in record,
@@ -121,9 +129,19 @@ def _json(path: Path) -> Facts:
         return _transforms(path)
     if isinstance(record, dict) and "fl_x" in record:
         return {"kind": "camera", **{key: _short(value) for key, value in record.items()}}
+    if isinstance(record, dict) and any(key in record for key in MATRIX):
+        return _cameras(path)
     if isinstance(record, dict) and isinstance(record.get("lamps"), list):
         return {"kind": "lamps", **{str(k): _short(lamp) for k, lamp in enumerate(record["lamps"])}}
     raise InputError(f"{path} is JSON of no kind known here: materials, camera, lamps or capture")
+
+
+def _cameras(path: Path) -> Facts:
+    views = read_views(path)
+    lenses = {(c.width, c.height, *c.focal, *c.principal, *c.distortion) for c in views.values()}
+    keys = ("w", "h", *NAMES)
+    shown = {str(k): dict(zip(keys, lens, strict=True)) for k, lens in enumerate(sorted(lenses))}
+    return {"kind": "cameras", "views": len(views), "images": _short(list(views)), **shown}
 
 
 def _materials(path: Path) -> Facts:
@@ -155,4 +173,8 @@ KINDS: dict[str, Callable[[Path], Facts]] = {
     ".toml": _toml,
     ".json": _json,
     ".csv": _csv,
+    ".yml": _cameras,
+    ".yaml": _cameras,
+    ".txt": _cameras,
+    ".bin": _cameras,
 }

@@ -1,36 +1,40 @@
-"""Calibrate a camera: photographs of a chessboard → focal length, principal point, distortion, each with its
-standard deviation.
+"""Calibrate a camera: photographs of a board → focal length, principal point, distortion, each with its standard
+deviation.
 
 OpenCV finds the corners and fits the lens (Zhang 2000, "A flexible new technique for camera calibration"); OpenCV
-counts from the centre of the first pixel and we from the image's corner, so the principal point moves by ½ px.
+counts from the centre of the first pixel and we from the image's corner, so all image points move by ½ px.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.camera.board import Board, Corners
 from hagoromo.camera.camera import Camera
+from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
-from hagoromo.files.record import count, number, read_json, take
 
+Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitted, the first ones of OpenCV's order
+NAMES = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS)
 FEWEST_BOARDS = 3  # below it the focal length and principal point are not determined by planes (Zhang 2000)
-NAMES = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
+OTHER_FOCAL = 1.2  # a focal length longer or shorter by this factor must fit worse,
+WORSE = 1.1  # by this factor of the rms; where boards are parallel to one another it does not (Zhang 2000)
+OUTLIER = 3.5  # robust standard deviations of a view's log rms above the median (Iglewicz & Hoaglin 1993)
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """A calibrated camera and how well it is known.
 
-    standard_deviation: of each of `NAMES` [px, or 1 for the distortion]. rms: of the corners' residuals [px], each
-    corner's two coordinates taken together. boards: rms per photograph used [px]. skipped: photographs in which no
-    board was found.
+    standard_deviation: of each of `NAMES` that was fitted [px, or 1 for the distortion]. rms: of the corners' residuals
+    [px], each corner's two coordinates taken together. boards: rms per photograph used [px]. skipped: photographs in
+    which no board was found. outliers: photographs used that fit much worse than the others. corners, residuals: per
+    photograph used, (n, 2) image points (x, y) and measured minus predicted [px].
     """
 
     camera: Camera
@@ -38,6 +42,9 @@ class Calibration:
     rms: float
     boards: dict[str, float]
     skipped: tuple[str, ...]
+    outliers: tuple[str, ...]
+    corners: dict[str, NDArray[np.float64]]
+    residuals: dict[str, NDArray[np.float64]]
 
     def record(self) -> dict[str, Any]:
         """The JSON record: keys of nerfstudio's `transforms.json`, then what is known about them."""
@@ -51,65 +58,44 @@ class Calibration:
             "rms_px": self.rms,
             "boards_rms_px": self.boards,
             "skipped": list(self.skipped),
+            "outliers": list(self.outliers),
         }
 
 
 def calibrate_camera(
     photographs: Mapping[str, NDArray],
-    board: tuple[int, int],
-    square: float,
+    board: Board,
+    coefficients: Model = 5,
+    square_pixels: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Calibration:
-    """Fit a camera to photographs of a chessboard.
+    """Fit a camera to photographs of a board.
 
-    photographs: name → (height, width) or (height, width, 3), uint8. board: inner corners (columns, rows).
-    square: side of a square [m]. progress: told the name of each photograph as it is searched.
-    `InputError` for photographs of different sizes, a board or square that is none, or fewer than three boards found.
+    photographs: name → (height, width) or (height, width, 3), uint8. coefficients: how many of the lens are fitted, the
+    others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length for x and y.
+    progress: told the name of each photograph as it is searched.
+    `InputError` for photographs of different sizes, fewer than three boards found, boards all parallel to one another
+    or a camera that they do not determine.
     """
-    _check(photographs, board, square)
-    corners = {}
+    _check(photographs)
+    corners: dict[str, Corners] = {}
     for name, photograph in photographs.items():
         if progress:
             progress(name)
-        found = find_corners(photograph, board)
+        found = board.find(photograph)
         if found is not None:
             corners[name] = found
     skipped = tuple(name for name in photographs if name not in corners)
     if len(corners) < FEWEST_BOARDS:
         raise InputError(
-            f"a board of {board[0]}x{board[1]} inner corners was found in {len(corners)} of {len(photographs)} "
-            f"photographs and {FEWEST_BOARDS} are needed: check --board, or take more photographs"
+            f"a {board} was found in {len(corners)} of {len(photographs)} photographs and {FEWEST_BOARDS} are needed: "
+            "check --board, or take more photographs"
         )
-    return _fit(corners, skipped, _points(board, square), next(iter(photographs.values())).shape[:2])
+    height, width = next(iter(photographs.values())).shape[:2]
+    return _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
 
 
-def read_camera(path: str | Path) -> Camera:
-    """The camera in a JSON file that holds what `Calibration.record` gives, at the world's origin."""
-    figures = take(read_json(path), {"w": count, "h": count, **dict.fromkeys(NAMES, number)}, str(path), strict=False)
-    ax, ay, x0, y0, *distortion = (figures[name] for name in NAMES)
-    return Camera(figures["w"], figures["h"], (ax, ay), (x0, y0), tuple(distortion), name=Path(path).stem)
-
-
-def find_corners(photograph: NDArray, board: tuple[int, int]) -> NDArray | None:
-    """Inner corners (corners, 2) (x, y) float32 [px, OpenCV's count] of `board` in a photograph; None when not seen."""
-    import cv2
-
-    grey = photograph if photograph.ndim == 2 else cv2.cvtColor(photograph[..., :3], cv2.COLOR_RGB2GRAY)
-    found, corners = cv2.findChessboardCorners(grey, board)
-    if not found:
-        return None
-    # the search window stays within the squares next to a corner
-    sides = np.linalg.norm(np.diff(corners.reshape(board[1], board[0], 2), axis=1), axis=-1)
-    half = int(np.clip(sides.min() / 3, 2, 11))
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, *CORNER_STEPS)
-    return cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), criteria).reshape(-1, 2)
-
-
-def _check(photographs: Mapping[str, NDArray], board: tuple[int, int], square: float) -> None:
-    if min(board) < 3:
-        raise InputError(f"a board has at least 3x3 inner corners: given {board[0]}x{board[1]}")
-    if not (np.isfinite(square) and square > 0):
-        raise InputError(f"the side of a square is {square} m: give a length above 0")
+def _check(photographs: Mapping[str, NDArray]) -> None:
     sizes = {name: photograph.shape[:2] for name, photograph in photographs.items()}
     first = next(iter(sizes), "")
     for name, size in sizes.items():
@@ -122,34 +108,82 @@ def _check(photographs: Mapping[str, NDArray], board: tuple[int, int], square: f
             raise InputError(f"{name} is {photographs[name].dtype}: corners are searched in 8-bit photographs")
 
 
-def _points(board: tuple[int, int], square: float) -> NDArray[np.float32]:
-    """(corners, 3) corners of the board in its own plane [m], in OpenCV's order."""
-    row, column = np.mgrid[: board[1], : board[0]]
-    return (np.stack([column, row, 0 * row], axis=-1).reshape(-1, 3) * square).astype(np.float32)
-
-
-def _fit(
-    corners: Mapping[str, NDArray],
-    skipped: tuple[str, ...],
-    points: NDArray[np.float32],
-    size: tuple[int, int],
-) -> Calibration:
+def _flags(coefficients: Model, square_pixels: bool) -> int:
     import cv2
 
-    height, width = size
-    rms, matrix, distortion, _, _, deviations, _, errors = cv2.calibrateCameraExtended(
-        [points] * len(corners), list(corners.values()), (width, height), np.eye(3), np.zeros(5)
+    fixed = {
+        0: (cv2.CALIB_FIX_K1, cv2.CALIB_FIX_K2, cv2.CALIB_ZERO_TANGENT_DIST, cv2.CALIB_FIX_K3),
+        2: (cv2.CALIB_ZERO_TANGENT_DIST, cv2.CALIB_FIX_K3),
+        4: (cv2.CALIB_FIX_K3,),
+        5: (),
+        8: (cv2.CALIB_RATIONAL_MODEL,),
+    }
+    if coefficients not in fixed:
+        raise InputError(f"a lens of {coefficients} coefficients: choose 0, 2, 4, 5 or 8")
+    return sum(fixed[coefficients]) + (cv2.CALIB_FIX_ASPECT_RATIO if square_pixels else 0)
+
+
+def _fit(corners: Mapping[str, Corners], skipped: tuple[str, ...], size: tuple[int, int], flags: int) -> Calibration:
+    import cv2
+
+    points, image = ([getattr(found, what) for found in corners.values()] for what in ("points", "image"))
+    rms, matrix, distortion, rotations, shifts, deviations, _, errors = cv2.calibrateCameraExtended(
+        points, image, size, np.eye(3), np.zeros(8), flags=flags
     )
-    deviation: dict[str, float] = dict(zip(NAMES, map(float, deviations.ravel()), strict=False))
-    if not (np.isfinite(rms) and np.isfinite(list(deviation.values())).all()):
-        raise InputError("the photographs of the board do not determine the camera: tilt the board more between them")
+    deviation = dict(zip(NAMES, map(float, deviations.ravel()), strict=False))
+    if flags & cv2.CALIB_FIX_ASPECT_RATIO:
+        deviation["fl_x"] = deviation["fl_y"]  # OpenCV fits y's and lets x's follow
+    best, *others = (_rms_at(focal, points, image, size, matrix) for focal in (1.0, OTHER_FOCAL, 1.0 / OTHER_FOCAL))
+    if not (np.isfinite([rms, *deviation.values()]).all() and min(others) > WORSE * best):
+        raise InputError(
+            f"the photographs of the board do not determine the camera (a focal length {OTHER_FOCAL:g} times as long "
+            f"or short fits to {min(others):.3g} px, the best to {best:.3g} px): tilt the board more between them"
+        )
     camera = Camera(
-        width,
-        height,
+        *size,
         focal=(float(matrix[0, 0]), float(matrix[1, 1])),
         principal=(float(matrix[0, 2]) + 0.5, float(matrix[1, 2]) + 0.5),
-        distortion=tuple(map(float, distortion.ravel()[:5])),
+        distortion=tuple(map(float, distortion.ravel()[:8])),
     )
+    within = camera.unproject(np.concatenate([found.image for found in corners.values()]) + 0.5)
+    if np.isnan(within).any():
+        raise InputError("the fitted lens folds the image over itself within the boards: fit fewer --coefficients")
+    predicted = [
+        cv2.projectPoints(p, r, t, matrix, distortion)[0].reshape(-1, 2)
+        for p, r, t in zip(points, rotations, shifts, strict=True)
+    ]
+    boards = dict(zip(corners, map(float, errors.ravel()), strict=True))
     return Calibration(
-        camera, deviation, float(rms), dict(zip(corners, map(float, errors.ravel()), strict=True)), skipped
+        camera,
+        {name: spread for name, spread in deviation.items() if spread > 0.0},
+        float(rms),
+        boards,
+        skipped,
+        _outliers(boards, np.array([len(found.image) for found in corners.values()])),
+        {name: found.image.astype(np.float64) + 0.5 for name, found in corners.items()},
+        {
+            name: np.asarray(found.image - at, np.float64)
+            for (name, found), at in zip(corners.items(), predicted, strict=True)
+        },
     )
+
+
+def _rms_at(factor: float, points: list, image: list, size: tuple[int, int], matrix: NDArray) -> float:
+    """The rms [px] of the best fit of k1 and k2 with `factor` times the focal length of `matrix`.
+
+    Two coefficients, as eight can imitate any focal length.
+    """
+    import cv2
+
+    held = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH | _flags(2, False)
+    other = matrix * [[factor, 1.0, 1.0], [1.0, factor, 1.0], [1.0, 1.0, 1.0]]
+    return float(cv2.calibrateCamera(points, image, size, other, np.zeros(5), flags=held)[0])
+
+
+def _outliers(boards: Mapping[str, float], counts: NDArray) -> tuple[str, ...]:
+    """Photographs whose log rms lies above the median by more than OUTLIER, never less than chance spreads it."""
+    logs = np.log(np.maximum(list(boards.values()), 1e-12))
+    above = logs - np.median(logs)
+    chance = 1.0 / np.sqrt(2.0 * (2.0 * counts - 6.0))  # of the log of an rms over 2n residuals less 6 of the pose
+    spread = np.maximum(1.4826 * np.median(np.abs(above)), chance)  # 1.4826 makes the median one of a normal law
+    return tuple(name for name, far in zip(boards, above / spread, strict=True) if far > OUTLIER)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo import backend
-from hagoromo.camera.lens import Lens, distort, lens_from_coefficients, undistort
+from hagoromo.camera.lens import COEFFICIENTS, Lens, distort, lens_from_coefficients, undistort
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import CANON_EOS_300D, Sensor
 from hagoromo.errors import InputError
@@ -30,7 +30,8 @@ class Camera:
     """A pinhole camera with lens distortion, and the sensor behind it.
 
     width, height: size of the image [px]. focal: (α_x, α_y) [px]. principal: (x_0, y_0) [px].
-    distortion: OpenCV's (k1, k2, p1, p2, k3). world_to_camera: (4, 4) rigid pose [m].
+    distortion: OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6); given 4 or 5 of them, the others are 0. world_to_camera:
+    (4, 4) rigid pose [m].
     response, sensor: colour response and noise, where known. Raises `InputError` when a figure makes no camera.
     """
 
@@ -38,7 +39,7 @@ class Camera:
     height: int
     focal: tuple[float, float]
     principal: tuple[float, float]
-    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0,) * len(COEFFICIENTS)
     world_to_camera: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     response: Response | None = None
     sensor: Sensor | None = None
@@ -53,7 +54,7 @@ class Camera:
         keep(self, "height", int(self.height))
         keep(self, "focal", _figures("focal length", self.focal, 2))
         keep(self, "principal", _figures("principal point", self.principal, 2))
-        keep(self, "distortion", _figures("distortion k1 k2 p1 p2 k3", self.distortion, 5))
+        keep(self, "distortion", _distortion(self.distortion))
         if min(self.focal) <= 0.0:
             raise InputError(f"the focal length is {self.focal} px: both figures must be above 0")
         pose = rigid_pose(self.world_to_camera, "world_to_camera")
@@ -230,6 +231,12 @@ def _figures(what: str, figures: Sequence[float], count: int) -> tuple[float, ..
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise InputError(f"{what} is {figures!r}: give {count} finite numbers")
     return numbers
+
+
+def _distortion(figures: Sequence[float]) -> tuple[float, ...]:
+    short = len(figures) in (4, 5)
+    given = _figures(f"distortion {' '.join(COEFFICIENTS)}", figures, len(figures) if short else len(COEFFICIENTS))
+    return given + (0.0,) * (len(COEFFICIENTS) - len(given))
 
 
 def _vector(what: str, vector: ArrayLike) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     data = read_bytes(path)
     if not data.startswith(START):
         raise InputError(f"{path} is no JPEG file: give one")
-    height, width, frame = _frame(data, path)
+    height, width, frame = frame_header(data, path)
     if END not in data[frame:]:  # after it some cameras add more; before it stands the end of a thumbnail
         raise InputError(f"{path} is cut off: copy it again")
     check_memory(float(BYTES_PER_PIXEL) * height * width, str(path))
@@ -37,7 +37,7 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     return np.asarray(image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1]), np.uint8)
 
 
-def _frame(data: bytes, path: str | Path) -> tuple[int, int, int]:
+def frame_header(data: bytes, path: str | Path) -> tuple[int, int, int]:
     """Height, width and place of the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
     at = 2
     while at + 9 <= len(data) and data[at] == 0xFF:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
-from hagoromo.files.door import existing_file
+from hagoromo.files.door import existing_file, read_bytes
 
 
 def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
@@ -24,3 +25,20 @@ def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     if start.startswith(jpeg.START):
         return jpeg.read_jpeg(path)
     raise InputError(f"{path} is neither PNG nor JPEG: convert it")
+
+
+def picture_size(path: str | Path) -> tuple[int, int]:
+    """(height, width) of the PNG or JPEG at `path`, from its header; a name without suffix is tried with each.
+
+    `InputError` when the file is missing or neither.
+    """
+    named = [Path(path), *(Path(f"{path}{suffix}") for suffix in (".png", ".jpg", ".jpeg"))]
+    found = existing_file(next((candidate for candidate in named if candidate.is_file()), path))
+    with found.open("rb") as file:
+        start = file.read(24)
+    if start.startswith(png.SIGNATURE) and len(start) == 24:
+        width, height = struct.unpack(">II", start[16:])  # of IHDR, the first chunk
+        return height, width
+    if start.startswith(jpeg.START):
+        return jpeg.frame_header(read_bytes(found), found)[:2]
+    raise InputError(f"{found} is neither PNG nor JPEG: convert it")

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.calibrate import NAMES
 from hagoromo.camera.camera import PRESETS, Camera
+from hagoromo.camera.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import (
@@ -38,7 +38,6 @@ from hagoromo.files.record import (
     numbers,
     one_of,
     positive,
-    read_json,
     read_toml,
     table,
     take,
@@ -61,7 +60,7 @@ SCENE = {
 CAMERA = {
     "preset": (one_of(*PRESETS), None), "focal_mm": (positive, 55.0), "file": (text, None),
     "size": (numbers(2), None), "focal": (numbers(2), None), "principal": (numbers(2), None),
-    "distortion": (numbers(5), (0.0,) * 5), "binning": (count, 1), "eye": (numbers(3), None),
+    "distortion": (numbers(), (0.0,) * 8), "binning": (count, 1), "eye": (numbers(3), None),
     "target": (numbers(3), NOWHERE), "up": (numbers(3), (0.0, 0.0, 1.0)), "world_to_camera": (numbers(16), None),
     "response": (text, None), "sensor": (table, None), "name": (text, None),
 }  # fmt: skip
@@ -122,11 +121,7 @@ def _lens(key: dict[str, Any], given: str, folder: Path, where: str) -> Camera:
     if given == "preset":
         return Camera.preset(key["preset"], key["focal_mm"])
     if given == "file":
-        path = inside(folder, key["file"])
-        figures = dict.fromkeys(NAMES, number) | {"w": count, "h": count}
-        lens = take(read_json(path), figures, str(path), strict=False)
-        ax, ay, x0, y0, *distortion = (lens[name] for name in NAMES)
-        return Camera(lens["w"], lens["h"], (ax, ay), (x0, y0), tuple(distortion), name=path.stem)
+        return read_camera(inside(folder, key["file"]))
     if key["focal"] is None:
         raise InputError(f"{where}: size needs focal = [α_x, α_y] [px] beside it")
     width, height = key["size"]

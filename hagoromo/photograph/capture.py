@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.camera.nerfstudio import camera_from_record, record_from_camera
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
@@ -29,10 +30,8 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
 from hagoromo.photograph.transforms import (
-    camera_from_record,
     lamp_from_record,
     lamps_of_frame,
-    record_from_camera,
     record_from_lamp,
     record_from_sensor,
     response_from_record,
@@ -159,6 +158,15 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
         listed = [json.loads(lamp) for lamp in lamps]
         write_json(home / TRANSFORMS, {"name": capture.name, **shared, "lamps": listed, "frames": own})
     return Path(folder)
+
+
+def count_absent(file: Path, frames: Sequence[Any]) -> int:
+    """How many frames of a transforms file have no image; one that names none counts as well."""
+    named = [frame.get("file_path") if isinstance(frame, dict) else None for frame in frames]
+    return sum(
+        not (isinstance(name, str) and _image_path(file, i, {"file_path": name}).exists())
+        for i, name in enumerate(named)
+    )
 
 
 def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple[int, dict[str, Any], Path]]:

@@ -1,7 +1,6 @@
-"""The records of a capture's `transforms.json`, each to its noun and back: camera, sensor, lamp.
+"""The records that a capture's `transforms.json` has beside nerfstudio's, each to its noun and back: sensor, lamp.
 
-The file is nerfstudio's (and instant-ngp's, and NeRF's): intrinsics for all frames or per frame, camera-to-world
-matrices with OpenGL axes. Ours beside it: `sensor`, `lamps`, `pl_pos`, `transfer`, `mask_path`, `exposure_s`, `iso`.
+The cameras are read by `hagoromo.camera.nerfstudio`.
 """
 
 from __future__ import annotations
@@ -10,9 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from hagoromo.camera.camera import Camera, opencv_from_opengl, opengl_from_opencv, rigid_pose
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import MOSAICS, Sensor
 from hagoromo.errors import InputError
@@ -20,15 +16,6 @@ from hagoromo.files.record import anything, count, inside, number, numbers, one_
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 
-POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
-PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE", "FULL_OPENCV")
-INTRINSICS = {
-    **dict.fromkeys(("w", "h", "fl_x", "fl_y"), (positive, None)),
-    **dict.fromkeys(("cx", "cy", "camera_angle_x", "camera_angle_y"), (number, None)),
-    **dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4"), (number, 0.0)),
-    "camera_model": (one_of(*PINHOLES), "OPENCV"),
-    "camera": (text, ""),
-}
 SENSOR = {
     **dict.fromkeys(("exposure", "full_well", "gain", "white_level"), (positive, None)),
     **dict.fromkeys(("read_noise", "black_level"), (number, None)),
@@ -46,44 +33,6 @@ LAMP = {
 # What a sensor is taken for where its file does not say: both are usual for a consumer camera at ISO 100.
 ASSUMED_FULL_WELL = 20_000.0  # electrons at white level
 ASSUMED_READ_NOISE = 10.0  # electrons
-
-
-def camera_from_record(record: Mapping[str, Any], size: tuple[int, int], where: str) -> Camera:
-    """Camera of a frame (its keys over the top level's); what is missing follows from the image's (height, width).
-
-    `InputError` for another lens than OpenCV's pinhole, another size than the image's or a matrix that is no pose.
-    """
-    height, width = size
-    k = take(record, INTRINSICS, where, strict=False)
-    if k["k4"] != 0.0 or record.get("is_fisheye"):
-        raise InputError(f"{where} has a fisheye lens: undistort its images first")
-    told = k["w"] or width, k["h"] or height
-    if told != (width, height):
-        raise InputError(f"{where} is {width} × {height} px and must be {told[0]:g} × {told[1]:g}: mend w and h")
-    fl_x = k["fl_x"] or _focal(k["camera_angle_x"], width, where)
-    fl_y = k["fl_y"] or (_focal(k["camera_angle_y"], height, where) if k["camera_angle_y"] else fl_x)
-    matrix = take(record, {"transform_matrix": anything}, where, strict=False)["transform_matrix"]
-    pose = rigid_pose(matrix, f"{where}: transform_matrix", POSE_TOLERANCE)
-    return Camera(
-        width,
-        height,
-        (fl_x, fl_y),
-        (width / 2 if k["cx"] is None else k["cx"], height / 2 if k["cy"] is None else k["cy"]),
-        (k["k1"], k["k2"], k["p1"], k["p2"], k["k3"]),
-        name=k["camera"],
-    ).with_pose(np.linalg.inv(opencv_from_opengl(pose)))
-
-
-def record_from_camera(camera: Camera) -> dict[str, Any]:
-    """The intrinsics and pose of a frame."""
-    return {
-        "camera": camera.name,
-        "camera_model": "OPENCV",
-        **dict(zip(("w", "h"), (camera.width, camera.height), strict=True)),
-        **dict(zip(("fl_x", "fl_y", "cx", "cy"), camera.focal + camera.principal, strict=True)),
-        **dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion, strict=True)),
-        "transform_matrix": opengl_from_opencv(camera.camera_to_world).tolist(),
-    }
 
 
 def sensor_from_record(record: Mapping[str, Any], depth: int, exposure_s: float, iso: float, where: str) -> Sensor:
@@ -158,10 +107,3 @@ def lamps_of_frame(frame: Mapping[str, Any], lamps: Sequence[Lamp], where: str) 
     if not isinstance(indices, list) or not all(type(i) is int and 0 <= i < len(lamps) for i in indices):
         raise InputError(f"{where}: lamps must be indices below {len(lamps)}, into the list of lamps: given {indices}")
     return (*(lamps[i] for i in indices), *([] if position is None else [Lamp(position)]))
-
-
-def _focal(angle: float | None, pixels: int, where: str) -> float:
-    """Focal length [px] of the full field of view `angle` [rad] over `pixels`."""
-    if angle is None or not 0.0 < angle < np.pi:
-        raise InputError(f"{where} has no focal length: give fl_x [px], or camera_angle_x between 0 and π [rad]")
-    return pixels / 2.0 / float(np.tan(angle / 2.0))

@@ -201,7 +201,7 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hagoromo.camera.calibrate.find_corners", interrupted)
+    monkeypatch.setattr("hagoromo.camera.board.Board.find", interrupted)
     arguments = ["calibrate", "camera", str(tmp_path / "a.png"), "--board", "9x6", "--square", "0.025"]
     assert main([*arguments, "--out", str(tmp_path / "new" / "camera.json")]) == 130
     assert capsys.readouterr().err == "hagoromo: interrupted: nothing was written\n"

@@ -1,0 +1,133 @@
+"""Cameras in OpenCV's FileStorage, YAML or JSON, as its calibration programs write them.
+
+`camera_matrix`, `distortion_coefficients`, `image_width`, `image_height`; where there are poses, a row of
+`extrinsic_parameters` for each view, (rotation vector, translation) from world to camera [m]. OpenCV counts image
+points from the centre of the first pixel: the principal point moves by ½ px.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.lens import COEFFICIENTS
+from hagoromo.errors import InputError
+from hagoromo.files.door import existing_file
+
+LARGEST = 64 * 2**20  # bytes; cameras take far less
+MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
+DISTORTION = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D")
+NO_NUMBER = 1e300  # OpenCV reads a text as the largest double
+MOST_COEFFICIENTS = 14  # OpenCV's; those behind the eighth are thin prisms and a tilted sensor
+
+
+def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
+    """Views, image file (or index) → camera; one named "" where the file has intrinsics only.
+
+    size: (width, height) [px], for a file that does not tell it. `InputError` for a file that is no FileStorage, lacks
+    the camera or has a lens that the eight coefficients do not hold.
+    """
+    import cv2
+
+    if existing_file(path).stat().st_size > LARGEST:
+        raise InputError(f"{path} has more than {LARGEST >> 20} MiB: it is no file of cameras")
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        return _views(storage.root(), size, str(path))
+    except (cv2.error, SystemError, UnicodeDecodeError) as error:
+        said = " ".join(str(error).split())[:80]
+        raise InputError(f"{path} cannot be read as OpenCV's YAML or JSON, it may be damaged: {said}") from error
+
+
+def write_opencv(path: str | Path, views: Mapping[str, Camera]) -> None:
+    """Write views of one lens so that `read_opencv` gives them back; the path's suffix chooses YAML or JSON."""
+    import cv2
+
+    lens = only_lens(views, "OpenCV's file")
+    (ax, ay), (x0, y0) = lens.focal, lens.principal
+    poses = [
+        np.concatenate([cv2.Rodrigues(camera.world_to_camera[:3, :3])[0].ravel(), camera.world_to_camera[:3, 3]])
+        for camera in views.values()
+    ]
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", lens.width)
+    storage.write("image_height", lens.height)
+    storage.write("camera_matrix", np.array([[ax, 0.0, x0 - 0.5], [0.0, ay, y0 - 0.5], [0.0, 0.0, 1.0]]))
+    storage.write("distortion_coefficients", np.array(lens.distortion)[:, None])
+    if len(views) > 1 or any(views):
+        storage.write("extrinsic_parameters", np.stack(poses))
+        storage.startWriteStruct("image_names", cv2.FileNode_SEQ)
+        for name in views:
+            storage.write("", name)
+        storage.endWriteStruct()
+    storage.release()
+
+
+def only_lens(views: Mapping[str, Camera], what: str) -> Camera:
+    """The camera, at the world's origin, that all views share; `InputError` when they differ or there is none."""
+    lenses = {(c.width, c.height, c.focal, c.principal, c.distortion): c for c in views.values()}
+    if len(lenses) != 1:
+        raise InputError(f"{what} holds one lens and there are {len(lenses)}: give the views of one camera")
+    return next(iter(lenses.values())).with_pose(np.eye(4))
+
+
+def _views(root: Any, size: tuple[int, int] | None, where: str) -> dict[str, Camera]:
+    matrix, distortion = _matrix(root, MATRIX, where), _matrix(root, DISTORTION, where)
+    if matrix is None or matrix.shape != (3, 3):
+        raise InputError(f"{where} has no camera_matrix of 3 × 3 numbers: it is no camera of OpenCV's")
+    k = np.zeros(0) if distortion is None else distortion.ravel()
+    if k.size > MOST_COEFFICIENTS or k[len(COEFFICIENTS) :].any() or root.getNode("fisheye_model").real():
+        raise InputError(
+            f"{where} has a lens of another model than k1 k2 p1 p2 k3 k4 k5 k6: undistort its images first"
+        )
+    if matrix[0, 1] or matrix[1, 0] or (matrix[2] != (0.0, 0.0, 1.0)).any():
+        raise InputError(f"{where} has a skewed camera_matrix: only one with 0 beside the diagonal is a camera here")
+    told = [root.getNode(key).real() for key in ("image_width", "image_height")]
+    width, height = told if all(told) else size or (0, 0)
+    if not 0 < width < NO_NUMBER or not 0 < height < NO_NUMBER:
+        raise InputError(f"{where} does not tell image_width and image_height: add them")
+    coefficients = tuple(map(float, k[: len(COEFFICIENTS)])) + (0.0,) * max(len(COEFFICIENTS) - k.size, 0)
+    focal, principal = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2] + 0.5, matrix[1, 2] + 0.5)
+    lens = Camera(int(width), int(height), focal, principal, coefficients)
+    poses = _matrix(root, ("extrinsic_parameters",), where)
+    if poses is None:
+        return {"": lens}
+    names = _names(root.getNode("image_names"), len(poses), where)
+    return {name: lens.with_pose(_pose(pose, where)) for name, pose in zip(names, poses, strict=True)}
+
+
+def _matrix(root: Any, keys: Sequence[str], where: str) -> NDArray[np.float64] | None:
+    """The first matrix of these keys, read number by number: OpenCV would take its stated size on trust."""
+    node = next((found for found in map(root.getNode, keys) if not found.empty()), None)
+    if node is None:
+        return None
+    rows, columns = (int(node.getNode(key).real()) if node.isMap() else 0 for key in ("rows", "cols"))
+    data = node.getNode("data") if node.isMap() else node
+    if rows < 1 or columns < 1 or data.size() != rows * columns:
+        raise InputError(f"{where}: {keys[0]} states {rows} × {columns} numbers and does not hold them: it is damaged")
+    numbers = np.array([data.at(i).real() for i in range(data.size())], np.float64)
+    if not (np.abs(numbers) < NO_NUMBER).all():
+        raise InputError(f"{where}: {keys[0]} holds what is no finite number: mend it")
+    return numbers.reshape(rows, columns)
+
+
+def _names(node: Any, count: int, where: str) -> list[str]:
+    names = [node.at(i).string() for i in range(node.size())] if node.isSeq() else [f"{i}" for i in range(count)]
+    if len(names) != count or len(set(names)) != count:
+        raise InputError(f"{where} has {count} poses and {len(set(names))} different image_names: it is damaged")
+    return names
+
+
+def _pose(row: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+    import cv2
+
+    if row.size != 6:
+        raise InputError(f"{where}: a row of extrinsic_parameters has {row.size} numbers: it must have 6")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(row[:3])[0], row[3:]
+    return pose

@@ -1,0 +1,57 @@
+"""Gather: cameras that another program solved, and the folder of their images → Capture."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_folder
+from hagoromo.files.picture import picture_size
+from hagoromo.files.record import inside
+from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.pixels import READERS, SUFFIXES, default_channels, read_pixels
+
+
+def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["linear", "srgb"] = "linear") -> Capture:
+    """The images in `folder` that `views` name, each with its camera; no lamps, the variance of a usual sensor.
+
+    transfer: "srgb" for pictures as a camera shows them. Images that are absent are left out with a warning.
+    `InputError` when none is there, or one is not of its camera's size.
+    """
+    home = existing_folder(folder)
+    there = {name: inside(home, name) for name in views if name and inside(home, name).is_file()}
+    if not there:
+        raise InputError(f"{home} holds none of the {len(views)} images that the cameras name: give their folder")
+    if len(there) < len(views):
+        absent = len(views) - len(there)
+        warnings.warn(f"{home}: {absent} of {len(views)} images are absent and are left out", stacklevel=2)
+    pixels = sum(3.0 * views[name].width * views[name].height for name in there)
+    check_memory(BYTES_PER_VALUE * pixels, str(home))
+    return Capture(tuple(_photograph(path, views[name], transfer) for name, path in there.items()), home.name, home)
+
+
+def size_of_images(folder: str | Path) -> tuple[int, int] | None:
+    """(width, height) [px] of the first image (by name) in `folder`; None when there is none."""
+    images = [path for path in sorted(existing_folder(folder).iterdir()) if path.suffix.lower() in READERS]
+    if not images:
+        return None
+    height, width = picture_size(images[0])
+    return width, height
+
+
+def _photograph(path: Path, camera: Camera, transfer: str) -> Photograph:
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path} is no image of a known kind: give one of {', '.join(SUFFIXES)}")
+    frame = {"sensor": {}, "exposure_s": 1.0, "iso": 100.0, "transfer": transfer}
+    pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
+    height, width = pixels.values.shape[:2]
+    if (height, width) != (camera.height, camera.width):
+        raise InputError(f"{path} is {width} × {height} px and its camera {camera.width} × {camera.height}")
+    camera = replace(camera, sensor=pixels.sensor)
+    return Photograph(pixels.values, pixels.variance, pixels.valid, camera, (), path.stem, pixels.native)
