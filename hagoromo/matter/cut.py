@@ -70,6 +70,10 @@ class Cut:
         start = np.asarray(self.start(s[None, :], t[:, None]), float)
         return Sheet(start, u.copy(), v.copy(), self.width if self.closed else 0.0)
 
+    def narrow(self, s: Place, t: Place) -> Place:
+        """narrowing(t) as a function of both."""
+        return self.narrowing(t) + np.zeros_like(s)
+
     def over(self, values: Callable[[Place, Place], Any], spacing: float) -> NDArray[np.float64]:
         """A function of (s, t) at the points of the grid: (rows, columns)."""
         s, t = self.shares(spacing)

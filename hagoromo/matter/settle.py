@@ -29,7 +29,8 @@ FRICTION_INSIDE = 0.05  # share of the speed along a spring, and of that of touc
 STRAIN = 0.02  # of the cloth where it carries most
 DRAW = 120.0  # mm/s, speed at which a belt is drawn in
 GRIP = 0.05  # share of the speed that a belt takes away in a step
-TOUCH_EVERY = 1 / 250  # s, between searches for touching points
+TOUCH_EVERY = 1 / 200  # s, between searches for points that may touch
+REACH = 1.6  # of these, in spacings: they touch at one
 FALL, REST = 8.0, 40.0  # drag of the air [1/s] while the cloth falls, and at the end, so that it rests
 
 
@@ -92,8 +93,11 @@ def _after(
     points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in sheets])
     draw = np.random.default_rng(seed).normal(size=points.shape) * 0.02 * spacing
     points = points + np.where(mesh["held"].numpy()[:, None] > 0, 0.0, draw)
-    step = spacing * math.sqrt(STRETCH * STRAIN / (GRAVITY * max(cut.height for cut in cuts)))
-    contacts = Contacts(sheets, np.concatenate([cut.over(cut.apart, spacing).ravel() > 0 for cut in cuts]))
+    longest = max(cut.height if cut.closed else max(cut.height, cut.width) for cut in cuts)
+    step = spacing * math.sqrt(STRETCH * STRAIN / (GRAVITY * longest))
+    apart = np.concatenate([cut.over(cut.apart, spacing).ravel() for cut in cuts])
+    narrow = np.concatenate([cut.over(cut.narrow, spacing).ravel() for cut in cuts])
+    contacts = Contacts(sheets, apart > 0, narrow)
     numbers = {
         "step": step, "bend": GRAVITY * fabric.bending**3, "clear": fabric.clear, "friction": fabric.friction,
         "thick": spacing,
@@ -109,7 +113,7 @@ def _after(
     for turn in range(turns):
         if turn % every == 0:
             now = np.array(place, np.float64).T
-            touching = [lookup(kinds.UInt, row) for row in contacts.found(now, 2.2 * spacing)]
+            touching = [lookup(kinds.UInt, row) for row in contacts.found(now, REACH * spacing)]
             ease = FALL + (REST - FALL) * min(max(3.0 * turn / turns - 1.5, 0.0), 1.0)
             drag = dr.opaque(kinds.Float, math.exp(-ease * step))
         place, speed = move(place, speed, touching, drag, mesh)

@@ -66,7 +66,9 @@ def _joined(cut: Cut, sheet: Sheet, spacing: float) -> dict[str, np.ndarray]:
         mean = 0.5 * (wide[row] + wide[np.clip(row + down, 0, rows - 1)])
         other.append(index)
         rest.append(np.where(there, np.hypot(across * mean, down * tall).ravel(), 0.0))
-    step = [(wide[row] if across else np.full(row.shape, tall)).ravel() for _, across in WAYS[:4]]
+    # where rows are narrow their points bend no more stiffly than half a spacing would: the step is not made for it
+    step = [np.maximum(wide[row] if across else tall, 0.5 * spacing).ravel() for _, across in WAYS[:4]]
+    step = [np.broadcast_to(size, row.size) for size in step]
     second = [number(2 * down, 2 * across) for down, across in WAYS[:4]]
     near = [number(*WAYS[a])[1] & number(*WAYS[a + 1])[1] for a in (0, 2)]
     return {

@@ -1,0 +1,195 @@
+"""Draped cloth obeys what holds for cloth: it keeps its length, hangs as a chain, lies on bodies and not in them."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import brentq
+from scipy.spatial import KDTree
+
+from hagoromo.backend import arrays
+from hagoromo.errors import InputError
+from hagoromo.matter.chart import sheet_chart
+from hagoromo.matter.collider import Collider
+from hagoromo.matter.cut import Cut
+from hagoromo.matter.settle import Fabric, Fall, settled
+from hagoromo.matter.shape import sphere
+from hagoromo.matter.sheet import Sheet
+
+BALL = (0.0, 0.0, 15.0), 15.0
+NOTHING = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
+
+
+def ball() -> Collider:
+    return Collider([lambda p: sphere(p, *BALL)], (-35.0, -35.0, -2.0), (35.0, 35.0, 35.0), 1.0)
+
+
+def flat(width: float, height: float, z: float, **record) -> Cut:
+    """A level cloth around the axis z."""
+
+    def start(s, t):
+        return np.stack(np.broadcast_arrays(width * (s - 0.5), height * (t - 0.5), z), axis=-1)
+
+    return Cut(width, height, start, **record)
+
+
+@pytest.fixture(scope="module")
+def over_ball() -> Sheet:
+    return settled([flat(53.0, 47.0, 31.0)], ball(), Fabric(bending=2.0), Fall(spacing=1.7, seconds=0.5, levels=1))[0]
+
+
+def strains(sheet: Sheet, width: float, height: float) -> np.ndarray:
+    """Of all springs along the yarns."""
+    rows, columns = sheet.u.shape
+    across = np.linalg.norm(np.diff(sheet.points, axis=1), axis=2) * (columns - 1) / width - 1.0
+    down = np.linalg.norm(np.diff(sheet.points, axis=0), axis=2) * (rows - 1) / height - 1.0
+    return np.concatenate([across.ravel(), down.ravel()])
+
+
+def in_space(points: np.ndarray):
+    return arrays().Array3f(*np.ascontiguousarray(points.T, np.float32))
+
+
+def distance_to_mesh(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
+    """Least distance to the 32 triangles whose middles are nearest: the others are farther on an even grid."""
+    near = np.asarray(KDTree(mesh.triangles_center).query(points, k=32)[1]).T
+    closest = [trimesh.triangles.closest_point(mesh.triangles[faces], points) for faces in near]
+    return np.min([np.linalg.norm(found - points, axis=1) for found in closest], axis=0)
+
+
+def test_settled_cloth_is_not_stretched(over_ball):
+    """2 % is allowed where the cloth carries most; on the mean far less, and nowhere above 6 %, where it is pinched."""
+    strain = np.abs(strains(over_ball, 53.0, 47.0))
+    assert strain.mean() < 0.01
+    assert strain.max() < 0.06
+
+
+def test_cloth_lies_on_the_body_and_on_the_floor_and_not_in_them(over_ball):
+    """Kept clear by 0.6 mm: lattice distances round the ball by step²/8R = 0.01 mm, a fall of the last step by less."""
+    above = np.linalg.norm(over_ball.points - BALL[0], axis=2) - BALL[1]
+    assert above.min() > 0.5
+    assert over_ball.points[..., 2].min() > 0.59
+    assert np.count_nonzero(above < 0.7) > 100  # it rests on the ball
+
+
+def test_folds_do_not_pass_through_each_other(over_ball):
+    """Points farther than two rows or columns from each other on the cloth stay half a spacing apart and more."""
+    points = over_ball.points.reshape(-1, 3)
+    one, other = KDTree(points).query_pairs(0.5 * 1.7, output_type="ndarray").T
+    columns = over_ball.u.shape[1]
+    apart = np.maximum(np.abs(one // columns - other // columns), np.abs(one % columns - other % columns))
+    assert not np.count_nonzero(apart > 2)
+
+
+@pytest.mark.parametrize("span", [41.0, 55.0])
+def test_a_strip_held_at_both_ends_hangs_as_a_catenary(span):
+    """A limp strip of 67 mm: z = a cosh(x/a), 2 a sinh(span/2a) its length with the strain it shows.
+
+    Tolerance: 1 % of its length, for its bending length of 1 mm and the springs' own 2 %.
+    """
+    length, wide = 67.0, 9.0
+
+    def start(s, t):
+        x = span * (s - 0.5)
+        deep = 0.5 * np.sqrt(length**2 - span**2) * (1.0 - np.abs(2.0 * s - 1.0))
+        return np.stack(np.broadcast_arrays(x, wide * (t - 0.5), 60.0 - deep), axis=-1)
+
+    strip = Cut(length, wide, start, held=lambda s, t: np.where((s == 0) | (s == 1), 1.0, 0.0 * t))
+    sheet = settled([strip], NOTHING, Fabric(bending=1.0), Fall(1.1, 1.2, 1))[0]
+    chain = sheet.points[len(sheet.points) // 2]
+    whole = np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()
+    assert whole == pytest.approx(length, rel=0.02)
+    a = brentq(lambda a: 2.0 * a * np.sinh(0.5 * span / a) - whole, 0.1 * span, 10.0 * span)
+    catenary = 60.0 + a * (np.cosh(chain[:, 0] / a) - np.cosh(0.5 * span / a))
+    assert np.abs(chain[:, 2] - catenary).max() < 0.01 * length
+
+
+def test_the_chart_tells_the_distance_to_the_cloth(over_ball):
+    """Against the nearest triangle of the refined sheet; a triangle of 0.4 mm sags 0.02 mm under a fold of 1 mm."""
+    fine = over_ball.refined(4)
+    mesh = trimesh.Trimesh(fine.points.reshape(-1, 3), fine.faces(), process=False)
+    draw = np.random.default_rng(3)
+    asked = draw.permutation(mesh.vertices)[:3001] + draw.uniform(-0.9, 0.9, (3001, 3))
+    chart, bound, (low, high) = sheet_chart([over_ball], reach_mm=2.0)
+    place = chart(in_space(asked))
+    truth, inside = distance_to_mesh(mesh, asked), np.array(place.presence) > 0
+    assert inside.mean() > 0.9
+    error = np.abs(np.abs(np.array(place.height)) - truth)[inside]
+    assert np.quantile(error, 0.99) < 0.04
+    assert error.mean() < 0.01
+    assert (np.array(bound(in_space(asked))) <= truth).all()
+    assert (np.array(low) < mesh.vertices.min(axis=0) - 1.9).all()
+    assert (np.array(high) > mesh.vertices.max(axis=0) + 1.9).all()
+
+
+def test_u_and_v_are_lengths_on_the_cloth_and_the_frame_is_right_handed(over_ball):
+    """Differences of u and v over ±0.05 mm on the cloth itself: shear tilts them by up to 0.2, strain by its 1 %."""
+    draw = np.random.default_rng(4)
+    asked = draw.permutation(over_ball.refined(3).points[9:-9, 9:-9].reshape(-1, 3))[:2003]
+    chart = sheet_chart([over_ball], reach_mm=2.0)[0]
+    slopes = []
+    for axis in np.eye(3):
+        ahead, behind = chart(in_space(asked + 0.05 * axis)), chart(in_space(asked - 0.05 * axis))
+        slopes.append([np.array(getattr(ahead, name) - getattr(behind, name)) * 10.0 for name in "uv"])
+    (u, v), place = np.moveaxis(np.array(slopes), 0, 2), chart(in_space(asked))
+    normal, along = np.array(place.normal).T, np.array(place.along_u).T
+    assert np.median(np.linalg.norm(u, axis=1)) == pytest.approx(1.0, abs=0.02)
+    assert np.median(np.linalg.norm(v, axis=1)) == pytest.approx(1.0, abs=0.02)
+    assert np.median(np.abs((u * v).sum(axis=1))) < 0.1
+    assert np.median((v * np.cross(normal, along)).sum(axis=1)) > 0.98
+    assert np.abs((normal * along).sum(axis=1)).max() < 1e-5
+
+
+def test_a_flat_square_is_its_own_chart():
+    """Exact: u, v and height are the coordinates, and presence ends at the hems."""
+    s = np.linspace(0.0, 12.0, 13)
+    u, v = np.meshgrid(s, s)
+    square = Sheet(np.stack([u, v, np.full_like(u, 5.0)], axis=-1), u, v)
+    asked = np.random.default_rng(5).uniform((-1.0, -1.0, 4.0), (13.0, 13.0, 6.0), (999, 3))
+    place = sheet_chart([square], reach_mm=2.5, edge_mm=0.5)[0](in_space(asked))
+    assert np.array(place.u) == pytest.approx(asked[:, 0], abs=1e-4)
+    assert np.array(place.v) == pytest.approx(asked[:, 1], abs=1e-4)
+    assert np.array(place.height) == pytest.approx(asked[:, 2] - 5.0, abs=1e-4)
+    hem = np.minimum(asked[:, :2], 12.0 - asked[:, :2]).min(axis=1)
+    assert np.array(place.presence) == pytest.approx(np.clip(hem / 0.5, 0.0, 1.0), abs=1e-3)
+
+
+def test_a_tube_closes_on_whole_periods():
+    """A cylinder of 40.8 mm around: u grows by 41 periods of 1 mm where it closes, height is the way to the axis."""
+    turn, z = np.arange(48) * 2 * np.pi / 48, np.linspace(0.0, 11.0, 17)
+    radius = 40.8 / (2 * np.pi)
+    points = np.stack(np.broadcast_arrays(radius * np.cos(turn), radius * np.sin(turn), z[:, None]), axis=-1)
+    u, v = np.broadcast_arrays(turn * radius, z[:, None])
+    chart = sheet_chart([Sheet(points, u, v, 40.8)], reach_mm=2.0, period_mm=(1.0, 1.0))[0]
+    angle = np.linspace(-0.3, 0.3, 7)[:, None] * [1.0, 1.0] + [-1e-3, 1e-3]
+    out = radius + 0.7
+    place = chart(in_space(np.stack([out * np.cos(angle), out * np.sin(angle), 0 * angle + 5.0], -1).reshape(-1, 3)))
+    expected = np.mod(angle.ravel() * 41.0 / (2 * np.pi), 41.0)
+    assert np.array(place.u) == pytest.approx(expected, abs=0.01)
+    assert np.array(place.height) == pytest.approx(0.7, abs=0.01)
+    assert np.array(place.presence) == pytest.approx(1.0)
+
+
+def test_one_seed_one_drape():
+    cut, fall = flat(23.0, 19.0, 31.0), Fall(1.3, 0.1, 2)
+    first, again = (settled([cut], ball(), Fabric(), fall)[0].points for _ in range(2))
+    assert np.array_equal(first, again)
+    other = settled([cut], ball(), Fabric(), fall._replace(seed=1))[0].points
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda: flat(-1.0, 5.0, 1.0), "sizes above 0"),
+        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(bending=-1.0)), "none below 0"),
+        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=0.0)), "spacing above 0"),
+        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=5.0)), "at least 8"),
+        (lambda: Sheet(np.zeros((3, 9, 3)), np.zeros((3, 9)), np.zeros((3, 9))), "4 × 4"),
+        (lambda: sheet_chart([], 1.0), "0 sheets"),
+        (lambda: Collider([], (0, 0, 0), (1, 1, 1), -1.0), "step"),
+    ],
+)
+def test_bad_drapes_are_refused_in_one_line(wrong, message):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)
