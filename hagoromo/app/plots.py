@@ -19,7 +19,7 @@ WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
 
 def measured_against_true(rows: Sequence[Row]) -> str:
     """One panel a parameter: (estimate − true)/true [%] with the 95 % interval, per material."""
-    figure, axes = _figure(len(SYMBOLS), 10.0, 2.7)
+    figure, axes = panels(len(SYMBOLS), 10.0, 2.7)
     for axis, (key, label) in zip(axes, SYMBOLS.items(), strict=True):
         shown = [row for row in rows if row.parameter == key]
         for place, row in enumerate(shown):
@@ -35,12 +35,12 @@ def measured_against_true(rows: Sequence[Row]) -> str:
         axis.margins(y=0.25)
         axis.set_title(label, fontsize=10)
     axes[0].set_ylabel("estimate − true [% of true]", fontsize=9)
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def spectra(true: Mapping[str, Spectrum], recovered: Mapping[str, Spectrum]) -> str:
     """Albedo spectra π α c_b(λ): true (line) and recovered from three channels (dashed)."""
-    figure, (axis,) = _figure(1, 6.4, 3.4)
+    figure, (axis,) = panels(1, 6.4, 3.4)
     for name, spectrum in true.items():
         axis.plot(WAVELENGTHS, spectrum.at(WAVELENGTHS), color=COLOURS.get(name), label=name)
         axis.plot(WAVELENGTHS, recovered[name].at(WAVELENGTHS), color=COLOURS.get(name), linestyle="--")
@@ -51,12 +51,12 @@ def spectra(true: Mapping[str, Spectrum], recovered: Mapping[str, Spectrum]) -> 
     axis.plot([], [], color="#777", label="true")
     axis.plot([], [], color="#777", linestyle="--", label="recovered")
     axis.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def residual_histogram(residuals: NDArray) -> str:
     """Histogram of standardised residuals beside the standard normal law, on a logarithmic axis."""
-    figure, (axis,) = _figure(1, 5.2, 3.4)
+    figure, (axis,) = panels(1, 5.2, 3.4)
     edges = np.linspace(-6.0, 6.0, 97)
     density = np.histogram(np.clip(residuals, -6.0, 6.0), edges)[0] / residuals.size / np.diff(edges)
     axis.stairs(density, edges, fill=True, color="#9db7d5", label=f"{residuals.size:,} values".replace(",", " "))
@@ -68,22 +68,22 @@ def residual_histogram(residuals: NDArray) -> str:
     axis.set_xlabel("residual [stated standard deviations]", fontsize=9)
     axis.set_ylabel("density", fontsize=9)
     axis.legend(fontsize=8, frameon=False, loc="upper right")
-    return _svg(figure)
+    return svg_text(figure)
 
 
-def _figure(panels: int, width: float, height: float):
-    """A figure of its own, apart from pyplot's global state, with `panels` axes side by side [inch]."""
+def panels(count: int, width: float, height: float):
+    """A figure of its own, apart from pyplot's global state, with `count` axes side by side [inch]."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(1, panels, squeeze=False)[0]
+    axes = figure.subplots(1, count, squeeze=False)[0]
     for axis in axes:
         axis.tick_params(labelsize=8)
         axis.spines[["top", "right"]].set_visible(False)
     return figure, axes
 
 
-def _svg(figure) -> str:
+def svg_text(figure) -> str:
     """The figure as an <svg> element, the same text every time."""
     import matplotlib
 
