@@ -1,55 +1,71 @@
-"""Body: what the standing figure shows of its skin, in mm: head, neck and hands in prayer; it looks towards −y."""
+"""Body: what a standing figure may show of its skin, as one solid after the joints of a pose. All in mm.
+
+Head, neck and collar, forearms with hands, and bare feet with their shins. What clothes cover lies a little inside the
+`mannequin` that they were draped over.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
-from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_difference, smooth_union, sphere
+from hagoromo.matter.foot import ANKLE, foot
+from hagoromo.matter.hand import FOLDED, OPEN, Gesture, frame, framed, hand
+from hagoromo.matter.head import head
+from hagoromo.matter.pose import PRAYER, WELCOME, Pose
+from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_union
 
-HEAD = (0.0, -2.0, 246.0)  # middle of the head [mm]
-NOD = (-10.0, 0.0, 6.0)  # turned about x, y, z [°]
+GESTURES: Mapping[Pose, tuple[Gesture, tuple[float, float, float]]] = {  # of the hands, and where the palms turn
+    PRAYER: (FOLDED, (-1.0, 0.0, 0.0)),
+    WELCOME: (OPEN, (-0.3, -0.6, 0.7)),
+}
+STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
+CUT = 196.0  # height below which a chest is never seen
+BARE = 60.0  # height above which legs are never seen
 
 
-def body(point: Any) -> Any:
-    """All the skin as one solid [mm]."""
-    neck = capsule(point, (0.0, 3.0, 214.0), (0.0, 1.0, 238.0), 6.8, 5.9)
-    chest = ellipsoid(point, (0.0, 4.0, 211.0), (11.0, 5.5, 5.0))
-    return dr.fmin(smooth_union(smooth_union(chest, neck, 8.0), head(placed(point, HEAD, NOD)), 3.0), hands(point))
+def body(point: Any, pose: Pose = PRAYER) -> Any:
+    """All the skin that may be seen."""
+    solid = dr.fmin(bust(point, pose), arms(point, pose))
+    return dr.fmin(solid, feet(point, pose))
 
 
-def head(point: Any) -> Any:
-    """Skull and face about its middle: 37 mm high, one figure of nearly eight heads."""
+def bust(point: Any, pose: Pose) -> Any:
+    """Head, neck with its slanting muscles, collarbones and the top of the chest."""
     p = mirrored(point, 0.5)
-    skull = smooth_union(
-        ellipsoid(p, (0.0, 2.0, 4.0), (13.6, 16.6, 14.5)), ellipsoid(p, (0.0, -5.5, -5.5), (9.4, 10.6, 13.4)), 6.0
-    )
-    skull = smooth_union(skull, sphere(p, (0.0, -12.0, -15.9), 2.5), 5.0)  # chin
-    skull = smooth_union(skull, capsule(p, (8.2, -2.0, -8.5), (2.0, -10.8, -15.4), 2.3, 2.0), 5.0)  # jaw
-    skull = smooth_union(skull, sphere(p, (6.4, -10.0, -4.8), 3.3), 4.0)  # cheek
-    skull = smooth_union(skull, capsule(p, (2.0, -13.7, 3.4), (7.0, -11.8, 3.4), 1.3, 1.1), 3.5)  # brow
-    skull = smooth_difference(skull, ellipsoid(p, (5.3, -15.2, 0.2), (3.3, 2.9, 2.2)), 2.4)  # socket
-    eye = ellipsoid(p, (5.3, -12.0, 0.0), (2.7, 2.2, 1.75))
-    lid = capsule(p, (3.3, -13.4, 0.7), (7.2, -12.6, 0.5), 0.55)
-    skull = smooth_union(smooth_union(skull, eye, 0.8), lid, 0.8)
-    nose = capsule(p, (0.0, -14.2, 1.8), (0.0, -17.6, -5.0), 0.9, 1.5)
-    wing = sphere(p, (1.4, -15.6, -5.8), 1.0)
-    skull = smooth_union(skull, smooth_union(nose, wing, 1.2), 1.6)
-    upper = capsule(p, (0.0, -15.7, -9.6), (3.1, -13.9, -10.0), 0.9, 0.35)
-    lower = capsule(p, (0.0, -15.4, -11.4), (2.6, -13.9, -10.9), 1.05, 0.4)
-    skull = smooth_union(smooth_union(skull, upper, 0.9), lower, 0.9)
-    return smooth_difference(skull, capsule(p, (0.0, -16.6, -10.45), (3.2, -14.4, -10.35), 0.3), 0.5)
+    x, y, z = pose.neck
+    solid = capsule(point, (x, y + 1.0, z - 10.0), (x, y - 1.6, z + 15.0), 6.6, 6.1)
+    strap = capsule(p, (5.9, y + 0.2, z + 12.0), (1.5, y - 6.6, z - 9.6), 1.5, 0.8)
+    solid = smooth_union(solid, strap, 2.2)
+    slope = capsule(p, (2.5, y + 3.4, z + 7.0), (13.0, y + 1.6, z - 7.4), 4.2, 4.6)
+    solid = smooth_union(solid, slope, 4.0)
+    shoulders = capsule(p, (0.0, y + 1.6, z - 8.5), pose.shoulder, 5.6, 6.4)
+    chest = smooth_union(ellipsoid(point, (0.0, y - 0.3, z - 29.0), (19.0, 13.6, 22.4)), shoulders, 8.0)
+    collarbone = capsule(p, (1.9, y - 6.3, z - 9.9), (15.0, y - 3.4, z - 7.0), 0.9, 0.9)
+    chest = smooth_union(smooth_union(chest, collarbone, 2.2), solid, 6.0)
+    return smooth_union(dr.fmax(chest, CUT - point.z), head(placed(point, pose.head, pose.nod)), 3.0)
 
 
-def hands(point: Any) -> Any:
-    """Two hands laid palm to palm, fingers up."""
-    p = placed(mirrored(point), (0.0, -39.5, 189.0), (22.0, 0.0, 0.0))  # z along the fingers, −y outwards
-    wrist = capsule(p, (7.0, 6.0, -9.0), (2.9, 0.5, 2.0), 4.0, 3.4)
-    palm = ellipsoid(p, (2.3, 0.0, 7.0), (2.2, 5.2, 7.5))
-    hand = smooth_union(wrist, palm, 3.0)
-    for place, tall in ((-4.1, 21.0), (-1.4, 24.5), (1.3, 25.5), (3.9, 23.5)):
-        finger = capsule(p, (1.9, 0.92 * place, 11.0), (1.35, 0.75 * place, tall), 1.5, 1.05)
-        hand = smooth_union(hand, finger, 0.7)
-    thumb = capsule(p, (2.6, -4.2, 6.0), (1.2, -5.6, 16.0), 1.7, 1.25)
-    return smooth_union(hand, thumb, 1.2)
+def arms(point: Any, pose: Pose) -> Any:
+    """Both forearms and hands."""
+    p = mirrored(point)
+    gesture, palm = GESTURES[pose]
+    axes = frame(pose.wrist, pose.fingertip, palm)
+    fore = capsule(p, pose.elbow, pose.wrist, 4.6, 2.8)
+    return smooth_union(fore, hand(framed(p, pose.wrist, axes), gesture), 2.0)
+
+
+def feet(point: Any, pose: Pose) -> Any:
+    """Both feet, and the shins up to BARE."""
+    both = []
+    for side, step in ((1.0, (0.0, 0.0, 0.0)), (-1.0, STEP)):
+        p = type(point)(side * (point.x - step[0]), point.y - step[1], point.z)
+        forward = np.subtract(pose.toe, pose.ankle) * (1.0, 1.0, 0.0)
+        forward /= np.linalg.norm(forward)
+        axes = np.stack([np.cross(forward, (0.0, 0.0, -1.0)), forward, (0.0, 0.0, 1.0)])
+        knee = axes @ (np.array(pose.knee) - np.array(pose.ankle)) + (0.0, 0.0, ANKLE)
+        both.append(foot(framed(p, (pose.ankle[0], pose.ankle[1], 0.0), axes), knee))
+    return dr.fmax(dr.fmin(*both), point.z - BARE)

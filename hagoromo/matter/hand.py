@@ -1,0 +1,127 @@
+"""Hand: palm, four fingers of three joints and a thumb, with nails. All in mm, 29.5 mm long.
+
+In the hand's own axes x points to the thumb, y out of the palm and z from the wrist to the tip of the middle finger; it
+is a left hand, so that the right one is its mirror image.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.matter.shape import capsule, ellipsoid, smooth_difference, smooth_union, sphere
+
+LENGTH = 29.5  # from the wrist to the tip of the middle finger
+KNUCKLES = (3.9, 13.2), (1.25, 13.6), (-1.4, 13.0), (-3.9, 11.7)  # x, z; index finger first
+REACH = 15.0, 15.9, 15.1, 12.6  # of the fingers from their knuckles
+WIDTH = 1.22, 1.27, 1.2, 1.08  # half, of the fingers
+PHALANGES = 0.45, 0.31, 0.24  # of a finger's length
+TAPER = 1.08, 0.98, 0.88, 0.7  # half width at the joints and the tip, of the finger's
+THUMB = 1.9, 1.4, 1.3, 0.9  # half width at its joints and tip
+
+
+class Gesture(NamedTuple):
+    """How a hand is held: bend of each finger at its three joints [°], spread [°], joints and tip of the thumb [mm]."""
+
+    bend: tuple[tuple[float, float, float], ...]
+    spread: tuple[float, ...]
+    thumb: tuple[tuple[float, float, float], ...]
+
+
+FOLDED = Gesture(  # straight, side by side: palm to palm
+    ((2.0, 3.0, 2.0), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0), (3.0, 4.0, 3.0)),
+    (-1.6, 0.0, 1.4, 3.0),
+    ((3.2, 0.4, 2.5), (5.6, 0.7, 8.6), (6.1, 0.8, 13.2), (5.6, 0.6, 17.0)),
+)
+OPEN = Gesture(  # relaxed, more curled towards the little finger
+    ((8.0, 14.0, 8.0), (13.0, 18.0, 10.0), (18.0, 22.0, 12.0), (21.0, 24.0, 14.0)),
+    (7.0, 1.5, -4.0, -11.0),
+    ((3.2, 0.8, 2.5), (7.0, 2.0, 7.8), (9.4, 2.6, 11.6), (11.2, 2.5, 15.0)),
+)
+
+
+class Digit(NamedTuple):
+    """A finger or thumb: its joints and tip (4, 3), the unit vector out of its pad at the tip, half widths there."""
+
+    joints: NDArray[np.float64]
+    pad: NDArray[np.float64]
+    widths: tuple[float, ...]
+
+
+def hand(point: Any, gesture: Gesture) -> Any:
+    """A hand at points in its own axes."""
+    palm = _palm(point)
+    *fingers, thumb = digits(gesture)
+    solid = smooth_union(palm, _finger(point, fingers[0]), 1.3)
+    for finger in fingers[1:]:  # joined one by one, so that they blend with the palm but not with each other
+        solid = dr.fmin(solid, smooth_union(palm, _finger(point, finger), 1.3))
+    root, joint = thumb.joints[0], thumb.joints[1]
+    from_, to = root - np.array((1.2, -0.2, 0.5)), 0.4 * root + 0.6 * joint - np.array((0.9, -0.4, 0.0))
+    mount = capsule(point, tuple(from_), tuple(to), 2.0, 1.9)
+    return smooth_union(smooth_union(solid, mount, 2.4), _finger(point, thumb), 1.4)
+
+
+def digits(gesture: Gesture) -> list[Digit]:
+    """The four fingers and the thumb of a gesture."""
+    found = []
+    for knuckle, reach, width, bends, spread in zip(
+        KNUCKLES, REACH, WIDTH, gesture.bend, np.radians(gesture.spread), strict=True
+    ):
+        joints, bend, pad = [np.array([knuckle[0], -0.2, knuckle[1]])], 0.0, np.zeros(3)
+        for share, more in zip(PHALANGES, np.radians(bends), strict=True):
+            bend += more
+            way = np.array([np.sin(spread) * np.cos(bend), np.sin(bend), np.cos(spread) * np.cos(bend)])
+            pad = np.array([-np.sin(spread) * np.sin(bend), np.cos(bend), -np.cos(spread) * np.sin(bend)])
+            joints.append(joints[-1] + share * reach * way)
+        joints[-1] -= TAPER[3] * width * (joints[-1] - joints[-2]) / np.linalg.norm(joints[-1] - joints[-2])
+        found.append(Digit(np.array(joints), pad, tuple(share * width for share in TAPER)))
+    joints = np.array(gesture.thumb)
+    along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
+    pad = np.array([-0.75, 0.65, 0.0])  # it faces the fingers more than it faces forward
+    pad -= along * (pad @ along)
+    return [*found, Digit(joints, pad / np.linalg.norm(pad), THUMB)]
+
+
+def frame(wrist: Any, fingertip: Any, palm: Any) -> NDArray[np.float64]:
+    """Axes x, y, z (rows) of a left hand from its wrist to its fingertip, its palm turned as far towards `palm`."""
+    along = np.subtract(fingertip, wrist) / np.linalg.norm(np.subtract(fingertip, wrist))
+    out = np.asarray(palm, float) - along * np.dot(palm, along)
+    out /= np.linalg.norm(out)
+    return np.stack([np.cross(out, along), out, along])
+
+
+def framed(point: Any, origin: Any, axes: NDArray[np.float64]) -> Any:
+    """`point` in axes (rows, unit) about an origin."""
+    offset = point - type(point)(*(float(x) for x in origin))
+    return type(point)(*(dr.dot(offset, type(point)(*(float(x) for x in row))) for row in axes))
+
+
+def _palm(p: Any) -> Any:
+    """Wrist, the bones of the palm with their knuckles, the ball of the little finger and the hollow between."""
+    wrist = capsule(p, (0.0, 0.0, -0.5), (0.0, 0.0, 3.0), 2.6, 2.5)
+    wrist = smooth_union(wrist, ellipsoid(p, (0.0, 0.0, 0.5), (3.3, 2.3, 3.0)), 2.0)
+    solid = wrist
+    for x, z in KNUCKLES:
+        bone = capsule(p, (0.55 * x, 0.0, 2.0), (0.97 * x, -0.25, z), 2.0, 1.55)
+        solid = smooth_union(solid, bone, 2.4)
+        solid = smooth_union(solid, sphere(p, (0.98 * x, -0.75, z - 0.4), 0.8), 1.2)
+    solid = smooth_union(solid, capsule(p, (-2.9, 0.9, 3.0), (-4.2, 0.6, 8.5), 1.8, 1.5), 2.0)
+    return smooth_difference(solid, sphere(p, (0.2, 5.6, 8.6), 4.3), 1.6)
+
+
+def _finger(p: Any, digit: Digit) -> Any:
+    """Three tapering bones, fuller at the joints and the pad, and a nail."""
+    joints, pad, widths = digit
+    solid = capsule(p, tuple(joints[0]), tuple(joints[1]), widths[0], widths[1])
+    for k in (1, 2):
+        bone = capsule(p, tuple(joints[k]), tuple(joints[k + 1]), 0.97 * widths[k], widths[k + 1])
+        solid = smooth_union(solid, bone, 0.12)
+        solid = smooth_union(solid, sphere(p, tuple(joints[k] - 0.15 * pad), 0.9 * widths[k]), 0.35)
+    along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
+    soft = 0.35 * joints[2] + 0.65 * joints[3]
+    solid = smooth_union(solid, sphere(p, tuple(soft + 0.15 * widths[3] * pad), 0.98 * widths[3]), 0.4)
+    q = framed(p, soft - 0.8 * widths[3] * pad + 0.25 * along, np.array([np.cross(pad, along), pad, along], float))
+    return smooth_union(solid, ellipsoid(q, (0.0, 0.0, 0.0), (0.78 * widths[3], 0.28, 1.25 * widths[3])), 0.12)
