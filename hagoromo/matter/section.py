@@ -17,7 +17,7 @@ from hagoromo.matter.yarn import Yarn
 
 SIDE = 256  # entries of the table along an edge; it spans −1…1
 SEEN = 1.5, 4.0  # voxels a fibre's diameter where single fibres begin to show, and where they are whole
-BUNDLE, BUNDLE_SHARE, BUNDLE_CONTRAST = 4.0, 0.8, 0.55  # diameter [voxels], share of the section, contrast
+BUNDLE, BUNDLE_SHARE, BUNDLE_CONTRAST = 4.0, 0.62, 0.55  # diameter [voxels], share of the section, contrast
 SETTLED = 400  # steps in which fibres push one another aside
 OVERLAP = 0.12  # of a fibre's diameter, which is told from round fibres by no eye
 
@@ -46,7 +46,7 @@ def section(yarn: Yarn, voxel_mm: float, seed: int) -> Section:
     if contrast < 0.3 * BUNDLE_CONTRAST:
         radius, contrast = 0.5 * BUNDLE * voxel, BUNDLE_CONTRAST
         count = int(BUNDLE_SHARE / radius**2)
-        if count < 4:
+        if count < 5:
             return Section(np.zeros((SIDE * SIDE, 2), np.float32), 1.0, 1.0, 0.0, 1.0, filling)
         radius = (BUNDLE_SHARE / count) ** 0.5
     centres = scattered(count, radius, seed)

@@ -17,7 +17,7 @@ from hagoromo.matter.strand import Paths
 from hagoromo.matter.wander import equal_steps, freedom, wander
 from hagoromo.matter.yarn import Yarn, check_yarn
 
-FEWEST, ENOUGH, MOST = 8, 20, 256  # yarns of a period either way: at least, where more are tried, at most
+FEWEST, ENOUGH, MOST = 12, 24, 256  # yarns of a period either way: at least, where more are tried, at most
 STEPS = 8  # of a path in a diameter
 DENSE = 64  # points between crossings by which a path is drawn
 POPULATIONS = 4
@@ -67,8 +67,10 @@ def check_woven(cloth: Woven) -> Woven:
     for key, most in (("crimp", 1.0), ("uneven", 0.2)):
         if not 0 <= getattr(cloth, key) <= most:
             raise InputError(f"{key} is {getattr(cloth, key)}: give a number from 0 to {most:g}")
-    if not cloth.warp_colours or not cloth.weft_colours or len(cloth.palette) > POPULATIONS:
-        raise InputError(f"{len(cloth.palette)} colours of warp and weft yarns: give from 2 to {POPULATIONS} in all")
+    if not cloth.warp_colours or not cloth.weft_colours:
+        raise InputError("warp_colours or weft_colours are empty: give the colour of one yarn at least")
+    if len(cloth.palette) > POPULATIONS:
+        raise InputError(f"{len(cloth.palette)} colours of warp and weft yarns: give {POPULATIONS} in all at most")
     for name, yarn, pitch in zip(("warp", "weft"), (cloth.warp, cloth.weft), cloth.pitch, strict=True):
         check_yarn(yarn, f"{name} yarn")
         if yarn.width_mm > pitch:
@@ -77,7 +79,7 @@ def check_woven(cloth: Woven) -> Woven:
                 f"give at most {10 / yarn.width_mm:.3g}"
             )
     for k in (0, 1):
-        _weave_angle(cloth, k)
+        _bend(cloth, k)
     counts = tuple(_yarns(cloth, k) for k in (0, 1))
     if max(counts) > MOST:
         raise InputError(f"the draft with its colours repeats after {counts} yarns: give one of {MOST} at most")
@@ -137,16 +139,14 @@ def _heights(cloth: Woven, k: int, sides: NDArray) -> NDArray[np.float64]:
 
     Peirce, "The geometry of cloth structure", J. Text. Inst. 28, 1937; flattened yarns as Kemp, ibid. 49, 1958.
     """
-    pitch, crossed = cloth.pitch[1 - k], (cloth.weft, cloth.warp)[k]
-    swing, radius, angle = _swing(cloth, k), 0.5 * (cloth.warp.thickness_mm + cloth.weft.thickness_mm), 0.0
-    angle = _weave_angle(cloth, k)
-    flat = 0.5 * (crossed.width_mm - crossed.thickness_mm)
+    pitch, swing, (angle, flat) = cloth.pitch[1 - k], _swing(cloth, k), _bend(cloth, k)
+    radius = 0.5 * (cloth.warp.thickness_mm + cloth.weft.thickness_mm)
     at = np.arange(sides.shape[1] * DENSE + 1) / DENSE
     crossing = np.floor(at).astype(int)
     offset = at - crossing - 0.5  # pitches from the middle of the crossing yarn
     here = sides[:, crossing % sides.shape[1]]
     next_ = sides[:, (crossing + np.where(offset < 0, -1, 1)) % sides.shape[1]]
-    away = np.maximum(np.abs(offset) * pitch - flat, 0.0)
+    away = np.maximum(np.abs(offset) * pitch - 0.5 * flat, 0.0)
     arc, foot = radius - np.sqrt(np.maximum(radius**2 - away**2, 0.0)), radius * math.sin(angle)
     drop = np.where(away < foot, arc, radius * (1 - math.cos(angle)) + (away - foot) * math.tan(angle))
     return here * np.where(here == next_, swing, swing - drop)
@@ -158,18 +158,22 @@ def _swing(cloth: Woven, k: int) -> float:
     return 0.5 * share * (cloth.warp.thickness_mm + cloth.weft.thickness_mm)
 
 
-def _weave_angle(cloth: Woven, k: int) -> float:
-    """Steepest angle of the yarns of a set [rad]: Peirce's p sin θ + (D − h) cos θ = D, for p, D and h given."""
-    name, crossed = (("warp", "weft"), (cloth.weft, cloth.warp)[k])[0][1 - k], (cloth.weft, cloth.warp)[k]
-    both, flat = cloth.warp.thickness_mm + cloth.weft.thickness_mm, crossed.width_mm - crossed.thickness_mm
-    room, left = cloth.pitch[1 - k] - flat, both - 2.0 * _swing(cloth, k)
+def _bend(cloth: Woven, k: int) -> tuple[float, float]:
+    """Steepest angle of the yarns of a set [rad] and the flat top of the yarns that they cross [mm].
+
+    Peirce's p sin θ + (D − h) cos θ = D, for p, D and h given; the corners of flattened yarns give way where p is short.
+    """
+    crossed, pitch = (cloth.weft, cloth.warp)[k], cloth.pitch[1 - k]
+    both = cloth.warp.thickness_mm + cloth.weft.thickness_mm
+    left = both - 2.0 * _swing(cloth, k)
     least = math.sqrt(max(both**2 - left**2, 0.0))
-    if room < least:
+    if pitch < least:
         raise InputError(
-            f"yarns of {cloth.warp.diameter_mm:g} and {cloth.weft.diameter_mm:g} mm jam at {name}_per_cm "
-            f"{10 / cloth.pitch[1 - k]:g}: give at most {10 / (least + flat):.3g}, thinner or flatter yarns"
+            f"yarns of {cloth.warp.diameter_mm:g} and {cloth.weft.diameter_mm:g} mm jam at "
+            f"{('weft', 'warp')[k]}_per_cm {10 / pitch:g}: give at most {10 / least:.3g}, thinner or flatter yarns"
         )
-    return math.asin(both / math.hypot(room, left)) - math.atan2(left, room)
+    flat = min(crossed.width_mm - crossed.thickness_mm, pitch - least)
+    return math.asin(min(both / math.hypot(pitch - flat, left), 1.0)) - math.atan2(left, pitch - flat), flat
 
 
 def _yarns(cloth: Woven, k: int) -> int:
@@ -186,9 +190,9 @@ def _yarns(cloth: Woven, k: int) -> int:
 
 
 _FLAX = Yarn(0.34, 1.2, 1, 5.5, "Z", 0.0, 150, 18.0, 0.15, 12.0, 0.6, 0.08, 0.2)
-_WORSTED = Yarn(0.42, 1.1, 2, 4.5, "S", 6.0, 45, 21.0, 0.15, 30.0, 1.0, 0.05, 0.02)
-_ORGANZINE = Yarn(0.095, 1.3, 2, 6.0, "S", 0.0, 11, 11.0, 0.08, 0.0, 0.0, 0.02, 0.0)
-_TRAM = Yarn(0.11, 1.5, 1, 1.5, "Z", 0.0, 58, 11.0, 0.1, 0.0, 0.0, 0.03, 0.0)
+_WORSTED = Yarn(0.42, 1.1, 2, 5.5, "S", 6.0, 45, 21.0, 0.15, 14.0, 0.8, 0.05, 0.02)
+_ORGANZINE = Yarn(0.095, 1.6, 2, 6.0, "S", 0.0, 11, 11.0, 0.08, 0.0, 0.0, 0.02, 0.0)
+_TRAM = Yarn(0.11, 1.8, 1, 1.5, "Z", 0.0, 58, 11.0, 0.1, 0.0, 0.0, 0.03, 0.0)
 LINEN = Woven(plain(), 16.0, 15.0, _FLAX, _FLAX)
-WOOL = Woven(twill(2, 2), 13.0, 12.5, _WORSTED, _WORSTED)
-SILK = Woven(satin(8), 60.0, 38.0, _ORGANZINE, _TRAM, 0.62, 0.015)
+WOOL = Woven(twill(2, 2), 13.5, 13.0, _WORSTED, _WORSTED)
+SILK = Woven(satin(8), 62.0, 40.0, _ORGANZINE, _TRAM, 0.4, 0.015)
