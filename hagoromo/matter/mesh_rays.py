@@ -1,7 +1,7 @@
 """Mesh rays: what straight lines through a triangle mesh tell of its inside, on the device.
 
 A mesh winds around a point as often as a ray from it leaves the mesh, less as often as it enters: once inside, never
-outside, twice where two parts overlap. A mesh with holes is asked along several directions.
+outside, twice where two parts overlap.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ STEP = 3e-7  # by how much a ray goes on behind a face, of the mesh's extent: a 
 
 
 class MeshRays:
-    """Faces (m, 3) of vertices (n, 3) that rays meet. closed: whether one direction is enough."""
+    """Faces (m, 3) of vertices (n, 3) that rays meet."""
 
-    def __init__(self, vertices: NDArray[np.floating], faces: NDArray[np.integer], closed: bool) -> None:
+    def __init__(self, vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
         mi = mitsuba()
         shape = mi.Mesh("mesh", len(vertices), len(faces))
         values = mi.traverse(shape)
@@ -30,16 +30,16 @@ class MeshRays:
         values.update()
         self._scene = mi.load_dict({"type": "scene", "mesh": shape})
         self._step = float(STEP * np.abs(vertices).max())
-        self._directions = DIRECTIONS[:1] if closed else DIRECTIONS
 
     def winding(self, point: Any, asked: Any = True) -> Any:
-        """How often the mesh winds around points: the middle one of what the directions say."""
+        """How often the mesh winds around points (Array3f): what two of three rays say; 0 for those not `asked`.
+
+        One alone may meet two faces where it passes the edge between them. The third is sent where two differ.
+        """
         Array3f = arrays().Array3f
-        found = [self._left(point, Array3f(*direction), asked) for direction in self._directions]
-        if len(found) == 1:
-            return found[0]
-        a, b, c = found
-        return dr.fmax(dr.fmin(a, b), dr.fmin(dr.fmax(a, b), c))
+        a, b = (self._left(point, Array3f(*direction), asked) for direction in DIRECTIONS[:2])
+        c = self._left(point, Array3f(*DIRECTIONS[2]), asked & (a != b))
+        return dr.select(a == b, a, dr.fmax(dr.fmin(a, b), dr.fmin(dr.fmax(a, b), c)))
 
     def inside(self, point: Any, asked: Any = True) -> Any:
         """Whether the mesh winds around points (Array3f); False for those that are not `asked`."""

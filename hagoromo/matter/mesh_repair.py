@@ -40,7 +40,7 @@ def repaired(mesh: Any, where: str) -> Any:
     if not (len(mesh.faces) and _volumes(mesh).sum() > LEAST_VOLUME * mesh.area**1.5):
         raise InputError(f"{where} does not enclose a volume: close its holes first")
     if not mesh.is_watertight:
-        said.append("its inside is where most of three rays say so")
+        said.append("edges left open: its inside is what most of three rays say")
     if said:
         warnings.warn(f"{where} does not enclose a volume as it is: {', '.join(said)}", stacklevel=2)
     return mesh
@@ -74,5 +74,5 @@ def _is_inverted(mesh: Any, faces: NDArray[np.integer]) -> bool:
     """Whether a part whose `faces` look inwards is no cavity: what it encloses is in no other part."""
     largest = faces[mesh.area_faces[faces].argmax()]
     place = mesh.triangles_center[largest] + ASIDE * np.sqrt(mesh.area_faces[largest]) * mesh.face_normals[largest]
-    rays = MeshRays(mesh.vertices, mesh.faces, mesh.is_watertight)
+    rays = MeshRays(mesh.vertices, mesh.faces)
     return float(rays.winding(arrays().Array3f(*(float(x) for x in place)))[0]) < 0

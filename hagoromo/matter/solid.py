@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.files.mesh import read_mesh
@@ -39,14 +41,12 @@ def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Finenes
     return fill(field, lambda point: shape(point) - fineness.softness, extent, fineness, material, name=name)
 
 
-def mesh_solid(path: str | Path, height_mm: float, material: Reflectance, fineness: Fineness) -> BoxPlan:
-    """The mesh in a file, as high as `height_mm`, standing on z = 0 around x = y = 0.
+def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness) -> BoxPlan:
+    """What a mesh encloses, of density 1; its axis is the outward normal of the nearest surface.
 
-    What is thinner than two voxels is spread over two, its optical depth kept; both sides keep their normals. What had
-    to be repaired is said in a warning, see `repaired`. Raises `InputError` for a file that holds no mesh, or one that
-    does not enclose a volume.
+    What is thinner than two voxels is spread over two, its optical depth kept; both sides keep their normals.
     """
-    mesh, soft = MeshSurface(path, height_mm), fineness.softness
+    soft = fineness.softness
     extent = tuple(mesh.low - soft), tuple(mesh.high + soft)
 
     def bound(point: Any) -> Any:
@@ -56,16 +56,22 @@ def mesh_solid(path: str | Path, height_mm: float, material: Reflectance, finene
 
 
 class MeshSurface:
-    """A closed mesh [mm] that stands on z = 0 around x = y = 0: its nearest face, and what is inside."""
+    """The mesh in a file, `height_mm` high, that stands on z = 0 around x = y = 0: its nearest face, what is inside.
 
-    def __init__(self, path: str | Path, height_mm: float) -> None:
+    rotation_deg: turns it about x, then y, then z before. What had to be repaired is said in a warning, see `repaired`.
+    Raises `InputError` for a file that holds no mesh, or one that does not enclose a volume.
+    """
+
+    def __init__(self, path: str | Path, height_mm: float, rotation_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         mesh = repaired(read_mesh(path), str(path))
-        self.name = Path(path).stem
+        self.name, turn = Path(path).stem, np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
+        mesh.apply_transform(turn)
         mesh.apply_scale(height_mm / mesh.extents[2])
         mesh.apply_translation([*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]])
         self.low, self.high = mesh.bounds
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        self._tree, self._rays = MeshTree(vertices, faces), MeshRays(vertices, faces, bool(mesh.is_watertight))
+        self._tree, self._rays = MeshTree(vertices, faces), MeshRays(vertices, faces)
         self._normals = lookup(arrays().Float, _corner_normals(mesh).astype(np.float32))
         self._planes = lookup(arrays().Float, np.asarray(mesh.face_normals, np.float32))
 

@@ -1,44 +1,83 @@
-"""Kind "cloth": the keys of `Weave`; width_mm, height_mm, folds, fold_depth_mm (0: flat) of a patch, or [shape]."""
+"""Kind "cloth": woven after a draft, from yarns, laid flat or draped.
+
+    threads_per_cm, or warp_per_cm and weft_per_cm; crimp, uneven, warp_colours, weft_colours: see `Woven`
+    [draft]     weave = "plain" | "twill" (over, under) | "satin" (ends, step, warp_faced) |
+                "herringbone" (over, under, width) | "jacquard" (pattern, ends), or file = "NAME.wif"
+    [warp]      of the warp yarns: see `Yarn`
+    [weft]      of the weft yarns: what is not said is the warp's
+    [[colour]]  keys of [material] that yarns of colour number 0, 1, … have in its place
+    how it lies: see `laid`
+
+Element cylinder. voxel_mm of the texel: a twelfth of a yarn shows plies and twist, a third of a fibre single fibres.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
-
-from hagoromo.backend import arrays
-from hagoromo.files.record import count, positive, table
-from hagoromo.matter.cloth import Weave, check_weave, covering
-from hagoromo.matter.drape import drape_patch
-from hagoromo.matter.fill import fill
-from hagoromo.matter.recipes.form import shape_of
-from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, not_negative, share, with_defaults
+from hagoromo.files.record import count, flag, list_of, number, one_of, positive, table, take, text
+from hagoromo.matter import draft
+from hagoromo.matter.draft import Draft
+from hagoromo.matter.fabric import woven
+from hagoromo.matter.recipes.laid import LAID, laid
+from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, with_defaults
+from hagoromo.matter.weave import LINEN, Woven, check_woven
+from hagoromo.matter.yarn import Yarn
+from hagoromo.reflectance.material_table import reflectance_from_table
+from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.plan import BoxPlan
+
+WEAVES: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "twill": {"over": (count, 2), "under": (count, 2)},
+    "satin": {"ends": (count, 5), "step": (count, 0), "warp_faced": (flag, True)},
+    "herringbone": {"over": (count, 2), "under": (count, 2), "width": (count, 8)},
+    "jacquard": {"pattern": (list_of(text), draft.DIAMOND), "ends": (count, 5)},
+}
+YARN = {"plies": count, "fibres": count, "hand": one_of("Z", "S")}  # what is no plain number
 
 
 def _plan(recipe: Recipe) -> BoxPlan:
-    weave, fine, seed = check_weave(recipe.record(Weave)), recipe.fineness, recipe["seed"]
-    if recipe["shape"] is None:
-        size = (recipe["width_mm"], recipe["height_mm"])
-        return drape_patch(recipe.material, size, weave, (max(recipe["folds"], 1), recipe["fold_depth_mm"]), fine, seed)
-    shape, extent = shape_of(recipe["shape"], f"{recipe.where} [shape]")
-    around = 0.5 * (extent[1][0] - extent[0][0])
+    warp = yarn_of(recipe, "warp", LINEN.warp)
+    ends, picks = (recipe[k] or recipe["threads_per_cm"] or getattr(LINEN, k) for k in ("warp_per_cm", "weft_per_cm"))
+    first, second = (tuple(recipe[k]) for k in ("warp_colours", "weft_colours"))
+    weft, crimp, uneven = yarn_of(recipe, "weft", warp), recipe["crimp"], recipe["uneven"]
+    cloth = check_woven(Woven(_draft(recipe), ends, picks, warp, weft, crimp, uneven, first, second))
+    fabric = woven(cloth, recipe.fineness.voxel_mm, max(recipe["variants"], 1), recipe["seed"])
+    return laid(recipe, fabric, colour_materials(recipe, [colour for _, colour in cloth.palette]), "cloth")
 
-    def chart(point: Any) -> tuple[Any, Any, Any]:
-        return dr.atan2(point.x, -point.y) * around, point.z, arrays().Array3f(0, 0, 1)
 
-    def field(point: Any) -> tuple[Any, Any]:
-        return covering(point, shape, chart, weave, fine, seed)
+def yarn_of(recipe: Recipe, name: str, usual: Yarn) -> Yarn:
+    """The yarn of the table `name`; what it leaves out is that of `usual`."""
+    return Yarn(**take(recipe[name], with_defaults(usual, YARN, number), f"{recipe.where} [{name}]"))
 
-    return fill(field, fine.layer(shape, 0.5 * weave.diameter_mm), extent, fine, recipe.material, name="cloth")
+
+def colour_materials(recipe: Recipe, colours: list[int]) -> list[Reflectance]:
+    """The reflectance for each of `colours`, numbers of [[colour]]; those of none have that of [material]."""
+    found = []
+    for colour in colours:
+        own = recipe["colour"][colour] if colour < len(recipe["colour"]) else {}
+        where = f"{recipe.where} [[colour]] {colour}" if own else f"{recipe.where} [material]"
+        found.append(reflectance_from_table(recipe["material"] | own, recipe.folder, where, recipe.element))
+    return found
+
+
+def _draft(recipe: Recipe) -> Draft:
+    where, given = f"{recipe.where} [draft]", recipe["draft"]
+    if "file" in given:
+        from hagoromo.matter.wif import read_wif
+
+        return read_wif(recipe.file(take(given, {"file": text}, where)["file"])).draft
+    weave = take(given, {"weave": one_of(*WEAVES)}, where, strict=False)["weave"]
+    keys = take(given, {"weave": text, **WEAVES[weave]}, where)
+    del keys["weave"]
+    return getattr(draft, weave)(**keys)
 
 
 KEYS = {
-    "width_mm": (positive, 60.0), "height_mm": (positive, 70.0), "folds": (count, 3),
-    "fold_depth_mm": (not_negative, 7.0), "shape": (table, None),
+    "threads_per_cm": (positive, None), "warp_per_cm": (positive, None), "weft_per_cm": (positive, None),
+    "crimp": (number, LINEN.crimp), "uneven": (number, LINEN.uneven), "warp_colours": (list_of(count), [0]),
+    "weft_colours": (list_of(count), [0]), "draft": (table, {"weave": "plain"}), "warp": (table, {}),
+    "weft": (table, {}), "colour": (list_of(table), []),
 }  # fmt: skip
-KIND = Kind(
-    "cylinder",
-    KEYS | with_defaults(Weave(), {"crimp": not_negative, "uneven": share}) | fineness_keys(0.12, 0.2),
-    _plan,
-)
+KIND = Kind("cylinder", KEYS | LAID | fineness_keys(0.03, 0.03), _plan)

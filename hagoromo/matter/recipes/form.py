@@ -1,7 +1,8 @@
 """Form: the table [shape] of a recipe → a shape that stands on z = 0 around x = y = 0, and room around it. In mm.
 
 {form = "sphere", radius_mm}, {form = "ellipsoid", radii_mm = [x, y, z]}, {form = "box", size_mm = [x, y, z],
-rounding_mm}, {form = "capsule", radius_mm, length_mm}; for a solid also {form = "mesh", file = "name.ply", height_mm}.
+rounding_mm}, {form = "capsule", radius_mm, length_mm}; for a solid also {form = "mesh", file = "name.ply", height_mm,
+rotation_deg = [x, y, z]}, which is turned about x, then y, then z before it is measured.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import one_of, positive, take, text
+from hagoromo.files.record import numbers, one_of, positive, take, text
 from hagoromo.matter.recipes.recipe import not_negative, sizes
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
 from hagoromo.matter.solid import Extent
@@ -19,7 +20,7 @@ FORMS: dict[str, dict[str, Any]] = {
     "ellipsoid": {"radii_mm": sizes},
     "box": {"size_mm": sizes, "rounding_mm": (not_negative, 0.0)},
     "capsule": {"radius_mm": positive, "length_mm": positive},
-    "mesh": {"file": text, "height_mm": positive},
+    "mesh": {"file": text, "height_mm": positive, "rotation_deg": (numbers(3), (0.0, 0.0, 0.0))},
 }
 
 

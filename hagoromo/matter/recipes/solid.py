@@ -5,7 +5,7 @@ from __future__ import annotations
 from hagoromo.files.record import table
 from hagoromo.matter.recipes.form import form_keys, shape_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys
-from hagoromo.matter.solid import mesh_solid, solid
+from hagoromo.matter.solid import MeshSurface, mesh_solid, solid
 from hagoromo.volume.plan import BoxPlan
 
 
@@ -13,7 +13,8 @@ def _plan(recipe: Recipe) -> BoxPlan:
     where = f"{recipe.where} [shape]"
     key = form_keys(recipe["shape"], where)
     if key["form"] == "mesh":
-        return mesh_solid(recipe.file(key["file"]), key["height_mm"], recipe.material, recipe.fineness)
+        mesh = MeshSurface(recipe.file(key["file"]), key["height_mm"], key["rotation_deg"])
+        return mesh_solid(mesh, recipe.material, recipe.fineness)
     return solid(*shape_of(recipe["shape"], where), recipe.material, recipe.fineness)
 
 

@@ -1,0 +1,55 @@
+"""Gallery items: what is shown of every recipe, and which keys differ from the file in each view."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+
+class Item(NamedTuple):
+    """A recipe (name of its file), its title, and keys that differ in the views; None: no such view.
+
+    whole: all of it. centimetre, millimetre: fields of view of 10 and 1 mm around the middle of a patch.
+    """
+
+    recipe: str
+    title: str
+    whole: dict[str, Any] | None = None
+    centimetre: dict[str, Any] | None = None
+    millimetre: dict[str, Any] | None = None
+
+
+def _cloth(recipe: str, title: str, yarn_mm: float, fibre_um: float, **whole: Any) -> Item:
+    """A cloth: hanging in folds, a flat patch in which yarns, and one in which fibres are seen apart."""
+    hanging = {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": yarn_mm / 8} | whole
+    near = {"lay": "flat", "width_mm": 12.0, "height_mm": 12.0, "voxel_mm": yarn_mm / 14, "variants": 2}
+    nearest = {"width_mm": 2.0, "height_mm": 2.0, "voxel_mm": fibre_um / 2.5e3, "variants": 1, "carrier_mm": 0.2}
+    return Item(recipe, title, hanging, near, near | nearest)
+
+
+def _feather(recipe: str, title: str, middle_mm: tuple[float, float]) -> Item:
+    """A feather, and two patches of its vane around `middle_mm` (across, along)."""
+    near = {"patch_mm": [11.0, 11.0], "middle_mm": list(middle_mm), "voxel_mm": 0.03}
+    return Item(recipe, title, {}, near, near | {"patch_mm": [1.4, 1.4], "voxel_mm": 0.005})
+
+
+ITEMS = {
+    "skin": Item(
+        "skin", "Skin", {"shape": {"form": "sphere", "radius_mm": 6.0}, "voxel_mm": 0.04},
+        {"size_mm": 11.0, "voxel_mm": 0.03}, {"size_mm": 1.6, "voxel_mm": 0.008},
+    ),
+    "linen": _cloth("linen", "Linen, plain weave", 0.34, 18.0),
+    "twill": _cloth("twill", "Wool, 2/2 twill", 0.42, 21.0),
+    "herringbone": _cloth("herringbone", "Wool, herringbone", 0.55, 26.0),
+    "satin": _cloth("satin", "Silk, satin of eight", 0.11, 11.0, variants=2),
+    "jacquard": _cloth("jacquard", "Jacquard block", 0.2, 13.0, variants=1),
+    "stockinette": _cloth("stockinette", "Wool, stockinette", 0.42, 21.0),
+    "primary": _feather("primary", "Primary feather", (4.0, 55.0)),
+    "covert": _feather("covert", "Covert", (2.0, 22.0)),
+    "down": _feather("down", "Down", (3.0, 14.0)),
+    "solid": Item("solid", "Solid", {}, {"voxel_mm": 0.1}, None),
+    "cloth_10_cm": Item(
+        "linen", "Linen, 10 × 10 cm at 20 threads/cm",
+        {"width_mm": 100.0, "height_mm": 100.0, "threads_per_cm": 20.0, "warp_per_cm": 20.0, "weft_per_cm": 20.0,
+         "warp": {"diameter_mm": 0.26, "fibres": 90, "fibre_um": 17.0}},
+    ),
+}  # fmt: skip

@@ -1,0 +1,98 @@
+"""Gallery view: how a box is shown: whole before a sweep, near by before a card, and lit from eight sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.image.render import Settings, render
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
+from hagoromo.light.colour import srgb_encode, srgb_from_xyz
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+
+SIZE, STRIP = 440, 180  # px a side of a picture, and of one of the strip
+SAMPLES, STRIP_SAMPLES = 4, 2
+LIGHTS = 8  # places of the lamp that moves around
+AWAY = 25.0  # fields of view from the middle to the camera
+TOWARDS, STRAIGHT = (0.25, -1.0, 0.2), (0.1, -1.0, 0.1)  # from the matter to the camera: whole, near by
+ELEVATION = 35.0  # ° of the lamp that moves around
+WHITE = Spectrum.named("D65")
+CARD = Reflectance(0.03, 0.0, 0.3, 1.5, Spectrum.constant(1.0), name="card")  # dark grey, a tenth of white
+KEY, FILL, RIM = ((-0.75, -0.8, 1.0), 1.0), ((0.9, -1.0, 0.2), 0.15), ((0.5, 0.9, 1.3), 0.6)
+
+
+def whole(box: VolumeBox) -> NDArray[np.uint8]:
+    """All of it, standing on a floor that bends up into a wall."""
+    low, high = _extent(box)
+    field = 1.12 * float(np.linalg.norm((high - low)[[0, 2]]) / np.sqrt(2.0))
+    field = max(field, 1.12 * float(max(high[0] - low[0], high[2] - low[2])))
+    floor = float(max(low[2], 0.0))
+    wall = _sweep(float(high[1]) + 2.0 * field, floor - 1e-6, float(high[2]) + 0.3 * field, field)
+    return _shown(Scene(_camera(box, field, TOWARDS, SIZE), _lamps(), (box,), (wall,)), SAMPLES)
+
+
+def near(box: VolumeBox, field_mm: float) -> NDArray[np.uint8]:
+    """A field of view of `field_mm` around its middle, before a card just behind it."""
+    field = 1e-3 * field_mm
+    low, high = _extent(box)
+    turned = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+    middle = 0.5 * (low + high)
+    turned[:3, 3] = middle[0], float(high[1]) + 0.4 * field, middle[2]
+    card = Surface(CARD, "rectangle", pose=turned @ np.diag([1.5 * field, 1.5 * field, 1.0, 1.0]), name="card")
+    return _shown(Scene(_camera(box, field, STRAIGHT, SIZE), _lamps(), (box,), (card,)), SAMPLES)
+
+
+def around(box: VolumeBox) -> NDArray[np.uint8]:
+    """Eight pictures side by side, all exposed alike, under a lamp that moves around it from the front to its right."""
+    low, high = _extent(box)
+    camera = _camera(box, 1.05 * float(max(high[0] - low[0], high[2] - low[2])), TOWARDS, STRIP)
+    up, pictures = np.radians(ELEVATION), []
+    for turn in 2.0 * np.pi * np.arange(LIGHTS) / LIGHTS:
+        to_lamp = np.cos(up) * np.sin(turn), -np.cos(up) * np.cos(turn), np.sin(up)
+        image = render(Scene(camera, (Lamp(to_lamp=to_lamp, spectrum=WHITE),), (box,)), Settings(STRIP_SAMPLES))
+        pictures.append(srgb_from_xyz(image.xyz()))
+    brightest = np.percentile(np.max(pictures, axis=-1)[np.max(pictures, axis=-1) > 0], 99.0)
+    return np.hstack([srgb_encode(picture * (0.8 / brightest)) for picture in pictures])
+
+
+def _camera(box: VolumeBox, field: float, towards: Sequence[float], pixels: int) -> Camera:
+    """A square picture, `field` [m] wide at the middle of the box."""
+    low, high = _extent(box)
+    middle = 0.5 * (low + high)
+    focal = pixels * AWAY
+    camera = Camera(pixels, pixels, (focal, focal), (0.5 * pixels, 0.5 * pixels))
+    return camera.look_at(middle + AWAY * field * np.asarray(towards) / np.linalg.norm(towards), middle)
+
+
+def _lamps() -> tuple[Lamp, ...]:
+    """Key from high on the left, weak fill from the right, rim from high behind; far away all three."""
+    return tuple(Lamp(to_lamp=place, intensity=share, spectrum=WHITE) for place, share in (KEY, FILL, RIM))
+
+
+def _sweep(wall: float, floor: float, top: float, field: float) -> Surface:
+    """A floor that bends up into a wall at y = `wall`, up to z = `top` [m], so low that light from behind passes it."""
+    turn, radius = np.linspace(0.0, np.pi / 2, 33), 0.5 * field
+    y = np.concatenate([[-9.0 * field], wall - radius + radius * np.sin(turn), [wall]])
+    z = np.concatenate([[floor], floor + radius * (1.0 - np.cos(turn)), [max(top, floor + 1.01 * radius)]])
+    vertices = np.array([(x, *place) for x in (-3.0 * field, 3.0 * field) for place in zip(y, z, strict=True)])
+    count, k = len(y), np.arange(len(y) - 1)
+    faces = np.concatenate([np.stack(f, axis=1) for f in ((k, k + count, k + 1), (k + 1, k + count, k + count + 1))])
+    return Surface(CARD, vertices=vertices, faces=faces, name="sweep")
+
+
+def _shown(scene: Scene, samples: int) -> NDArray[np.uint8]:
+    return render(scene, Settings(samples)).display()
+
+
+def _extent(box: VolumeBox) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner of the bricks that hold matter [m]."""
+    low, high = box.bricks.places.min(axis=0), box.bricks.places.max(axis=0) + 1
+    edge = 8 * box.voxel_size
+    return box.pose[:3, 3] + low[::-1] * edge, box.pose[:3, 3] + high[::-1] * edge
