@@ -11,7 +11,6 @@ from hagoromo.backend import arrays, clip
 from hagoromo.matter.noise import gradient_noise, random
 from hagoromo.matter.rod import rod
 
-WAVER = 0.35  # of the barbs' distance: how far barbs run off their line, slowly
 SPREAD = 0.4  # share of the way between splits over which barbs are pushed together beside one
 THIN = 0.6  # share of its width that a barb loses from the shaft to the edge
 
@@ -22,7 +21,8 @@ class Barbs(NamedTuple):
     per_mm: along the shaft. outer_deg, inner_deg: between shaft and barbs, where they leave it, on the outer and inner
     vane; curl_deg: by how much they have turned towards the tip at the edge; steepen: how many times as steep they run
     at the tip of the feather. width_mm, height_mm: of their section. splits_per_cm: places where hooks have let go;
-    split_mm: how wide these gape at the edge at most. ragged_mm: by how much barbs differ in length.
+    split_mm: how wide these gape at the edge at most. ragged_mm: by how much barbs differ in length. waver: how far
+    they run off their line, slowly, as a share of their distance.
     Orders of size: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
     """
 
@@ -36,6 +36,7 @@ class Barbs(NamedTuple):
     splits_per_cm: float = 0.35
     split_mm: float = 1.6
     ragged_mm: float = 0.2
+    waver: float = 0.35
 
 
 class Barb(NamedTuple):
@@ -65,8 +66,10 @@ def barb_at(across: Any, along: Any, plume: Any, barbs: Barbs, seed: Any) -> Bar
     begin, bend = _slopes(barbs, inner)
     reach = out * (begin + 0.5 * bend * out / half)  # along the shaft from a barb's foot, at the foot of the vane
     more = (barbs.steepen - 1.0) / plume.length_mm
-    waver = gradient_noise(kinds.Array3f(across * 0.23, along * 0.17, dr.select(inner, 0.5, 7.5)), seed)
-    start = (along - reach) / (1.0 + more * reach) + waver * (WAVER / barbs.per_mm)
+    start = (along - reach) / (1.0 + more * reach)
+    if barbs.waver > 0:
+        place = kinds.Array3f(across * 0.23, along * 0.17, dr.select(inner, 0.5, 7.5))
+        start = start + gradient_noise(place, seed) * (barbs.waver / barbs.per_mm)
     slope = (begin + bend * out / half) * (1.0 + more * start)
     sine = dr.rsqrt(1.0 + slope * slope)
     place, squeezed, gap = _parted(start, out / half, inner, barbs, seed)

@@ -7,7 +7,8 @@ from hagoromo.matter.marking import PATTERNS
 from hagoromo.matter.vane import Feather
 
 SIGNED = ("bow_mm", "arch_mm", "camber_mm", "rise_mm")
-OPTIONAL = ("share", "splits_per_cm", "split_mm", "ragged_mm", "jag_mm", "curl_deg", "hooks", "loft_mm")  # may be 0
+# may be 0
+OPTIONAL = "share", "splits_per_cm", "split_mm", "ragged_mm", "jag_mm", "curl_deg", "hooks", "loft_mm", "waver"
 
 
 def check_feather(made: Feather) -> Feather:

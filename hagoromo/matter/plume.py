@@ -6,7 +6,6 @@ On a feather, `along` counts from the end of the quill to the tip, `across` from
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -16,6 +15,7 @@ from hagoromo.matter.shape import coverage
 
 TAPER = 0.9  # share of the shaft's width that is lost from the foot of the vane to the tip
 WALL, PITH = 0.16, 0.3  # wall of the shaft as a share of its radius; density of the foam within (0 in the quill)
+STRAIGHT = 1e-5  # curvature [1/mm] below which a feather is straight
 SUNK = 0.5  # of its radius: the shaft's middle lies so far below the vane, which meets it near its upper side
 
 
@@ -61,12 +61,12 @@ def flat_spot(point: Any) -> Spot:
 def spot_on(point: Any, plume: Plume) -> Spot:
     """A place on a bent feather: arched and cambered over cylinders, bowed along a circle, all true to lengths."""
     kinds, long = arrays(), plume.length_mm
-    height, z, s, c = _rolled(-point.y, point.z, 2.0 * plume.arch_mm / long**2)
+    height, z, s, c = rolled(-point.y, point.z, 2.0 * plume.arch_mm / long**2)
     right, ahead, above = kinds.Array3f(1, 0, 0), kinds.Array3f(0, s, c), kinds.Array3f(0, -c, s)
-    across, along, s, c = _rolled(point.x, z, -2.0 * plume.bow_mm / long**2)
+    across, along, s, c = rolled(point.x, z, -2.0 * plume.bow_mm / long**2)
     right, ahead = right * c + ahead * s, ahead * c - right * s
     wide = max(plume.outer_mm, plume.inner_mm)
-    height, across, s, c = _rolled(height, across, 2.0 * plume.camber_mm / wide**2)
+    height, across, s, c = rolled(height, across, 2.0 * plume.camber_mm / wide**2)
     right, above = right * c - above * s, above * c + right * s
     return Spot(across, along, height, right, ahead, above)
 
@@ -116,17 +116,18 @@ def shaft_radius(along: Any, plume: Any) -> Any:
     return 0.5 * plume.rachis_mm * (1.0 - TAPER * share)
 
 
-def _rolled(off: Any, along: Any, curvature: float) -> tuple[Any, Any, Any, Any]:
+def rolled(off: Any, along: Any, curvature: Any) -> tuple[Any, Any, Any, Any]:
     """(off, along) about a circle through (0, 0) that leaves along `along` and bends towards −off.
 
     The distance outside the circle, the arc length, and sine and cosine of the turn there: along the circle the
     direction is along · cos − off · sin.
     """
-    if abs(curvature) < 1e-6:
+    if isinstance(curvature, float) and abs(curvature) < STRAIGHT:
         zero = 0.0 * off
         return off, along, zero, zero + 1.0
-    radius = 1.0 / curvature
-    sign = math.copysign(1.0, curvature)
+    curvature = arrays().Float(curvature)
+    sign = dr.select(curvature < 0, -1.0, arrays().Float(1.0))
+    radius = sign / dr.fmax(abs(curvature), STRAIGHT)
     reach = sign * dr.sqrt(dr.square(off + radius) + along * along)
     turn = dr.atan2(sign * along, sign * (off + radius))
     return reach - radius, radius * turn, along / reach, (off + radius) / reach

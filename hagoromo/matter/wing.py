@@ -1,143 +1,157 @@
-"""Wing: the pair of feathered wings of the standing figure. All in mm.
+"""Wing: the pair of feathered wings of the standing figure, behind its shoulder blades. All in mm.
 
-Each wing is a curved sheet with rows of overlapping feathers on both faces. On the sheet, a counts along the arm from
-the shoulder and b down along the feathers from the arm: feathers lie on lines of constant a, which fan out downwards.
+Every feather is a curved layer of its own, with shaft, barbs and splits; a point looks at the few that are near.
 """
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from hagoromo.backend import arrays, clip
+from hagoromo.errors import InputError
+from hagoromo.matter.barb import Barbs
+from hagoromo.matter.barbule import Barbules
+from hagoromo.matter.down import Down
+from hagoromo.matter.feather import plan_of
 from hagoromo.matter.fill import Fineness
-from hagoromo.matter.noise import random
-from hagoromo.matter.shape import coverage, spline, unit
+from hagoromo.matter.noise import gradient_noise
+from hagoromo.matter.plume import Plume, Spot, rolled
+from hagoromo.matter.shape import capsule, coverage, unit
+from hagoromo.matter.vane import Feather, feather_at
+from hagoromo.matter.wing_bones import Ground, arm, ground
+from hagoromo.matter.wing_grid import Grid, cell_at, grid_of
+from hagoromo.matter.wing_rows import AT, FIELDS, THICK, feathers, height_of
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.plan import BoxPlan
 
-TOP, ROOT = 296.0, 5.0  # height of the wrist, x of the shoulder
-FAN = 0.0011, 2.0e-6  # by how much feathers spread per mm and mm² below TOP
-ALONG = (0.0, 12.0, 30.0, 46.0, 58.0, 72.0, 84.0, 92.0)  # a
-DROP = (88.0, 60.0, 23.0, 5.0, 1.0, 9.0, 32.0, 66.0)  # of the arm below TOP, at ALONG
-LENGTH = (56.0, 76.0, 108.0, 136.0, 152.0, 170.0, 172.0, 140.0)  # of the longest feathers, at ALONG
-SHEET = 25.0, 0.0042, 0.0006  # y of the shoulder, curvature of the sheet outwards and downwards [1/mm]
-BARB = 0.9  # distance of the barbs
-THICKNESS = 0.9  # of a feather
-REACH = 7.5  # of all feathers off the sheet
-
-SLOPE = 1.0 / math.tan(math.radians(40))  # of the barbs: along the rachis per mm across, near the rachis
-BEND = 0.35  # by how much the barbs have turned towards the tip at the edge of the vane
-TIP = 0.68  # share of the length where the tip begins to round
-
-
-class Vane(NamedTuple):
-    """A place on a vane: distance to the outline (negative inside), start of its barb, tangent (across, along)."""
-
-    edge: Any
-    start: Any
-    tangent: Any
+EXTENT = (-136.0, 14.0, 52.0), (136.0, 82.0, 308.0)
+WING_FINENESS = Fineness(0.2, 0.1)
+JOINTS = 28  # of the arm
+FORM = "length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip"
+FUR = 0.6  # of the arm: how far it frays
+# coarse enough for a lattice that holds both wings
+WEB = Feather(
+    barbs=Barbs(1.1, 36.0, 46.0, 12.0, 1.6, 0.2, 0.26, 0.12, 1.6, 0.5, 0.0),
+    barbules=Barbules(6.0, 5.0, 48.0, 40.0, 0.8, 0.8, 0.03, 0.08, 0.03, 0, 0.03),
+    down=Down(share=0.0),
+)
 
 
-def vane(across: Any, along: Any, length: Any, half: Any, quill: float = 0.0) -> Vane:
-    """The vane of a feather whose rachis runs `along` 0 to `length`; `half`: width of the vane on this side."""
-    kinds = arrays()
-    share = clip((along / length - quill) / (1.0 - quill), 0.0, 1.0)
-    rounding = dr.fmax((share - TIP) / (1.0 - TIP), 0.0)
-    rise = clip(share / 0.15, 0.0, 1.0)
-    outline = half * dr.sqrt(dr.fmax(1.0 - dr.square(rounding), 1e-6)) * rise * (2.0 - rise) * (0.8 + 0.2 * share)
-    edge = dr.fmax(dr.abs(across) - outline, dr.fmax(quill * length - along, along - length))
-    out = dr.abs(across)
-    slope = SLOPE * (1.0 + BEND * out / half)
-    side = dr.select(across < 0, -1.0, 1.0)
-    steep = SLOPE * (1.0 + 2.0 * BEND * out / half)
-    return Vane(edge, along - out * slope, kinds.Array2f(side, steep) * dr.rsqrt(1.0 + steep * steep))
+def wing_of(material: Reflectance | Sequence[Reflectance], resolution: float = 1.0, seed: int = 1) -> BoxPlan:
+    """Both wings in one box. material: one; or two, the second for the flight feathers; or three, for the shafts.
+
+    resolution: voxels per mm, as a multiple of those of WING_FINENESS.
+    """
+    if not resolution > 0:
+        raise InputError(f"resolution is {resolution:g}: give a number above 0")
+    fineness = WING_FINENESS.finer(resolution)
+    wing = Wing(seed, fineness)
+    return plan_of(wing.field, wing.bound, EXTENT, fineness, material, "wings")
 
 
-class Row(NamedTuple):
-    """A row of feathers: distance between them along a, length as a share of the longest, height off the sheet."""
-
-    pitch: float
-    share: float
-    height: float
-
-
-ROWS = (Row(6.6, 1.0, 0.3), Row(5.6, 0.52, 1.5), Row(4.6, 0.34, 2.6), Row(3.8, 0.21, 3.6), Row(3.2, 0.12, 4.4))
-
-
-class Place(NamedTuple):
-    """A place on the wing: a, b, height off the sheet, side (Int: 0 left, 1 right), unit directions of a and b."""
-
-    a: Any
-    b: Any
-    height: Any
-    side: Any
-    towards_a: Any
-    towards_b: Any
+@lru_cache(maxsize=2)
+def made_wing(seed: int, fineness: Fineness) -> Wing:
+    """The wings of a seed, made once."""
+    return Wing(seed, fineness)
 
 
 def wing(point: Any, fineness: Fineness, seed: int) -> tuple[Any, Any]:
-    """Density and tangent of the barbs of both wings."""
-    kinds, soft, place = arrays(), fineness.softness, place_on_wing(point)
-    longest = spline(place.a, ALONG, LENGTH)
-    arm = spline(place.b, (0.0, 7.0, 20.0, 50.0), (2.6, 2.2, 0.8, 0.0)) * clip((ALONG[-1] - place.a) / 20.0, 0.2, 1.0)
-    above = dr.fmin(place.b - 3.0, 0.0)
-    height = dr.sqrt(dr.square(place.height) + dr.square(above)) - arm
-    flesh = dr.fmax(dr.fmax(height - 0.3, place.b - 30.0), dr.fmax(-place.a, place.a - ALONG[-1] + 7.0))
-    density, tangent = coverage(flesh, soft), kinds.Array2f(0.0, 1.0)
-    for number, row in enumerate(ROWS):
-        for step in (0, -1, 1):
-            index = dr.floor(place.a / row.pitch) + step
-            here, along = _feather(place, height, index, number, longest, fineness, seed)
-            here = dr.select((index >= 0) & (index + 1.0 < (ALONG[-1] - 1.8 * number) / row.pitch), here, 0.0)
-            more = here > density
-            density, tangent = dr.select(more, here, density), dr.select(more, along, tangent)
-    return density, unit(place.towards_a * tangent.x + place.towards_b * tangent.y)
+    """Density and tangent of the wings."""
+    return made_wing(seed, fineness).field(point)[:2]
 
 
 def wing_bound(point: Any) -> Any:
-    """A bound of the distance to the wings."""
-    place = place_on_wing(point)
-    longest = spline(place.a, ALONG, LENGTH)
-    middle = 0.5 * ALONG[-1]
-    beside = dr.fmax(abs(place.a - middle) - middle - 4.0, dr.fmax(-place.b - REACH, place.b - 1.1 * longest))
-    return dr.fmax(abs(place.height) - REACH, 0.6 * beside)
+    """A bound of the distance to the wings of the first seed."""
+    return made_wing(1, WING_FINENESS).bound(point)
 
 
-def place_on_wing(point: Any) -> Place:
-    """Where points are on the sheet of the wing on their side."""
-    kinds, (back, outwards, downwards) = arrays(), SHEET
-    x, q = abs(point.x), TOP - point.z
-    a = (x - ROOT) / (1.0 + FAN[0] * q + FAN[1] * q * q)
-    lean = a * (FAN[0] + 2.0 * FAN[1] * q)  # dx/dq along a feather
-    sign = dr.select(point.x < 0, -1.0, kinds.Float(1.0))
-    slope_x, slope_q = outwards * x, downwards * q
-    flat = dr.rsqrt(1.0 + slope_x * slope_x + slope_q * slope_q)
-    height = (point.y - back - 0.5 * outwards * x * x - 0.5 * downwards * q * q) * flat
-    towards_a = unit(kinds.Array3f(sign, slope_x, 0.0))
-    towards_b = unit(kinds.Array3f(sign * lean, slope_x * lean + slope_q, -1.0))
-    side = dr.select(point.x < 0, kinds.Int(0), kinds.Int(1))
-    return Place(a, q - spline(a, ALONG, DROP), height, side, towards_a, towards_b)
+class Wing:
+    """The feathers of both wings, on the device."""
 
+    def __init__(self, seed: int, fineness: Fineness) -> None:
+        kinds, self.fineness = arrays(), fineness
+        self.seed = dr.opaque(kinds.UInt, seed)
+        middle, _ = arm(np.linspace(0.0, 1.0, JOINTS))
+        _, direction = arm(np.linspace(0.0, 1.0, JOINTS))
+        self.thick = np.interp(np.linspace(0.0, 1.0, JOINTS), AT, THICK)
+        inward = np.stack([direction[:, 1], -direction[:, 0]], axis=1)
+        self.bone = middle + inward * self.thick[:, None]
+        around = np.array([(*p, h) for p, r in zip(self.bone, self.thick, strict=True) for h in np.linspace(-r, r, 9)])
+        grown = [around + np.array([x, z, 0.0]) for x in np.linspace(-6, 6, 7) for z in np.linspace(-8, 8, 9)]
+        grid: Grid = grid_of(feathers(seed), np.concatenate(grown))
+        self.starts, self.members = kinds.UInt(grid.starts), kinds.UInt(grid.members)
+        self.table, self.clear = kinds.Float(grid.table), kinds.Float(grid.clear)
+        self.cells = len(grid.clear)
 
-def _feather(
-    place: Place, height: Any, index: Any, number: int, longest: Any, fineness: Fineness, seed: int
-) -> tuple[Any, Any]:
-    """Density and tangent (towards a and b) of feather `index` of row `number`."""
-    row, soft = ROWS[number], fineness.softness
-    name = arrays().Int(index) * 2 + place.side
-    aside, longer, lifted, turned = (random((name, number, k), seed) - 0.5 for k in range(4))
-    half, length = 0.78 * row.pitch, longest * row.share * (1.0 + 0.1 * longer)
-    along = dr.fmax(place.b, -3.0) + 6.0  # feathers are rooted behind the arm
-    across = place.a - (index + 0.5 + 0.2 * aside) * row.pitch - 0.02 * turned * along
-    share = clip(along / length, 0.0, 1.0)
-    found = vane(across, along, length, half)
-    tilt = 0.7 * across / row.pitch + 0.5 * lifted  # like tiles, each lies on its neighbour
-    curl = 0.9 * share**4 - 0.5 * share - 0.5 * dr.square(across / half)
-    off = height - (row.height + tilt + curl)
-    ridge = fineness.resolved(0.5 * BARB) * 0.12 * dr.cos((2.0 * math.pi / BARB) * found.start)
-    density = coverage(dr.fmax(abs(off) - 0.5 * THICKNESS * (1.0 + ridge), found.edge), soft)
-    rachis = dr.sqrt(dr.square(across) + dr.square(off - 0.35)) - 0.6 * (1.0 - 0.8 * share)
-    rachis = coverage(dr.fmax(rachis, dr.fmax(-along, along - 0.95 * length)), soft)
-    stiff = rachis > density
-    return dr.fmax(density, rachis), dr.select(stiff, type(found.tangent)(0.0, 1.0), found.tangent)
+    def bound(self, point: Any) -> Any:
+        """A bound of the distance to the wings."""
+        place = ground(point)
+        return dr.gather(arrays().Float, self.clear, cell_at(place.x, place.z, place.height))
+
+    def field(self, point: Any) -> tuple[Any, Any, Any]:
+        """Density, tangent and colour of all feathers near points."""
+        kinds, place = arrays(), ground(point)
+        cell = cell_at(place.x, place.z, place.height) + place.side * self.cells
+        now, end = (dr.gather(kinds.UInt, self.starts, cell + k) for k in range(2))
+        density, tangent = self._arm(place)
+        strongest, colour = density + 0.0, kinds.UInt(0) * now
+        state = (now, density, strongest, tangent, colour)
+
+        def some_left(now: Any, *_: Any) -> Any:
+            return now < end
+
+        def add_one(now: Any, density: Any, strongest: Any, tangent: Any, colour: Any) -> tuple[Any, ...]:
+            here, way, tint = self._feather(place, dr.gather(kinds.UInt, self.members, now))
+            more = here > strongest
+            return (
+                now + 1,
+                dr.fmin(density + here, 1.0),
+                dr.fmax(strongest, here),
+                dr.select(more, way, tangent),
+                dr.select(more, tint, colour),
+            )
+
+        _, density, _, tangent, colour = dr.while_loop(state, some_left, add_one)
+        return density, tangent, colour
+
+    def _feather(self, place: Ground, number: Any) -> tuple[Any, Any, Any]:
+        """Density, tangent and colour of one feather."""
+        kinds, first = arrays(), number * len(FIELDS)
+        own = {name: dr.gather(kinds.Float, self.table, first + k) for k, name in enumerate(FIELDS)}
+        x, z = place.x - own["x"], place.z - own["z"]
+        off = -x * own["cosine"] - z * own["sine"]
+        ahead = x * own["sine"] - z * own["cosine"]
+        across, along, sine, cosine = rolled(off, ahead, -own["bow"])
+        share = clip(along / own["length_mm"], 0.0, 1.0)
+        height = (place.height - height_of(across, share, own)) * own["face"]
+        right = place.outwards * (-own["cosine"]) - place.upwards * own["sine"]
+        down = place.outwards * own["sine"] - place.upwards * own["cosine"]
+        right, down = right * cosine + down * sine, down * cosine - right * sine
+        wide = 0.5 * (own["outer_mm"] + own["inner_mm"])
+        slope = own["tilt"] - 2.0 * own["hollow"] * across / dr.square(wide)
+        rise = 3.0 * own["curl"] * share * share / own["length_mm"]
+        right, down = unit(right + place.forwards * slope), unit(down + place.forwards * rise)
+        spot = Spot(across, along, height, right, down, place.forwards * own["face"])
+        plume = Plume(
+            **{name: own[name] for name in ("length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip")}
+        )
+        made = WEB._replace(plume=plume)
+        density, tangent, colour = feather_at(spot, made, self.fineness, self.seed + kinds.UInt(own["seed"]))
+        return density, tangent, dr.select((colour == 0) & (own["flight"] > 0.5), 1, colour)
+
+    def _arm(self, place: Ground) -> tuple[Any, Any]:
+        """Density and tangent of the arm: a frayed body that the smallest coverts clothe."""
+        kinds = arrays()
+        there, distance = kinds.Array3f(place.x, place.z, place.height), kinds.Float(1e3)
+        for k in range(JOINTS - 1):
+            start, end = ((float(x), float(z), 0.0) for x, z in self.bone[k : k + 2])
+            piece = capsule(there, start, end, float(self.thick[k]), float(self.thick[k + 1]))
+            distance = dr.fmin(distance, piece)
+        fray = gradient_noise(there * kinds.Array3f(0.9, 0.35, 0.9), self.seed)
+        density = coverage(distance + FUR * (0.2 + fray), self.fineness.softness + FUR)
+        return density, unit(place.outwards * (0.4 * fray) - place.upwards)
