@@ -157,8 +157,15 @@ class Lighting:
             weights, lit = [], arrays().Bool(False)
             for element in elements:
                 body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
-                weights.append((body * element.body, interface * element.interface))
                 lit |= body + interface > 0.0
+                if element.scales:
+                    cosines = dr.dot(within.frame.normal, to_eye), dr.dot(within.frame.normal, to_lamp)
+                    scales = [scale.at(*cosines, dr.dot(to_eye, to_lamp)) for scale in element.scales]
+                    body, interface = (
+                        dr.select(within.textured, light * scale, light)
+                        for light, scale in zip((body, interface), scales, strict=True)
+                    )
+                weights.append((body * element.share, interface * element.share))
             irradiance = irradiance * self._passed(number, lit, point, to_lamp, distance, within)
             for (body, interface), share in zip(weights, coefficients, strict=True):
                 for j in range(len(palette.colours)):

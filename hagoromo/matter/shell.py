@@ -15,6 +15,7 @@ from hagoromo.volume.chart import chart_words
 from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
 from hagoromo.volume.texel import Texel
+from hagoromo.volume.texel_match import matched
 
 AROUND = 1.75  # voxels around the texel's heights in which the chart must be known: a diagonal of a voxel
 BAND = 4.0  # voxels around them in which heights are told apart
@@ -68,9 +69,10 @@ def shell(
             "kept": dr.select((outside < AROUND * voxel_mm) & (here.presence > 0.0), 1.0, 0.0 * here.height),
         }
 
+    tau = 1.0 / (mean_free_path_mm * MM)
+    texel = matched(texel, tau, materials)
     reach = max(abs(bottom), abs(top)) + AROUND * voxel_mm
     blocks, pose = blocks_in(field, lambda p: bound(p) - reach, extent, voxel_mm)
-    tau = 1.0 / (mean_free_path_mm * MM)
     header = BoxHeader(
         voxel_mm * MM, tau, tuple(materials), pose, texel=texel, band=(low * MM, high * MM), **record
     )  # fmt: skip

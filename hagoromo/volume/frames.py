@@ -40,7 +40,9 @@ class Frames:
     def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
         """Errors of a march go with the square of its steps: `tolerance` (see TOLERANCE) sets them for all boxes."""
         kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
-        self.textures = Textures(boxes, finer) if any(box.texel for box in boxes) else None
+        self.textures: Textures | None = None
+        if any(box.texel for box in boxes):
+            self.textures = Textures([(box.texel, box.band) for box in boxes], finer)
         self.fine = dr.opaque(kinds.Float, FINE * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
         floats = np.zeros((len(boxes), WIDTH), np.float32)

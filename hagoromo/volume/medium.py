@@ -33,6 +33,7 @@ from hagoromo.volume.chart import OnSurface, SurfaceFrame, place_on_surface, sur
 from hagoromo.volume.crossing import EDGE, Cone, Crossing, Step, Taken
 from hagoromo.volume.frames import TOLERANCE, Frames
 from hagoromo.volume.table import BLOCK, BRICKS
+from hagoromo.volume.texel import LightScale
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
 DEEPEST = 6.5  # optical depth at which a lamp counts as hidden within a texel: exp(−6.5) = 1.5e-3
@@ -41,12 +42,12 @@ ABSENT = -(2**31)  # shift of a box that has no such grid
 
 @dataclass
 class Element:
-    """Elements of a sample: unit axis in the world, material, and shares of the light they send back."""
+    """Elements of a sample: unit axis in the world, material, share of the sample, scales of body and interface."""
 
     axis: Any
     material: Any
-    body: Any = 1.0
-    interface: Any = 1.0
+    share: Any = 1.0
+    scales: tuple[LightScale, LightScale] | None = None
 
 
 @dataclass
@@ -156,8 +157,9 @@ class Medium:
         scales = textures.scales(step.level)
         for k, axis in enumerate(textures.axes(lattice, here)):
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
-            own = [dr.select(textured, each[k] * scale * factor, float(k == 0)) for factor in scales[k]]
-            found.append(Element(axis, plain.material + dr.select(textured, k, arrays().UInt(0)), own[0], own[1]))
+            share = dr.select(textured, each[k] * scale, float(k == 0))
+            material = plain.material + dr.select(textured, k, arrays().UInt(0))
+            found.append(Element(axis, material, share, scales[k]))
         return found, Within(textured, step.box, step.level, step.tau, here, frame)
 
     def through(self, within: Within, to_lamp: Any, stop: Any) -> tuple[Any, Any]:

@@ -26,7 +26,7 @@ from hagoromo.volume.bricks import Shape, brick_bytes, check_shape, table_shape
 from hagoromo.volume.header import BoxHeader, header_from_record, header_of
 from hagoromo.volume.seal import SEALED
 from hagoromo.volume.table import in_table_order
-from hagoromo.volume.texel import Level, Texel
+from hagoromo.volume.texel import SCALES, Level, Texel
 from hagoromo.volume.voxels import STORED
 
 TOGETHER = 512  # bricks a chunk, and sent to the device together
@@ -134,8 +134,8 @@ def _level(stored: dict[str, ZarrArray], k: int, where: str) -> Level:
     populations = stored[f"texel/{k}/density"].shape[0] if stored[f"texel/{k}/density"].shape else 0
     density = _whole(stored[f"texel/{k}/density"], np.float16, (populations, None, None, None))
     axis = _whole(stored[f"texel/{k}/axis"], np.float16, (*density.shape, 3))
-    scale = _whole(stored[f"texel/{k}/scale"], np.float32, (populations, 2))
-    if not (np.isfinite(density).all() and np.isfinite(axis).all() and np.isfinite(scale).all() and (scale >= 0).all()):
+    scale = _whole(stored[f"texel/{k}/scale"], np.float32, (populations, 2, SCALES))
+    if not (np.isfinite(density).all() and np.isfinite(axis).all() and np.isfinite(scale).all()):
         raise InputError(f"{where}/texel/{k} holds numbers that are not finite: the box is damaged")
     if density.min(initial=0) < 0:
         raise InputError(f"{where}/texel/{k}/density goes below 0: the box is damaged")

@@ -12,12 +12,39 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 
 MOST_POPULATIONS = 4
+SCALES = 6  # numbers that scale the light of a population, body or interface
+
+
+@dataclass
+class LightScale:
+    """What light that a population sends back, body or interface, is multiplied with, by six numbers.
+
+    With the cosines μ_V and μ_L of the directions to eye and lamp to the normal, without their signs, and χ between
+    them: c₀ + c₁ μ_V + c₂ μ_L + c₃ μ_V μ_L + c₄ cosχ, not below 0; c₅ where the lamp is behind the layer.
+    """
+
+    numbers: list[Any]
+
+    def at(self, eye: Any, lamp: Any, cos_phase: Any) -> Any:
+        """The factor; `eye`, `lamp`: cosines to the normal, with their signs."""
+        c, behind = self.numbers, eye * lamp < 0.0
+        eye, lamp = dr.abs(eye), dr.abs(lamp)
+        front = dr.fma(c[1], eye, c[0]) + dr.fma(c[3], eye, c[2]) * lamp + c[4] * cos_phase
+        return dr.select(behind, c[5], dr.fmax(front, 0.0))
+
+
+def unscaled(populations: int) -> NDArray[np.float32]:
+    """Scales of 1: (populations, 2, SCALES)."""
+    scale = np.zeros((populations, 2, SCALES), np.float32)
+    scale[..., 0] = scale[..., 5] = 1.0
+    return scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +53,7 @@ class Level:
 
     density: (populations, v, u, h) float16. axis: (populations, v, u, h, 3) float16, along u, v and the normal; means
     over coarse cells are shorter than 1. A variant of n cells has nodes k n … (k + 1) n: the border ones are shared.
-    scale: of the light that the populations send back, body and interface, (populations, 2): what cells do not show.
+    scale: numbers of `LightScale` for body and interface, (populations, 2, SCALES): what cells do not show.
     """
 
     density: NDArray[np.float16]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.volume.texel import Level
+from hagoromo.volume.texel import Level, unscaled
 
 FEWEST_ALONG_HEIGHT = 4  # cells
 Values = NDArray[np.float32]
@@ -20,7 +20,7 @@ def levels_of(density: NDArray, axis: NDArray, variants: int) -> tuple[Level, ..
     Axes of a population are turned to one side before they are averaged: cylinders have no direction.
     """
     populations, v, u, h = density.shape
-    finest = Level(density.astype(np.float16), axis.astype(np.float16), np.ones((populations, 2), np.float32))
+    finest = Level(density.astype(np.float16), axis.astype(np.float16), unscaled(populations))
     levels = [finest]
     held = density.astype(np.float32)
     moment = _to_one_side(held, axis.astype(np.float32)) * held[..., None]

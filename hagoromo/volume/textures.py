@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, check_entries, clip, lookup
 from hagoromo.files.door import check_memory
-from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.chart import OnSurface
-from hagoromo.volume.texel import Level, Texel
+from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
 from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, packed_axis
 
 STEPS = 2.0  # per shortest edge of a cell
@@ -66,10 +65,10 @@ class Lattice:
 class Textures:
     """Rows of numbers per box and per level, and the pools of all levels."""
 
-    def __init__(self, boxes: Sequence[VolumeBox], finer: float) -> None:
-        """`finer`: factor on the length of steps, see `Frames`."""
+    def __init__(self, laid: Sequence[tuple[Texel | None, tuple[float, float]]], finer: float = 1.0) -> None:
+        """laid: the texel of every box, and its band of heights [m]. finer: factor on the length of steps."""
         kinds = arrays()
-        texels = list({id(box.texel): box.texel for box in boxes if box.texel}.values())
+        texels = list({id(texel): texel for texel, _ in laid if texel}.values())
         levels = [level for texel in texels for level in texel.levels]
         count = sum(_entries(level) for level in levels)
         check_entries(count, "the texels of all boxes together")
@@ -83,15 +82,15 @@ class Textures:
         edges = np.concatenate([texel.edges for texel in texels])
         self.steps = lookup(kinds.Float, (edges / STEPS * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
-        scale = np.zeros((len(levels), self.populations, 2), np.float32)
+        scale = np.zeros((len(levels), self.populations, 2, SCALES), np.float32)
         for row, level in zip(scale, levels, strict=True):
             row[: len(level.scale)] = level.scale
         self.scale = lookup(kinds.Float, scale)
-        whole, floats = np.zeros((len(boxes), 4), np.uint32), np.ones((len(boxes), 8), np.float32)
-        for numbers, row, box in zip(whole, floats, boxes, strict=True):
-            if texel := box.texel:
+        whole, floats = np.zeros((len(laid), 4), np.uint32), np.ones((len(laid), 8), np.float32)
+        for numbers, row, (texel, band) in zip(whole, floats, laid, strict=True):
+            if texel:
                 numbers[:] = places[id(texel)], len(texel.levels), texel.variants, texel.populations
-                row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), box.band[0], box.band[1] - box.band[0]
+                row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
                 row[4:7] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0]
         self.whole, self.floats = lookup(kinds.UInt, whole), lookup(kinds.Float, floats)
         self.densities_pool = lookup(kinds.UInt, np.concatenate([_pairs(level) for level in levels]))
@@ -152,13 +151,12 @@ class Textures:
             found.append(axis_between(words, corner.part))
         return found
 
-    def scales(self, level: Any) -> list[tuple[Any, Any]]:
-        """Factors on the light, body and interface, that every population sends back."""
-        kinds, rows = arrays(), level * (2 * self.populations)
-        return [
-            (dr.gather(kinds.Float, self.scale, rows + 2 * k), dr.gather(kinds.Float, self.scale, rows + 2 * k + 1))
-            for k in range(self.populations)
-        ]
+    def scales(self, level: Any) -> list[tuple[LightScale, LightScale]]:
+        """Scales of the light, body and interface, that every population sends back."""
+        first = 2 * SCALES * self.populations * level
+        numbers = [dr.gather(arrays().Float, self.scale, first + k) for k in range(2 * SCALES * self.populations)]
+        each = [LightScale(numbers[k : k + SCALES]) for k in range(0, len(numbers), SCALES)]
+        return list(zip(each[::2], each[1::2], strict=True))
 
     def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any, deepest: Any) -> tuple[Any, Any]:
         """Density · length [m] along a straight `way` (along u, v, normal; unit) out of the texel, and its length [m].
