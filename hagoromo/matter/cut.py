@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.sheet import Sheet
 
 Place = NDArray[np.float64]
-FEWEST = 8  # points along an edge
+FEWEST = 6  # points along an edge
 
 
 def _nowhere(s: Place, t: Place) -> Place:
@@ -52,12 +52,13 @@ class Cut:
 
     def shares(self, spacing: float) -> tuple[Place, Place]:
         """Shares s (columns) and t (rows) of a grid with about `spacing` between its points."""
-        columns, rows = round(self.width / spacing) + (not self.closed), round(self.height / spacing) + 1
-        if min(columns, rows) < FEWEST:
+        if spacing > 0.5 * min(self.width, self.height):
             raise InputError(
-                f"a cloth of {self.width:g} × {self.height:g} mm has {columns} × {rows} points {spacing:g} mm apart: "
-                f"give a spacing that makes at least {FEWEST} either way"
+                f"points {spacing:g} mm apart on a cloth of {self.width:g} × {self.height:g} mm: "
+                "give a spacing of at most half its shorter edge"
             )
+        columns, rows = round(self.width / spacing) + (not self.closed), round(self.height / spacing) + 1
+        columns, rows = max(columns, FEWEST), max(rows, FEWEST)
         return np.linspace(0.0, 1.0, columns, endpoint=not self.closed), np.linspace(0.0, 1.0, rows)
 
     def sheet(self, spacing: float, before: Sheet | None = None) -> Sheet:

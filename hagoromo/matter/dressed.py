@@ -1,4 +1,4 @@
-"""Dressed: a body with the clothes that it wears already, for the next ones to lie on. All in mm."""
+"""Dressed: clothes put on a figure one after the other; each lies on the body and on those before it. All in mm."""
 
 from __future__ import annotations
 
@@ -9,11 +9,21 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
+from hagoromo.matter.collider import Collider
+from hagoromo.matter.cut import Cut
+from hagoromo.matter.settle import Fabric, Fall, settled
 from hagoromo.matter.shape import Shape
 from hagoromo.matter.sheet import Sheet
 
+ROOM = (-75.0, -85.0, -4.0), (75.0, 75.0, 275.0)  # corners of the space in which a figure is dressed
+LATTICE = 1.5
 DENSE = 1.2  # between the points of the sheets that are sought
 DEEP = 7.0  # how far beneath the outer side of a cloth is still inside
+
+
+def put_on(cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall) -> list[Sheet]:
+    """The cuts at rest on a figure; the layer of a cut is the number of its body."""
+    return settled(cuts, Collider(bodies, *ROOM, LATTICE), fabric, fall)
 
 
 def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, lookup
+from hagoromo.backend import arrays, clip, lookup
 from hagoromo.errors import InputError
 from hagoromo.matter.collider import Collider
 from hagoromo.matter.contact import Contacts
@@ -28,6 +28,7 @@ STRETCH, SHEAR, TOUCH = 0.5, 0.06, 0.15  # stiffness of springs, in masses per s
 FRICTION_INSIDE = 0.05  # share of the speed along a spring, and of that of touching points, that a step takes away
 STRAIN = 0.02  # of the cloth where it carries most
 DRAW = 120.0  # mm/s, speed at which a belt is drawn in
+PUSH = 300.0  # mm/s, speed at which what began inside a body is pushed out: at once would tear the cloth
 GRIP = 0.05  # share of the speed that a belt takes away in a step
 TOUCH_EVERY = 1 / 200  # s, between searches for points that may touch
 REACH = 1.6  # of these, in spacings: they touch at one
@@ -164,7 +165,7 @@ def _moved(place: Any, speed: Any, touching: Sequence[Any], drag: Any, mesh: dic
 
 def _held_off(place: Any, speed: Any, distance: Any, normal: Any, mesh: dict[str, Any]) -> tuple[Any, Any]:
     """Points pushed out of a body, and their speed after the push and the friction of it (Coulomb)."""
-    deep = dr.fmax(mesh["clear"] - distance, 0.0)
+    deep = clip(mesh["clear"] - distance, 0.0, PUSH * mesh["step"])
     inwards = dr.fmin(dr.dot(speed, normal), 0.0)
     slide = speed - normal * dr.dot(speed, normal)
     quick = dr.norm(slide) + 1e-9

@@ -183,7 +183,7 @@ def test_one_seed_one_drape():
         (lambda: flat(-1.0, 5.0, 1.0), "sizes above 0"),
         (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(bending=-1.0)), "none below 0"),
         (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=0.0)), "spacing above 0"),
-        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=5.0)), "at least 8"),
+        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=7.0)), "half its shorter edge"),
         (lambda: Sheet(np.zeros((3, 9, 3)), np.zeros((3, 9)), np.zeros((3, 9))), "4 × 4"),
         (lambda: sheet_chart([], 1.0), "0 sheets"),
         (lambda: Collider([], (0, 0, 0), (1, 1, 1), -1.0), "step"),

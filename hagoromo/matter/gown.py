@@ -1,0 +1,62 @@
+"""Gown: the robe of an angel that opens its arms: a belted gown with a cowl, a sash and wide sleeves. All in mm."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.matter.cut import Cut, Place
+from hagoromo.matter.dressed import dressed, put_on
+from hagoromo.matter.mannequin import arm, trunk
+from hagoromo.matter.pose import WELCOME, Pose
+from hagoromo.matter.settle import Fabric, Fall
+from hagoromo.matter.sheet import Sheet
+from hagoromo.matter.tube import Folds, Row, along_arm, upright
+
+CLOTH = Fabric(bending=2.0, friction=0.25, clear=0.6)
+# from the hem up: skirt, waist, bodice, neck
+GOWN = (
+    Row(0, 430, 235, 0.9, 2), Row(60, 370, 200, 0.85, 1), Row(150, 240, 135, 0.75, 1), Row(180, 175, 112, 0.75, 1),
+    Row(212, 150, 130, 0.65, 2), Row(225, 112, 108, 0.6, 3), Row(235, 58, 57, 0.95, 3.5),
+)  # fmt: skip
+WAIST, BELTED = 180.0, 3.5  # along the gown, and half the height that is drawn in
+NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
+SASH = Row(0, 113, 124, 0.75, 1), Row(7.5, 113, 124, 0.75, 1)
+SASH_AT = 166.5, 173.5
+SLEEVE = Row(0, 46, 45), Row(18, 62, 54), Row(50, 100, 70), Row(98, 160, 110)  # from the shoulder outwards
+ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulder
+
+
+def gown(fall: Fall, pose: Pose = WELCOME) -> list[Sheet]:
+    """Gown, sash, left and right sleeve, at rest on a figure in a pose."""
+    seed, body = fall.seed, partial(trunk, pose=pose)
+    skirt = upright(GOWN, (1.0, NECK), TILT, Folds(17, seed), reach=_belted, held=_upper_hem)
+    dress = put_on([skirt], [body], CLOTH, fall)
+    band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
+    sash = put_on([band], [dressed(body, dress)], CLOTH, Fall(0.7 * fall.spacing, 0.3, 1, seed + 1))
+    sides = (1.0, -1.0)
+    cuts = [sleeve(pose, side, layer, seed + 2) for layer, side in enumerate(sides)]
+    worn = dressed(body, dress + sash)
+    bodies = [lambda p, side=side: dr.fmin(worn(p), arm(p, pose, side)) for side in sides]
+    return dress + sash + put_on(cuts, bodies, CLOTH, fall)
+
+
+def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = SLEEVE, **record: Any) -> Cut:
+    """A wide sleeve of one side, from inside the shoulder to the wrist; side 1 the figure's left, −1 its right."""
+    joints = [(side * x, y, z) for x, y, z in (*ROOT, pose.elbow, pose.wrist)]
+    return along_arm(joints, rows, 0.7, Folds(5, seed + layer), layer=layer, held=_lower_hem, **record)
+
+
+def _belted(s: Place, t: Place) -> Place:
+    return np.where(np.abs(t * GOWN[-1].along - WAIST) < BELTED, 1.0, np.inf) + np.zeros_like(s)
+
+
+def _upper_hem(s: Place, t: Place) -> Place:
+    return (t == 1.0) + np.zeros_like(s)
+
+
+def _lower_hem(s: Place, t: Place) -> Place:
+    return (t == 0.0) + np.zeros_like(s)
