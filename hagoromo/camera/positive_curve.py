@@ -1,0 +1,136 @@
+"""Positive curves: a smooth curve R(λ) > 0 from weighted integrals of it, its smoothness and the noise from the data.
+
+R = κ log(1 + exp(z/κ)) of a Gaussian process z(λ): R is never negative, its tails are as smooth as its peaks, and large
+values move freely. The process' mean, deviation and length, and the noise, are those of the greatest marginal
+likelihood (Laplace's approximation). R is in units in which R = 1 everywhere gives the mean reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+
+# Log-normal priors of the deviation of z, its length [nm], the relative noise and its floor (in units of the mean
+# reading): middle, and standard deviation in logarithms. They are wide; they hold what few readings leave open.
+DEVIATION, LENGTH, NOISE, FLOOR = (1.0, 0.7), (50.0, 0.7), (0.01, 1.5), (0.002, 1.5)
+MIDDLE = (0.0, 1.0)  # of the process' mean: mean and standard deviation
+KNEE = 0.3  # κ: below it R falls off as an exponential of z, above it R is z
+ROUGHNESS = 0.1  # of z, from one wavelength to the next: measured curves are not smoother
+LEAST_NOISE = 1e-5  # relative, of any reading
+JITTER = 1e-6  # relative, keeps the kernel invertible in double precision
+STEPS, EVALUATIONS = 200, 600
+SETTLED = 1e-6
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PositiveCurve:
+    """R > 0 and how well it is known.
+
+    values: (n,). standard_error: (n,), to first order. interval_95: (n, 2). length: [nm] over which the curve is
+    correlated. noise: of a mean reading, relative.
+    """
+
+    values: Array
+    standard_error: Array
+    interval_95: Array
+    length: float
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """readings (m,) = matrix (m, n) R, both scaled so that R = 1 gives readings of mean 1; apart: (n, n) [nm]."""
+
+    matrix: Array
+    readings: Array
+    apart: Array
+
+
+def fit_positive_curve(wavelengths: Array, matrix: Array, readings: Array) -> PositiveCurve:
+    """R > 0 at `wavelengths` (n,) [nm] from `readings` (m,) = matrix (m, n) R + noise; `readings` have a mean above 0.
+
+    The noise's variance is (relative · reading)² + floor². Raises `InputError` when the fit does not settle.
+    Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", §3.4 (Laplace) and §5.4 (evidence).
+    """
+    from scipy.optimize import minimize
+
+    size, level = matrix.sum(axis=1).mean(), readings.mean()
+    problem = _Problem(matrix / size, readings / level, np.abs(wavelengths[:, None] - wavelengths))
+    middles = np.array([*np.log([DEVIATION[0], LENGTH[0], NOISE[0], FLOOR[0]]), MIDDLE[0]])
+    widths = np.array([DEVIATION[1], LENGTH[1], NOISE[1], FLOOR[1], MIDDLE[1]])
+    last = [np.full(len(wavelengths), 0.5)]  # each fit starts where the one before it ended
+
+    def cost(at: Array) -> float:
+        found = _laplace(problem, at, last[0])
+        if found is None:
+            return np.inf
+        last[0] = found[0]
+        return found[1] + 0.5 * float(np.sum(((at - middles) / widths) ** 2))
+
+    simplex = np.vstack([middles, middles + 0.5 * np.diag(widths)])
+    options = {"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.01, "maxfev": EVALUATIONS}
+    at = minimize(cost, middles, method="Nelder-Mead", options=options).x
+    found = _laplace(problem, at, last[0])
+    if found is None:
+        raise InputError("the fit of the response does not settle: add spectra that differ more")
+    z, _, covariance = found
+    deviation, unit = np.sqrt(np.diag(covariance)), level / size
+    values, error = _positive(z), _slope(z) * deviation
+    # R is convex in z: its tangent bounds it from below, and reaches 0 where the readings do not tell R from 0
+    interval = np.stack([np.maximum(values - 1.96 * error, 0.0), _positive(z + 1.96 * deviation)], axis=1)
+    noise = float(np.sqrt(np.sum(np.exp(2.0 * at[2:4])) + 2.0 * LEAST_NOISE**2))
+    return PositiveCurve(unit * values, unit * error, unit * interval, float(np.exp(at[1])), noise)
+
+
+def _positive(z: Array) -> Array:
+    return KNEE * np.logaddexp(0.0, z / KNEE)
+
+
+def _slope(z: Array) -> Array:
+    """dR/dz = 1/(1 + exp(−z/κ))."""
+    return 0.5 + 0.5 * np.tanh(0.5 * z / KNEE)
+
+
+def _laplace(problem: _Problem, at: Array, start: Array) -> tuple[Array, float, NDArray] | None:
+    """Mode of z (n,), −log evidence and the covariance at the mode; None where Newton's steps do not settle."""
+    deviation, length, relative, floor = np.exp(at[:4])
+    apart = np.sqrt(3.0) * problem.apart / length
+    kernel = deviation**2 * (1.0 + apart) * np.exp(-apart)  # Matérn 3/2
+    kernel += (ROUGHNESS**2 + JITTER * deviation**2) * np.eye(len(apart))
+    variance = (relative**2 + LEAST_NOISE**2) * problem.readings**2 + floor**2 + LEAST_NOISE**2
+    try:
+        z, cost, curvature = _mode(problem, variance, np.linalg.inv(kernel), at[4], start)
+        covariance = np.linalg.inv(curvature)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
+    logs = np.linalg.slogdet(kernel)[1] + np.linalg.slogdet(curvature)[1] + np.sum(np.log(variance))
+    return z, cost + 0.5 * float(logs), covariance
+
+
+def _mode(
+    problem: _Problem, variance: Array, precision: Array, middle: float, start: Array
+) -> tuple[Array, float, NDArray]:
+    """Gauss–Newton with halved steps, from `start`: z (n,), its cost, the curvature of the cost there."""
+
+    def cost_at(z: Array) -> float:
+        off = problem.matrix @ _positive(z) - problem.readings
+        return 0.5 * float(np.sum(off**2 / variance) + (z - middle) @ precision @ (z - middle))
+
+    z, cost = start, cost_at(start)
+    for _ in range(STEPS):
+        rate = problem.matrix * _slope(z)
+        curvature = (rate.T / variance) @ rate + precision
+        off = problem.matrix @ _positive(z) - problem.readings
+        step = np.linalg.solve(curvature, rate.T @ (off / variance) + precision @ (z - middle))
+        share = 1.0
+        while not (lower := cost_at(z - share * step)) < cost and share > 1e-6:
+            share /= 2.0
+        if share <= 1e-6 or cost - lower < SETTLED * (1.0 + abs(cost)):
+            return z, cost, curvature
+        z, cost = z - share * step, lower
+    raise FloatingPointError
