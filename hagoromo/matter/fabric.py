@@ -15,8 +15,8 @@ from hagoromo.backend import arrays, lookup
 from hagoromo.matter.hair import Fuzz, grown
 from hagoromo.matter.knit import Knitted, check_knitted, knitted_paths, knitted_period, loop_of
 from hagoromo.matter.section import section
-from hagoromo.matter.strand import Grid, Paths, Place, Strands, grid_over
-from hagoromo.matter.thread import either, fibre, inside, spun
+from hagoromo.matter.strand import Grid, Paths, Strands, grid_over
+from hagoromo.matter.thread import fibre, spun
 from hagoromo.matter.weave import Woven, check_woven, period_of, woven_paths
 from hagoromo.matter.yarn import Yarn
 
@@ -62,7 +62,7 @@ def _fabric(
     yarns: tuple[Yarn, Yarn], paths: tuple[Paths, Paths], period: tuple[float, float], thickness: float,
     populations: int, voxel_mm: float, seed: int,
 ) -> Fabric:  # fmt: skip
-    """The fabric of two kinds of yarns, of which the one at whose axis a point is nearer is there."""
+    """The fabric of two kinds of yarns: densities add where their soft edges meet, the densest gives the tangent."""
     kinds = arrays()
     thick = max(float(each.girth.max()) for each in paths)
     room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
@@ -80,18 +80,15 @@ def _fabric(
 
     def field(point: Any, variant: Any) -> tuple[Any, Any, Any]:
         cell = grid.cell(point, variant)
-        one, other = (each.nearest(point, cell, variant) for each in strands)
-        first = inside(one, kept[0]) < inside(other, kept[1])
-        one, other = (each._replace(yarn=2 * each.yarn + k) for k, each in enumerate((one, other)))
-        place = Place(*(dr.select(first, a, b) for a, b in zip(one, other, strict=True)))
-        density, tangent = fibre(place, either(first, *kept), table, seed)
-        hair, along, colour = fuzz.at(point, cell)
-        outside = hair > density
-        return (
-            dr.select(outside, hair, density),
-            dr.select(outside, along, tangent),
-            dr.select(outside, colour, place.population),
-        )
+        density, tangent, population = fuzz.at(point, cell)
+        total = density
+        for k, each in enumerate(strands):
+            place = each.nearest(point, cell, variant)
+            own, along = fibre(place, kept[k], table, 2 * place.yarn + k, seed)
+            more, total = own > density, total + own
+            density, population = dr.fmax(own, density), dr.select(more, place.population, population)
+            tangent = dr.select(more, along, tangent)
+        return total, tangent, population
 
     return Fabric(field, period, (-top, top), populations, thickness)
 
@@ -101,7 +98,7 @@ def _fuzz(
     grid: Grid, voxel_mm: float, seed: int,
 ) -> Fuzz:  # fmt: skip
     """Hairs of both kinds of yarns: those near the border of the period are the same in all variants."""
-    reach = MARGIN * voxel_mm + max(grid.edge[:2])
+    reach = 2.0 * MARGIN * voxel_mm + 2.0 * max(grid.edge[:2])  # hairs are two voxels wide at least
     room = heights[0] + 2.0 * voxel_mm, heights[1] - 2.0 * voxel_mm
     kept = []
     for variant in range(paths[0].points.shape[0]):

@@ -50,12 +50,12 @@ def section(yarn: Yarn, voxel_mm: float, seed: int) -> Section:
             return Section(np.zeros((SIDE * SIDE, 2), np.float32), 1.0, 1.0, 0.0, 1.0, filling)
         radius = (BUNDLE_SHARE / count) ** 0.5
     centres = scattered(count, radius, seed)
-    at = (np.arange(SIDE) + 0.5) * (2.0 / SIDE) - 1.0
-    points = np.stack(np.meshgrid(at, at, indexing="xy"), axis=-1).reshape(-1, 2)
-    distance, found = KDTree(centres).query(points)
-    softness = min(2.0 * voxel, 1.6 * radius)
-    profile = np.clip(0.5 - (distance - sharp_radius(radius, softness)) / softness, 0.0, 1.0)
-    mean = float(profile[np.hypot(*points.T) < 1.0].mean())
+    tree, softness, outline = KDTree(centres), min(2.0 * voxel, 1.6 * radius), 2.0 * voxel
+    found = tree.query(_square(1.0))[1]
+    points = _square(1.0 + outline)
+    profile = _disc(tree.query(points)[0], sharp_radius(radius, softness), softness)
+    ply = _disc(np.linalg.norm(points, axis=1), sharp_radius(1.0, outline), outline)
+    mean = float((profile * ply).sum() / ply.sum())
     nearest = np.ascontiguousarray(centres[found], np.float32)
     return Section(nearest, sharp_radius(radius, softness), softness, contrast, mean, filling)
 
@@ -70,6 +70,16 @@ def shown_plies(yarn: Yarn, voxel_mm: float) -> tuple[int, float]:
     if 0.5 * yarn.diameter_mm * yarn.ply[0] >= 1.2 * voxel_mm:
         return yarn.plies, 1.0
     return 1, 1.0 / yarn.ply[0]
+
+
+def _square(half: float) -> NDArray[np.floating]:
+    """Middles of the entries of a table that spans ± `half`: (SIDE², 2)."""
+    at = ((np.arange(SIDE) + 0.5) * (2.0 / SIDE) - 1.0) * half
+    return np.stack(np.meshgrid(at, at, indexing="xy"), axis=-1).reshape(-1, 2)
+
+
+def _disc(distance: NDArray, radius: float, softness: float) -> NDArray[np.float64]:
+    return np.clip(0.5 - (distance - radius) / softness, 0.0, 1.0)
 
 
 def _filling(yarn: Yarn, voxel_mm: float) -> float:

@@ -161,7 +161,7 @@ def _swing(cloth: Woven, k: int) -> float:
 def _bend(cloth: Woven, k: int) -> tuple[float, float]:
     """Steepest angle of the yarns of a set [rad] and the flat top of the yarns that they cross [mm].
 
-    Peirce's p sin θ + (D − h) cos θ = D, for p, D and h given; the corners of flattened yarns give way where p is short.
+    Peirce's p sin θ + (D − h) cos θ = D, for p, D and h given; flattened yarns give way where p is short.
     """
     crossed, pitch = (cloth.weft, cloth.warp)[k], cloth.pitch[1 - k]
     both = cloth.warp.thickness_mm + cloth.weft.thickness_mm

@@ -165,7 +165,7 @@ def test_bad_wif_files_are_refused_in_one_line(tmp_path, old, new, message):
         lambda: jacquard(("01", "1")),
         lambda: on_loom([0, 4], np.eye(4, dtype=bool), [0]),
         lambda: Draft(np.ones((2, 2), bool)),
-        lambda: Draft(np.zeros((2, 2))),
+        lambda: Draft(np.zeros((0, 2), bool)),
     ],
 )
 def test_drafts_that_do_not_hold_are_refused_in_one_line(make):
