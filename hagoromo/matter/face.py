@@ -29,7 +29,7 @@ HALF_MOUTH = 4.05
 
 def eyes(head: Any, p: Any) -> Any:
     """Sockets, balls under closed lids, the crease above them and the line of the lashes."""
-    head = smooth_difference(head, ellipsoid(p, (5.1, -14.7, 0.2), (3.4, 3.1, 2.1)), 3.2)
+    head = smooth_difference(head, ellipsoid(p, (5.15, -14.8, 0.3), (3.5, 3.0, 2.1)), 3.2)
     head = smooth_difference(head, sphere(p, (2.5, -14.0, -0.1), 0.9), 1.8)
     head = smooth_union(head, ellipsoid(p, EYE, (BALL * 1.14, BALL, BALL * 0.98)), 0.8)
     front = clip((-p.y - 7.0) * 0.5, 0.0, 1.0)
@@ -52,7 +52,7 @@ def nose(head: Any, p: Any) -> Any:
     flank = capsule(p, (0.9, -12.2, -1.0), (1.2, -14.5, -5.8), 0.8, 1.15)
     tip = ellipsoid(p, (0.0, -16.2, -5.95), (1.3, 1.3, 1.15))
     dome = sphere(p, (0.5, -16.55, -5.95), 0.85)
-    wing = ellipsoid(placed(p, (1.85, -14.85, -6.55), (-16.0, 0.0, 14.0)), (0.0, 0.0, 0.0), (0.8, 1.35, 1.0))
+    wing = ellipsoid(placed(p, (1.7, -14.8, -6.5), (-16.0, 0.0, 14.0)), (0.0, 0.0, 0.0), (0.75, 1.3, 0.95))
     bar = capsule(p, (0.0, -16.2, -6.85), (0.0, -14.4, -7.45), 0.5, 0.62)
     body = smooth_union(smooth_union(root, bridge, 1.2), flank, 1.6)
     body = smooth_union(smooth_union(body, tip, 1.2), dome, 0.9)
@@ -64,22 +64,34 @@ def nose(head: Any, p: Any) -> Any:
 def mouth(head: Any, p: Any) -> Any:
     """Lips with a Cupid's bow, corners, the groove above and the hollow below."""
     head = smooth_union(head, ellipsoid(p, (0.0, -9.6, -11.2), (5.0, 4.6, 4.3)), 3.0)
-    part = p.x * (1.0 / HALF_MOUTH)
+    part, line, top, bottom, round_ = _lips(p)
     front = clip((-p.y - 8.0) * 0.5, 0.0, 1.0)
-    round_ = dr.sqrt(clip(1.0 - part * part, 0.0, 1.0))
     taper = _rising((1.05 - part) * 3.0)
-    line = MOUTH + 0.14 * _bell(part - 0.4, 0.25) - 0.14 * _bell(part, 0.2) + 0.2 * part * part
-    top = 1.25 * round_ * (1.0 + 0.22 * _bell(part - 0.27, 0.2) - 0.1 * _bell(part, 0.13)) + 0.1
-    bottom = 1.85 * round_ + 0.1
     above, below = (p.z - line) / top, (line - p.z) / bottom  # 0…1 over the lips
     full = taper * (0.42 * _lip(above) * (0.4 + 0.6 * round_) + 0.68 * _lip(below) * round_)
     full += 0.14 * _bell(part, 0.2) * _bell(above - 0.4, 0.4)  # the tubercle
     gap = 0.2 * _bell(p.z - line, 0.15) * taper
-    groove = 0.3 * _bell(p.x, 0.6) * _bell(p.z + 8.9, 0.9)
+    groove = 0.22 * _bell(p.x, 0.6) * _bell(p.z + 8.9, 0.9)
     ridge = 0.12 * _bell(p.x - 1.0, 0.45) * _bell(p.z + 9.2, 0.9)
     hollow = 0.3 * _bell(part, 0.6) * _bell(p.z + 14.0, 0.7)
     corner = 0.3 * _bell(p.x - HALF_MOUTH - 0.2, 0.6) * _bell(p.z - MOUTH - 0.15, 0.65)
     return head - front * (full + ridge - gap - groove - hollow - corner)
+
+
+def lips(p: Any) -> Any:
+    """0…1: how much a point of the face is of the lips' red."""
+    part, line, top, bottom, _ = _lips(p)
+    inside = dr.fmin((line + top - p.z) * 3.0, (p.z - line + bottom) * 3.0)
+    return _rising(dr.fmin(inside, dr.fmin((1.02 - part) * 6.0, (-p.y - 8.0) * 2.0)))
+
+
+def _lips(p: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Place across the mouth, 0…1; height of the line between the lips; how far these reach up, down; their arc."""
+    part = p.x * (1.0 / HALF_MOUTH)
+    round_ = dr.sqrt(clip(1.0 - part * part, 1e-3, 1.0))
+    line = MOUTH + 0.14 * _bell(part - 0.4, 0.25) - 0.14 * _bell(part, 0.2) + 0.2 * part * part
+    top = 1.25 * round_ * (1.0 + 0.22 * _bell(part - 0.27, 0.2) - 0.1 * _bell(part, 0.13)) + 0.1
+    return part, line, top, 1.85 * round_ + 0.1, round_
 
 
 def _lip(part: Any) -> Any:

@@ -19,13 +19,13 @@ from hagoromo.matter.shape import (
     sphere,
 )
 
-SEAM = 0.25  # over which the two sides pass into each other
+SEAMS = 0.8, 0.25  # over which the two sides of skull and features pass into each other
 
 
 def head(point: Any) -> Any:
     """All of the head but its hair, about its middle."""
-    p = mirrored(point, SEAM)
-    return smooth_union(mouth(nose(eyes(skull(p), p), p), p), ear(p), 0.9)
+    bones, p = skull(mirrored(point, SEAMS[0])), mirrored(point, SEAMS[1])
+    return smooth_union(mouth(nose(eyes(bones, p), p), p), ear(p), 0.9)
 
 
 def skull(p: Any) -> Any:
@@ -33,12 +33,12 @@ def skull(p: Any) -> Any:
     cranium = ellipsoid(p, (0.0, 2.0, 4.6), (12.0, 15.4, 13.9))
     forehead = ellipsoid(p, (0.0, -3.4, 5.0), (10.4, 10.4, 10.5))
     bone = smooth_union(cranium, forehead, 4.0)
-    bone = smooth_union(bone, ellipsoid(p, (0.0, -4.0, -5.4), (8.7, 9.4, 11.3)), 5.0)
+    bone = smooth_union(bone, ellipsoid(p, (0.0, -4.0, -5.4), (8.4, 9.4, 11.3)), 5.0)
     bone = smooth_union(bone, ellipsoid(p, (6.5, -7.9, -3.6), (3.6, 3.5, 3.0)), 4.0)  # cheekbone
     bone = smooth_union(bone, ellipsoid(p, (4.8, -8.6, -8.0), (3.6, 3.4, 4.2)), 4.0)  # cheek
-    bone = smooth_union(bone, capsule(p, (6.7, -1.5, -9.0), (1.7, -10.6, -15.6), 2.2, 2.1), 5.0)  # jaw
-    bone = smooth_union(bone, ellipsoid(p, (0.0, -11.3, -15.9), (2.5, 2.3, 2.3)), 4.0)  # chin
-    brow = capsule(p, (1.8, -12.3, 2.9), (7.6, -10.5, 3.4), 1.1, 0.8)
+    bone = smooth_union(bone, capsule(p, (6.2, -1.5, -8.8), (1.4, -10.4, -15.6), 2.1, 2.0), 5.0)  # jaw
+    bone = smooth_union(bone, ellipsoid(p, (0.0, -11.1, -15.9), (2.2, 2.2, 2.3)), 4.0)  # chin
+    brow = capsule(p, (2.2, -11.9, 3.1), (7.6, -10.2, 3.5), 1.0, 0.8)
     bone = smooth_union(bone, brow, 4.0)
     return smooth_difference(bone, sphere(p, (15.0, -9.6, 3.6), 4.8), 5.0)  # temple
 

@@ -7,6 +7,7 @@ look alike from all sides. Sizes that the lattice cannot carry are left out smoo
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -50,6 +51,13 @@ class Granules(NamedTuple):
         return Lines(*(getattr(self, name) for name in Lines._fields))
 
 
+class Flush(NamedTuple):
+    """Where skin is redder: `share` 0…1 of a point [mm], and its material there."""
+
+    share: Callable[[Any], Any]
+    material: Reflectance
+
+
 def check_granules(granules: Granules) -> Granules:
     """The same; `InputError` for furrows that leave no skin between them, or angles of no rhomb."""
     for kind in ("primary", "secondary"):
@@ -89,22 +97,33 @@ def skin_on(
     fineness: Fineness = Fineness(0.02, 0.04),  # noqa: B008
     seed: int = 0,
     steepest: float = 1.0,
+    flush: Flush | None = None,
     **record: Any,
 ) -> BoxPlan:
     """The box of the skin of `shape` inside `extent` (corners) [mm]; steepest: largest slope of `shape`.
 
-    material: of the granules, and on plane elements of the scales.
+    material: of the granules, and on plane elements of the scales; flush: where it is another one, such as of lips.
     """
+    granules = check_granules(granules)
+
+    def field(point: Any) -> Any:
+        density, axis, layer = skin(point, shape, granules, fineness, seed)
+        if flush is None:
+            return density, axis, layer
+        number = hashed(tuple(arrays().Int(dr.floor(at * (1.0 / fineness.voxel_mm))) for at in point), seed + 9)[0]
+        return density, axis, dr.select(flush.share(point) > uniform(number), arrays().UInt(2), layer)
+
     plan = fill(
-        lambda point: skin(point, shape, check_granules(granules), fineness, seed),  # type: ignore[return-value]
+        field,
         fineness.layer(shape, granules.fade_mm + RISE * granules.granule_mm, steepest),
         extent,
         fineness,
         material,
         **record,
     )
-    layers = material, replace(material, element="plane", name=f"{material.name} scales".strip())
-    return replace(plan, header=replace(plan.header, materials=layers))
+    layers = [material, replace(material, element="plane", name=f"{material.name} scales".strip())]
+    layers += [] if flush is None else [replace(flush.material, element="plane")]
+    return replace(plan, header=replace(plan.header, materials=tuple(layers)))
 
 
 def skin_patch(
