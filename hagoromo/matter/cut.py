@@ -32,13 +32,14 @@ class Cut:
     """A piece of `width` × `height` at rest, a tube if `closed`; start(s, t) → (…, 3) is where it begins.
 
     narrowing(t): width of a row, of `width` (gathers that were cut, not folded: u is stretched as much).
-    held(s, t) > 0: points that stay where they begin. reach(s, t): how far from the body points may be: a finite reach
-    draws in, as a belt does. layer: which of the bodies it lies on. apart(s, t) > 0: points that pass through others.
+    reach(s, t): how far from the body points may be; a finite reach draws them in, as a belt does. held(s, t) > 0:
+    points that stay where they begin, or where they come within reach. layer: which of the bodies it lies on.
+    apart(s, t) > 0: points that pass through other pieces.
     """
 
     width: float
     height: float
-    start: Callable[[Place, Place], NDArray[np.float64]]
+    start: Callable[[Place, Place], NDArray[np.floating]]
     closed: bool = False
     narrowing: Callable[[Place], Place] = lambda t: np.ones_like(t)
     held: Callable[[Place, Place], Place] = _nowhere

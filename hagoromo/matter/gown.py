@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -19,13 +18,15 @@ from hagoromo.matter.tube import Folds, Row, along_arm, upright
 CLOTH = Fabric(bending=2.0, friction=0.25, clear=0.6)
 # from the hem up: skirt, waist, bodice, neck
 GOWN = (
-    Row(0, 430, 235, 0.9, 2), Row(60, 370, 200, 0.85, 1), Row(150, 240, 135, 0.75, 1), Row(180, 175, 112, 0.75, 1),
-    Row(212, 150, 130, 0.65, 2), Row(225, 112, 108, 0.6, 3), Row(235, 58, 57, 0.95, 3.5),
+    Row(0, 430, 235, 0.9, 2), Row(56, 370, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 175, 112, 0.75, 1),
+    Row(208, 150, 130, 0.65, 2), Row(221, 112, 108, 0.6, 3), Row(231, 58, 57, 0.95, 3.5),
 )  # fmt: skip
-WAIST, BELTED = 180.0, 3.5  # along the gown, and half the height that is drawn in
+WAIST, BELTED = 176.0, 3.5  # along the gown, and half the height that is drawn in
 NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
 SASH = Row(0, 113, 124, 0.75, 1), Row(7.5, 113, 124, 0.75, 1)
 SASH_AT = 166.5, 173.5
+SHORT = 0.8  # s, fall of what is put on with points so near that an arm does not slip between them
+CLING = 0.05, 0.7, 0.2  # of a sleeve to the arm: half a share of its width; middle and half, shares of its length
 SLEEVE = Row(0, 46, 45), Row(18, 62, 54), Row(50, 100, 70), Row(98, 160, 110)  # from the shoulder outwards
 ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulder
 
@@ -41,13 +42,21 @@ def gown(fall: Fall, pose: Pose = WELCOME) -> list[Sheet]:
     cuts = [sleeve(pose, side, layer, seed + 2) for layer, side in enumerate(sides)]
     worn = dressed(body, dress + sash)
     bodies = [lambda p, side=side: dr.fmin(worn(p), arm(p, pose, side)) for side in sides]
-    return dress + sash + put_on(cuts, bodies, CLOTH, fall)
+    return dress + sash + put_on(cuts, bodies, CLOTH, fall._replace(levels=1, seconds=SHORT))
 
 
-def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = SLEEVE, **record: Any) -> Cut:
+def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = SLEEVE) -> Cut:
     """A wide sleeve of one side, from inside the shoulder to the wrist; side 1 the figure's left, −1 its right."""
     joints = [(side * x, y, z) for x, y, z in (*ROOT, pose.elbow, pose.wrist)]
-    return along_arm(joints, rows, 0.7, Folds(5, seed + layer), layer=layer, held=_lower_hem, **record)
+    return along_arm(
+        joints, rows, 1.0, Folds(5, seed + layer), layer=layer, reach=_clinging,
+        held=lambda s, t: (t == 0.0) | np.isfinite(_clinging(s, t)),
+    )  # fmt: skip
+
+
+def _clinging(s: Place, t: Place) -> Place:
+    """A sleeve would slide from a raised forearm: a strip of its upper side clings to it."""
+    return np.where((np.abs(s - 0.5) < CLING[0]) & (np.abs(t - CLING[1]) < CLING[2]), 1.0, np.inf)
 
 
 def _belted(s: Place, t: Place) -> Place:
@@ -56,7 +65,3 @@ def _belted(s: Place, t: Place) -> Place:
 
 def _upper_hem(s: Place, t: Place) -> Place:
     return (t == 1.0) + np.zeros_like(s)
-
-
-def _lower_hem(s: Place, t: Place) -> Place:
-    return (t == 0.0) + np.zeros_like(s)

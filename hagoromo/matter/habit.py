@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.cut import Cut, Place
 from hagoromo.matter.dressed import dressed, put_on
-from hagoromo.matter.gown import SASH, SASH_AT, sleeve
+from hagoromo.matter.gown import SASH, SASH_AT, SHORT, sleeve
 from hagoromo.matter.mannequin import arm, trunk
 from hagoromo.matter.pose import PRAYER, Pose
 from hagoromo.matter.settle import Fabric, Fall
@@ -23,16 +23,16 @@ from hagoromo.matter.tube import Folds, Row, upright
 WOOL, LINEN, CREPE = Fabric(2.6, 0.3, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
 BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
-    Row(0, 390, 225, 0.9, 2), Row(60, 340, 195, 0.85, 1), Row(150, 225, 135, 0.75, 1), Row(180, 165, 112, 0.75, 1),
-    Row(212, 148, 130, 0.65, 2), Row(225, 112, 108, 0.6, 3), Row(235, 58, 57, 0.95, 3.5),
+    Row(0, 390, 225, 0.9, 2), Row(56, 340, 195, 0.85, 1), Row(146, 225, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
+    Row(208, 148, 130, 0.65, 2), Row(221, 112, 108, 0.6, 3), Row(231, 58, 57, 0.95, 3.5),
 )  # fmt: skip
-WAIST, BELTED = 180.0, 3.0  # along the tunic, and half the height that is drawn in
+WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
 NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
 SLEEVE = Row(0, 46, 45), Row(18, 62, 54), Row(55, 92, 66), Row(114, 128, 88)  # from the shoulder outwards
 BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 PANEL = 42.0, 196.0  # of the scapular, before and behind
 OUTWARDS = 0.16  # how steeply it begins over the skirt
-COLLAR = Row(0, 200, 190, 0.72, 2), Row(22, 120, 112, 0.7, 3), Row(31, 56, 55, 0.9, 2), Row(37, 46, 46, 1.0, 0.5)
+COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
 COIF = 86.0, 25.0  # along the edge of the face from throat to throat, and from it backwards
 FACE = (0.0, -9.5, -1.5), (11.2, 16.6), 2.6  # of the head: middle and half sizes of its edge, half the angle around it
@@ -44,7 +44,7 @@ PINNED = 26.0, 7.0  # of its front edge, what is drawn to the head: width and de
 def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     """habit: tunic, sash, scapular before and behind, left and right sleeve; linen: collar and coif; veil."""
     seed, body = fall.seed, partial(trunk, pose=pose, bust=BUST, step=STEP)
-    fine = Fall(0.7 * fall.spacing, 0.4, 1, seed)
+    fine, short = Fall(0.7 * fall.spacing, 0.4, 1, seed), fall._replace(levels=1, seconds=SHORT)
     tunic = put_on(
         [upright(TUNIC, (1.0, NECK), TILT, Folds(15, seed), reach=_belted, held=_last_row)], [body], WOOL, fall
     )
@@ -53,12 +53,12 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     worn += put_on([_panel(-1.0), _panel(1.0)], [dressed(body, worn)], WOOL, fall)
     sides = (1.0, -1.0)
     cuts = [sleeve(pose, side, layer, seed + 2, SLEEVE) for layer, side in enumerate(sides)]
-    worn += put_on(cuts, [_beside(dressed(body, worn), pose, side) for side in sides], WOOL, fall)
+    worn += put_on(cuts, [_beside(dressed(body, worn), pose, side) for side in sides], WOOL, short)
     collar = upright(COLLAR, COLLAR_AT, COLLAR_TILT, Folds(9, seed + 4), held=_last_row)
     linen = put_on([collar], [dressed(body, worn)], LINEN, fine)
     linen += put_on([_coif(pose)], [dressed(body, linen)], LINEN, fine)
     below = dressed(lambda p: dr.fmin(body(p), dr.fmin(arm(p, pose, 1.0), arm(p, pose, -1.0))), worn + linen)
-    return {"habit": worn, "linen": linen, "veil": put_on([_veil()], [below], CREPE, fall)}
+    return {"habit": worn, "linen": linen, "veil": put_on([_veil()], [below], CREPE, short)}
 
 
 def _beside(body: Shape, pose: Pose, side: float) -> Shape:
@@ -108,7 +108,7 @@ def _veil() -> Cut:
     def reach(s: Place, t: Place) -> Place:
         return np.where((np.abs(s - 0.5) * width < 0.5 * PINNED[0]) & (t * height < PINNED[1]), 0.9, np.inf)
 
-    return Cut(width, height, start, reach=reach)
+    return Cut(width, height, start, reach=reach, held=lambda s, t: np.isfinite(reach(s, t)))
 
 
 def _turn(pose: Pose) -> NDArray[np.floating]:

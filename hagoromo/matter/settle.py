@@ -27,7 +27,7 @@ GRAVITY = 9810.0  # mm/s²
 STRETCH, SHEAR, TOUCH = 0.5, 0.06, 0.15  # stiffness of springs, in masses per step²; stable below 4 together
 FRICTION_INSIDE = 0.05  # share of the speed along a spring, and of that of touching points, that a step takes away
 STRAIN = 0.02  # of the cloth where it carries most
-DRAW = 120.0  # mm/s, speed at which a belt is drawn in
+DRAW = 200.0  # mm/s, speed at which a belt is drawn in
 PUSH = 300.0  # mm/s, speed at which what began inside a body is pushed out: at once would tear the cloth
 GRIP = 0.05  # share of the speed that a belt takes away in a step
 TOUCH_EVERY = 1 / 200  # s, between searches for points that may touch
@@ -157,9 +157,9 @@ def _moved(place: Any, speed: Any, touching: Sequence[Any], drag: Any, mesh: dic
     speed = (speed + pull * step) * drag
     moved = place + speed * step
     moved, speed = _held_off(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
-    moved, speed = _drawn_in(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
+    moved, speed, near = _drawn_in(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
     moved, speed = _held_off(moved, speed, moved.z, kinds.Array3f(0, 0, 1), mesh)
-    free = mesh["held"] <= 0
+    free = (mesh["held"] <= 0) | ~near
     return dr.select(free, moved, place), dr.select(free, speed, 0.0)
 
 
@@ -175,8 +175,8 @@ def _held_off(place: Any, speed: Any, distance: Any, normal: Any, mesh: dict[str
     return place + normal * deep, dr.select(touching, after, speed)
 
 
-def _drawn_in(place: Any, speed: Any, distance: Any, normal: Any, mesh: dict[str, Any]) -> tuple[Any, Any]:
-    """Points of a belt nearer to the body, and the belt's grip on them."""
+def _drawn_in(place: Any, speed: Any, distance: Any, normal: Any, mesh: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """Points of a belt nearer to the body, the belt's grip on their speed, and whether they are within reach."""
     over = dr.fmax(distance - mesh["reach"], 0.0)
     slower = (speed - normal * dr.fmax(dr.dot(speed, normal), 0.0)) * (1.0 - GRIP)
-    return place - normal * dr.fmin(over, DRAW * mesh["step"]), dr.select(over > 0, slower, speed)
+    return place - normal * dr.fmin(over, DRAW * mesh["step"]), dr.select(over > 0, slower, speed), over <= 0

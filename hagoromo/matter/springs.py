@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.backend import arrays, lookup
+from hagoromo.matter.collider import FAR
 from hagoromo.matter.cut import Cut
 from hagoromo.matter.sheet import Sheet
 
@@ -42,7 +43,7 @@ def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dic
         "along": springs[:4], "across": springs[4:], "bends": bends,
         "layer": lookup(kinds.UInt, layer.astype(np.uint32)),
         "held": lookup(kinds.Float, values["held"].astype(np.float32)),
-        "reach": lookup(kinds.Float, np.minimum(values["reach"], 1e9).astype(np.float32)),
+        "reach": lookup(kinds.Float, np.minimum(values["reach"], FAR).astype(np.float32)),
     }  # fmt: skip
 
 

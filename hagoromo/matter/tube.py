@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import PchipInterpolator
 
 from hagoromo.matter.cut import Cut, Place
 
 ENTRIES = 257  # of the tables along a tube
 TURNS = np.linspace(0.0, 2.0 * math.pi, 1441)  # around a tube, seam to seam
+AHEAD = 5.0  # a tube along an arm turns over twice this way at its elbow
 TILTED = 6  # how near its upper hem a tube tilts with it: share of the length to this power
 
 
@@ -68,14 +69,14 @@ def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[Row], hang: floa
     """
     places = np.asarray(joints, float)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-    curve, height = CubicSpline(knots, places), rows[-1].along
+    curve, height = PchipInterpolator(knots, places), rows[-1].along  # never beyond the joints
     width, girth, *_ = _tables(rows)
 
     def start(s: Place, t: Place) -> NDArray[np.floating]:
         points = []
         for share in t.ravel():
             at = min(share * height, knots[-1])
-            axis = _unit(curve(at, 1))
+            axis = _unit(curve(min(at + AHEAD, knots[-1])) - curve(max(at - AHEAD, 0.0)))
             side = _unit(np.cross(axis, (0.0, 0.0, 1.0)))
             up, radius = np.cross(side, axis), _at(share, girth) / (2.0 * math.pi)
             turn, out = _folded(s.ravel(), _at(share, width), radius, radius, folds)
