@@ -38,7 +38,7 @@ def feather(
     """
     made = check_feather(made)
     plume = made.plume
-    frayed = 1.5 * made.barbs.ragged_mm + 2.0 * fineness.softness
+    frayed = 2.0 * made.barbs.ragged_mm + 3.0 * fineness.softness
     widest = max(plume.outer_mm, plume.inner_mm) * 1.05 + frayed
     loft = 2.6 * made.down.loft_mm if made.down.share > 0 else 0.0
     deep = max(loft, plume.rachis_mm, 1.5 * made.barbs.height_mm) + 2.0 * fineness.softness

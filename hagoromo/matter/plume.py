@@ -75,11 +75,11 @@ def outline(across: Any, along: Any, plume: Any) -> Any:
     """Distance to the edge of the vane [mm], negative within, to first order; beyond its first barb see `barbs`."""
     half = dr.select(across < 0, plume.outer_mm, arrays().Float(plume.inner_mm))
     vane = plume.length_mm * (1.0 - plume.quill)
-    share = clip((along - plume.length_mm * plume.quill) / vane, 0.0, 1.2)
+    share = clip((along - plume.length_mm * plume.quill) / vane, 0.0, 2.0)
     start = 1.0 - plume.tip
     rounding = dr.fmax(share - start, 0.0) / plume.tip
     foot = clip(5.0 * share, 0.0, 1.0)
-    half = half * (0.55 + 0.27 * foot * (2.0 - foot) + 0.36 * share * (1.0 - 0.5 * share))
+    half = half * (0.55 + 0.27 * foot * (2.0 - foot) + 0.36 * dr.fmin(share, 1.0) * (1.0 - 0.5 * dr.fmin(share, 1.0)))
     x, r = across / half, rounding * rounding
     value = x * x + r * r - 1.0
     slope = dr.sqrt(dr.square(x / half) + dr.square(2.0 * r * rounding / (plume.tip * vane)))

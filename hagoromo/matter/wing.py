@@ -33,6 +33,7 @@ EXTENT = (-136.0, 14.0, 52.0), (136.0, 82.0, 308.0)
 WING_FINENESS = Fineness(0.2, 0.1)
 JOINTS = 28  # of the arm
 FORM = "length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip"
+LEAN = 0.6  # of the arm's thickness is its own; coverts fill the rest
 FUR = 0.6  # of the arm: how far it frays
 # coarse enough for a lattice that holds both wings
 WEB = Feather(
@@ -78,9 +79,10 @@ class Wing:
         self.seed = dr.opaque(kinds.UInt, seed)
         middle, _ = arm(np.linspace(0.0, 1.0, JOINTS))
         _, direction = arm(np.linspace(0.0, 1.0, JOINTS))
-        self.thick = np.interp(np.linspace(0.0, 1.0, JOINTS), AT, THICK)
+        thick = np.interp(np.linspace(0.0, 1.0, JOINTS), AT, THICK)
+        self.thick = LEAN * thick
         inward = np.stack([direction[:, 1], -direction[:, 0]], axis=1)
-        self.bone = middle + inward * self.thick[:, None]
+        self.bone = middle + inward * thick[:, None]
         around = np.array([(*p, h) for p, r in zip(self.bone, self.thick, strict=True) for h in np.linspace(-r, r, 9)])
         grown = [around + np.array([x, z, 0.0]) for x in np.linspace(-6, 6, 7) for z in np.linspace(-8, 8, 9)]
         grid: Grid = grid_of(feathers(seed), np.concatenate(grown))
@@ -106,7 +108,7 @@ class Wing:
             return now < end
 
         def add_one(now: Any, density: Any, strongest: Any, tangent: Any, colour: Any) -> tuple[Any, ...]:
-            here, way, tint = self._feather(place, dr.gather(kinds.UInt, self.members, now))
+            here, way, tint = self.feather(place, dr.gather(kinds.UInt, self.members, now))
             more = here > strongest
             return (
                 now + 1,
@@ -119,7 +121,7 @@ class Wing:
         _, density, _, tangent, colour = dr.while_loop(state, some_left, add_one)
         return density, tangent, colour
 
-    def _feather(self, place: Ground, number: Any) -> tuple[Any, Any, Any]:
+    def feather(self, place: Ground, number: Any) -> tuple[Any, Any, Any]:
         """Density, tangent and colour of one feather."""
         kinds, first = arrays(), number * len(FIELDS)
         own = {name: dr.gather(kinds.Float, self.table, first + k) for k, name in enumerate(FIELDS)}

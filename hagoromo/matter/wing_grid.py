@@ -84,7 +84,8 @@ def cell_at(x: Any, z: Any, height: Any) -> Any:
 def _cells(places: NDArray[np.float64], thick: float) -> NDArray[np.int64]:
     """Numbers of all cells within REACH of places, and `thick` in height."""
     found, reach = [], np.array([REACH, REACH, thick])
-    for step in np.ndindex(3, 3, 3):
-        at = ((places + (np.array(step) - 1) * reach - LOW) / CELL).astype(int)
+    steps = np.ceil(2.0 * reach / CELL).astype(int)  # no step is longer than a cell
+    for step in np.ndindex(*(steps + 1)):
+        at = ((places + (2.0 * np.array(step) / steps - 1.0) * reach - LOW) / CELL).astype(int)
         found.append(np.ravel_multi_index(tuple(np.clip(at, 0, SHAPE - 1).T), tuple(SHAPE)))
     return np.unique(np.concatenate(found))

@@ -15,7 +15,7 @@ from hagoromo.matter.wing_bones import WRIST, arm
 
 # along the arm: share of its length; turn of feathers from straight down outwards [°]; length of the longest
 AT = (0.0, 0.12, 0.3, 0.5, 0.66, 0.78, 0.9, 0.97, 1.0)
-TURN = (-3.0, -1.0, 1.5, 4.5, 7.5, 11.0, 15.5, 19.0, 20.5)
+TURN = (-3.0, -1.0, 1.5, 4.5, 7.5, 10.5, 14.5, 17.0, 18.0)
 LONGEST = (58.0, 72.0, 100.0, 134.0, 162.0, 184.0, 202.0, 199.0, 191.0)
 BOW = (-2.0, -2.0, 0.0, 3.0, 8.0, 18.0, 31.0, 40.0, 42.0)  # of the tips inwards
 THICK = (2.8, 2.8, 2.6, 2.3, 2.0, 1.6, 1.2, 0.9, 0.7)  # half thickness of the arm
@@ -119,7 +119,7 @@ def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
         "outer_mm": row.outer * step * spread, "inner_mm": row.inner * step * spread,
         "rachis_mm": 1.4 if flight else 0.1 + 0.007 * length, "quill": 0.06 if flight else 0.02,
         "tip": (0.3 if flight else 0.55) + 0.05 * draw.uniform(-1, 1, n),
-        "root": face * (0.75 * edge + 0.12 * rank) + 0.5 * lift,
+        "root": face * (0.9 * edge + 0.12 * rank) + 0.5 * lift,
         "end": face * (1.0 + 0.62 * rank) * (0.5 + 0.17 * thick) + lift,
         "curl": outwards * (1.8 if flight else 0.5) * draw.uniform(0.2, 1, n),
         "tilt": TILED * (1.0 + 0.15 * draw.uniform(-1, 1, n)), "hollow": -0.9 if flight else 0.6 * face,
