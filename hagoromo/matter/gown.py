@@ -27,7 +27,7 @@ SASH = Row(0, 113, 124, 0.75, 1), Row(7.5, 113, 124, 0.75, 1)
 SASH_AT = 166.5, 173.5
 SHORT = 0.8  # s, fall of what is put on with points so near that an arm does not slip between them
 CLING = 0.05, 0.7, 0.2  # of a sleeve to the arm: half a share of its width; middle and half, shares of its length
-SLEEVE = Row(0, 46, 45), Row(18, 62, 54), Row(50, 100, 70), Row(98, 160, 110)  # from the shoulder outwards
+SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(50, 104, 96), Row(98, 164, 150)  # from the shoulder outwards
 ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulder
 
 
@@ -49,7 +49,7 @@ def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...]
     """A wide sleeve of one side, from inside the shoulder to the wrist; side 1 the figure's left, −1 its right."""
     joints = [(side * x, y, z) for x, y, z in (*ROOT, pose.elbow, pose.wrist)]
     return along_arm(
-        joints, rows, 1.0, Folds(5, seed + layer), layer=layer, reach=_clinging,
+        joints, rows, Folds(5, seed + layer), layer=layer, reach=_clinging,
         held=lambda s, t: (t == 0.0) | np.isfinite(_clinging(s, t)),
     )  # fmt: skip
 

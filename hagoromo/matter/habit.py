@@ -28,7 +28,7 @@ TUNIC = (
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
 NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
-SLEEVE = Row(0, 46, 45), Row(18, 62, 54), Row(55, 92, 66), Row(114, 128, 88)  # from the shoulder outwards
+SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(55, 94, 88), Row(114, 128, 118)  # from the shoulder outwards
 BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 PANEL = 42.0, 196.0  # of the scapular, before and behind
 OUTWARDS = 0.16  # how steeply it begins over the skirt

@@ -14,7 +14,8 @@ from hagoromo.matter.cut import Cut, Place
 
 ENTRIES = 257  # of the tables along a tube
 TURNS = np.linspace(0.0, 2.0 * math.pi, 1441)  # around a tube, seam to seam
-AHEAD = 5.0  # a tube along an arm turns over twice this way at its elbow
+ROUND = 4.0  # a tube along an arm turns over twice this way at its elbow
+OUTWARDS = 0.4  # of the way that a wide sleeve hangs down, how far it does so to the side
 TILTED = 6  # how near its upper hem a tube tilts with it: share of the length to this power
 
 
@@ -61,28 +62,29 @@ def upright(rows: Sequence[Row], heights: tuple[float, float], tilt: float, fold
     return _cut(height, width, start, record)
 
 
-def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[Row], hang: float, folds: Folds, **record: Any) -> Cut:
-    """A tube that begins around the curve through `joints` and straight on, its seam below.
+def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[Row], folds: Folds, **record: Any) -> Cut:
+    """A tube that begins around the line through `joints` and straight on, its seam below.
 
-    hang: how far the middle of a row begins below the curve, of what its radius is more than that of the first row.
-    depth and place of rows: not heeded.
+    Rows wider than the first hang from the arm, down and outwards. depth and place of rows: not heeded.
     """
     places = np.asarray(joints, float)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-    curve, height = PchipInterpolator(knots, places), rows[-1].along  # never beyond the joints
-    width, girth, *_ = _tables(rows)
+    height, (width, girth, *_) = rows[-1].along, _tables(rows)
+    outwards = (OUTWARDS * float(np.sign(places[1, 0])), 0.0, -1.0)
+
+    def line(at: float) -> NDArray[np.floating]:
+        return np.array([np.interp(at, knots, column) for column in places.T])
 
     def start(s: Place, t: Place) -> NDArray[np.floating]:
         points = []
         for share in t.ravel():
             at = min(share * height, knots[-1])
-            axis = _unit(curve(min(at + AHEAD, knots[-1])) - curve(max(at - AHEAD, 0.0)))
+            axis = _unit(line(at + ROUND) - line(at - ROUND))
             side = _unit(np.cross(axis, (0.0, 0.0, 1.0)))
             up, radius = np.cross(side, axis), _at(share, girth) / (2.0 * math.pi)
             turn, out = _folded(s.ravel(), _at(share, width), radius, radius, folds)
-            middle = (
-                curve(at) + axis * (share * height - at) - up * hang * max(radius - girth[0] / (2.0 * math.pi), 0.0)
-            )
+            hanging = _unit(outwards - axis * np.dot(outwards, axis)) * max(radius - girth[0] / (2.0 * math.pi), 0.0)
+            middle = 0.5 * (line(at + ROUND) + line(at - ROUND)) + axis * (share * height - at) + hanging
             around = side * np.sin(turn)[:, None] - up * np.cos(turn)[:, None]
             points.append(middle + around * (radius * out)[:, None])
         return np.array(points)

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.matter.chart import sheet_chart
+from hagoromo.matter.sheet_chart import sheet_chart
 from hagoromo.matter.collider import Collider
 from hagoromo.matter.cut import Cut
 from hagoromo.matter.settle import Fabric, Fall, settled

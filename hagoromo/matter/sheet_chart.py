@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.matter.sheet import Sheet
+from hagoromo.matter.shell import Chart
 
 DENSE = 0.5  # mm between the points of a sheet that are sought
 TURNS = 3  # of the search for the foot of a point, which closes in by height × curvature each
@@ -22,39 +23,28 @@ FAR = 8.0  # mm beyond the reach, to which distances are told
 Extent = tuple[tuple[float, ...], tuple[float, ...]]
 
 
-class Place(NamedTuple):
-    """height over the middle of the cloth, signed; unit normal; u and v; unit direction of u; presence 0…1."""
-
-    height: Any
-    normal: Any
-    u: Any
-    v: Any
-    along_u: Any
-    presence: Any
-
-
 def sheet_chart(
     sheets: Sequence[Sheet],
     reach_mm: float,
     edge_mm: float = 0.8,
     period_mm: tuple[float, float] | None = None,
-) -> tuple[Callable[[Any], Place], Callable[[Any], Any], Extent]:
-    """Chart of the nearest of `sheets`, bound of the space within `reach_mm` of them, and its corners.
+) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
+    """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
-    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. period_mm: of what repeats along u and v:
+    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm; bounds end FAR beyond it. period_mm: of what repeats along u and v:
     the widths of tubes are taken for the nearest whole number of periods.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
         raise InputError(f"{len(sheets)} sheets, reach_mm {reach_mm:g}, edge_mm {edge_mm:g}: give all above 0")
     dense = _Samples(sheets, period_mm or (0.0, 0.0))
 
-    def chart(point: Any) -> Place:
+    def chart(point: Any) -> Chart:
         asked = np.array(point, np.float32).T
         parts = [dense.place(part, reach_mm, edge_mm) for part in np.array_split(asked, len(asked) // AT_ONCE + 1)]
         values = np.ascontiguousarray(np.concatenate(parts).T, np.float32)
         height, u, v, presence, *frame = (arrays().Float(row) for row in values)
         normal, along = arrays().Array3f(*frame[:3]), arrays().Array3f(*frame[3:])
-        return Place(height, normal, u, v, along, presence)
+        return Chart(height, normal, u, v, along, presence)
 
     def bound(point: Any) -> Any:
         return (
