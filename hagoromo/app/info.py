@@ -15,10 +15,14 @@ from hagoromo.camera.colmap import find_colmap
 from hagoromo.camera.opencv_file import MATRIX
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file
+from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
+from hagoromo.files.raw import SUFFIXES as RAW_SUFFIXES
+from hagoromo.files.raw import read_raw
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
+from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.capture import count_absent
 
 Facts = dict[str, Any]
@@ -100,7 +104,29 @@ def _picture(path: Path) -> Facts:
         "channels": channels,
         "bits": 8 * image.itemsize,
         "range": [int(image.min()), int(image.max())],
+        **_told(path),
     }
+
+
+def _raw(path: Path) -> Facts:
+    shot = read_raw(path)
+    told = {key: value for key, value in asdict(shot.exif).items() if value}
+    levels = {"black": np.unique(shot.black).tolist(), "white": shot.white}
+    size = [shot.numbers.shape[1], shot.numbers.shape[0]]
+    return {"kind": "camera RAW", "size": size, "mosaic": shot.mosaic, **levels, **told}
+
+
+def _tiff(path: Path) -> Facts:
+    image = read_tiff(path)
+    size, channels = [image.shape[1], image.shape[0]], 1 if image.ndim == 2 else image.shape[2]
+    span = [float(image.min()), float(image.max())]
+    figures = {"size": size, "channels": channels, "bits": 8 * image.itemsize, "range": span}
+    return {"kind": "TIFF", **figures, **_told(path)}
+
+
+def _told(path: Path) -> Facts:
+    """What EXIF tells of the exposure."""
+    return {key: value for key, value in asdict(read_exif(path)).items() if value}
 
 
 def _toml(path: Path) -> Facts:
@@ -177,4 +203,7 @@ KINDS: dict[str, Callable[[Path], Facts]] = {
     ".yaml": _cameras,
     ".txt": _cameras,
     ".bin": _cameras,
+    ".tif": _tiff,
+    ".tiff": _tiff,
+    **dict.fromkeys(RAW_SUFFIXES, _raw),
 }

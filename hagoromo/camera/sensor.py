@@ -137,7 +137,7 @@ def develop_raw(raw: ArrayLike, sensor: Sensor, demosaic: Demosaic = "bilinear")
     full = min(sensor.largest, sensor.white_level - SATURATION_MARGIN * sensor.read_noise / sensor.gain - 1.0)
     saturated = raw >= full
     if sensor.mosaic:
-        electrons, variance, saturated = _demosaiced(electrons, variance, saturated, sensor.mosaic, demosaic)
+        electrons, variance, saturated = demosaiced(electrons, variance, saturated, sensor.mosaic, demosaic)
     else:
         saturated = np.any(saturated, axis=2)
     values, spread = electrons / sensor.exposure, variance / sensor.exposure**2
@@ -146,9 +146,12 @@ def develop_raw(raw: ArrayLike, sensor: Sensor, demosaic: Demosaic = "bilinear")
 
 def native_channels(sensor: Sensor, height: int, width: int) -> NDArray[np.bool_] | None:
     """(height, width, 3), true where the sensor measured the channel itself; None when it measured all of them."""
-    if not sensor.mosaic:
-        return None
-    return _colours(sensor.mosaic, (height, width))[..., None] == np.arange(3)
+    return native_of(sensor.mosaic, height, width) if sensor.mosaic else None
+
+
+def native_of(mosaic: str, height: int, width: int) -> NDArray[np.bool_]:
+    """(height, width, 3), true where a sample of `mosaic` is of the channel."""
+    return _colours(mosaic, (height, width))[..., None] == np.arange(3)
 
 
 def _colours(mosaic: str, shape: tuple[int, ...]) -> NDArray[np.intp]:
@@ -157,10 +160,10 @@ def _colours(mosaic: str, shape: tuple[int, ...]) -> NDArray[np.intp]:
     return np.tile(pattern, (shape[0] // 2 + 1, shape[1] // 2 + 1))[: shape[0], : shape[1]]
 
 
-def _demosaiced(
+def demosaiced(
     electrons: NDArray[np.float64], variance: NDArray[np.float64], saturated: NDArray, mosaic: str, demosaic: Demosaic
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Values and variance (height, width, 3), and what saturated samples have spoilt (height, width)."""
+    """Values and variance (height, width, 3), and what `saturated` samples have spoilt (height, width)."""
     from scipy.ndimage import binary_dilation, convolve
 
     algorithm = _algorithm(demosaic)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory, existing_file
+from hagoromo.files.quiet import quiet
 
 MAGIC = b"\x76\x2f\x31\x01"
 
@@ -55,27 +54,13 @@ def _open(path: Path, header_only: bool = False) -> Any:
     import OpenEXR
 
     try:
-        with _quiet():
+        with quiet():
             file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
     except (RuntimeError, ValueError, MemoryError) as error:
         raise InputError(f"{path} cannot be read as EXR, it may be cut off: {_one_line(error)}") from error
     if not file.parts:
         raise InputError(f"{path} cannot be read as EXR: it is cut off or damaged: copy it again")
     return file
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Nothing on standard output and error: the OpenEXR library writes there about a file that it then refuses."""
-    kept = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            with redirect_stdout(nowhere):
-                yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
 
 
 def _one_line(error: Exception) -> str:

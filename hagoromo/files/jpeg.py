@@ -46,3 +46,14 @@ def frame_header(data: bytes, path: str | Path) -> tuple[int, int, int]:
             return int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big"), at
         at += 2 + length
     raise InputError(f"{path} is a damaged JPEG: copy it again")
+
+
+def exif_segment(data: bytes) -> bytes | None:
+    """The TIFF of the EXIF segment (APP1) of a JPEG, None where there is none."""
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:  # up to the start of the scan
+        length = int.from_bytes(data[at + 2 : at + 4], "big")
+        if data[at + 1] == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
+            return data[at + 10 : at + 2 + length]
+        at += 2 + length
+    return None

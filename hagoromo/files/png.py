@@ -44,6 +44,17 @@ def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     return _swapped(image)
 
 
+def exif_chunk(data: bytes) -> bytes | None:
+    """The TIFF of the eXIf chunk of a PNG, None where there is none."""
+    at = len(SIGNATURE)
+    while at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if kind == b"eXIf":
+            return data[at + 8 : at + 8 + length]
+        at += 12 + length
+    return None
+
+
 def _swapped(image: NDArray) -> NDArray:
     """R, G, B ↔ B, G, R (OpenCV's order); alpha stays last."""
     if image.ndim == 2:

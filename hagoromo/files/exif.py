@@ -1,0 +1,98 @@
+"""EXIF: how a photograph was taken, as the camera wrote it into JPEG, PNG, TIFF and the camera RAW made of TIFF.
+
+JPEG and PNG carry it as a small TIFF within, so tifffile (which scikit-image brings along) reads all of them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from hagoromo.files import jpeg, png
+from hagoromo.files.door import existing_file
+
+TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # the last two are makers' own marks (Olympus, Panasonic)
+MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm
+FULL_FRAME = 36.0  # mm: width of the film that FocalLengthIn35mmFilm speaks of
+HEAD = 64 * 2**20  # bytes of a JPEG or PNG within which its EXIF stands
+
+
+@dataclass(frozen=True)
+class Exif:
+    """Figures of one exposure; None where the file does not tell.
+
+    exposure_s [s]; iso; f_number (focal length over aperture); focal_mm [mm]; sensor_mm: width of the sensor [mm];
+    camera: maker and model.
+    """
+
+    exposure_s: float | None = None
+    iso: float | None = None
+    f_number: float | None = None
+    focal_mm: float | None = None
+    sensor_mm: float | None = None
+    camera: str = ""
+
+    def focal_px(self, width: int) -> float | None:
+        """Focal length [px] of an image of `width` pixels, None where focal length or sensor are not told."""
+        if self.focal_mm is None or self.sensor_mm is None:
+            return None
+        return self.focal_mm / self.sensor_mm * width
+
+
+def read_exif(path: str | Path) -> Exif:
+    """What the file at `path` tells of its exposure; nothing where it has no EXIF or a damaged one."""
+    import tifffile
+
+    source = _tiff_within(existing_file(path))
+    if source is None:
+        return Exif()
+    try:
+        with tifffile.TiffFile(source) as file:
+            tags = {tag.name: tag.value for tag in file.pages.first.tags}
+    except (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, MemoryError, struct.error):
+        return Exif()
+    inner = tags.get("ExifTag")
+    return _exif({**tags, **(inner if isinstance(inner, Mapping) else {})})
+
+
+def _tiff_within(path: Path) -> Path | BytesIO | None:
+    """The TIFF that a file is or holds."""
+    with path.open("rb") as file:
+        start = file.read(8)
+        if start.startswith(TIFF):
+            return path
+        if not start.startswith((jpeg.START, png.SIGNATURE)):
+            return None
+        data = start + file.read(HEAD)
+    found = jpeg.exif_segment(data) if data.startswith(jpeg.START) else png.exif_chunk(data)
+    return None if found is None else BytesIO(found)
+
+
+def _exif(tags: Mapping[str, Any]) -> Exif:
+    focal, film = _number(tags.get("FocalLength")), _number(tags.get("FocalLengthIn35mmFilm"))
+    dots, pixels = _number(tags.get("FocalPlaneXResolution")), _number(tags.get("PixelXDimension"))
+    unit = MM_PER_UNIT.get(int(_number(tags.get("FocalPlaneResolutionUnit")) or 2))
+    sensor = pixels * unit / dots if dots and pixels and unit else FULL_FRAME * focal / film if focal and film else None
+    maker, model = (str(tags.get(key, "")).strip() for key in ("Make", "Model"))
+    return Exif(
+        _number(tags.get("ExposureTime")),
+        _number(tags.get("ISOSpeedRatings", tags.get("PhotographicSensitivity"))),
+        _number(tags.get("FNumber")),
+        focal,
+        sensor,
+        model if model.startswith(maker) else f"{maker} {model}".strip(),
+    )
+
+
+def _number(value: Any) -> float | None:
+    """A figure above 0 of a tag, which may be a fraction (numerator, denominator); None for any other."""
+    try:
+        fraction: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, 1.0)
+        figure = float(fraction[0]) / float(fraction[1])
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+    return figure if 0.0 < figure < 1e12 else None

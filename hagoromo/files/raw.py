@@ -1,0 +1,83 @@
+"""Camera RAW through LibRaw: the numbers of the sensor as they are, before any development. Never rotated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_file
+from hagoromo.files.exif import Exif, read_exif
+from hagoromo.files.quiet import quiet
+
+SUFFIXES = tuple(
+    f".{suffix}"
+    for suffix in "dng cr2 cr3 crw nef nrw arw sr2 srf raf orf rw2 pef srw 3fr fff iiq mos mrw erf kdc dcr x3f".split()
+)
+BYTES_PER_PIXEL = 8
+
+
+class Raw(NamedTuple):
+    """numbers: (height, width) behind a Bayer mosaic, else (height, width, 3), uint16. mosaic: "RGGB", ..., or "".
+
+    black: (2, 2) [DN], of the first 2 × 2 pixels. white: DN of the brightest light. exif: what the file tells.
+    """
+
+    numbers: NDArray[np.uint16]
+    mosaic: str
+    black: NDArray[np.float64]
+    white: float
+    exif: Exif
+
+
+def read_raw(path: str | Path) -> Raw:
+    """The RAW photograph at `path`.
+
+    `InputError` when the file is missing, nothing that LibRaw reads, cut off, larger than the free memory, or has
+    another mosaic than Bayer's.
+    """
+    import rawpy
+
+    found = existing_file(path)
+    try:
+        with quiet(), rawpy.RawPy() as raw:
+            raw.open_file(str(found))
+            sizes = raw.sizes
+            check_memory(float(BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(found))
+            raw.unpack()
+            return _raw(raw, found)
+    except rawpy.LibRawError as error:
+        said = error.args[0] if error.args else ""
+        said = said.decode("utf-8", "replace") if isinstance(said, bytes) else str(said)
+        raise InputError(f"{found} cannot be read as camera RAW, it may be cut off: {said or 'damaged'}") from error
+
+
+def _raw(raw: Any, path: Path) -> Raw:
+    image = np.array(raw.raw_image_visible)
+    white = min([raw.white_level, *(w for w in raw.camera_white_level_per_channel or () if w)])
+    black = np.asarray(raw.black_level_per_channel, np.float64)
+    if image.ndim == 3:  # DNG without a mosaic
+        return Raw(image[..., :3], "", np.full((2, 2), black[0]), float(white), _exif(raw, path))
+    if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
+        raise InputError(f"{path} has another mosaic than Bayer's 2 × 2: convert it to a linear TIFF first")
+    index = raw.raw_colors_visible[:2, :2]
+    mosaic = "".join(chr(raw.color_desc[colour]) for colour in index.ravel())
+    if sorted(mosaic) != sorted("RGGB"):
+        raise InputError(f"{path} has the mosaic {mosaic}: only R, G, G, B are known here")
+    return Raw(image, mosaic, black[index], float(white), _exif(raw, path))
+
+
+def _exif(raw: Any, path: Path) -> Exif:
+    """What EXIF tells; LibRaw where it tells nothing, as in files that are no TIFF."""
+    told, other = read_exif(path), raw.other
+    return Exif(
+        told.exposure_s or other.shutter_speed or None,
+        told.iso or other.iso_speed or None,
+        told.f_number or other.aperture or None,
+        told.focal_mm or other.focal_length or None,
+        told.sensor_mm,
+        told.camera,
+    )

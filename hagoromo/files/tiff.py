@@ -1,0 +1,60 @@
+"""TIFF: 8- or 16-bit integer or float images, as other programs and cameras write them. Read only."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory, existing_file, read_bytes
+
+KINDS = (np.uint8, np.uint16, np.float32)
+DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, struct.error)
+
+
+def read_tiff(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
+    """The first image of the file: (height, width[, 3 or 4]), in its own depth, channels in the order R, G, B, A.
+
+    `InputError` when the file is missing, no TIFF, cut off, of another kind of pixels, or larger than the free memory.
+    """
+    import tifffile
+
+    found = existing_file(path)
+    try:
+        with tifffile.TiffFile(found) as file:
+            page = file.pages.first
+            shape, kind = page.shape, page.dtype
+            if kind not in KINDS or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
+                raise InputError(
+                    f"{found} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
+                )
+            check_memory(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(found))
+            image = _unpacked(found) if page.compression == tifffile.COMPRESSION.LZW else page.asarray()
+    except InputError:
+        raise
+    except DAMAGE as error:
+        raise InputError(f"{found} cannot be read as TIFF: {' '.join(str(error).split())[:80]}") from error
+    if image.shape != shape or image.dtype != kind:
+        raise InputError(f"{found} is cut off or damaged: copy it again")
+    return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
+
+
+def _unpacked(path: Path) -> NDArray:
+    """Through OpenCV, which has the LZW of many programs' TIFFs and tifffile has not."""
+    import cv2
+
+    logging = cv2.utils.logging
+    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # it warns of tags that it does not know
+    try:
+        image = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError(str(error)) from error
+    finally:
+        logging.setLogLevel(level)
+    if image is None:
+        raise ValueError("its compressed pixels are damaged")
+    return image if image.ndim == 2 else np.ascontiguousarray(image[..., [2, 1, 0, 3][: image.shape[2]]])

@@ -1,0 +1,191 @@
+"""Photographs as cameras leave them: RAW through LibRaw, TIFF, EXIF, 8 bits with a curve; damaged ones are refused."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+
+from hagoromo.app.cli import main
+from hagoromo.errors import InputError
+from hagoromo.files.exif import Exif, read_exif
+from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.raw import read_raw
+from hagoromo.files.table import write_table
+from hagoromo.files.tiff import read_tiff
+from hagoromo.photograph.capture import load_capture
+from hagoromo.photograph.exposure import Given, read_exposure
+from hagoromo.photograph.transfer import Transfer, estimate_transfer
+from tests.inverse.simulated_bracket import FULL, SENSOR, numbers, scene, write_dng
+
+RANDOM = np.random.default_rng(3)
+COLOUR16 = RANDOM.integers(0, 65536, (13, 17, 3)).astype(np.uint16)
+
+
+def test_libraw_gives_the_numbers_that_a_dng_holds(tmp_path):
+    """A DNG written by hand: every number, the mosaic, black and white level, and its EXIF."""
+    raw = RANDOM.integers(500, 14_000, (62, 94)).astype(np.uint16)
+    write_dng(tmp_path / "a.dng", raw, seconds=1 / 60)
+    found = read_raw(tmp_path / "a.dng")
+    np.testing.assert_array_equal(found.numbers, raw)
+    assert found.mosaic == "RGGB" and (found.black == 512.0).all() and found.white == int(FULL)
+    exif = found.exif
+    assert exif.exposure_s == pytest.approx(1 / 60, rel=1e-4) and exif.iso == 100.0 and exif.f_number == 5.6
+    assert exif.focal_mm == 55.0 and exif.sensor_mm == pytest.approx(22.7, rel=1e-4) and exif.camera == "Maker One"
+    assert exif.focal_px(94) == pytest.approx(55.0 / 22.7 * 94, rel=1e-4)
+    exposure = read_exposure(tmp_path / "a.dng")
+    np.testing.assert_array_equal(exposure.signal, raw - 512.0)
+    np.testing.assert_array_equal(exposure.full, raw >= int(FULL))
+
+
+def test_a_bracket_of_dngs_is_developed_and_loads_as_a_capture(tmp_path, capsys):
+    """The command line: three RAW files → an EXR whose values, variance and mask a capture reads back."""
+    light, files = scene(2), []
+    for k, seconds in enumerate((0.05, 0.2, 0.8)):
+        files.append(tmp_path / f"{k}.dng")
+        write_dng(files[-1], numbers(light, seconds, 20 + k), seconds)
+    assert main(["develop", *map(str, files), "--out", str(tmp_path / "a.exr")]) == 0
+    said = capsys.readouterr().out
+    assert "from pairs of frames" in said and "linearity tested" in said and "wrote" in said
+    metadata = read_exr(tmp_path / "a.exr")[1]
+    assert abs(json.loads(metadata["gain"]) - SENSOR.gain) < 4 * json.loads(metadata["gain_standard_error"])
+    assert float(metadata["focal_px"]) == pytest.approx(55.0 / 22.7 * light.shape[1], rel=1e-4)
+    frame = {"file_path": "a.exr", "transform_matrix": np.eye(4).tolist(), "fl_x": float(metadata["focal_px"])}
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": [frame]}))
+    shot = load_capture(tmp_path).photographs[0]
+    assert shot.native is not None
+    measured = shot.native & shot.mask[..., None]
+    z = (shot.values - light / SENSOR.gain / (int(FULL) - 512.0))[measured] / np.sqrt(shot.variance[measured])
+    assert abs(z.mean()) < 0.05 and 0.9 < z.var() < 1.1  # gain and read noise are estimates: 5 % and more of variance
+    assert main(["info", str(files[0])]) == 0
+    assert "RGGB" in capsys.readouterr().out
+
+
+def test_raw_that_is_damaged_is_refused_in_one_line(tmp_path, capfd):
+    write_dng(tmp_path / "a.dng", RANDOM.integers(500, 14_000, (62, 94)).astype(np.uint16))
+    whole = (tmp_path / "a.dng").read_bytes()
+    for data in (b"", b"no photograph at all", whole[: len(whole) // 2]):
+        (tmp_path / "b.dng").write_bytes(data)
+        with pytest.raises(InputError, match=r"b\.dng cannot be read as camera RAW") as refused:
+            read_raw(tmp_path / "b.dng")
+        assert "\n" not in str(refused.value)
+    assert capfd.readouterr().err == ""
+    with pytest.raises(InputError, match="does not exist"):
+        read_raw(tmp_path / "c.dng")
+
+
+@pytest.mark.parametrize("compression", [1, 5, 8, 32773])  # none, LZW, deflate, PackBits
+def test_tiff_gives_its_numbers_back(tmp_path, compression):
+    path = tmp_path / "a.tif"
+    assert cv2.imwrite(str(path), COLOUR16[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, compression])
+    np.testing.assert_array_equal(read_tiff(path), COLOUR16)
+
+
+def test_tiff_of_other_kinds_and_damaged_ones_are_refused(tmp_path):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, RANDOM.normal(size=(5, 7)).astype(np.float32))
+    assert read_tiff(path).dtype == np.float32
+    tifffile.imwrite(path, np.zeros((5, 7), np.complex64))
+    with pytest.raises(InputError, match="complex64"):
+        read_tiff(path)
+    assert cv2.imwrite(str(path), COLOUR16)
+    whole = path.read_bytes()
+    for data in (b"", b"II*\0junkjunk", whole[: len(whole) // 2]):
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=r"a\.tif") as refused:
+            read_tiff(path)
+        assert "\n" not in str(refused.value)
+
+
+def test_exif_is_read_from_jpeg_and_png_and_damage_tells_nothing(tmp_path):
+    tags = [(33434, "2I", 1, (1, 60), True), (34855, "H", 1, 400, True), (37386, "2I", 1, (0, 0), True)]
+    tifffile.imwrite(tmp_path / "e.tif", np.zeros((2, 2), np.uint8), extratags=tags, metadata=None)
+    blob = b"Exif\0\0" + (tmp_path / "e.tif").read_bytes()
+    assert cv2.imwrite(str(tmp_path / "a.jpg"), COLOUR16.astype(np.uint8))
+    plain = (tmp_path / "a.jpg").read_bytes()
+    assert read_exif(tmp_path / "a.jpg") == Exif()
+    segment = b"\xff\xe1" + (len(blob) + 2).to_bytes(2, "big") + blob
+    (tmp_path / "a.jpg").write_bytes(plain[:2] + segment + plain[2:])
+    assert read_exif(tmp_path / "a.jpg") == Exif(exposure_s=1 / 60, iso=400.0)
+    for end in range(20, len(segment), 11):
+        (tmp_path / "a.jpg").write_bytes(plain[:2] + segment[:end])
+        read_exif(tmp_path / "a.jpg")
+    write_png(tmp_path / "a.png", COLOUR16)
+    chunks = (tmp_path / "a.png").read_bytes()
+    chunk = len(blob[6:]).to_bytes(4, "big") + b"eXIf" + blob[6:] + b"\0\0\0\0"
+    (tmp_path / "a.png").write_bytes(chunks[:33] + chunk + chunks[33:])
+    assert read_exif(tmp_path / "a.png").iso == 400.0
+
+
+def srgb_photograph(light: np.ndarray, seconds: float) -> np.ndarray:
+    u = np.clip(light * seconds, 0.0, 1.0)
+    return np.rint(255.0 * np.where(u <= 0.0031308, 12.92 * u, 1.055 * u ** (1 / 2.4) - 0.055)).astype(np.uint8)
+
+
+def test_eight_bits_need_a_curve_and_come_back_linear_through_it(tmp_path):
+    """Stated (srgb, or a CSV of it): the rounding variance covers; within three of its standard deviations."""
+    light = RANDOM.uniform(0.01, 0.9, (31, 47, 3))
+    write_png(tmp_path / "a.png", srgb_photograph(light, 1.0))
+    with pytest.raises(InputError, match="8 bits, seldom linear ones: state --transfer"):
+        read_exposure(tmp_path / "a.png")
+    level = np.arange(256.0)
+    write_table(tmp_path / "curve.csv", {"number": level, "light": Transfer.load("srgb", 255).table[:, 0]})
+    for transfer in ("srgb", tmp_path / "curve.csv"):
+        shot = read_exposure(tmp_path / "a.png", Given(transfer=transfer))
+        z = (shot.signal / 255.0 - light) / (np.sqrt(shot.rounding) / 255.0)
+        assert np.abs(z).max() < 3.0 and 0.8 < z.var() < 1.2  # of a uniform law ±√3
+    for bad, said in [("log", "no transfer curve"), (tmp_path / "none.csv", "does not exist")]:
+        with pytest.raises(InputError, match=said):
+            read_exposure(tmp_path / "a.png", Given(transfer=bad))
+    write_table(tmp_path / "curve.csv", {"number": level, "light": level[::-1]})
+    with pytest.raises(InputError, match="must"):
+        read_exposure(tmp_path / "a.png", Given(transfer=tmp_path / "curve.csv"))
+
+
+def test_the_curve_is_estimated_from_a_bracket(tmp_path):
+    """Five exposures through sRGB's curve, unknown to the estimate: within 3 % of white, Debevec's smoothness; and the
+    command line uses it.
+    """
+    light = np.exp(RANDOM.uniform(np.log(0.002), np.log(2.0), (64, 64, 3)))
+    times = (0.25, 0.5, 1.0, 2.0, 4.0)
+    shots = [srgb_photograph(light, t) for t in times]
+    curve = estimate_transfer(shots, times)
+    true = Transfer.load("srgb", 255).table
+    assert np.abs(curve.table - true)[20:250].max() < 0.03 * 255.0
+    with pytest.raises(InputError, match="3 exposures or more"):
+        estimate_transfer(shots[:2], times[:2])
+    paths = []
+    for k, picture in enumerate(shots):
+        paths.append(str(tmp_path / f"{k}.png"))
+        write_png(paths[-1], picture)
+    command = ["develop", *paths, "--exposures", *map(str, times), "--out", str(tmp_path / "a.exr")]
+    noise = ["--gain", "78", "--read-noise", "10"]
+    assert main([*command, "--transfer", "estimate", *noise]) == 0
+    layers = read_exr(tmp_path / "a.exr")[0]
+    valid = layers["A"] == 1.0
+    values, true = np.stack([layers[c] for c in "RGB"], axis=2)[valid], light[valid]
+    assert np.abs(values / values.mean() - true / true.mean()).max() < 0.03 * true.max() / true.mean()
+    assert main([*command, "--transfer", "linear", "--force", *noise]) == 2
+
+
+def test_sixteen_bits_and_float_are_linear_as_they_are(tmp_path):
+    write_png(tmp_path / "a.png", COLOUR16)
+    shot = read_exposure(tmp_path / "a.png", Given(black=100.0, white=60_000.0, exposure_s=0.5))
+    np.testing.assert_allclose(shot.signal, COLOUR16 - 100.0, atol=0.01)  # float32
+    np.testing.assert_array_equal(shot.full, COLOUR16 >= 60_000)
+    assert shot.seconds == 0.5 and shot.white == 59_900.0
+    values = RANDOM.uniform(0.0, 3.0, (5, 7, 3)).astype(np.float32)
+    write_exr(tmp_path / "a.exr", dict(zip("RGB", np.moveaxis(values, 2, 0), strict=True)))
+    np.testing.assert_array_equal(read_exposure(tmp_path / "a.exr").signal, values)
+    write_png(tmp_path / "m.png", COLOUR16[..., 0])
+    assert read_exposure(tmp_path / "m.png", Given(mosaic="GBRG")).signal.shape == (13, 17)
+    for path, given, said in [
+        ("m.png", Given(mosaic="XTRANS"), "mosaic 'XTRANS' is unknown"),
+        ("m.png", Given(black=7.0, white=3.0), "below white"),
+        ("a.toml", Given(), "does not exist|no photograph"),
+    ]:
+        with pytest.raises(InputError, match=said):
+            read_exposure(Path(tmp_path / path), given)
