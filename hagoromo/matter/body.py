@@ -7,7 +7,7 @@ Head, neck and collar, forearms with hands, and bare feet with their shins. What
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -18,10 +18,16 @@ from hagoromo.matter.head import head
 from hagoromo.matter.pose import PRAYER, WELCOME, Pose
 from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_union
 
-GESTURES: Mapping[Pose, tuple[Gesture, tuple[float, float, float]]] = {  # of the hands, and where the palms turn
-    PRAYER: (FOLDED, (-1.0, 0.0, 0.0)),
-    WELCOME: (OPEN, (-0.3, -0.6, 0.7)),
-}
+
+class Hold(NamedTuple):
+    """How the hands are held: gesture, where the palms turn, how far the wrists are nearer together than the joints."""
+
+    gesture: Gesture
+    palm: tuple[float, float, float]
+    closer: float = 0.0
+
+
+HOLDS: Mapping[Pose, Hold] = {PRAYER: Hold(FOLDED, (-1.0, 0.0, 0.0), 3.3), WELCOME: Hold(OPEN, (-0.3, -0.6, 0.7))}
 STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
 CUT = 196.0  # height below which a chest is never seen
 BARE = 60.0  # height above which legs are never seen
@@ -52,10 +58,11 @@ def bust(point: Any, pose: Pose) -> Any:
 def arms(point: Any, pose: Pose) -> Any:
     """Both forearms and hands."""
     p = mirrored(point)
-    gesture, palm = GESTURES[pose]
-    axes = frame(pose.wrist, pose.fingertip, palm)
-    fore = capsule(p, pose.elbow, pose.wrist, 4.6, 2.8)
-    return smooth_union(fore, hand(framed(p, pose.wrist, axes), gesture), 2.0)
+    hold = HOLDS[pose]
+    wrist = (pose.wrist[0] - hold.closer, pose.wrist[1], pose.wrist[2])
+    axes = frame(wrist, (pose.fingertip[0] - 0.1 * hold.closer, *pose.fingertip[1:]), hold.palm)
+    fore = capsule(p, pose.elbow, wrist, 4.6, 2.8)
+    return smooth_union(fore, hand(framed(p, wrist, axes), hold.gesture), 2.0)
 
 
 def feet(point: Any, pose: Pose) -> Any:

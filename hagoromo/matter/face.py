@@ -74,7 +74,7 @@ def mouth(head: Any, p: Any) -> Any:
     groove = 0.22 * _bell(p.x, 0.6) * _bell(p.z + 8.9, 0.9)
     ridge = 0.12 * _bell(p.x - 1.0, 0.45) * _bell(p.z + 9.2, 0.9)
     hollow = 0.3 * _bell(part, 0.6) * _bell(p.z + 14.0, 0.7)
-    corner = 0.3 * _bell(p.x - HALF_MOUTH - 0.2, 0.6) * _bell(p.z - MOUTH - 0.15, 0.65)
+    corner = 0.2 * _bell(p.x - HALF_MOUTH - 0.2, 0.6) * _bell(p.z - MOUTH - 0.15, 0.65)
     return head - front * (full + ridge - gap - groove - hollow - corner)
 
 
@@ -97,7 +97,7 @@ def _lips(p: Any) -> tuple[Any, Any, Any, Any, Any]:
 def _lip(part: Any) -> Any:
     """Profile of a lip from the line between the lips, 0, to its border, 1: round, and full near the line."""
     near = (0.55 + 0.45 * _rising(part * 2.2)) * _rising(6.0 * part + 0.5)
-    return near * (1.0 - 0.25 * part) * _rising((1.1 - part) * 2.2)
+    return near * (1.0 - 0.25 * part) * _rising((1.1 - part) * 1.7)
 
 
 def _bell(offset: Any, width: float) -> Any:

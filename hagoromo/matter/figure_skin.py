@@ -24,7 +24,7 @@ GRANULES = Granules(
 )  # fmt: skip
 FINENESS = Fineness(0.16, 0.22)
 LIPS = Pigment(melanin=0.018, blood=0.035, oxygenation=0.85)
-STEEPEST = 2.2  # slope of the shapes, at the line between the lips
+STEEPEST = 2.5  # slope of the shapes, at nails and at the line between the lips
 
 
 class Place(NamedTuple):

@@ -34,7 +34,7 @@ def foot(p: Any, knee: Any) -> Any:
     solid = smooth_union(solid, capsule(p, (0.0, -1.2, ANKLE), tuple(knee), 3.3, 6.5), 4.0)
     solid = smooth_union(solid, sphere(p, (2.7, -0.4, ANKLE + 0.8), 1.5), 1.6)  # ankle bones, the inner one higher
     solid = smooth_union(solid, sphere(p, (-2.6, -1.3, ANKLE - 0.4), 1.5), 1.6)
-    solid = smooth_union(solid, capsule(p, (0.0, -5.6, 6.0), (0.0, -4.4, 20.0), 1.0, 1.4), 2.5)  # tendon of the heel
+    solid = smooth_union(solid, capsule(p, (0.0, -5.4, 6.0), (0.0, -3.0, 18.0), 1.0, 1.2), 2.5)  # tendon of the heel
     toes = [_toe(p, toe) for toe in TOES]
     found = smooth_union(solid, toes[0], 1.2)
     for toe in toes[1:]:  # joined one by one, so that they blend with the foot but not with each other

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
+
 from hagoromo.matter.face import eyes, mouth, nose
 from hagoromo.matter.shape import (
     capsule,
@@ -19,12 +21,14 @@ from hagoromo.matter.shape import (
     sphere,
 )
 
+WRY = 0.12  # by which the features are out of the middle: no face is its own mirror image
 SEAMS = 0.8, 0.25  # over which the two sides of skull and features pass into each other
 
 
 def head(point: Any) -> Any:
     """All of the head but its hair, about its middle."""
-    bones, p = skull(mirrored(point, SEAMS[0])), mirrored(point, SEAMS[1])
+    uneven = type(point)(point.x + WRY * dr.sin(0.3 * point.z), point.y, point.z - 0.1 * WRY * point.x)
+    bones, p = skull(mirrored(point, SEAMS[0])), mirrored(uneven, SEAMS[1])
     return smooth_union(mouth(nose(eyes(bones, p), p), p), ear(p), 0.9)
 
 

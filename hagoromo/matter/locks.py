@@ -18,7 +18,7 @@ from hagoromo.matter.shape import Shape, capsule, distance_and_normal, ellipsoid
 
 SCALP = (0.0, 2.0, 4.6), (12.0, 15.4, 13.9)  # middle and radii of the cranium, in the axes of the head
 HAIRLINE = 9.0  # height over the middle of the head, at the forehead
-PARTING, BESIDE = -0.6, 0.14  # x of the parting, and the share of the locks that leave it
+PARTING, BESIDE = -0.6, 0.2  # x of the parting, and the share of the locks that leave it
 BACK = 13.0  # y where hair stays before the roots of wings
 STEP = 0.8  # between the points of a lock
 STIFF = 0.8  # how much of its direction a lock keeps from step to step
@@ -105,7 +105,7 @@ def _roots(count: int, pose: Pose, draw: np.random.Generator) -> tuple[NDArray, 
     # more of them beside the parting, where the scalp would show
     edge = draw.random(count) < BESIDE
     unit[chosen[edge], 0] = (PARTING + draw.choice([-0.35, 0.35], edge.sum())) / radii[0]
-    unit[chosen[edge], 1] = draw.uniform(-0.92, 0.6, edge.sum())
+    unit[chosen[edge], 1] = draw.uniform(-0.95, 0.6, edge.sum())
     unit[chosen[edge], 2] = np.sqrt(np.maximum(1.0 - (unit[chosen[edge], :2] ** 2).sum(axis=1), 0.05))
     local[chosen] = middle + radii * unit[chosen] / np.linalg.norm(unit[chosen], axis=1, keepdims=True)
     normal = unit[chosen] / radii

@@ -26,7 +26,7 @@ LOCKS, STRANDS = 520, 17  # of a head, and of a lock
 SPREAD = 1.1  # half width of a lock
 WIDTH = 0.16  # of a strand: a wisp of hairs
 LOOSE = 110  # hairs that leave their lock
-BROWS = 0.3  # of the colour of the hair, that of brows and lashes
+BROWS = 0.2  # of the colour of the hair, that of brows and lashes
 CLOTHES = 1.2  # thickness of the gown on the shoulders
 # auburn: absorption of pheomelanin falls more slowly than that of eumelanin (Donner & Jensen 2006): a reddish brown
 HAIR_COLOUR = Spectrum((380, 450, 500, 550, 600, 650, 700, 730), (0.035, 0.05, 0.08, 0.14, 0.24, 0.33, 0.40, 0.43))
@@ -69,7 +69,7 @@ def long_hair(locks: Locks, step: float, draw: np.random.Generator) -> Strands:
         area = 0.25 * np.pi * WIDTH**2 * np.clip((end - at) / 12.0, 0.0, 1.0)
         found.append(along(path, area, step))
     some = draw.integers(0, len(paths), LOOSE)
-    stray = np.cumsum(np.cumsum(draw.normal(0.0, 0.012, (LOOSE, last + 1, 3)), axis=1), axis=1)
+    stray = np.cumsum(np.cumsum(draw.normal(0.0, 0.006, (LOOSE, last + 1, 3)), axis=1), axis=1)
     area = 0.25 * np.pi * (0.5 * WIDTH) ** 2 * np.clip((locks.ends[some, None] - at) / 12.0, 0.0, 1.0)
     return joined(*found, along(paths[some] + stray, area, step))
 
