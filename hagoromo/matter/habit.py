@@ -20,15 +20,15 @@ from hagoromo.matter.shape import Shape, placed
 from hagoromo.matter.sheet import Sheet
 from hagoromo.matter.tube import Folds, Row, upright
 
-WOOL, LINEN, CREPE = Fabric(2.6, 0.3, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
+WOOL, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
 BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
-    Row(0, 390, 225, 0.9, 2), Row(56, 340, 195, 0.85, 1), Row(146, 225, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
+    Row(0, 440, 235, 0.9, 2), Row(56, 375, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
     Row(208, 148, 130, 0.65, 2), Row(221, 112, 108, 0.6, 3), Row(231, 58, 57, 0.95, 3.5),
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
 NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
-SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(55, 94, 88), Row(114, 128, 118)  # from the shoulder outwards
+SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(52, 88, 82), Row(99, 140, 124)  # from the shoulder outwards
 BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 PANEL = 42.0, 196.0  # of the scapular, before and behind
 OUTWARDS = 0.16  # how steeply it begins over the skirt
@@ -46,7 +46,7 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     seed, body = fall.seed, partial(trunk, pose=pose, bust=BUST, step=STEP)
     fine, short = Fall(0.7 * fall.spacing, 0.4, 1, seed), fall._replace(levels=1, seconds=SHORT)
     tunic = put_on(
-        [upright(TUNIC, (1.0, NECK), TILT, Folds(15, seed), reach=_belted, held=_last_row)], [body], WOOL, fall
+        [upright(TUNIC, (1.0, NECK), TILT, Folds(16, seed + 5), reach=_belted, held=_last_row)], [body], WOOL, fall
     )
     band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
     worn = tunic + put_on([band], [dressed(body, tunic)], WOOL, fine)

@@ -31,8 +31,8 @@ def sheet_chart(
 ) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
     """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
-    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm; bounds end FAR beyond it. period_mm: of what repeats along u and v:
-    the widths of tubes are taken for the nearest whole number of periods.
+    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm; bounds are no larger than FAR more than it.
+    period_mm: of what repeats along u and v: the widths of tubes are taken for the nearest whole number of periods.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
         raise InputError(f"{len(sheets)} sheets, reach_mm {reach_mm:g}, edge_mm {edge_mm:g}: give all above 0")

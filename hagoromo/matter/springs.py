@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from hagoromo.backend import arrays, lookup
-from hagoromo.matter.collider import FAR
 from hagoromo.matter.cut import Cut
 from hagoromo.matter.sheet import Sheet
 
+ANYWHERE = 1e9  # mm, reach of points that no belt draws in: more than any distance
 WAYS = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  # rows, columns to the neighbours
 
 
@@ -43,7 +43,7 @@ def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dic
         "along": springs[:4], "across": springs[4:], "bends": bends,
         "layer": lookup(kinds.UInt, layer.astype(np.uint32)),
         "held": lookup(kinds.Float, values["held"].astype(np.float32)),
-        "reach": lookup(kinds.Float, np.minimum(values["reach"], FAR).astype(np.float32)),
+        "reach": lookup(kinds.Float, np.minimum(values["reach"], ANYWHERE).astype(np.float32)),
     }  # fmt: skip
 
 

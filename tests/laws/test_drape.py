@@ -8,12 +8,12 @@ from scipy.spatial import KDTree
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.matter.sheet_chart import sheet_chart
 from hagoromo.matter.collider import Collider
 from hagoromo.matter.cut import Cut
 from hagoromo.matter.settle import Fabric, Fall, settled
 from hagoromo.matter.shape import sphere
 from hagoromo.matter.sheet import Sheet
+from hagoromo.matter.sheet_chart import sheet_chart
 
 BALL = (0.0, 0.0, 15.0), 15.0
 NOTHING = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
