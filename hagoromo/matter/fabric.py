@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays, lookup
-from hagoromo.matter.hair import Fuzz, grown
+from hagoromo.matter.hair import Fuzz, Hairs, grown
 from hagoromo.matter.knit import Knitted, check_knitted, knitted_paths, knitted_period, loop_of
 from hagoromo.matter.section import section
 from hagoromo.matter.strand import Grid, Paths, Strands, grid_over
@@ -20,7 +20,7 @@ from hagoromo.matter.thread import fibre, spun
 from hagoromo.matter.weave import Woven, check_woven, period_of, woven_paths
 from hagoromo.matter.yarn import Yarn
 
-CELLS = 5  # of the search for the nearest yarn, in the diameter of the thinnest
+CELLS = 3  # of the search for the nearest yarn, in the diameter of the thinnest
 ROOM = 0.5  # for hairs above and below, of their mean length
 MARGIN = 2  # voxels at the border of the period in which all variants agree
 
@@ -68,7 +68,10 @@ def _fabric(
     room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
     top = 0.5 * thickness * thick + room
     grid = grid_over(period, (-top, top), min(yarn.thickness_mm for yarn in yarns) / CELLS)
-    strands = tuple(Strands(each, period, grid) for each in paths)
+    strands = tuple(
+        Strands(each, period, grid, 0.5 * yarn.width_mm * float(each.girth.max()) + 2.0 * voxel_mm)
+        for yarn, each in zip(yarns, paths, strict=True)
+    )
     shown = tuple(section(yarn, voxel_mm, seed) for yarn in yarns)
     table = lookup(kinds.Float, np.concatenate([each.nearest for each in shown]))
     lengths = tuple(each.step * each.steps for each in strands)
@@ -100,15 +103,15 @@ def _fuzz(
     """Hairs of both kinds of yarns: those near the border of the period are the same in all variants."""
     reach = 2.0 * MARGIN * voxel_mm + 2.0 * max(grid.edge[:2])  # hairs are two voxels wide at least
     room = heights[0] + 2.0 * voxel_mm, heights[1] - 2.0 * voxel_mm
-    kept = []
-    for variant in range(paths[0].points.shape[0]):
-        hairs = []
-        for shared in (True, False):
-            draw = np.random.default_rng((seed, 7) if shared else (seed, 8, variant))
-            both = zip(yarns, paths, strict=True)
-            every = [hair for yarn, each in both for hair in grown(yarn, each, 0 if shared else variant, room, draw)]
-            hairs += [hair for hair in every if _crosses(hair.points, period, reach) == shared]
-        kept.append(hairs)
+
+    def those(variant: int, draw: np.random.Generator, shared: bool) -> list[Hairs]:
+        both = zip(yarns, paths, strict=True)
+        hairs = [hair for yarn, each in both for hair in grown(yarn, each, variant, room, draw)]
+        return [hair for hair in hairs if _crosses(hair.points, period, reach) == shared]
+
+    border = those(0, np.random.default_rng((seed, 7)), True)
+    variants = range(paths[0].points.shape[0])
+    kept = [border + those(k, np.random.default_rng((seed, 8, k)), False) for k in variants]
     return Fuzz(kept, period, grid, voxel_mm)
 
 

@@ -66,7 +66,10 @@ class Fuzz:
         far = Hairs(np.array([[0.0, 0.0, 1e3]]), np.eye(3)[:1], np.full(1, 1e-6), np.zeros(1, np.int64))
         joined = [Hairs(*(np.concatenate(part) for part in zip(*(hairs or [far]), strict=True))) for hairs in variants]
         starts = np.cumsum([0] + [len(each.radius) for each in joined[:-1]])
-        cells = [nearest_steps(each.points, period, grid) + start for each, start in zip(joined, starts, strict=True)]
+        reach = 2.0 * voxel_mm + max(float(each.radius.max()) for each in joined)
+        cells = [
+            nearest_steps(each.points, period, grid, reach) + start for each, start in zip(joined, starts, strict=True)
+        ]
         self.period = period
         self._nearest = lookup(kinds.UInt, np.concatenate(cells).astype(np.uint32))
         soft = 2.0 * voxel_mm

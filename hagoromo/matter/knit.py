@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from hagoromo.errors import InputError
 from hagoromo.matter.strand import Paths
-from hagoromo.matter.wander import equal_steps, freedom, wander
+from hagoromo.matter.wander import freedom, wander, wandered
 from hagoromo.matter.yarn import Yarn, check_yarn
 
 MUNDEN = 19.0  # stitch density × (length of a loop)² of dry relaxed wool (Munden, J. Text. Inst. 50, 1959, T448)
@@ -120,21 +120,12 @@ def _paths(cloth: Knitted, parity: int, margin: float, variants: int, seed: int)
     beside = np.stack([-along[:, 1], along[:, 0], 0.0 * along[:, 0]], axis=-1) / np.linalg.norm(
         along, axis=1, keepdims=True
     )
-    steps, turns = round(length / yarn.diameter_mm * STEPS), round(yarn.rates[0] * length / (2.0 * np.pi))
-    rows = []
-    for number in range(variants * len(base)):
-        variant, course = divmod(number, len(base))
-        aside, *more = (np.append(each[variant, course], each[variant, course, 0]) for each in (
-            varied.aside, varied.girth, varied.phase,
-        ))  # fmt: skip
-        path = base[course] + cloth.uneven * yarn.diameter_mm * aside[:, None] * beside
-        rows.append(equal_steps(np.column_stack([path, *more]), steps)[0])
-    found = np.array(rows).reshape(variants, len(base), steps, 5)
-    phase = found[..., 4] + 2.0 * np.pi * turns * np.arange(steps) / steps
-    straight = equal_steps(base[0], steps)[0]
-    slope = np.abs(np.roll(straight, -1, axis=0) - np.roll(straight, 1, axis=0))
-    heads = (slope[:, 0] > slope[:, 1]).astype(np.int64)  # 0 legs, along v; 1 heads and feet, along u
-    return Paths(found[..., :3], found[..., 3], phase, turns, np.repeat(heads[None], len(base), axis=0))
+    beside = np.repeat(cloth.uneven * yarn.diameter_mm * beside[None], len(base), axis=0)
+    turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS)
+    found = wandered(base, beside, varied, turns, steps)
+    slope = np.abs(np.roll(found["points"], -1, axis=2) - np.roll(found["points"], 1, axis=2))[0]
+    heads = (slope[..., 0] > slope[..., 1]).astype(np.int64)  # 0 legs, along v; 1 heads and feet, along u
+    return Paths(**found, turns=turns, population=heads)
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:

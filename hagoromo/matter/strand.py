@@ -16,18 +16,19 @@ from hagoromo.backend import arrays, clip, lookup
 
 BEYOND = 1e6  # mm: the third axis does not repeat
 SOUGHT, FARTHEST = 3, 4.0  # times that the foot of a point is bettered, steps that it is moved each time
-LEAST_STRETCH = 0.2  # on the inside of bends: points beyond their centre are in no yarn
+LEAST_STRETCH = 0.4  # on the inside of bends: what is nearer their centre is in no yarn
 
 
 class Paths(NamedTuple):
     """Yarns of one kind. points: (variants, yarns, steps, 3) [mm]; girth: (variants, yarns, steps), of the diameter;
-    phase: the same, turn of the plies [rad], its last step `turns` whole turns before its first of the next period;
-    population: (yarns, steps).
+    phase: the same, turn of the plies [rad], after the last step `turns` whole turns more than at the first; way: the
+    same, share of the yarn up to there; population: (yarns, steps).
     """
 
     points: NDArray[np.float64]
     girth: NDArray[np.float64]
     phase: NDArray[np.float64]
+    way: NDArray[np.float64]
     turns: int
     population: NDArray[np.int64]
 
@@ -81,21 +82,26 @@ def grid_over(period: tuple[float, float], heights: tuple[float, float], edge: f
     return Grid(count, edges, heights[0])  # type: ignore[arg-type]
 
 
-def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid) -> NDArray[np.uint32]:
-    """For every cell the number of the step that is nearest to its middle. points: (n, 3)."""
+def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid, reach: float) -> NDArray[np.uint32]:
+    """For every cell the number of the step that is nearest to its middle; any where none is within `reach` [mm].
+
+    points: (n, 3).
+    """
     box = np.array([*period, BEYOND])
     lifted = np.array([0.0, 0.0, 0.5 * BEYOND])
     wrapped = points + lifted
     wrapped[:, :2] %= period
     wrapped[:, :2] = np.where(wrapped[:, :2] >= period, 0.0, wrapped[:, :2])
     tree = KDTree(wrapped, boxsize=box)
-    return np.asarray(tree.query(grid.middles() + lifted)[1], np.uint32)
+    reach += 0.5 * float(np.linalg.norm(grid.edge))
+    found = np.asarray(tree.query(grid.middles() + lifted, distance_upper_bound=reach, workers=-1)[1])
+    return np.where(found < len(points), found, 0).astype(np.uint32)
 
 
 class Strands:
-    """Paths on the device."""
+    """Paths on the device. reach: how far from them points are asked about [mm]."""
 
-    def __init__(self, paths: Paths, period: tuple[float, float], grid: Grid) -> None:
+    def __init__(self, paths: Paths, period: tuple[float, float], grid: Grid, reach: float) -> None:
         kinds = arrays()
         _, self.yarns, self.steps, _ = paths.points.shape
         self.period, self.grid = period, grid
@@ -107,8 +113,9 @@ class Strands:
         population = np.broadcast_to(paths.population, paths.girth.shape)
         self._a = _packets(kinds, paths.points, paths.girth)
         self._b = _packets(kinds, tangent, paths.phase % (2.0 * np.pi))
-        self._c = lookup(kinds.Float, np.stack([turn, population], axis=-1).astype(np.float32))
-        cells = [nearest_steps(each.reshape(-1, 3), period, grid) for each in paths.points]
+        onward = np.diff(paths.way, axis=2, append=1.0)
+        self._c = lookup(kinds.Float, np.stack([turn, population, paths.way, onward], axis=-1).astype(np.float32))
+        cells = [nearest_steps(each.reshape(-1, 3), period, grid, reach) for each in paths.points]
         self._nearest = lookup(kinds.UInt, np.concatenate(cells))
 
     def nearest(self, point: Any, cell: Any, variant: Any) -> Place:
@@ -132,11 +139,11 @@ class Strands:
         offset = self._within(point - middle)
         up = dr.normalize(kinds.Array3f(0.0, 0.0, 1.0) - tangent * tangent.z)
         aside = dr.cross(up, tangent)
-        turn, population = (dr.gather(kinds.Float, self._c, 2 * (first + index) + k) for k in (0, 1))
+        turn, population, way, onward = dr.gather(kinds.Array4f, self._c, first + index)
         return Place(
             dr.dot(offset, aside), dr.dot(offset, up), aside, up, tangent, stretch * (1.0 / self.step),
             dr.lerp(a.w, a_next.w, part), b.w + part * turn, turn * (1.0 / self.step),
-            (kinds.Float(index) + part) * (1.0 / self.steps), yarn, kinds.UInt(population),
+            way + part * onward, yarn, kinds.UInt(population),
         )  # fmt: skip
 
     def _beyond(self, point: Any, a: Any, b: Any) -> Any:

@@ -86,6 +86,7 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
     x, y = (x - yarn.offset * cosine) / yarn.ply, (y - yarn.offset * sine) / yarn.ply
     p = kinds.Array2f(c * x + s * y, c * y - s * x)
     q, drift = _migrated(p, place.way, yarn, name, seed)
+    p = p * dr.rcp(dr.fmax(dr.norm(p), 1.0))  # in the soft edge fibres run as at the outside
     moving = kinds.Array2f(drift.x - spin * p.y, drift.y + spin * p.x) * yarn.ply
     turning = place.rate * yarn.offset
     slope_x = (c * moving.x - s * moving.y - turning * sine) * wide

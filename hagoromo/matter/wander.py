@@ -58,14 +58,29 @@ def freedom(points: NDArray, period: tuple[float, float], margin: float) -> NDAr
     return share * share * (3.0 - 2.0 * share)
 
 
-def equal_steps(path: NDArray, count: int) -> tuple[NDArray, float]:
-    """`count` points at equal steps of length along a path (n + 1, …), whose last point begins its next period.
+def wandered(base: NDArray, beside: NDArray, varied: Wander, turns: int, count: int) -> dict[str, NDArray]:
+    """Yarns at `count` equal steps of their own length: points, girth, phase [rad] and way (0 to 1 along the base).
 
-    The first three numbers of a point are its place. Also the length.
+    base: paths (yarns, n + 1, 3) whose last point begins the next period [mm]; beside: how they are moved aside, of
+    the same shape [mm]; turns: of the twist. Where variants have the same path they have the same phase and way.
     """
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :3], axis=0), axis=1))])
-    at = np.arange(count) * (length[-1] / count)
-    return np.stack([np.interp(at, length, column) for column in path.T], axis=-1), float(length[-1])
+    rows = []
+    for girth, aside, phase in zip(*varied, strict=True):  # of a variant
+        for k, path in enumerate(base):
+            way = length_along(path) / length_along(path)[-1]
+            moved = path + beside[k] * np.append(aside[k], aside[k, 0])[:, None]
+            turned = np.append(phase[k], phase[k, 0]) + 2.0 * np.pi * turns * way
+            table = np.column_stack([moved, np.append(girth[k], girth[k, 0]), turned, way])
+            length = length_along(moved)
+            at = np.arange(count) * (length[-1] / count)
+            rows.append(np.stack([np.interp(at, length, column) for column in table.T], axis=-1))
+    found = np.array(rows).reshape(len(varied.girth), len(base), count, -1)
+    return {"points": found[..., :3], "girth": found[..., 3], "phase": found[..., 4], "way": found[..., 5]}
+
+
+def length_along(path: NDArray) -> NDArray[np.float64]:
+    """Length of a path (n, 3) up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
 def _waves(draw: np.random.Generator, yarns: int, way: NDArray) -> NDArray:

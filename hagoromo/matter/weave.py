@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.matter.draft import Draft, plain, satin, twill
 from hagoromo.matter.strand import Paths
-from hagoromo.matter.wander import equal_steps, freedom, wander
+from hagoromo.matter.wander import freedom, wander, wandered
 from hagoromo.matter.yarn import Yarn, check_yarn
 
 FEWEST, ENOUGH, MOST = 12, 24, 256  # yarns of a period either way: at least, where more are tried, at most
@@ -110,20 +110,13 @@ def _paths(cloth: Woven, k: int, margin: float, variants: int, seed: int) -> Pat
     free = freedom(straight[:, :-1], period, margin)
     varied = wander(yarn, free, length, variants, (drawn, own))
     room = min(cloth.uneven, max(0.0, 0.5 - 0.5 * yarn.width_mm / pitch[k]))
-    steps = round(length / yarn.diameter_mm * STEPS)
-    turns = round(yarn.rates[0] * length / (2.0 * np.pi))
-    rows = []
-    for number in range(variants * yarns):
-        variant, thread = divmod(number, yarns)
-        path = straight[thread].copy()
-        path[:, k] += room * pitch[k] * np.append(varied.aside[variant, thread], varied.aside[variant, thread, 0])
-        more = [np.append(each[variant, thread], each[variant, thread, 0]) for each in (varied.girth, varied.phase)]
-        rows.append(equal_steps(np.column_stack([path, *more]), steps)[0])
-    found = np.array(rows).reshape(variants, yarns, steps, 5)
-    phase = found[..., 4] + 2.0 * np.pi * turns * np.arange(steps) / steps
+    beside = np.zeros_like(straight)
+    beside[..., k] = room * pitch[k]
+    turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS)
     colours = np.resize((cloth.warp_colours, cloth.weft_colours)[k], yarns)
     population = np.array([cloth.palette.index((k, int(colour))) for colour in colours])
-    return Paths(found[..., :3], found[..., 3], phase, turns, np.repeat(population[:, None], steps, axis=1))
+    population = np.repeat(population[:, None], steps, axis=1)
+    return Paths(**wandered(straight, beside, varied, turns, steps), turns=turns, population=population)
 
 
 def _sides(cloth: Woven, k: int) -> NDArray[np.float64]:
