@@ -19,8 +19,8 @@ from hagoromo.matter.shape import unit
 ROOT_Y, SWEEP, WIDTH, HANG, TOP = 24.0, 34.0, 150.0, 0.0005, 296.0  # of the sheet: see `sheet`
 # the arm's line (x, z): shoulder, elbow, wrist, end of the hand
 ARM = (
-    (7.0, 194.0), (16.0, 203.0), (26.0, 217.0), (35.0, 236.0), (43.0, 256.0), (52.0, 275.0), (63.0, 288.5),
-    (77.0, 291.5), (91.0, 282.0), (101.0, 261.0),
+    (7.0, 194.0), (16.0, 203.0), (28.0, 215.0), (38.0, 233.0), (47.0, 253.0), (57.0, 272.0), (70.0, 286.5),
+    (85.0, 290.5), (98.0, 281.0), (107.0, 261.0),
 )  # fmt: skip
 WRIST = 0.66  # share of the arm's length from the shoulder
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from hagoromo.matter.wing_bones import WRIST, arm
 
 # along the arm: share of its length; turn of feathers from straight down outwards [°]; length of the longest
-AT = (0.0, 0.12, 0.3, 0.5, 0.66, 0.78, 0.9, 0.97, 1.0)
-TURN = (-3.0, -1.0, 1.5, 4.5, 7.5, 10.5, 14.5, 17.0, 18.0)
-LONGEST = (58.0, 72.0, 100.0, 134.0, 162.0, 184.0, 202.0, 199.0, 191.0)
-BOW = (-2.0, -2.0, 0.0, 3.0, 8.0, 18.0, 31.0, 40.0, 42.0)  # of the tips inwards
-THICK = (2.8, 2.8, 2.6, 2.3, 2.0, 1.6, 1.2, 0.9, 0.7)  # half thickness of the arm
+AT = (0.0, 0.076, 0.178, 0.302, 0.433, 0.562, 0.679, 0.772, 0.868, 1.0)
+TURN = (4.0, 3.0, 3.0, 3.5, 4.5, 6.5, 9.0, 12.0, 15.0, 17.0)
+LONGEST = (46.0, 58.0, 76.0, 99.0, 125.0, 151.0, 172.0, 190.0, 198.0, 192.0)
+BOW = (0.0, 0.0, 1.0, 2.0, 4.0, 7.0, 13.0, 24.0, 38.0, 46.0)  # of the tips inwards
+THICK = (2.8, 2.8, 2.7, 2.5, 2.3, 2.1, 1.7, 1.3, 0.9, 0.7)  # half thickness of the arm
 TILED = 0.085  # slope of a feather across: each lies on its neighbour
 
 
@@ -41,7 +41,7 @@ class Row(NamedTuple):
 
 
 FLIGHT = (
-    Row(5, 0.02, 0.17, 5.0, 0.95, 1.0, 1.5, 0, 1.2),  # tertials
+    Row(5, 0.02, 0.17, 5.0, 0.97, 1.0, 1.3, 0, 1.2),  # tertials
     Row(14, 0.2, 0.655, 7.0, 0.96, 0.95, 1.45, 0, 1.0),  # secondaries
     Row(10, 0.69, 1.0, 6.0, 1.0, 0.75, 1.4, 0, 0.8),  # primaries
 )
@@ -114,7 +114,7 @@ def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
     outwards = face or 1.0
     field = {
         "x": start[:, 0], "z": start[:, 1], "sine": np.sin(turn), "cosine": np.cos(turn),
-        "bow": np.where(bow < 0, np.minimum(bow, -1e-4), np.maximum(bow, 1e-4)),
+        "bow": np.maximum(bow, 1e-4),
         "length_mm": length,
         "outer_mm": row.outer * step * spread, "inner_mm": row.inner * step * spread,
         "rachis_mm": 1.4 if flight else 0.1 + 0.007 * length, "quill": 0.06 if flight else 0.02,
