@@ -46,6 +46,7 @@ ITEMS = {
     "primary": _feather("primary", "Primary feather", (4.0, 55.0)),
     "covert": _feather("covert", "Covert", (2.0, 22.0)),
     "down": _feather("down", "Down", (3.0, 14.0)),
+    "wing": Item("wing", "Wings", {}),
     "solid": Item("solid", "Solid", {}, {"voxel_mm": 0.1}, None),
     "cloth_10_cm": Item(
         "linen", "Linen, 10 × 10 cm at 20 threads/cm",

@@ -39,13 +39,13 @@ def whole(box: VolumeBox) -> NDArray[np.uint8]:
 
 
 def near(box: VolumeBox, field_mm: float) -> NDArray[np.uint8]:
-    """A field of view of `field_mm` around its middle, before a card just behind it."""
+    """A field of view of `field_mm` around its middle, before a card so far behind that its shadow falls beside it."""
     field = 1e-3 * field_mm
     low, high = _extent(box)
     turned = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
     middle = 0.5 * (low + high)
-    turned[:3, 3] = middle[0], float(high[1]) + 0.4 * field, middle[2]
-    card = Surface(CARD, "rectangle", pose=turned @ np.diag([1.5 * field, 1.5 * field, 1.0, 1.0]), name="card")
+    turned[:3, 3] = middle[0], float(high[1]) + 4.0 * field, middle[2]
+    card = Surface(CARD, "rectangle", pose=turned @ np.diag([2.0 * field, 2.0 * field, 1.0, 1.0]), name="card")
     return _shown(Scene(_camera(box, field, STRAIGHT, SIZE), _lamps(), (box,), (card,)), SAMPLES)
 
 

@@ -25,7 +25,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.build_store import build_box
 from hagoromo.volume.plan import BoxPlan
 
-KINDS = ("skin", "cloth", "knit", "feather", "solid", "volume", "figure")
+KINDS = ("skin", "cloth", "knit", "feather", "wing", "solid", "volume", "figure")
 ALL = {
     "kind": text, "material": table, "name": (text, ""), "seed": (count, 0), "resolution": (positive, 1.0),
 }  # fmt: skip

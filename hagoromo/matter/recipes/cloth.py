@@ -43,8 +43,9 @@ def _plan(recipe: Recipe) -> BoxPlan:
     first, second = (tuple(recipe[k]) for k in ("warp_colours", "weft_colours"))
     weft, crimp, uneven = yarn_of(recipe, "weft", warp), recipe["crimp"], recipe["uneven"]
     cloth = check_woven(Woven(_draft(recipe), ends, picks, warp, weft, crimp, uneven, first, second))
+    materials = colour_materials(recipe, [colour for _, colour in cloth.palette])
     fabric = woven(cloth, recipe.fineness.voxel_mm, max(recipe["variants"], 1), recipe["seed"])
-    return laid(recipe, fabric, colour_materials(recipe, [colour for _, colour in cloth.palette]), "cloth")
+    return laid(recipe, fabric, materials, "cloth")
 
 
 def yarn_of(recipe: Recipe, name: str, usual: Yarn) -> Yarn:

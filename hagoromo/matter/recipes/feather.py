@@ -19,8 +19,6 @@ from hagoromo.matter.feather_kinds import FEATHERS
 from hagoromo.matter.marking import PATTERNS
 from hagoromo.matter.recipes.recipe import Kind, Recipe, with_defaults
 from hagoromo.matter.vane import Feather
-from hagoromo.reflectance.material_table import reflectance_from_table
-from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.plan import BoxPlan
 
 TABLES = "plume", "barbs", "barbules", "down", "marking"
@@ -33,7 +31,8 @@ def _plan(recipe: Recipe) -> BoxPlan:
     made = Feather(**parts, after=usual.after if recipe["after"] is None else recipe["after"])
     fine = PATCH_FINENESS if patch else FEATHER_FINENESS
     fine = fine._replace(**{k: recipe[k] for k in ("voxel_mm", "mean_free_path_mm") if recipe[k]})
-    fine, materials = fine.finer(recipe["resolution"]), _materials(recipe)
+    fine = fine.finer(recipe["resolution"])
+    materials = [recipe.material, *(recipe.varied(name) for name in ("marking_material", "shaft_material"))]
     if patch:
         return vane_patch(materials, made, patch, recipe["middle_mm"], fine, recipe["seed"])
     return feather(materials, made, fine, recipe["seed"])
@@ -42,15 +41,6 @@ def _plan(recipe: Recipe) -> BoxPlan:
 def _part(recipe: Recipe, name: str, usual: Any) -> Any:
     keys = take(recipe[name], with_defaults(usual, SPECIAL, number), f"{recipe.where} [{name}]")
     return type(usual)(**keys)
-
-
-def _materials(recipe: Recipe) -> list[Reflectance]:
-    """Of vane, markings and shaft."""
-    found = [recipe.material]
-    for name in ("marking_material", "shaft_material"):
-        table = recipe["material"] | recipe[name]
-        found.append(reflectance_from_table(table, recipe.folder, f"{recipe.where} [{name}]", recipe.element))
-    return found
 
 
 KEYS = {

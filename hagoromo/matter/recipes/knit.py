@@ -19,8 +19,9 @@ NUMBERS = "wales_per_cm", "courses_per_cm", "loop_mm", "uneven"
 
 def _plan(recipe: Recipe) -> BoxPlan:
     cloth = Knitted(yarn=yarn_of(recipe, "yarn", USUAL.yarn), **{name: recipe[name] for name in NUMBERS})
+    material = recipe.material
     fabric = knitted(cloth, recipe.fineness.voxel_mm, max(recipe["variants"], 1), recipe["seed"])
-    return laid(recipe, fabric, [recipe.material] * fabric.populations, "knit")
+    return laid(recipe, fabric, [material] * fabric.populations, "knit")
 
 
 KEYS = {"yarn": (table, {}), **{name: (number, getattr(USUAL, name)) for name in NUMBERS}}

@@ -2,36 +2,31 @@
 
 lay = "flat"      a patch, width_mm × height_mm, that stands on z = 0 and faces −y
 lay = "hanging"   the same, gathered into folds: their number, and fold_depth_mm at the hem
-lay = "ball"      a square of width_mm that fell over a ball of radius_mm on the floor
 
 carrier_mm: voxels of the lattice that says where the cloth is; variants: of the texel, so that its repeat is not seen.
 """
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from hagoromo.files.record import count, one_of, positive
-from hagoromo.matter.chart import sheet_chart
 from hagoromo.matter.fabric import Fabric
+from hagoromo.matter.hanging import flat, hanging
 from hagoromo.matter.recipes.recipe import Recipe, not_negative
 from hagoromo.matter.sheet import Sheet
-from hagoromo.matter.shell import Chart, shell
+from hagoromo.matter.sheet_chart import sheet_chart
+from hagoromo.matter.shell import shell
 from hagoromo.matter.texture import texel
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.plan import BoxPlan
 
 LAID: dict[str, Any] = {
-    "lay": (one_of("flat", "hanging", "ball"), "flat"), "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
-    "folds": (count, 3), "fold_depth_mm": (not_negative, 7.0), "radius_mm": (positive, 25.0),
-    "carrier_mm": (positive, 0.8), "variants": (count, 4),
+    "lay": (one_of("flat", "hanging"), "flat"), "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
+    "folds": (count, 3), "fold_depth_mm": (not_negative, 7.0), "carrier_mm": (positive, 0.8), "variants": (count, 4),
 }  # fmt: skip
 MARGIN = 2.0  # voxels of the carrier around the cloth
-POINTS = 9  # of a flat sheet along each edge
 HEM = 1.5  # voxels of the texel over which a hem fades
 
 
@@ -44,21 +39,12 @@ def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name:
     reach = max(abs(height) for height in fabric.heights_mm) + MARGIN * carrier
     chart, bound, extent = sheet_chart(_sheets(recipe), reach, HEM * voxel, fabric.period_mm)
     path = recipe.fineness.mean_free_path_mm
-    return shell(lambda point: Chart(*chart(point)), bound, extent, carrier, made, path, materials, name=name)
+    return shell(chart, bound, extent, carrier, made, path, materials, name=name)
 
 
 def _sheets(recipe: Recipe) -> list[Sheet]:
     """The sheets that the cloth makes."""
-    if recipe["lay"] == "flat":
-        return [flat(recipe["width_mm"], recipe["height_mm"])]
-    drape = importlib.import_module("hagoromo.matter.drape")
+    size = recipe["width_mm"], recipe["height_mm"]
     if recipe["lay"] == "hanging":
-        size = recipe["width_mm"], recipe["height_mm"]
-        return [drape.hanging(size, max(recipe["folds"], 1), recipe["fold_depth_mm"], recipe["seed"])]
-    return [drape.over_ball(recipe["width_mm"], recipe["radius_mm"], recipe["seed"])]
-
-
-def flat(width_mm: float, height_mm: float) -> Sheet:
-    """A flat patch that stands on z = 0 around x = 0 and faces −y."""
-    v, u = np.meshgrid(np.linspace(0, height_mm, POINTS), np.linspace(-0.5, 0.5, POINTS) * width_mm, indexing="ij")
-    return Sheet(np.stack([u, 0.0 * u, v], axis=-1), u, v)
+        return [hanging(size, recipe["folds"], recipe["fold_depth_mm"], recipe["seed"])]
+    return [flat(size)]

@@ -27,16 +27,17 @@ class Recipe(NamedTuple):
     @property
     def material(self) -> Reflectance:
         """The reflectance of [material]."""
-        return self.reflectance("material")
+        return reflectance_from_table(self.key["material"], self.folder, f"{self.where} [material]", self.element)
 
     @property
     def fineness(self) -> Fineness:
         """How finely the matter is sampled."""
         return Fineness(self.key["voxel_mm"], self.key["mean_free_path_mm"]).finer(self.key["resolution"])
 
-    def reflectance(self, name: str) -> Reflectance:
-        """The reflectance of the table `name`; its element is the kind's where it names none."""
-        return reflectance_from_table(self.key[name], self.folder, f"{self.where} [{name}]", self.element)
+    def varied(self, name: str) -> Reflectance:
+        """The reflectance of [material] with what the table `name` has in its place."""
+        record = self.key["material"] | self.key[name]
+        return reflectance_from_table(record, self.folder, f"{self.where} [{name}]", self.element)
 
     def file(self, path: str) -> Path:
         """A file that the recipe names."""
