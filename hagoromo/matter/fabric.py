@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays, lookup
-from hagoromo.matter.hair import Fuzz, Hairs, grown
+from hagoromo.matter.fuzz import Fuzz, Hairs, grown
 from hagoromo.matter.knit import Knitted, check_knitted, knitted_paths, knitted_period, loop_of
 from hagoromo.matter.section import section
 from hagoromo.matter.strand import Grid, Paths, Strands, grid_over

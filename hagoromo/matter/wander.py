@@ -43,10 +43,10 @@ def wander(yarn: Yarn, free: NDArray, length: float, variants: int, draws: tuple
         )
 
     girth, aside, phase = 1.0 + yarn.uneven * varied(), varied(), TWIST * varied()
-    for each in girth.reshape(-1, steps):
+    for each, inner in zip(girth.reshape(-1, steps), np.tile(free, (variants, 1)), strict=True):
         for _ in range(own.poisson(0.1 * yarn.slubs_per_cm * length)):
             away = (way - own.random() + 0.5) % 1.0 - 0.5
-            each += SLUB[0] * np.exp(-((away * length / (SLUB[1] * yarn.diameter_mm)) ** 2)) * free.max(axis=0)
+            each += SLUB[0] * np.exp(-((away * length / (SLUB[1] * yarn.diameter_mm)) ** 2)) * inner
     start = 2.0 * np.pi * shared.random((yarns, 1))
     return Wander(girth / np.sqrt((girth**2).mean()), aside, phase + start)
 

@@ -1,4 +1,4 @@
-"""Hair: fly-away fibres that leave a yarn, curl and end in the air, and how they show in voxels."""
+"""Fuzz: fly-away fibres that leave a yarn, curl and end in the air, and how they show in voxels."""
 
 from __future__ import annotations
 
