@@ -23,7 +23,7 @@ GRANULES = Granules(
     secondary_mm=0.06, secondary_depth_mm=0.004, pore_mm=0.02, pores_per_cm2=600.0, fade_mm=0.03,
 )  # fmt: skip
 FINENESS = Fineness(0.16, 0.22)
-LIPS = Pigment(melanin=0.018, blood=0.035, oxygenation=0.85)
+LIPS = Pigment(melanin=0.018, blood=0.045, oxygenation=0.85)
 STEEPEST = 2.5  # slope of the shapes, at nails and at the line between the lips
 
 

@@ -19,6 +19,7 @@ from hagoromo.matter.shape import Shape, capsule, distance_and_normal, ellipsoid
 SCALP = (0.0, 2.0, 4.6), (12.0, 15.4, 13.9)  # middle and radii of the cranium, in the axes of the head
 HAIRLINE = 9.0  # height over the middle of the head, at the forehead
 PARTING, BESIDE = -0.6, 0.2  # x of the parting, and the share of the locks that leave it
+FRONT, BEHIND = (9.0, 17.0), (0.5, 16.0)  # x where hair falls over the shoulders, from and to; and down the back
 BACK = 13.0  # y where hair stays before the roots of wings
 STEP = 0.8  # between the points of a lock
 STIFF = 0.8  # how much of its direction a lock keeps from step to step
@@ -38,32 +39,35 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
     solid = _solid(pose, clothes_mm)
     lift = draw.uniform(0.3, 1.9, count)  # over head and shoulders
     side = np.where(_local(roots, pose)[:, 0] > PARTING, 1.0, -1.0)
-    front = np.clip((_local(roots, pose)[:, 1] - 2.5) / -7.0, -1.0, 1.0) + draw.normal(0.0, 0.3, count)
-    length = draw.normal(92.0, 7.0, count)
+    front = np.clip((_local(roots, pose)[:, 1] + 3.0) / -7.0, -1.0, 1.0) + draw.normal(0.0, 0.25, count)
+    length = draw.normal(np.where(front > 0, 92.0, 72.0), 6.0)
+    aim = np.where(front > 0, draw.uniform(*FRONT, count), draw.uniform(*BEHIND, count))
     points = np.zeros((count, int(120.0 / STEP), 3))
     points[:, 0] = roots
-    way = 0.25 * outward + 0.75 * _wanted(roots, outward, side, 0.0 * side, pose)
+    way = 0.25 * outward + 0.75 * _wanted(roots, outward, side, aim, 0.0 * side, pose)
     for k in range(1, points.shape[1]):
         here = points[:, k - 1]
         distance, normal = _asked(solid, here)
         near = np.clip(1.5 - (distance - lift) / 2.0, 0.0, 1.0)[:, None]
-        wanted = _wanted(here, normal, side, front * near[:, 0], pose)
+        wanted = _wanted(here, normal, side, aim, front * near[:, 0], pose)
         wanted -= near * normal * np.minimum((wanted * normal).sum(axis=1, keepdims=True), 0.0)
         way = STIFF * way + (1.0 - STIFF) * wanted
-        way += np.clip((lift - distance) * 0.35, -0.12, 0.5)[:, None] * normal * near
+        held = np.clip((here[:, 2] - pose.head[2] + 2.0) / 6.0, 0.0, 1.0)  # to the skull, not to the neck
+        way += np.clip((lift - distance) * 0.35, -0.12 * held, 0.5)[:, None] * normal * near
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         points[:, k] = here + STEP * way
     waved = _waved(points, roots, draw)
     return Locks(waved, np.clip(length / STEP, 8, points.shape[1] - 1).astype(int))
 
 
-def _wanted(here: NDArray, normal: NDArray, side: NDArray, front: NDArray, pose: Pose) -> NDArray:
+def _wanted(here: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: NDArray, pose: Pose) -> NDArray:
     """Where a lock would go at its points: from the parting to the side, and down; over the shoulders as it lies."""
     z = here[:, 2] - pose.head[2]
     top = np.clip(z / 9.0, 0.0, 1.0)
     low = np.clip(-(z + 12.0) / 12.0, 0.0, 1.0)  # under the jaw
     wanted = np.zeros_like(here)
-    wanted[:, 0] = side * (1.3 * top + 0.12 * (1.0 - top) - 0.1 * low)
+    beside = np.clip((aim - side * here[:, 0]) / 6.0, -1.6, 1.0)
+    wanted[:, 0] = side * (1.3 * top + 0.12 * (1.0 - top) + low * (0.6 * beside - 0.12))
     wanted[:, 1] = 0.38 * (1.0 - low) * np.where(front > 0, 1.0 - 0.45 * front, 1.0) - 0.9 * low * front
     wanted[:, 1] -= 0.4 * np.clip((here[:, 1] - BACK) / 4.0, 0.0, 1.0)  # wings are behind
     wanted[:, 2] = -1.0 + 0.6 * top
