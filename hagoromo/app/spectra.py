@@ -18,7 +18,7 @@ from tyro.conf import Positional
 
 from hagoromo import __version__
 from hagoromo.app.progress import progress_bar
-from hagoromo.app.spectra_bench import NOISE, SOURCES, TARGETS, Bench, read_bench
+from hagoromo.app.spectra_bench import CAMERAS, NOISE, SOURCES, TARGETS, Bench, read_bench
 from hagoromo.app.spectra_cases import Case, chart_case, skin_cases, study_case, surfaces_case
 from hagoromo.app.spectra_report import write_spectra_report
 from hagoromo.app.spectra_rivals import study_recoveries, study_rivals
@@ -26,7 +26,6 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.reflectance.prior_spectra import read_spectra
 
-CAMERAS = Path("camera_sensitivities") / "camspec_28_cameras.csv"
 SKIN = Path("nist_skin") / "nist_skin_70_subjects_250_1000nm.csv"
 SLOW = 7  # of the cameras, every seventh where a method takes minutes over all
 Progress = Callable[[float, str], None]

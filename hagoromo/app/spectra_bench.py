@@ -20,6 +20,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectrum_estimate import reading_matrix
 
+CAMERAS = Path("camera_sensitivities") / "camspec_28_cameras.csv"  # in a folder of data
 TARGETS = ("D65", "A", "FL11")  # lamps under which the colour is predicted
 YELLOW, CYAN = "D65 through yellow", "D65 through cyan"
 SOURCES = {"D65": ("D65",), "D65 + A": ("D65", "A"), "D65 + FL11": ("D65", "FL11"), "filters": ("D65", YELLOW, CYAN)}

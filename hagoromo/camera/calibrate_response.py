@@ -60,10 +60,16 @@ def calibrate_response(
     wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in any one unit.
     `InputError` when there are fewer than five pairs, or a channel reads nothing.
     """
-    if len(spectra) < FEWEST_PAIRS:
-        raise InputError(f"{len(spectra)} pairs are given and {FEWEST_PAIRS} are the fewest: add known spectra")
     # eq. (10) for piecewise linear C and R: ρ = C M R
-    matrix = spectra @ overlap_matrix(wavelengths)
+    return solve_response(wavelengths, spectra @ overlap_matrix(wavelengths), readings)
+
+
+def solve_response(
+    wavelengths: NDArray[np.float64], matrix: NDArray[np.float64], readings: dict[str, NDArray[np.float64]]
+) -> ResponseCalibration:
+    """As `calibrate_response`, from the matrix (pairs, n) of the integrals: ρ = matrix R."""
+    if len(matrix) < FEWEST_PAIRS:
+        raise InputError(f"{len(matrix)} pairs are given and {FEWEST_PAIRS} are the fewest: add known spectra")
     curves, residuals = [], []
     for name, reading in readings.items():
         if not reading.mean() > 0:

@@ -27,7 +27,7 @@ def spectra_and_readings(
 
 
 def test_response_is_found_from_exact_readings():
-    """Tolerance: 0.5 % of the peak, what the smallest penalty tried (1e-10) bends away."""
+    """Tolerance: 0.5 % of the peak, to which readings exact to 1e-5 tell curves 10 nm apart."""
     wavelengths, spectra, readings, true = spectra_and_readings(11, 0.0, narrowest=4.0)
     found = calibrate_response(wavelengths, spectra, readings)
     assert (found.response.values >= 0).all()

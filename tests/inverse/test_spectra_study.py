@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hagoromo.app.spectra import CAMERAS, SKIN, spectra_study
-from hagoromo.app.spectra_bench import read_bench, read_cameras
+from hagoromo.app.spectra import SKIN, spectra_study
+from hagoromo.app.spectra_bench import CAMERAS, read_bench, read_cameras
 from hagoromo.app.spectra_cases import chart_case, skin_cases, study_case
 from hagoromo.app.spectra_rivals import study_rivals
 from hagoromo.errors import InputError

@@ -1,0 +1,146 @@
+"""Chart: a ColorChecker of 24 patches in a linear photograph, found by OpenCV or by four given corners, and read.
+
+Patches are in reading order, from dark skin to black. A corner of the chart is an image point (x, y) [px].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.table import read_table
+from hagoromo.light.colour import srgb_encode
+from hagoromo.light.spectrum import WAVELENGTH_COLUMNS, Spectrum
+
+PATCHES = 24
+# Width [px] and brightness of the copies in which OpenCV looks: it misses a chart in one and finds it in another.
+LOOKS = tuple((width, bright) for width in (1000, 2000, 700, 1400) for bright in (1.0, 0.7, 1.6))
+MOST_ENLARGED = 2.0
+WHITE_PERCENTILE = 99.5  # of the photograph's values; shown as white in the copies
+ALIKE = 0.9  # least correlation of the patches' brightness with that of the known chart
+FEWEST_PIXELS = 25  # of a patch
+USABLE = 0.98  # least share of a patch's pixels neither clipped nor invalid; clipping lowers a mean
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ChartReading:
+    """What a camera read of a chart.
+
+    values: (24, 3), in the photograph's unit; NaN where a patch is clipped or invalid. standard_error: (24, 3), of the
+    means. corners: (4, 2) [px], clockwise from the outer corner of the first patch.
+    """
+
+    values: Array
+    standard_error: Array
+    corners: Array
+
+
+def chart_spectra(source: str | Path = "BabelColor Average") -> tuple[Spectrum, ...]:
+    """Reflectances of the 24 patches: a chart of colour-science by name, or a CSV with a column per patch, in order."""
+    columns, wavelengths = _columns(source)
+    if len(columns) != PATCHES:
+        raise InputError(f"chart {source} has {len(columns)} spectra: a chart of {PATCHES} patches is needed")
+    return tuple(Spectrum(wavelengths, column) for column in columns)
+
+
+def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike | None = None) -> ChartReading:
+    """Means of the middles of the patches of the chart in `photograph` (h, w, 3), linear; NaN where it is invalid.
+
+    expected: (24,) brightness of the patches, up to a factor; tells which way up the chart lies. corners: (4, 2) [px],
+    clockwise from that of the first patch; found by OpenCV when not given. Raises `InputError` when no chart is found,
+    it does not look as expected, or its patches are too small.
+    """
+    if photograph.ndim != 3 or photograph.shape[2] != 3 or photograph.dtype == np.uint8:
+        given = f"{photograph.dtype} of shape {photograph.shape}"
+        raise InputError(f"a chart is read in a linear photograph of 16 bits or more, three channels: given {given}")
+    known = np.asarray(expected, np.float64)
+    box = _find(photograph) if corners is None else _given(corners, photograph)
+    turned = box[[2, 3, 0, 1]]
+    readings = [_read(photograph, of) for of in ((box, turned) if corners is None else (box,))]
+    alike = [_correlation(reading.values.mean(axis=1), known) for reading in readings]
+    if max(alike) < ALIKE:
+        raise InputError(
+            f"the patches are not as bright as the chart's should be (correlation {max(alike):.2f}): check which chart "
+            "it is, and give its corners clockwise from that of the dark skin patch"
+        )
+    return readings[int(np.argmax(alike))]
+
+
+def _columns(source: str | Path) -> tuple[list[Any], Any]:
+    if str(source).lower().endswith(".csv"):
+        table = read_table(source)
+        key = next((name for name in WAVELENGTH_COLUMNS if name in table), next(iter(table)))
+        wavelengths = table.pop(key)
+        return list(table.values()), wavelengths
+    import colour
+
+    charts: Mapping[str, Any] = colour.SDS_COLOURCHECKERS
+    if source not in charts:
+        raise InputError(f"no chart is called {str(source)!r}: give a CSV or one of {', '.join(charts)}")
+    curves = list(charts[str(source)].values())
+    return [curve.values for curve in curves], curves[0].wavelengths
+
+
+def _find(photograph: NDArray[Any]) -> Array:
+    import cv2
+
+    shown = np.nan_to_num(photograph.astype(np.float32))
+    top = float(np.percentile(shown, WHITE_PERCENTILE))
+    if not top > 0.0:
+        raise InputError("the photograph is black: there is no chart in it")
+    shown /= top
+    for width, bright in LOOKS:
+        scale = width / photograph.shape[1]
+        if scale > MOST_ENLARGED:
+            continue
+        copy = cv2.resize(shown, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        detector = cv2.mcc.CCheckerDetector.create()
+        if detector.process(np.ascontiguousarray(srgb_encode(bright * copy)[..., ::-1]), 1):
+            return np.array(detector.getBestColorChecker().getBox(), np.float64) / scale
+    raise InputError("no chart is found in the photograph: fill more of it with the chart, or give its four corners")
+
+
+def _given(corners: ArrayLike, photograph: NDArray[Any]) -> Array:
+    box = np.asarray(corners, np.float64)
+    height, width = photograph.shape[:2]
+    if box.shape != (4, 2) or not np.isfinite(box).all():
+        raise InputError(f"a chart has four corners x, y: given {box.size} numbers")
+    if (box < 0).any() or (box > (width, height)).any():
+        raise InputError(f"a corner lies outside the photograph of {width}x{height} px: {box.tolist()}")
+    return box
+
+
+def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
+    import cv2
+
+    checker = cv2.mcc.CChecker.create()
+    checker.setTarget(cv2.mcc.MCC24)
+    checker.setBox([(float(x), float(y)) for x, y in box])
+    middles = np.asarray(checker.getColorCharts(), np.float64).reshape(PATCHES, 4, 2)
+    clipped = np.iinfo(photograph.dtype).max if np.issubdtype(photograph.dtype, np.integer) else np.inf
+    values, errors = np.full((PATCHES, 3), np.nan), np.full((PATCHES, 3), np.nan)
+    for patch, middle in enumerate(middles):
+        mask = np.zeros(photograph.shape[:2], np.uint8)
+        cv2.fillConvexPoly(mask, np.rint(middle).astype(np.int32), 1)
+        pixels = photograph[mask > 0].astype(np.float64)
+        if len(pixels) < FEWEST_PIXELS:
+            raise InputError(f"the chart's patches have {len(pixels)} pixels: photograph it from nearer")
+        usable = pixels[(pixels < clipped).all(axis=1)]  # not NaN either
+        if len(usable) >= USABLE * len(pixels):
+            values[patch] = usable.mean(axis=0)
+            errors[patch] = usable.std(axis=0, ddof=1) / np.sqrt(len(usable))
+    return ChartReading(values, errors, box)
+
+
+def _correlation(values: Array, known: Array) -> float:
+    seen = np.isfinite(values)
+    if seen.sum() < PATCHES / 2:
+        raise InputError(f"{PATCHES - seen.sum()} of {PATCHES} patches are clipped or invalid: expose less")
+    return float(np.corrcoef(values[seen], known[seen])[0, 1])
