@@ -140,8 +140,12 @@ class Strands:
         up = dr.normalize(kinds.Array3f(0.0, 0.0, 1.0) - tangent * tangent.z)
         aside = dr.cross(up, tangent)
         turn, population, way, onward = dr.gather(kinds.Array4f, self._c, first + index)
+        # points beside no step that was tried are in no yarn
+        missed = dr.fmax(abs(dr.dot(offset, tangent)) - self.step, 0.0)
+        across = dr.dot(offset, aside)
+        across += dr.select(across < 0, -missed, missed)
         return Place(
-            dr.dot(offset, aside), dr.dot(offset, up), aside, up, tangent, stretch * (1.0 / self.step),
+            across, dr.dot(offset, up), aside, up, tangent, stretch * (1.0 / self.step),
             dr.lerp(a.w, a_next.w, part), b.w + part * turn, turn * (1.0 / self.step),
             way + part * onward, yarn, kinds.UInt(population),
         )  # fmt: skip
