@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo import backend
 from hagoromo.camera.lens import COEFFICIENTS, Lens, distort, lens_from_coefficients, undistort
+from hagoromo.camera.pose import inverse_pose, pose_of, rigid_pose
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import CANON_EOS_300D, Sensor
 from hagoromo.errors import InputError
 
-ROTATION_TOLERANCE = 1e-6  # largest entry of R Rᵀ − I in a pose that is taken for a rigid one
-ROUNDING = 1e-12  # the same, up to which a pose is kept to the last bit
 PRESETS = ("canon_eos_kiss_digital",)
 
 
@@ -57,9 +56,9 @@ class Camera:
         keep(self, "distortion", _distortion(self.distortion))
         if min(self.focal) <= 0.0:
             raise InputError(f"the focal length is {self.focal} px: both figures must be above 0")
-        pose = rigid_pose(self.world_to_camera, "world_to_camera")
-        pose.setflags(write=False)
-        keep(self, "world_to_camera", pose)
+        placed = rigid_pose(self.world_to_camera, "world_to_camera")
+        placed.setflags(write=False)
+        keep(self, "world_to_camera", placed)
 
     @staticmethod
     def preset(name: str, focal_mm: float = 55.0, binning: int = 1) -> Camera:
@@ -114,12 +113,12 @@ class Camera:
             raise InputError(f"up = {up.tolist()} lies along the line of sight {forward.tolist()}: choose another up")
         rotation = np.stack([right, np.cross(forward, right), forward])
         rotation /= np.linalg.norm(rotation, axis=1, keepdims=True)
-        return self.with_pose(_pose(rotation, -rotation @ eye))
+        return self.with_pose(pose_of(rotation, -rotation @ eye))
 
     @property
     def camera_to_world(self) -> NDArray[np.float64]:
         """(4, 4) pose of the camera frame in the world [m]."""
-        return _inverse_pose(self.world_to_camera)
+        return inverse_pose(self.world_to_camera)
 
     @property
     def position(self) -> NDArray[np.float64]:
@@ -177,48 +176,6 @@ class Camera:
         return np.stack([x.numpy(), y.numpy()], axis=-1).reshape(xy.shape)
 
 
-def rigid_pose(matrix: ArrayLike, what: str, tolerance: float = ROTATION_TOLERANCE) -> NDArray[np.float64]:
-    """A copy of a (4, 4) rigid transformation, or an `InputError` that calls it `what`.
-
-    tolerance: largest entry of R Rᵀ − I that passes; beyond rounding, the rotation nearest to R is given back.
-    """
-    pose = np.array(matrix, np.float64) if _is_matrix(matrix) else np.empty(0)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-9):
-        raise InputError(f"{what} is no pose: give 4 × 4 finite numbers, the last row 0 0 0 1")
-    off = np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max()
-    if off > tolerance or np.linalg.det(pose[:3, :3]) < 0.0:
-        raise InputError(f"{what} is no rotation (R Rᵀ differs from 1 by {off:.2g}, or mirrors): give a rigid pose")
-    if off > ROUNDING:
-        u, _, vt = np.linalg.svd(pose[:3, :3])
-        pose[:3, :3] = u @ vt
-    return pose
-
-
-def opencv_from_opengl(camera_to_world: ArrayLike) -> NDArray[np.float64]:
-    """Camera-to-world (4, 4) for OpenCV's axes from one for OpenGL's and Blender's (+x right, +y up, −z forward)."""
-    return np.asarray(camera_to_world, np.float64) @ np.diag([1.0, -1.0, -1.0, 1.0])
-
-
-def opengl_from_opencv(camera_to_world: ArrayLike) -> NDArray[np.float64]:
-    """The inverse of `opencv_from_opengl` (the same flip of y and z)."""
-    return opencv_from_opengl(camera_to_world)
-
-
-def mitsuba_from_opencv(camera_to_world: ArrayLike) -> NDArray[np.float64]:
-    """Camera-to-world (4, 4) for Mitsuba's axes (+x left, +y up, +z forward) from one for OpenCV's."""
-    return np.asarray(camera_to_world, np.float64) @ np.diag([-1.0, -1.0, 1.0, 1.0])
-
-
-def _pose(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, translation
-    return pose
-
-
-def _inverse_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    return _pose(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])
-
-
 def _opaque(figures: Sequence[float] | NDArray[np.float64]) -> list[Any]:
     return [dr.opaque(backend.arrays().Float, float(figure)) for figure in figures]
 
@@ -241,11 +198,3 @@ def _distortion(figures: Sequence[float]) -> tuple[float, ...]:
 
 def _vector(what: str, vector: ArrayLike) -> NDArray[np.float64]:
     return np.array(_figures(what, np.asarray(vector).ravel().tolist(), 3))
-
-
-def _is_matrix(matrix: ArrayLike) -> bool:
-    try:
-        np.asarray(matrix, np.float64)
-    except (TypeError, ValueError):
-        return False
-    return True

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera import colmap_binary, colmap_text
-from hagoromo.camera.camera import Camera, rigid_pose
+from hagoromo.camera.camera import Camera
 from hagoromo.camera.colmap_model import ColmapCamera, ColmapImage
+from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
 
 PLACES = ("", "sparse/0", "sparse", "0", "colmap/sparse/0")  # where programs keep the model within a folder
@@ -124,9 +125,7 @@ def _pose(image: ColmapImage, where: str) -> NDArray[np.float64]:
     if not abs(length - 1.0) < UNIT:
         raise InputError(f"{where} has a quaternion of length {length:.4g}: it must be 1")
     w, x, y, z = image.quaternion
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_quat([x, y, z, w]).as_matrix(), image.translation
-    return rigid_pose(pose, where)
+    return rigid_pose(pose_of(Rotation.from_quat([x, y, z, w]).as_matrix(), image.translation), where)
 
 
 def _quaternion(rotation: NDArray[np.float64]) -> Sequence[float]:

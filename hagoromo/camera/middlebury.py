@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hagoromo.camera.camera import Camera, rigid_pose
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.files.door import read_bytes
 from hagoromo.files.picture import picture_size
@@ -69,10 +70,9 @@ def _camera(words: list[str], size: tuple[int, int], where: str) -> Camera:
         raise InputError(f"{where}: {error}") from error
     if numbers.size != NUMBERS or not np.isfinite(numbers).all():
         raise InputError(f"{where} has {numbers.size} numbers: K, R and t are {NUMBERS} finite ones")
-    k, pose = numbers[:9].reshape(3, 3), np.eye(4)
+    k, pose = numbers[:9].reshape(3, 3), pose_of(numbers[9:18].reshape(3, 3), numbers[18:])
     if k[0, 1] or k[1, 0] or (k[2] != (0.0, 0.0, 1.0)).any():
         raise InputError(f"{where} has a skewed K: only one with 0 beside the diagonal is a camera here")
-    pose[:3, :3], pose[:3, 3] = numbers[9:18].reshape(3, 3), numbers[18:]
     k = k + HALF
     return Camera(*size, (k[0, 0], k[1, 1]), (k[0, 2], k[1, 2])).with_pose(rigid_pose(pose, where, POSE_TOLERANCE))
 

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.camera.camera import Camera, opencv_from_opengl, opengl_from_opencv, rigid_pose
+from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
+from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv, rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.files.picture import picture_size
 from hagoromo.files.record import (

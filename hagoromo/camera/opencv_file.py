@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
+from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file
 
@@ -128,6 +129,4 @@ def _pose(row: NDArray[np.float64], where: str) -> NDArray[np.float64]:
 
     if row.size != 6:
         raise InputError(f"{where}: a row of extrinsic_parameters has {row.size} numbers: it must have 6")
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(row[:3])[0], row[3:]
-    return pose
+    return pose_of(cv2.Rodrigues(row[:3])[0], row[3:])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
 from hagoromo.errors import InputError
+from hagoromo.files.door import check_memory
 from hagoromo.photograph.bracket import Merged, Shot, merge
 from hagoromo.photograph.exposure import Exposure, alike
 from hagoromo.photograph.linearity import Ratio, measured_seconds
@@ -27,6 +28,7 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
 STILL = 0.25  # px: a larger shift between exposures of a bracket smears its edges
+BYTES_PER_SAMPLE = 40.0  # of each exposure, while it is merged
 SAME = 1e-3  # relative difference of two apertures or ISO that are one
 
 
@@ -92,7 +94,8 @@ def develop(
         raise InputError("there is nothing to develop: give a photograph")
     exposures = sorted(exposures, key=lambda one: one.seconds)
     alike([*exposures, *calibration.darks, *calibration.flats], "photographs and frames")
-    _check_settings(exposures)
+    _check_settings(exposures, calibration)
+    check_memory(BYTES_PER_SAMPLE * exposures[0].signal.size * len(exposures), f"a bracket of {len(exposures)}")
     mosaic, names = exposures[0].mosaic, [one.name for one in exposures]
     usual = Noise(ASSUMED_FULL_WELL / exposures[0].white, ASSUMED_READ_NOISE)
     shots = _shots(exposures, calibration, calibration.noise or usual)[0]
@@ -109,8 +112,10 @@ def develop(
     merged = merged._replace(valid=merged.valid & ~hot)
     if calibration.flats:
         merged = _flattened(merged, calibration, noise)
-    unit = exposures[0].white * exposures[0].iso / 100.0
     values, variance, valid, native = _filled(merged, mosaic, demosaic)
+    if not valid.any():
+        raise InputError(f"no pixel is left ({100 * clipped:.0f} % of the samples are clipped): add a shorter exposure")
+    unit = exposures[0].white * exposures[0].iso / 100.0
     return Development(
         (values / unit).astype(np.float32),
         (variance / unit**2).astype(np.float32),
@@ -125,7 +130,11 @@ def develop(
     )
 
 
-def _check_settings(exposures: Sequence[Exposure]) -> None:
+def _check_settings(exposures: Sequence[Exposure], calibration: Calibration) -> None:
+    frames = [*calibration.darks, *calibration.flats]
+    odd = next((one for one in frames if abs(one.iso / exposures[0].iso - 1.0) > SAME), None)
+    if odd is not None:
+        raise InputError(f"{odd.name} is of ISO {odd.iso:g}, the photographs of {exposures[0].iso:g}: take both alike")
     if len(exposures) > 1 and any(one.exif.exposure_s is None for one in exposures):
         raise InputError("the exposures of a bracket are not in its files: state --exposures")
     for what, key in (("ISO", "iso"), ("apertures", "f_number")):

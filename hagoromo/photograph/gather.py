@@ -15,7 +15,7 @@ from hagoromo.files.picture import picture_size
 from hagoromo.files.record import inside
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.pixels import READERS, SUFFIXES, default_channels, read_pixels
+from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_pixels
 
 
 def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["linear", "srgb"] = "linear") -> Capture:
@@ -38,7 +38,9 @@ def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["l
 
 def size_of_images(folder: str | Path) -> tuple[int, int] | None:
     """(width, height) [px] of the first image (by name) in `folder`; None when there is none."""
-    images = [path for path in sorted(existing_folder(folder).iterdir()) if path.suffix.lower() in READERS]
+    images = [
+        path for path in sorted(existing_folder(folder).iterdir()) if path.suffix.lower() in (".png", ".jpg", ".jpeg")
+    ]
     if not images:
         return None
     height, width = picture_size(images[0])

@@ -1,4 +1,4 @@
-"""Pixels of one image file: sensor numbers (PNG, JPEG) or linear values (EXR) → values and variance, and back."""
+"""Pixels of one image file: sensor numbers (PNG, TIFF, JPEG) or linear values (EXR) → values and variance, and back."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.png import read_png, write_png
+from hagoromo.files.tiff import read_tiff
 from hagoromo.light.colour import srgb_decode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, sensor_from_record
 
-READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg}
+READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg, ".tif": read_tiff, ".tiff": read_tiff}
 SUFFIXES = (*READERS, ".exr")
 VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside those of the values
 
@@ -44,6 +45,8 @@ def read_pixels(
     """
     reader = READERS.get(path.suffix.lower())
     image = None if reader is None else reader(path)
+    if image is not None and image.dtype.kind == "f":
+        raise InputError(f"{path} holds floats: develop it into an EXR first")
     depth = 16 if image is None else 8 * image.dtype.itemsize
     sensor = sensor_from_record(frame["sensor"], depth, frame["exposure_s"], frame["iso"], where)
     known = sensor if any(k != "response" for k in frame["sensor"]) and frame["transfer"] == "linear" else None

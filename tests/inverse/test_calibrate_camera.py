@@ -124,15 +124,15 @@ def test_a_photograph_that_does_not_fit_is_named():
 @real
 def test_opencv_board_photographs():
     """OpenCV states f = 535.92 px at rms 0.393 px, found with a search window of 11 px; the issue asks for 0.3 % and
-    0.41 px. That window reaches over neighbouring corners in these photographs: ours by default is narrower, fits
-    the same corners at less than half the rms, and its focal length is 0.5 % less.
+    0.41 px. That window reaches over neighbouring corners where the board is small, worst in left02, which is named:
+    ours by default is narrower, fits the same corners at less than half the rms, and its focal length is 0.5 % less.
     """
     photographs = {path.name: read_picture(path) for path in sorted(REAL.glob("*.jpg"))}
     theirs = calibrate_camera(photographs, Board(9, 6, 0.025, window=11))
-    assert theirs.rms <= 0.41 and not theirs.skipped
+    assert theirs.rms <= 0.41 and not theirs.skipped and "left02.jpg" in theirs.outliers
     np.testing.assert_allclose(theirs.camera.focal, OFFICIAL_FOCAL, rtol=0.003)
     ours = calibrate_camera(photographs, Board(9, 6, 0.025))
-    assert ours.rms < 0.5 * theirs.rms and not ours.skipped
+    assert ours.rms < 0.5 * theirs.rms and not ours.skipped and not ours.outliers
     np.testing.assert_allclose(ours.camera.focal, OFFICIAL_FOCAL, rtol=0.01)
 
 

@@ -201,5 +201,9 @@ def test_exposures_that_do_not_go_together_are_refused():
         noise_from_pairs([(shot(0 * light, 1.0, 1), shot(0 * light, 1.0, 2))])
     with pytest.warns(UserWarning, match="stands in"):
         dark_master([shot(0 * light, 1.0, 1)], 5.0, KNOWN)
+    with pytest.raises(InputError, match=r"100 % of the samples are clipped.*shorter"):
+        develop([shot(light + 1e9, 0.2, 1)], Calibration(noise=KNOWN))
+    with pytest.raises(InputError, match="of ISO 400, the photographs of 100"):
+        develop([one], Calibration(darks=[replace(two, exif=Exif(0.2, 400.0))], noise=KNOWN))
     with pytest.raises(InputError, match="is clipped or dark"):
         develop([one], Calibration(flats=[shot(light + 1e9, 1.0, 1)], noise=KNOWN))

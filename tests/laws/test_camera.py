@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from hagoromo import backend
-from hagoromo.camera.camera import Camera, mitsuba_from_opencv, opencv_from_opengl, opengl_from_opencv
+from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import distort, lens_from_coefficients, undistort
+from hagoromo.camera.pose import mitsuba_from_opencv, opencv_from_opengl, opengl_from_opencv
 from hagoromo.errors import InputError
 
 BARREL = (-0.28, 0.09, 0.0007, -0.0011, -0.012)
