@@ -135,6 +135,52 @@ def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
     _wrote(folder)
 
 
+@_verb(verbs)
+def develop(
+    photographs: Positional[tuple[Path, ...]],
+    out: Out,
+    dark: tuple[Path, ...] = (),
+    flat: tuple[Path, ...] = (),
+    transfer: str | None = None,
+    exposures: tuple[float, ...] = (),
+    iso: float | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+    gain: float | None = None,
+    read_noise: float | None = None,
+    demosaic: Literal["bilinear", "menon2007"] = "bilinear",
+    force: Force = False,
+) -> None:
+    """Exposures of one view (RAW, TIFF, PNG, JPEG, EXR) → EXR of linear camera colours with their variance.
+
+    Args:
+        photographs: one, or a bracket, which is merged.
+        dark: frames without light, of the same exposures.
+        flat: frames of an evenly lit white field.
+        transfer: of 8-bit files: linear, srgb, estimate (from the bracket), or a CSV of number and light (or R, G, B).
+        exposures: of the photographs [s], where their files do not tell.
+        iso: where their files do not tell.
+        black: DN of no light, where the files do not tell.
+        white: DN of the brightest light.
+        mosaic: of one-channel files, such as RGGB.
+        gain: of the sensor [electrons per DN]; with read_noise; without, both are estimated from the frames.
+        read_noise: of the sensor [electrons].
+        demosaic: how the mosaic is filled in.
+    """
+    from hagoromo.app.develop import Frames, develop_to, summary
+    from hagoromo.photograph.exposure import Given
+    from hagoromo.photograph.noise import Noise
+
+    if (gain is None) != (read_noise is None):
+        raise InputError("--gain and --read-noise go together: give both or none")
+    noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
+    given = Given(black, white, mosaic, transfer, None, iso)
+    found = develop_to(Frames(photographs, dark, flat), out, given, exposures, noise, demosaic, force)
+    print("\n".join(summary(found)))
+    _wrote(out)
+
+
 calibrate = verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
 
 
@@ -204,24 +250,29 @@ def calibrate_lamps(
 
 
 @_verb(calibrations, "response")
-def calibrate_response(pairs: Positional[Path], out: Out, force: Force = False) -> None:
-    """Known spectra and what the camera read of them → spectral sensitivities.
+def calibrate_response(
+    sources: Positional[tuple[Path, ...]],
+    out: Out,
+    lamp: tuple[str, ...] = (),
+    chart: str = "BabelColor Average",
+    corners: tuple[float, ...] = (),
+    force: Force = False,
+) -> None:
+    """Known spectra and what the camera read of them, or photographs of a chart → spectral sensitivities.
 
     Args:
-        pairs: CSV, a row per spectrum: its values in columns named by wavelength [nm], the readings in the others.
+        sources: CSV of pairs, a row per spectrum: its values in columns named by wavelength [nm], the readings in the
+            others; or linear photographs of a chart of 24 patches: developed EXR, or 16-bit PNG of one exposure.
+        lamp: spectrum of the lamp of each photograph, a name or CSV, all in one unit.
+        chart: spectra of the patches: a chart of colour-science, or a CSV with a column per patch.
+        corners: x y of the chart's corners [px], clockwise from the first patch's, where the chart is not found.
     """
-    from hagoromo.camera.calibrate_response import calibrate_response, read_pairs
-    from hagoromo.files.table import write_table
-    from hagoromo.files.whole import whole_file
+    from hagoromo.app.calibrate_response import ChartSetting, calibrate_response_to
 
-    with whole_file(out, force) as partial:
-        found = calibrate_response(*read_pairs(pairs))
-        response = found.response
-        columns = dict(zip(response.channels, response.values.T, strict=True))
-        write_table(partial, {"wavelength_nm": response.wavelengths, **columns})
-    for channel, residual in zip(response.channels, found.residual, strict=True):
-        print(f"{channel}: residual {100 * residual:.2f} % of the mean reading")
-    _wrote(out)
+    found, paths = calibrate_response_to(sources, ChartSetting(chart, lamp, corners), out, force)
+    for channel, residual, noise in zip(found.response.channels, found.residual, found.noise, strict=True):
+        print(f"{channel}: residual {100 * residual:.2f} % of the mean reading, noise {100 * noise:.2f} %")
+    _wrote(*paths)
 
 
 @_verb(verbs)
