@@ -11,9 +11,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hagoromo.camera.board import Board as Board
     from hagoromo.camera.calibrate import calibrate_camera as calibrate_camera
     from hagoromo.camera.calibrate_response import calibrate_response as calibrate_response
     from hagoromo.camera.camera import Camera as Camera
+    from hagoromo.camera.camera_file import read_views as read_views
+    from hagoromo.camera.camera_file import write_views as write_views
     from hagoromo.camera.response import Response as Response
     from hagoromo.camera.sensor import Sensor as Sensor
     from hagoromo.errors import InputError as InputError
@@ -32,6 +35,9 @@ if TYPE_CHECKING:
     from hagoromo.photograph.capture import Capture as Capture
     from hagoromo.photograph.capture import load_capture as load_capture
     from hagoromo.photograph.capture import save_capture as save_capture
+    from hagoromo.photograph.develop import develop as develop
+    from hagoromo.photograph.exposure import read_exposure as read_exposure
+    from hagoromo.photograph.gather import gather as gather
     from hagoromo.photograph.photograph import Photograph as Photograph
     from hagoromo.reflectance.materials_file import read_materials as read_materials
     from hagoromo.reflectance.measure import measure as measure
@@ -54,12 +60,18 @@ HOMES = {
     "Response": "camera.response",
     "Sensor": "camera.sensor",
     "Camera": "camera.camera",
+    "Board": "camera.board",
     "calibrate_camera": "camera.calibrate",
     "calibrate_response": "camera.calibrate_response",
+    "read_views": "camera.camera_file",
+    "write_views": "camera.camera_file",
+    "read_exposure": "photograph.exposure",
+    "develop": "photograph.develop",
     "Photograph": "photograph.photograph",
     "Capture": "photograph.capture",
     "load_capture": "photograph.capture",
     "save_capture": "photograph.capture",
+    "gather": "photograph.gather",
     "Reflectance": "reflectance.reflectance",
     "measure": "reflectance.measure",
     "read_materials": "reflectance.materials_file",
