@@ -19,15 +19,15 @@ CLOTH = Fabric(bending=2.0, friction=0.25, clear=0.6)
 # from the hem up: skirt, waist, bodice, neck
 GOWN = (
     Row(0, 430, 235, 0.9, 2), Row(56, 370, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 175, 112, 0.75, 1),
-    Row(208, 150, 130, 0.65, 2), Row(221, 112, 108, 0.6, 3), Row(231, 58, 57, 0.95, 3.5),
+    Row(211, 150, 130, 0.65, 2), Row(226, 116, 112, 0.6, 3), Row(237, 60, 58, 0.95, 2.6),
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.5  # along the gown, and half the height that is drawn in
-NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
+NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
 SASH = Row(0, 113, 124, 0.75, 1), Row(7.5, 113, 124, 0.75, 1)
 SASH_AT = 166.5, 173.5
 SHORT = 0.8  # s, fall of what is put on with points so near that an arm does not slip between them
-CLING = 0.05, 0.7, 0.2  # of a sleeve to the arm: half a share of its width; middle and half, shares of its length
-SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(50, 104, 96), Row(98, 164, 150)  # from the shoulder outwards
+CLING = 0.06, 0.78, 0.045  # of a sleeve to the arm: half a share of its width; middle and half, shares of its length
+SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(48, 108, 98), Row(86, 170, 155)  # from the shoulder outwards
 ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulder
 
 

@@ -24,11 +24,11 @@ WOOL, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 
 BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
     Row(0, 440, 235, 0.9, 2), Row(56, 375, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
-    Row(208, 148, 130, 0.65, 2), Row(221, 112, 108, 0.6, 3), Row(231, 58, 57, 0.95, 3.5),
+    Row(211, 148, 130, 0.65, 2), Row(226, 116, 112, 0.6, 3), Row(237, 60, 58, 0.95, 2.6),
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
-NECK, TILT = 214.5, 7.0  # height of the upper hem, and how much higher it is behind
-SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(52, 88, 82), Row(99, 140, 124)  # from the shoulder outwards
+NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
+SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 104)  # from the shoulder outwards
 BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 PANEL = 42.0, 196.0  # of the scapular, before and behind
 OUTWARDS = 0.16  # how steeply it begins over the skirt

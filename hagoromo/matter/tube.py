@@ -14,7 +14,7 @@ from hagoromo.matter.cut import Cut, Place
 
 ENTRIES = 257  # of the tables along a tube
 TURNS = np.linspace(0.0, 2.0 * math.pi, 1441)  # around a tube, seam to seam
-ROUND = 4.0  # a tube along an arm turns over twice this way at its elbow
+ROUND, FAN = 4.0, 20.0  # half the ways over which a tube along an arm, and its rows, turn at the elbow
 OUTWARDS = 0.4  # of the way that a wide sleeve hangs down, how far it does so to the side
 TILTED = 6  # how near its upper hem a tube tilts with it: share of the length to this power
 
@@ -79,7 +79,7 @@ def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[Row], folds: Fol
         points = []
         for share in t.ravel():
             at = min(share * height, knots[-1])
-            axis = _unit(line(at + ROUND) - line(at - ROUND))
+            axis = _unit(line(at + FAN) - line(at - FAN))
             side = _unit(np.cross(axis, (0.0, 0.0, 1.0)))
             up, radius = np.cross(side, axis), _at(share, girth) / (2.0 * math.pi)
             turn, out = _folded(s.ravel(), _at(share, width), radius, radius, folds)
