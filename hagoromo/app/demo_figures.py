@@ -1,134 +1,132 @@
-"""The scenes of the paper's figures 6, 7 and 8: measured matter in a small studio, before the paper's camera."""
+"""The scenes of the paper's figures 6, 7 and 8: an angel and a nun of measured matter, close up and whole."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.app.studio import ball_around, framed, studio_lamps, sweep, turned_upright
 from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
-from hagoromo.image.surface import Surface
-from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.drape import drape_patch
-from hagoromo.matter.feather import feather
-from hagoromo.matter.figure import angel
-from hagoromo.matter.fill import Fineness
-from hagoromo.matter.skin import skin_patch
+from hagoromo.matter.figure import FIGURES as PARTS
+from hagoromo.matter.figure import figure
+from hagoromo.matter.tresses import HAIR_COLOUR
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
 
-LAMP = "D65"
-ELEMENTS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder"}
+MM = 1e-3  # m
 
 
 class Shot(NamedTuple):
-    """How a figure is taken: its caption, and whether the camera is upright, where it stands and how near.
+    """How a figure of the paper is taken.
 
-    towards: direction from the matter to the camera. filled: 1 brings all boxes just into the picture, more is nearer.
+    figures: who is seen, with the place (x, y) [mm] and turn about z [°] of each. upright: of the camera. towards: from
+    the matter to the camera. filled: how much of the picture the boxes span. seen: middle (x, y, z) and height [mm] of
+    what is taken of the first figure, instead of all; parts of it that are left out.
     """
 
     caption: str
+    figures: Mapping[str, tuple[float, float, float]]
     upright: bool
     towards: tuple[float, float, float]
-    filled: float
+    filled: float = 0.9
+    seen: tuple[tuple[float, float, float], float] | None = None
+    without: tuple[str, ...] = ()
 
 
+ALONE = (0.0, 0.0, 0.0)
 FIGURES = {
-    "figure_6_drape": Shot("Drape: a weave of yarns, made of cylinders.", False, (0.2, -1.0, 0.1), 1.8),
-    "figure_6_feather": Shot("Feather: rachis, barbs and barbules, made of cylinders.", True, (0.3, -1.0, 0.05), 1.0),
-    "figure_7_skin": Shot("Skin: granules, made of spheres.", False, (0.3, -1.0, 0.15), 1.9),
-    "figure_8_whole": Shot("The whole figure: skin, drape and wings.", True, (0.16, -1.0, 0.12), 1.0),
-}
+    "figure_6_drape": Shot(
+        "Drape: the angel's sleeve and hand; a weave of yarns, made of cylinders.",
+        {"angel": ALONE}, False, (0.5, -1.0, 0.1), seen=((38.0, -14.0, 148.0), 62.0), without=("wings", "feet"),
+    ),
+    "figure_6_wing": Shot(
+        "Wing: shafts, barbs and barbules, made of cylinders.",
+        {"angel": ALONE}, False, (0.25, -1.0, 0.1), seen=((88.0, 40.0, 240.0), 95.0), without=("feet", "hands"),
+    ),
+    "figure_7_skin": Shot(
+        "Skin: granules, made of spheres; the nun's face.",
+        {"nun": ALONE}, True, (0.3, -1.0, 0.06), seen=((0.0, -10.0, 243.0), 66.0),
+    ),
+    "figure_7_hair": Shot(
+        "The angel's face and hair.",
+        {"angel": ALONE}, True, (-0.25, -1.0, 0.04), seen=((0.0, -8.0, 243.0), 82.0), without=("feet", "hands"),
+    ),
+    "figure_8_whole": Shot(
+        "The angel and the nun.",
+        {"angel": (-78.0, 10.0, 10.0), "nun": (118.0, -22.0, -22.0)}, False, (0.05, -1.0, 0.1), filled=0.86,
+    ),
+    "figure_8_angel": Shot("The whole angel: skin, hair, drape and wings.", {"angel": ALONE}, True, (0.16, -1.0, 0.1)),
+    "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": ALONE}, True, (-0.3, -1.0, 0.1)),
+}  # fmt: skip
 
 
 class Recipe(NamedTuple):
-    """resolution: voxels per mm, of those of the demo's size small. seed: of the matter. tell: told the share done."""
+    """resolution: of all lattices. seed: of the matter. tell: told the share done."""
 
     resolution: float
     seed: int
     tell: Callable[[float], None]
 
 
-def scene_of(figure: str, measured: Mapping[str, Reflectance], camera: Camera, recipe: Recipe) -> Scene:
+def scene_of(name: str, measured: Mapping[str, Reflectance], camera: Camera, recipe: Recipe) -> Scene:
     """The scene of one of FIGURES, of `measured` reflectances (skin, cloth, feather, dielectric)."""
-    shot = FIGURES[figure]
-    materials = {name: measured[name].with_element(element) for name, element in ELEMENTS.items()}
-    boxes = _boxes(figure, materials, recipe)
-    camera = framed(turned_upright(camera) if shot.upright else camera, boxes, shot.towards, shot.filled)
-    middle, extent = _ball_around(boxes)
-    return Scene(camera, studio_lamps(middle, extent), boxes, (sweep(extent, measured["dielectric"]),))
+    shot = FIGURES[name]
+    materials, boxes = wardrobe(measured), []
+    for number, (who, place) in enumerate(shot.figures.items()):
+
+        def told(share: float, number: int = number) -> None:
+            recipe.tell((number + share) / len(shot.figures))
+
+        parts = [part for part in PARTS[who] if part not in shot.without]
+        made = figure(who, materials, recipe.resolution, recipe.seed, parts, told)
+        boxes += [box.with_pose(_placed(*place) @ box.pose) for box in made]
+    camera = turned_upright(camera) if shot.upright else camera
+    middle, extent = ball_around(boxes)
+    if shot.seen:
+        camera = close_up(camera, shot.towards, *shot.seen)
+    else:
+        camera = framed(camera, boxes, shot.towards, shot.filled)
+    return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (sweep(extent, measured["dielectric"]),))
 
 
-def _boxes(figure: str, materials: Mapping[str, Reflectance], recipe: Recipe) -> tuple[VolumeBox, ...]:
-    resolution, seed = recipe.resolution, recipe.seed
-    if figure == "figure_8_whole":
-        return angel(materials, resolution, seed, progress=recipe.tell)
-    if figure == "figure_7_skin":
-        return (skin_patch(materials["skin"], fineness=Fineness(0.04, 0.06).finer(resolution), seed=seed).box(),)
-    if figure == "figure_6_feather":
-        return (feather(materials["feather"], fineness=Fineness(0.12, 0.12).finer(resolution), seed=seed).box(),)
-    return (drape_patch(materials["cloth"], fineness=Fineness(0.12, 0.2).finer(resolution), seed=seed).box(),)
+def wardrobe(measured: Mapping[str, Reflectance]) -> dict[str, Reflectance]:
+    """Materials of the figures: measured skin, cloth and feather; what else they wear is that cloth in other dyes.
 
-
-def turned_upright(camera: Camera) -> Camera:
-    """The camera turned on its side, its picture shown upright."""
-    (ax, ay), (x0, y0) = camera.focal, camera.principal
-    return replace(camera, width=camera.height, height=camera.width, focal=(ay, ax), principal=(y0, x0))
-
-
-def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float], filled: float) -> Camera:
-    """The camera in the direction `towards` from the boxes, so near that their corners span `filled` of the picture."""
-    corners = np.concatenate([box.corners() for box in boxes])
-    aim, extent = _ball_around(boxes)
-    direction, distance = np.asarray(towards, float) / np.linalg.norm(towards), 5.0 * extent
-    for _ in range(20):
-        placed = camera.look_at(aim + direction * distance, aim)
-        seen = (placed.project(corners) - camera.principal) / camera.focal
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        across = np.append(0.5 * (low + high) * distance, 0.0)
-        aim = aim + across @ placed.world_to_camera[:3, :3]
-        span = float(np.max((high - low) * camera.focal / (camera.width, camera.height)))
-        distance = max(distance * span / filled, 1.01 * extent)
-    return camera.look_at(aim + direction * distance, aim)
-
-
-def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
-    """Three white point lamps: key high on the left, weak fill on the right, rim from high behind.
-
-    Places in units of `extent` [m] from `middle`, and irradiance there, 1 for the key.
+    Hair has the measured interface of the feather, keratin too, and a colour of its own.
     """
-    places = {"key": ((-2.7, -2.0, 2.4), 1.0), "fill": ((2.6, -3.4, 0.8), 0.12), "rim": ((0.9, 1.5, 3.2), 1.3)}
-    return tuple(
-        Lamp(
-            position=middle + extent * np.array(place),
-            intensity=share * float(np.dot(place, place)) * extent**2,
-            spectrum=Spectrum.named(LAMP),
-            name=name,
-        )
-        for name, (place, share) in places.items()
-    )
+    cloth = measured["cloth"]
+    return {
+        "skin": measured["skin"],
+        "feather": measured["feather"],
+        "robe": cloth,
+        "hair": replace(measured["feather"], alpha=1.0 / np.pi, body_colour=HAIR_COLOUR, name="hair"),
+        "habit": _dyed(cloth, (0.030, 0.026, 0.027, 0.034), "black cloth"),
+        "veil": _dyed(cloth, (0.034, 0.030, 0.030, 0.040), "black cloth"),
+        "linen": _dyed(cloth, (0.50, 0.58, 0.61, 0.62), "undyed cloth"),
+    }
 
 
-def sweep(extent: float, reflectance: Reflectance) -> Surface:
-    """A photographer's background: a floor at z = 0 that bends up into a wall far behind, without an edge."""
-    depth, radius, half, height = 9.0 * extent, 4.0 * extent, 40.0 * extent, 40.0 * extent
-    turn = np.linspace(0.0, np.pi / 2, 49)
-    y = np.concatenate([[-40.0 * extent], depth + radius * np.sin(turn), [depth + radius]])
-    z = np.concatenate([[0.0], radius * (1.0 - np.cos(turn)), [height]])
-    profile = np.stack([y, z], axis=1)
-    vertices = np.array([(x, *row) for x in (-half, half) for row in profile])
-    count, k = len(profile), np.arange(len(profile) - 1)
-    faces = np.concatenate([np.stack(f, axis=1) for f in ((k, k + count, k + 1), (k + 1, k + count, k + count + 1))])
-    return Surface(reflectance, vertices=vertices, faces=faces, name="sweep")
+def close_up(
+    camera: Camera, towards: tuple[float, float, float], middle: tuple[float, float, float], height: float
+) -> Camera:
+    """The camera so near that `height` [mm] around `middle` [mm] fills the picture."""
+    aim, direction = MM * np.array(middle), np.array(towards) / np.linalg.norm(towards)
+    return camera.look_at(aim + direction * (MM * height * camera.focal[1] / camera.height), aim)
 
 
-def _ball_around(boxes: Sequence[VolumeBox]) -> tuple[NDArray, float]:
-    """Middle [m] and half diagonal [m] of what the boxes span."""
-    corners = np.concatenate([box.corners() for box in boxes])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+def _dyed(cloth: Reflectance, reflectance: tuple[float, ...], name: str) -> Reflectance:
+    """The same fibres in another colour: diffuse reflectance at 380, 480, 580 and 730 nm."""
+    return replace(cloth, alpha=1.0 / np.pi, body_colour=Spectrum((380, 480, 580, 730), reflectance), name=name)
+
+
+def _placed(x: float, y: float, turn: float) -> NDArray[np.float64]:
+    """Pose of a figure: moved by x, y [mm] and turned about z [°]."""
+    pose, (cosine, sine) = np.eye(4), (np.cos(np.radians(turn)), np.sin(np.radians(turn)))
+    pose[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    pose[:2, 3] = MM * x, MM * y
+    return pose

@@ -50,7 +50,7 @@ def mapped_attenuation(
     near = dr.opaque(kinds.Float, NEAR / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
     def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
-        if medium.textures is None:
+        if within is None:  # no box has a texel, or the point is on a surface
             return looked_up(lamp, point, to_lamp, distance)
         return dr.if_stmt(
             (point, to_lamp, distance, within), within.textured,

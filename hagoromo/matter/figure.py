@@ -1,83 +1,79 @@
-"""Figure: the winged, draped figure of Tanaka's fig. 8, about 0.3 m high, as one volume box a material."""
+"""Figure: an angel and a nun, 270 mm high, as volume boxes: skin, hair, garments and wings.
+
+Both stand on z = 0 around x = 0 and look towards −y.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from hagoromo.errors import InputError
-from hagoromo.matter.body import body
-from hagoromo.matter.fill import Field, Fineness, fill
-from hagoromo.matter.robe import cloth, robe
-from hagoromo.matter.shape import SLOPES, Shape
-from hagoromo.matter.skin import Granules, skin
-from hagoromo.matter.wing import wing, wing_bound
+from hagoromo.matter.figure_skin import PLACES, figure_skin
+from hagoromo.matter.tresses import hair_of
+from hagoromo.matter.wardrobe import WARDROBE, garment_of
+from hagoromo.matter.wing import wing_of
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.plan import BoxPlan
 
-PARTS = ("skin", "cloth", "feather")
-GRANULES = Granules(granule_mm=0.3, fade_mm=0.05)
-
-
-class Part(NamedTuple):
-    """What one box of the figure holds: field, bound and extent (corners) [mm]."""
-
-    field: Callable[[Fineness, int], Field]
-    bound: Callable[[Fineness, int], Shape]
-    extent: tuple[tuple[float, ...], tuple[float, ...]]
-    fineness: Fineness
-
-
-FIGURE = {
-    "skin": Part(
-        lambda fine, seed: lambda point: skin(point, body, GRANULES, fine, seed)[:2],
-        lambda fine, seed: fine.layer(body, 0.3, 2.0),
-        ((-16.0, -55.0, 177.0), (16.0, 17.0, 268.0)),
-        Fineness(0.28, 0.45),
-    ),
-    "cloth": Part(
-        lambda fine, seed: lambda point: cloth(point, fine, seed),
-        lambda fine, seed: fine.layer(lambda point: robe(point, seed), 0.3, SLOPES[1]),
-        ((-64.0, -59.0, -0.5), (64.0, 62.0, 273.0)),
-        Fineness(0.45, 0.55),
-    ),
-    "feather": Part(
-        lambda fine, seed: lambda point: wing(point, fine, seed),
-        lambda fine, seed: wing_bound,
-        ((-129.0, 17.0, 61.0), (129.0, 74.0, 305.0)),
-        Fineness(0.45, 0.4),
-    ),
+# the parts of each figure, and the material that each is made of
+FIGURES: dict[str, dict[str, str]] = {
+    "angel": dict.fromkeys(PLACES["angel"], "skin") | {"hair": "hair"} | {"robe": "robe", "wings": "feather"},
+    "nun": dict.fromkeys(PLACES["nun"], "skin") | {"hair": "hair"} | {name: name for name in WARDROBE["nun"]},
 }
+ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
+PARTS = tuple(sorted({part for parts in FIGURES.values() for part in parts}))
 
 
-def angel(
+def figure(
+    name: str,
     materials: Mapping[str, Reflectance],
     resolution: float = 1.0,
     seed: int = 1,
-    parts: tuple[str, ...] = PARTS,
+    parts: Sequence[str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[VolumeBox, ...]:
-    """A draped, winged figure that stands on z = 0 and looks towards −y, one box for each of `parts`.
+    """The "angel" or the "nun", one box for each of `parts` (default: all, see FIGURES).
 
-    materials: by part: "skin" (sphere), "cloth" (cylinder) and "feather" (cylinder). resolution: voxels per mm, of
-    those of the demo; yarns, barbs and granules that the lattice then carries appear. progress: told the share done.
+    materials: by the names in FIGURES; parts that FIGURES gives the same name share one. resolution: of the lattices.
+    progress: told the share done.
     """
+    wanted = tuple(parts if parts is not None else _parts(name))
     boxes = []
-    for number, part in enumerate(parts):
-        if part not in FIGURE or part not in materials:
-            known = ", ".join(name for name in PARTS if name in materials) or "none"
-            raise InputError(f"the figure has no part {part!r} with a material: parts with one are {known}")
-        boxes.append(figure_part(part, materials[part], resolution, seed).box())
+    for number, part in enumerate(wanted):
+        material = materials.get(_parts(name).get(part, ""))
+        if material is None:
+            known = ", ".join(p for p, m in _parts(name).items() if m in materials) or "none"
+            raise InputError(f"the {name} has no part {part!r} with a material: parts with one are {known}")
+        boxes.append(figure_part(name, part, material, resolution, seed).box())
         if progress:
-            progress((number + 1) / len(parts))
+            progress((number + 1) / len(wanted))
     return tuple(boxes)
 
 
-def figure_part(part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
-    """One box of the figure: part "skin", "cloth" or "feather"."""
-    field, bound, (low, high), fineness = FIGURE[part]
-    fine = fineness.finer(resolution)
-    extent = [x - fine.softness for x in low], [x + fine.softness for x in high]
-    record: dict[str, Any] = {"kind": "figure", "part": part, "resolution": resolution, "seed": seed}
-    return fill(field(fine, seed), bound(fine, seed), extent, fine, material, name=part, provenance=record)
+def figure_part(name: str, part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
+    """The plan of one part of the "angel" or the "nun"; its material is of the element that the matter has."""
+    parts = _parts(name)
+    if part not in parts:
+        raise InputError(f"the {name} has no part {part!r}: give one of {', '.join(parts)}")
+    if material.element != element_of(name, part):
+        material = replace(material, element=element_of(name, part))
+    if part in PLACES[name]:
+        return figure_skin(name, part, material, resolution, seed)
+    if part == "hair":
+        return hair_of(name, material, resolution, seed)
+    if part == "wings":
+        return wing_of(material, resolution, seed)
+    return garment_of(name, part, material, resolution, seed)
+
+
+def element_of(name: str, part: str) -> str:
+    """The element of a part's matter."""
+    return ELEMENTS.get(_parts(name)[part], "cylinder")
+
+
+def _parts(name: str) -> dict[str, str]:
+    if name not in FIGURES:
+        raise InputError(f"there is no figure {name!r}: give one of {', '.join(FIGURES)}")
+    return FIGURES[name]

@@ -27,7 +27,7 @@ class Chart(NamedTuple):
 
     height: signed distance [mm]. normal: unit, towards greater heights. u, v: arc length on the surface [mm], the one
     growing along the unit tangent `along_u`, the other along normal × along_u; they may jump by whole periods of the
-    texel. presence: 0…1, how much of the matter is there.
+    texel. presence: 1 where there is matter, falling evenly to 0 over a few voxels across a hem, which is at ½.
     """
 
     height: Any

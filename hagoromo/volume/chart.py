@@ -2,7 +2,7 @@
 
 A box with a chart keeps heights over the surface where others keep densities (as shares of the band that it covers),
 normals where others keep axes, and four words a voxel: u and v in periods of the texel (16 bits before and 16 after the
-point, so that neighbours may differ by whole periods), the tangent along u, and how much of the matter is there.
+point), the tangent along u, and the presence: above ½ within hems, falling evenly over a few voxels across them.
 """
 
 from __future__ import annotations
@@ -13,10 +13,20 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.backend import arrays
-from hagoromo.volume.voxels import CORNERS, axis_between, corner, packed_axis, trilinear
+from hagoromo.volume.voxels import (
+    CORNERS,
+    STORED,
+    PackedVoxels,
+    axis_between,
+    corner,
+    packed_axis,
+    trilinear,
+    unpacked,
+)
 
 ONE = 65536.0  # a period
-WORDS = 4  # of a voxel
+APART = 2.6  # edges of a voxel: neighbours whose u or v differ by more are not on one sheet; a diagonal is 1.73
+SHARP = 8.0  # steepness of a hem: presence falls from 1 to 0 over this part of what the chart says
 
 
 @dataclass
@@ -58,31 +68,93 @@ def chart_words(u: Any, v: Any, along_u: Any, presence: Any) -> Any:
     return kinds.Array4u(_fixed(u), _fixed(v), dr.reinterpret_array(kinds.UInt, packed_axis(along_u)), bits)
 
 
-def place_on_surface(words: Any, brick: Any, place: Any, height: Any) -> tuple[OnSurface, Any]:
-    """Where samples at `place` [lattice] in `brick` are, and the tangent along u in box axes; words: UInt."""
+@dataclass
+class Laid:
+    """What is common to the charts of a box: per metre along u and v, periods in fixed point; voxel [m]; band [m]."""
+
+    per_u: Any
+    per_v: Any
+    voxel: Any
+    low: Any
+    span: Any
+
+
+def place_on_surface(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any], place: Any, laid: Laid) -> Any:
+    """Where samples at `place` [lattice] are, tangent along u and normal in box axes: OnSurface, Array3f, Array3f.
+
+    bricks: their numbers in `charts` (words, UInt) and in `voxels`. Where the voxels around a place are on different
+    sheets, or on both sides of a fold, those of the nearest voxel's sheet are followed to the place.
+    """
     kinds = arrays()
+    start, part = corner(bricks[0], place)
+    packets = [dr.gather(kinds.Array4u, charts, start + offset) for offset in CORNERS]
+    steps = dr.select(part > 0.5, kinds.Array3u(1), kinds.Array3u(0))
+    reference = dr.gather(kinds.Array4u, charts, start + (steps.z * STORED + steps.y) * STORED + steps.x)
+    along = [[kinds.Float(kinds.Int(packet[k] - reference[k])) for packet in packets] for k in range(2)]
+    near = [
+        (dr.abs(u) < APART * laid.voxel * laid.per_u) & (dr.abs(v) < APART * laid.voxel * laid.per_v)
+        for u, v in zip(*along, strict=True)
+    ]
+    one_sheet = near[0]
+    for also in near[1:]:
+        one_sheet &= also
+    presence = [kinds.Float(packet[3]) for packet in packets]
+    tangents = [dr.reinterpret_array(kinds.Int, packet[2]) for packet in packets]
+
+    def smooth(place: Any, part: Any, brick: Any) -> Any:
+        return (
+            trilinear(along[0], part), trilinear(along[1], part), voxels.density(brick, place),
+            trilinear(presence, part), axis_between(tangents, part), voxels.axis(brick, place),
+        )  # fmt: skip
+
+    def apart(place: Any, part: Any, brick: Any) -> Any:
+        return _on_one_sheet(voxels, brick, place, laid, (along, presence, tangents, near))
+
+    u, v, share, there, along_u, normal = dr.if_stmt((place, part, bricks[1]), one_sheet, smooth, apart)
+    tile_u, u = _whole_and_rest(reference[0], u)
+    tile_v, v = _whole_and_rest(reference[1], v)
+    there = dr.fmin(dr.fmax(dr.fma(there * (1.0 / ONE) - 0.5, SHARP, 0.5), 0.0), 1.0)
+    return OnSurface(tile_u, tile_v, u, v, dr.fma(share, laid.span, laid.low), there), along_u, normal
+
+
+def _on_one_sheet(voxels: PackedVoxels, brick: Any, place: Any, laid: Laid, corners: tuple[Any, ...]) -> Any:
+    """As trilinear values, of the `near` ones of eight voxels only, each followed along its plane to the place."""
+    kinds, (along, presence, tangents, near) = arrays(), corners
     start, part = corner(brick, place)
-    packets = [dr.gather(kinds.Array4u, words, start + offset) for offset in CORNERS]
-    tile_u, u = _between([packet[0] for packet in packets], part)
-    tile_v, v = _between([packet[1] for packet in packets], part)
-    presence = trilinear([kinds.Float(packet[3]) for packet in packets], part) * (1.0 / ONE)
-    along_u = axis_between([dr.reinterpret_array(kinds.Int, packet[2]) for packet in packets], part)
-    return OnSurface(tile_u, tile_v, u, v, height, presence), along_u
+    nothing = kinds.Float(0)
+    total, u, v, share, there = [nothing] * 5
+    along_u, normal = kinds.Array3f(0), kinds.Array3f(0)
+    heights = voxels.densities_around(brick, place)
+    for k, offset in enumerate(CORNERS):
+        side = [k & 1, (k >> 1) & 1, k >> 2]
+        weights = [part[j] if side[j] else 1.0 - part[j] for j in range(3)]
+        weight = dr.select(near[k], weights[0] * weights[1] * weights[2] + 1e-6, 0.0)
+        n = dr.normalize(unpacked(dr.gather(kinds.Int, voxels.axes, start + offset)) + 1e-9)
+        t = dr.normalize(unpacked(tangents[k]) + 1e-9)
+        away = kinds.Array3f(*(part[j] - side[j] for j in range(3))) * laid.voxel
+        total += weight
+        u = dr.fma(weight, dr.fma(dr.dot(t, away), laid.per_u, along[0][k]), u)
+        v = dr.fma(weight, dr.fma(dr.dot(dr.cross(n, t), away), laid.per_v, along[1][k]), v)
+        share = dr.fma(weight, heights[k] + dr.dot(n, away) / laid.span, share)
+        there = dr.fma(weight, presence[k], there)
+        along_u, normal = along_u + t * weight, normal + n * weight
+    scale = dr.rcp(total)
+    return u * scale, v * scale, share * scale, there * scale, along_u, normal
 
 
 def surface_frame(along_u: Any, normal: Any) -> SurfaceFrame:
-    """The frame of a unit normal and of a tangent, which is brought to right angles with it."""
+    """The frame of a normal and of a tangent, which is brought to right angles with it; made unit."""
+    normal = dr.normalize(normal + 1e-9)
     along_u = dr.normalize(along_u - normal * dr.dot(along_u, normal) + 1e-9)
     return SurfaceFrame(along_u, dr.cross(normal, along_u), normal)
 
 
-def _between(words: list[Any], part: Any) -> tuple[Any, Any]:
-    """Whole periods (Int), and the rest of them, between eight words."""
-    kinds, first = arrays(), words[0]
-    steps = [kinds.Float(kinds.Int(word - first)) for word in words]  # neighbours may differ by whole turns of 32 bits
-    moved = kinds.Float(first & 0xFFFF) + trilinear(steps, part)
+def _whole_and_rest(word: Any, moved: Any) -> tuple[Any, Any]:
+    """Whole periods (Int), and the rest of them, of a word and a Float of words beside it."""
+    kinds = arrays()
+    moved = moved + kinds.Float(word & 0xFFFF)
     whole = dr.floor(moved * (1.0 / ONE))
-    return (kinds.Int(first) >> 16) + kinds.Int(whole), dr.fma(moved, 1.0 / ONE, -whole)
+    return (kinds.Int(word) >> 16) + kinds.Int(whole), dr.fma(moved, 1.0 / ONE, -whole)
 
 
 def _fixed(periods: Any) -> Any:

@@ -42,7 +42,7 @@ class Frames:
         kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
         self.textures: Textures | None = None
         if any(box.texel for box in boxes):
-            self.textures = Textures([(box.texel, box.band) for box in boxes], finer)
+            self.textures = Textures([(box.texel, box.band, box.voxel_size) for box in boxes], finer)
         self.fine = dr.opaque(kinds.Float, FINE * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
         floats = np.zeros((len(boxes), WIDTH), np.float32)

@@ -129,13 +129,11 @@ class Medium:
             return density, None
 
         def looked_up(step: Step, share: Any) -> tuple[Any, Any]:
-            height, clear = textures.height(step.box, share)
+            clear = textures.clear(step.box, share)
             return dr.if_stmt(
-                (step, height), clear > 0.0,
-                lambda step, height: arrays().Float(0),
-                lambda step, height: textures.density(
-                    textures.lattice(step.box, step.level), self._charted(step, height)[0]
-                ),
+                (step,), clear > 0.0,
+                lambda step: arrays().Float(0),
+                lambda step: textures.density(textures.lattice(step.box, step.level), self._charted(step)[0]),
             ), clear  # fmt: skip
 
         nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
@@ -148,9 +146,8 @@ class Medium:
         if textures is None:
             return [plain], None
         textured = textures.textured(step.box)
-        share = self.voxels.density(arrays().UInt(step.brick), step.place)
-        here, along_u = self._charted(step, textures.height(step.box, share)[0])
-        frame = surface_frame(self._in_world(step.box, along_u), plain.axis)
+        here, along_u, normal = self._charted(step)
+        frame = surface_frame(self._in_world(step.box, along_u), self._in_world(step.box, normal))
         lattice = textures.lattice(step.box, step.level)
         found, each = [], textures.densities(lattice, here)
         scale = dr.rcp(dr.fmax(sum(each), 1e-9))
@@ -170,9 +167,11 @@ class Medium:
         passed, length = self.textures.through(within.box, within.level, within.here, way, stop, deepest)
         return within.tau * passed, length
 
-    def _charted(self, step: Step, height: Any) -> tuple[OnSurface, Any]:
-        """Where a sample in a kept brick of a box with a chart is on its surface, and the tangent along u."""
-        return place_on_surface(self.charts, self._brick_in(self.chart_shift, step), step.place, height)
+    def _charted(self, step: Step) -> tuple[OnSurface, Any, Any]:
+        """Where a sample in a kept brick of a box with a chart is on its surface, tangent along u and normal."""
+        assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
+        bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
+        return place_on_surface(self.charts, self.voxels, bricks, step.place, self.textures.laid(step.box))
 
     def axis(self, step: Step) -> Any:
         """Unit axis, in the world, at a sample in a kept brick."""

@@ -180,7 +180,7 @@ def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
 
 
 def _textures(texel: Texel) -> Textures:
-    return Textures([(texel, (texel.bottom, texel.top))])
+    return Textures([(texel, (texel.bottom, texel.top), 1.0)])
 
 
 def _factor(depth: NDArray, passed: float) -> float:

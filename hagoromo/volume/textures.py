@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, check_entries, clip, lookup
 from hagoromo.files.door import check_memory
-from hagoromo.volume.chart import OnSurface
+from hagoromo.volume.chart import ONE, Laid, OnSurface
 from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
 from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, packed_axis
 
@@ -20,6 +20,7 @@ STEPS = 2.0  # per shortest edge of a cell
 WITHIN = 2.0  # steps of a ray from the eye, that a step to a lamp within the texel is long
 FARTHEST = 6.0  # thicknesses that light comes through a texel at most: beyond, the surface is not flat
 MOST_STEPS = 64.0
+DOUBT = 0.35  # voxels by which heights may be off where sheets are close
 EDGE = 1e-3  # the last cell along the height ends this much before its last node [cell]
 
 
@@ -65,10 +66,10 @@ class Lattice:
 class Textures:
     """Rows of numbers per box and per level, and the pools of all levels."""
 
-    def __init__(self, laid: Sequence[tuple[Texel | None, tuple[float, float]]], finer: float = 1.0) -> None:
-        """laid: the texel of every box, and its band of heights [m]. finer: factor on the length of steps."""
+    def __init__(self, laid: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0) -> None:
+        """laid: the texel of every box, its band of heights and its voxel [m]. finer: factor on the length of steps."""
         kinds = arrays()
-        texels = list({id(texel): texel for texel, _ in laid if texel}.values())
+        texels = list({id(texel): texel for texel, *_ in laid if texel}.values())
         levels = [level for texel in texels for level in texel.levels]
         count = sum(_entries(level) for level in levels)
         check_entries(count, "the texels of all boxes together")
@@ -87,11 +88,11 @@ class Textures:
             row[: len(level.scale)] = level.scale
         self.scale = lookup(kinds.Float, scale)
         whole, floats = np.zeros((len(laid), 4), np.uint32), np.ones((len(laid), 8), np.float32)
-        for numbers, row, (texel, band) in zip(whole, floats, laid, strict=True):
+        for numbers, row, (texel, band, voxel) in zip(whole, floats, laid, strict=True):
             if texel:
                 numbers[:] = places[id(texel)], len(texel.levels), texel.variants, texel.populations
                 row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
-                row[4:7] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0]
+                row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
         self.whole, self.floats = lookup(kinds.UInt, whole), lookup(kinds.Float, floats)
         self.densities_pool = lookup(kinds.UInt, np.concatenate([_pairs(level) for level in levels]))
         self.axes_pool = dr.concat([_axes(level) for level in levels])
@@ -113,11 +114,19 @@ class Textures:
         row = first + dr.minimum(kinds.UInt(octave), dr.maximum(count, 1) - 1)
         return row, dr.gather(kinds.Float, self.steps, row)
 
-    def height(self, box: Any, share: Any) -> tuple[Any, Any]:
-        """Height over the surface [m] of a share of the band, and how far that is from matter [m]; 0 within."""
-        bottom, inverse, low, span = dr.gather(arrays().Array4f, self.floats, 2 * box)
-        height = dr.fma(share, span, low)
-        return height, dr.fmax(dr.fmax(bottom - height, height - bottom - dr.rcp(inverse)), 0.0)
+    def clear(self, box: Any, share: Any) -> Any:
+        """How far a share of the band [0…1] is from matter [m] at least; 0 where it may be in it."""
+        kinds = arrays()
+        bottom, inverse, low, span = dr.gather(kinds.Array4f, self.floats, 2 * box)
+        height, voxel = dr.fma(share, span, low), dr.gather(kinds.Float, self.floats, box * 8 + 7)
+        outside = dr.fmax(bottom - height, height - bottom - dr.rcp(inverse))
+        return dr.fmax(dr.fma(voxel, -DOUBT, outside), 0.0)
+
+    def laid(self, box: Any) -> Laid:
+        """How the texel lies on the chart of a box."""
+        _, _, low, span = dr.gather(arrays().Array4f, self.floats, 2 * box)
+        per_u, per_v, _, voxel = dr.gather(arrays().Array4f, self.floats, 2 * box + 1)
+        return Laid(per_u * ONE, per_v * ONE, voxel, low, span)
 
     def lattice(self, box: Any, level: Any) -> Lattice:
         """What look-ups in one level have in common."""
@@ -128,8 +137,10 @@ class Textures:
         return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
 
     def density(self, lattice: Lattice, here: OnSurface) -> Any:
-        """Density of all populations together."""
-        return self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
+        """Density of all populations together; 0 above and below the texel."""
+        within = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
+        density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
+        return dr.select(within, density, 0.0)
 
     def densities(self, lattice: Lattice, here: OnSurface) -> list[Any]:
         """Density of every population."""

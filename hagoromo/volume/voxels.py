@@ -49,15 +49,24 @@ class PackedVoxels:
     def density(self, brick: Any, place: Any) -> Any:
         """Trilinear density."""
         kinds = arrays()
-        cell = kinds.Array3u(place)
-        inner, part = cell & (BRICK - 1), place - kinds.Array3f(cell)
-        start = brick * PAIRS + (inner.z * STORED + inner.y) * BRICK + inner.x
-        rows = []
-        for row in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK):
-            pair = dr.gather(kinds.UInt, self.densities, start + row)
-            rows.append(_lerp(half_value(pair << 13), half_value(pair >> 3), part.x))
+        part = place - kinds.Array3f(kinds.Array3u(place))
+        rows = [_lerp(half_value(pair << 13), half_value(pair >> 3), part.x) for pair in self._pairs(brick, place)]
         low, high = _lerp(rows[0], rows[1], part.y), _lerp(rows[2], rows[3], part.y)
         return _lerp(low, high, part.z) * HALF_EXPONENT
+
+    def densities_around(self, brick: Any, place: Any) -> list[Any]:
+        """Densities of the eight voxels around a place, in the order of CORNERS."""
+        found = []
+        for pair in self._pairs(brick, place):
+            found += [half_value(pair << 13) * HALF_EXPONENT, half_value(pair >> 3) * HALF_EXPONENT]
+        return found
+
+    def _pairs(self, brick: Any, place: Any) -> list[Any]:
+        """The four pairs of halves around a place."""
+        UInt = arrays().UInt
+        inner = arrays().Array3u(place) & (BRICK - 1)
+        start = brick * PAIRS + (inner.z * STORED + inner.y) * BRICK + inner.x
+        return [dr.gather(UInt, self.densities, start + r) for r in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK)]
 
     def axis(self, brick: Any, place: Any) -> Any:
         """Trilinear axis in box axes, not normalised."""
@@ -109,6 +118,14 @@ def axis_between(words: list[Any], part: Any) -> Any:
         trilinear([kinds.Float(word << (Y_BITS + Z_BITS)) for word in words], part) * X_UNIT,
         trilinear([kinds.Float(word << Z_BITS) for word in words], part) * Y_UNIT,
         trilinear([kinds.Float(word) for word in words], part) * Z_UNIT,
+    )
+
+
+def unpacked(word: Any) -> Any:
+    """The axis of a packed one, Int: Array3f."""
+    Float = arrays().Float
+    return arrays().Array3f(
+        Float(word << (Y_BITS + Z_BITS)) * X_UNIT, Float(word << Z_BITS) * Y_UNIT, Float(word) * Z_UNIT
     )
 
 

@@ -1,17 +1,21 @@
-"""Kind "figure": part = "skin", "cloth" or "feather" of the winged, draped figure, 0.3 m high."""
+"""Kind "figure": a part of the angel (head, hands, feet, hair, robe, wings) or the nun (head, hands, hair, habit,
+linen, veil), 0.27 m high."""
 
 from __future__ import annotations
 
 from hagoromo.files.record import one_of
-from hagoromo.matter.figure import PARTS, figure_part
+from hagoromo.matter.figure import FIGURES, PARTS, element_of, figure_part
 from hagoromo.matter.recipes.recipe import Kind, Recipe
 from hagoromo.volume.plan import BoxPlan
 
-ELEMENTS = {"skin": "sphere", "cloth": "cylinder", "feather": "cylinder"}
-
 
 def _plan(recipe: Recipe) -> BoxPlan:
-    return figure_part(recipe["part"], recipe.material, recipe["resolution"], recipe["seed"])
+    return figure_part(recipe["figure"], recipe["part"], recipe.material, recipe["resolution"], recipe["seed"])
 
 
-KIND = Kind("", {"part": one_of(*PARTS)}, _plan, lambda key: ELEMENTS[key["part"]])
+def _element(key: dict[str, object]) -> str:
+    name, part = str(key["figure"]), str(key["part"])
+    return element_of(name, part) if part in FIGURES[name] else "cylinder"
+
+
+KIND = Kind("", {"figure": (one_of(*FIGURES), "angel"), "part": one_of(*PARTS)}, _plan, _element)

@@ -1,0 +1,77 @@
+"""Studio: how matter is photographed: the camera's place, three lamps and a plain ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.image.surface import Surface
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+
+LAMP = "D65"
+
+
+def turned_upright(camera: Camera) -> Camera:
+    """The camera turned on its side, its picture shown upright."""
+    (ax, ay), (x0, y0) = camera.focal, camera.principal
+    return replace(camera, width=camera.height, height=camera.width, focal=(ay, ax), principal=(y0, x0))
+
+
+def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float], filled: float) -> Camera:
+    """The camera in the direction `towards` from the boxes, so near that their corners span `filled` of the picture."""
+    corners = np.concatenate([box.corners() for box in boxes])
+    aim, extent = ball_around(boxes)
+    direction, distance = np.asarray(towards, float) / np.linalg.norm(towards), 5.0 * extent
+    for _ in range(20):
+        placed = camera.look_at(aim + direction * distance, aim)
+        seen = (placed.project(corners) - camera.principal) / camera.focal
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        across = np.append(0.5 * (low + high) * distance, 0.0)
+        aim = aim + across @ placed.world_to_camera[:3, :3]
+        span = float(np.max((high - low) * camera.focal / (camera.width, camera.height)))
+        distance = max(distance * span / filled, 1.01 * extent)
+    return camera.look_at(aim + direction * distance, aim)
+
+
+def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
+    """Three white point lamps: key high on the left, weak fill on the right, rim from high behind.
+
+    Places in units of `extent` [m] from `middle`, and irradiance there, 1 for the key.
+    """
+    places = {"key": ((-2.7, -2.0, 2.4), 1.0), "fill": ((2.6, -3.4, 0.8), 0.12), "rim": ((0.9, 1.5, 3.2), 1.3)}
+    return tuple(
+        Lamp(
+            position=middle + extent * np.array(place),
+            intensity=share * float(np.dot(place, place)) * extent**2,
+            spectrum=Spectrum.named(LAMP),
+            name=name,
+        )
+        for name, (place, share) in places.items()
+    )
+
+
+def sweep(extent: float, reflectance: Reflectance) -> Surface:
+    """A photographer's background: a floor at z = 0 that bends up into a wall far behind, without an edge."""
+    depth, radius, half, height = 9.0 * extent, 4.0 * extent, 40.0 * extent, 40.0 * extent
+    turn = np.linspace(0.0, np.pi / 2, 49)
+    y = np.concatenate([[-40.0 * extent], depth + radius * np.sin(turn), [depth + radius]])
+    z = np.concatenate([[0.0], radius * (1.0 - np.cos(turn)), [height]])
+    profile = np.stack([y, z], axis=1)
+    vertices = np.array([(x, *row) for x in (-half, half) for row in profile])
+    count, k = len(profile), np.arange(len(profile) - 1)
+    faces = np.concatenate([np.stack(f, axis=1) for f in ((k, k + count, k + 1), (k + 1, k + count, k + count + 1))])
+    return Surface(reflectance, vertices=vertices, faces=faces, name="sweep")
+
+
+def ball_around(boxes: Sequence[VolumeBox]) -> tuple[NDArray, float]:
+    """Middle [m] and half diagonal [m] of what the boxes span."""
+    corners = np.concatenate([box.corners() for box in boxes])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
