@@ -20,9 +20,9 @@ class Item(NamedTuple):
 
 def _cloth(recipe: str, title: str, yarn_mm: float, fibre_um: float, **whole: Any) -> Item:
     """A cloth: hanging in folds, a flat patch in which yarns, and one in which fibres are seen apart."""
-    hanging = {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": yarn_mm / 8} | whole
-    near = {"lay": "flat", "width_mm": 12.0, "height_mm": 12.0, "voxel_mm": yarn_mm / 14, "variants": 2}
-    nearest = {"width_mm": 2.0, "height_mm": 2.0, "voxel_mm": fibre_um / 2.5e3, "variants": 1, "carrier_mm": 0.2}
+    hanging = {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": yarn_mm / 7, "variants": 2} | whole
+    near = {"lay": "patch", "width_mm": 11.5, "height_mm": 11.5, "voxel_mm": yarn_mm / 14}
+    nearest = {"width_mm": 1.5, "height_mm": 1.5, "voxel_mm": fibre_um / 2.5e3}
     return Item(recipe, title, hanging, near, near | nearest)
 
 
@@ -34,14 +34,14 @@ def _feather(recipe: str, title: str, middle_mm: tuple[float, float]) -> Item:
 
 ITEMS = {
     "skin": Item(
-        "skin", "Skin", {"shape": {"form": "sphere", "radius_mm": 6.0}, "voxel_mm": 0.04},
-        {"size_mm": 11.0, "voxel_mm": 0.03}, {"size_mm": 1.6, "voxel_mm": 0.008},
+        "skin", "Skin", {"shape": {"form": "sphere", "radius_mm": 6.0}, "voxel_mm": 0.045},
+        {"size_mm": 13.0, "voxel_mm": 0.035}, {"size_mm": 1.6, "voxel_mm": 0.008},
     ),
     "linen": _cloth("linen", "Linen, plain weave", 0.34, 18.0),
     "twill": _cloth("twill", "Wool, 2/2 twill", 0.42, 21.0),
     "herringbone": _cloth("herringbone", "Wool, herringbone", 0.55, 26.0),
-    "satin": _cloth("satin", "Silk, satin of eight", 0.11, 11.0, variants=2),
-    "jacquard": _cloth("jacquard", "Jacquard block", 0.2, 13.0, variants=1),
+    "satin": _cloth("satin", "Silk, satin of eight", 0.11, 11.0, voxel_mm=0.02),
+    "jacquard": _cloth("jacquard", "Jacquard block", 0.2, 13.0, voxel_mm=0.035, variants=1),
     "stockinette": _cloth("stockinette", "Wool, stockinette", 0.42, 21.0),
     "primary": _feather("primary", "Primary feather", (4.0, 55.0)),
     "covert": _feather("covert", "Covert", (2.0, 22.0)),

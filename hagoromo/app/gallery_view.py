@@ -17,8 +17,8 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
-SIZE, STRIP = 440, 180  # px a side of a picture, and of one of the strip
-SAMPLES, STRIP_SAMPLES = 4, 2
+SIZE, STRIP = 360, 140  # px a side of a picture, and of one of the strip
+WHOLE_SAMPLES, NEAR_SAMPLES, STRIP_SAMPLES = 4, 2, 1  # rays a pixel
 LIGHTS = 8  # places of the lamp that moves around
 AWAY = 25.0  # fields of view from the middle to the camera
 TOWARDS, STRAIGHT = (0.25, -1.0, 0.2), (0.1, -1.0, 0.1)  # from the matter to the camera: whole, near by
@@ -35,7 +35,7 @@ def whole(box: VolumeBox) -> NDArray[np.uint8]:
     field = max(field, 1.12 * float(max(high[0] - low[0], high[2] - low[2])))
     floor = float(max(low[2], 0.0))
     wall = _sweep(float(high[1]) + 2.0 * field, floor - 1e-6, float(high[2]) + 0.3 * field, field)
-    return _shown(Scene(_camera(box, field, TOWARDS, SIZE), _lamps(), (box,), (wall,)), SAMPLES)
+    return _shown(Scene(_camera(box, field, TOWARDS, SIZE), _lamps(), (box,), (wall,)), WHOLE_SAMPLES)
 
 
 def near(box: VolumeBox, field_mm: float) -> NDArray[np.uint8]:
@@ -46,7 +46,7 @@ def near(box: VolumeBox, field_mm: float) -> NDArray[np.uint8]:
     middle = 0.5 * (low + high)
     turned[:3, 3] = middle[0], float(high[1]) + 4.0 * field, middle[2]
     card = Surface(CARD, "rectangle", pose=turned @ np.diag([2.0 * field, 2.0 * field, 1.0, 1.0]), name="card")
-    return _shown(Scene(_camera(box, field, STRAIGHT, SIZE), _lamps(), (box,), (card,)), SAMPLES)
+    return _shown(Scene(_camera(box, field, STRAIGHT, SIZE), _lamps(), (box,), (card,)), NEAR_SAMPLES)
 
 
 def around(box: VolumeBox) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 lay = "flat"      a patch, width_mm × height_mm, that stands on z = 0 and faces −y
 lay = "hanging"   the same, gathered into folds: their number, and fold_depth_mm at the hem
+lay = "patch"     a flat patch without a texel, all of its voxels its own: for close-ups smaller than a repeat
 
 carrier_mm: voxels of the lattice that says where the cloth is; variants: of the texel, so that its repeat is not seen.
 """
@@ -11,19 +12,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import drjit as dr
+
+from hagoromo.backend import arrays
 from hagoromo.files.record import count, one_of, positive
 from hagoromo.matter.fabric import Fabric
+from hagoromo.matter.fill import MM, blocks_in
 from hagoromo.matter.hanging import flat, hanging
 from hagoromo.matter.recipes.recipe import Recipe, not_negative
+from hagoromo.matter.shape import coverage, rounded_box
 from hagoromo.matter.sheet import Sheet
 from hagoromo.matter.sheet_chart import sheet_chart
 from hagoromo.matter.shell import shell
 from hagoromo.matter.texture import texel
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
 
 LAID: dict[str, Any] = {
-    "lay": (one_of("flat", "hanging"), "flat"), "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
+    "lay": (one_of("flat", "hanging", "patch"), "flat"), "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
     "folds": (count, 3), "fold_depth_mm": (not_negative, 7.0), "carrier_mm": (positive, 0.8), "variants": (count, 4),
 }  # fmt: skip
 MARGIN = 2.0  # voxels of the carrier around the cloth
@@ -32,6 +39,8 @@ HEM = 1.5  # voxels of the texel over which a hem fades
 
 def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
     """The plan of a box of `fabric` as the recipe lays it; one material per population."""
+    if recipe["lay"] == "patch":
+        return _patch(recipe, fabric, materials, name)
     voxel, carrier = recipe.fineness.voxel_mm, recipe["carrier_mm"]
     made = texel(
         fabric.field, fabric.period_mm, fabric.heights_mm, voxel, fabric.populations, max(recipe["variants"], 1)
@@ -40,6 +49,29 @@ def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name:
     chart, bound, extent = sheet_chart(_sheets(recipe), reach, HEM * voxel, fabric.period_mm)
     path = recipe.fineness.mean_free_path_mm
     return shell(chart, bound, extent, carrier, made, path, materials, name=name)
+
+
+def _patch(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
+    """A flat patch from the middle of the repeat, laid out voxel by voxel."""
+    kinds, fine = arrays(), recipe.fineness
+    (wide, tall), (low, high) = (recipe["width_mm"], recipe["height_mm"]), fabric.heights_mm
+
+    def field(point: Any) -> tuple[Any, Any, Any]:
+        turns = (x * (1.0 / period) + 0.5 for x, period in zip((point.x, point.z), fabric.period_mm, strict=True))
+        u, v = ((t - dr.floor(t)) * period for t, period in zip(turns, fabric.period_mm, strict=True))
+        density, tangent, population = fabric.field(kinds.Array3f(u, v, -point.y), kinds.UInt(0))
+        edge = rounded_box(point, (0.0, 0.0, 0.5 * tall), (0.5 * wide, high - low, 0.5 * tall))
+        return (
+            density * coverage(edge, fine.softness),
+            kinds.Array3f(tangent.x, -tangent.z, tangent.y),
+            population,
+        )
+
+    room = fine.softness
+    extent = (-0.5 * wide - room, -high - room, -room), (0.5 * wide + room, -low + room, tall + room)
+    blocks, pose = blocks_in(field, lambda p: 0.0 * p.x - 1.0, extent, fine.voxel_mm)
+    tau = 1.0 / (fine.mean_free_path_mm * MM)
+    return BoxPlan(BoxHeader(fine.voxel_mm * MM, tau, tuple(materials), pose, name=name), blocks)
 
 
 def _sheets(recipe: Recipe) -> list[Sheet]:
