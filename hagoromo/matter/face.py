@@ -53,12 +53,13 @@ def nose(head: Any, p: Any) -> Any:
     tip = ellipsoid(p, (0.0, -16.2, -5.95), (1.3, 1.3, 1.15))
     dome = sphere(p, (0.5, -16.55, -5.95), 0.85)
     wing = ellipsoid(placed(p, (1.7, -14.8, -6.5), (-16.0, 0.0, 14.0)), (0.0, 0.0, 0.0), (0.75, 1.3, 0.95))
-    bar = capsule(p, (0.0, -16.2, -6.85), (0.0, -14.4, -7.45), 0.5, 0.62)
+    bar = capsule(p, (0.0, -16.2, -6.8), (0.0, -14.2, -7.6), 0.55, 0.75)
     body = smooth_union(smooth_union(root, bridge, 1.2), flank, 1.6)
     body = smooth_union(smooth_union(body, tip, 1.2), dome, 0.9)
-    body = smooth_union(smooth_union(body, bar, 0.6), wing, 0.9)
-    nostril = ellipsoid(placed(p, (1.0, -15.35, -7.5), (-18.0, 0.0, 22.0)), (0.0, 0.0, 0.0), (0.36, 0.8, 0.45))
-    return smooth_difference(smooth_union(head, body, 1.7), nostril, 0.3)
+    floor = sphere(p, (0.95, -14.6, -7.0), 1.0)
+    body = smooth_union(smooth_union(smooth_union(body, bar, 0.6), wing, 0.9), floor, 0.8)
+    nostril = ellipsoid(placed(p, (0.98, -15.3, -7.55), (-18.0, 0.0, 22.0)), (0.0, 0.0, 0.0), (0.3, 0.7, 0.36))
+    return smooth_difference(smooth_union(head, body, 1.7), nostril, 0.25)
 
 
 def mouth(head: Any, p: Any) -> Any:

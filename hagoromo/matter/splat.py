@@ -64,7 +64,10 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
     found, sums = _summed(strands, low, voxel, cells)
     mass, *tangent, second = sums
     size = np.sqrt(np.maximum(tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2, 1e-24))
-    values = [np.minimum(mass / voxel**3, CORE), *(part / size for part in tangent), second > 0.5 * mass]
+    kind = second > 0.5 * mass
+    # voxels without matter are of the kind of those around: light is met between them and full ones too
+    around = np.repeat(second.reshape(-1, CELL**3).sum(axis=1) > 0.5 * mass.reshape(-1, CELL**3).sum(axis=1), CELL**3)
+    values = [np.minimum(mass / voxel**3, CORE), *(part / size for part in tangent), np.where(mass > 0, kind, around)]
     table = np.full(cells.prod(), -1, np.int32)
     table[found] = np.arange(len(found))
     empty = (table < 0).reshape(cells)
