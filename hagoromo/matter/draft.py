@@ -46,7 +46,7 @@ class Draft:
 
     def smallest(self) -> Draft:
         """The smallest repeat of the same weave."""
-        return Draft(self.drawdown[: _repeat(self.drawdown), : _repeat(self.drawdown.T)])
+        return Draft(self.drawdown[: smallest_repeat(self.drawdown), : smallest_repeat(self.drawdown.T)])
 
 
 def on_loom(threading: Sequence[int], tie_up: ArrayLike, treadling: Sequence[int]) -> Draft:
@@ -112,7 +112,7 @@ def jacquard(pattern: Sequence[str] = DIAMOND, ends: int = 5) -> Draft:
     return Draft(np.where(figure, *faces))
 
 
-def _repeat(rows: NDArray[np.bool_]) -> int:
+def smallest_repeat(rows: NDArray) -> int:
     """The smallest number of rows after which all repeat."""
     count = len(rows)
     fitting = (n for n in range(1, count + 1) if count % n == 0 and (rows == np.roll(rows, n, axis=0)).all())

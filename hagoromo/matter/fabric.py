@@ -21,7 +21,7 @@ from hagoromo.matter.weave import Woven, check_woven, period_of, woven_paths
 from hagoromo.matter.yarn import Yarn
 
 CELLS = 3  # of the search for the nearest yarn, in the diameter of the thinnest
-ROOM = 0.5  # for hairs above and below, of their mean length
+ROOM = 0.35  # for hairs above and below, of their mean length
 MARGIN = 2  # voxels at the border of the period in which all variants agree
 
 
@@ -64,9 +64,9 @@ def _fabric(
 ) -> Fabric:  # fmt: skip
     """The fabric of two kinds of yarns: densities add where their soft edges meet, the densest gives the tangent."""
     kinds = arrays()
-    thick = max(float(each.girth.max()) for each in paths)
     room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
-    top = 0.5 * thickness * thick + room
+    thicker = max(0.5 * yarn.thickness_mm * (each.girth.max() - 1.0) for yarn, each in zip(yarns, paths, strict=True))
+    top = float(0.5 * thickness + thicker + room)
     grid = grid_over(period, (-top, top), min(yarn.thickness_mm for yarn in yarns) / CELLS)
     strands = tuple(
         Strands(each, period, grid, 0.5 * yarn.width_mm * float(each.girth.max()) + 2.0 * voxel_mm)

@@ -17,7 +17,7 @@ from hagoromo.matter.strand import Paths
 from hagoromo.matter.wander import freedom, wander, wandered
 from hagoromo.matter.yarn import Yarn, check_yarn
 
-FEWEST, ENOUGH, MOST = 12, 24, 256  # yarns of a period either way: at least, where more are tried, at most
+FEWEST, ENOUGH, MOST = 8, 10, 256  # yarns of a period either way: at least, where more are tried, at most
 STEPS = 8  # of a path in a diameter
 DENSE = 64  # points between crossings by which a path is drawn
 POPULATIONS = 4
@@ -27,7 +27,8 @@ class Woven(NamedTuple):
     """A woven cloth: draft, yarns per cm, the yarns, and how they lie.
 
     crimp: share of the warp in rising and falling (1: the weft lies straight). uneven: spread of the yarns' places, of
-    their distance. warp_colours, weft_colours: numbers of the colours of neighbouring yarns, repeated.
+    their distance. warp_colours, weft_colours: numbers of the colours of neighbouring yarns, repeated. Yarns
+    are twisted by the whole number of turns in a period that is nearest to their twist.
     """
 
     draft: Draft = plain()

@@ -16,7 +16,9 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file, read_bytes
-from hagoromo.matter.draft import LARGEST, Draft
+from hagoromo.matter.draft import LARGEST, Draft, smallest_repeat
+from hagoromo.matter.weave import LINEN, Woven
+from hagoromo.matter.yarn import Yarn
 
 MOST_BYTES = 1 << 24
 MOST_SHAFTS = 4096  # a jacquard loom has one for every end of a repeat
@@ -64,6 +66,25 @@ def read_wif(path: str | Path) -> Wif:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return Wif(draft, file.threads("warp", ends), file.threads("weft", picks))
+
+
+def cloth_of(wif: Wif, warp: Yarn, weft: Yarn) -> tuple[Woven, tuple[tuple[float, ...], ...]]:
+    """The cloth of a file, of yarns like `warp` and `weft`, and its colours (R, G, B, 0…1), numbered from 0.
+
+    Where the file tells spacing or thickness these are taken, else those of LINEN and of the yarns.
+    """
+    palette: list[tuple[float, ...]] = []
+    sets = []
+    for threads, yarn, usual in ((wif.warp, warp, LINEN.warp_per_cm), (wif.weft, weft, LINEN.weft_per_cm)):
+        colours = threads.colours or ((1.0, 1.0, 1.0),)
+        palette += [colour for colour in dict.fromkeys(colours) if colour not in palette]
+        numbers = np.array([palette.index(colour) for colour in colours])
+        repeat = tuple(numbers[: smallest_repeat(numbers)].tolist())
+        per_cm = 10.0 / threads.spacing_mm if threads.spacing_mm else usual
+        sets.append((per_cm, yarn._replace(diameter_mm=threads.thickness_mm or yarn.diameter_mm), repeat))
+    (ends, warp, first), (picks, weft, second) = sets
+    cloth = Woven(wif.draft.smallest(), ends, picks, warp, weft, warp_colours=first, weft_colours=second)
+    return cloth, tuple(palette)
 
 
 class WifFile:

@@ -7,7 +7,8 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.matter.draft import Draft, herringbone, jacquard, on_loom, plain, satin, twill
-from hagoromo.matter.wif import read_wif
+from hagoromo.matter.wif import cloth_of, read_wif
+from hagoromo.matter.yarn import Yarn
 
 WIF = """
 [WIF]
@@ -125,6 +126,16 @@ def test_a_wif_tells_colours_and_sizes(tmp_path):
     assert found.weft.colours == ((0.0, 0.0, pytest.approx(1 / 3)),) * 4
     assert found.warp[1:] == (pytest.approx(0.5), pytest.approx(0.3))
     assert found.weft[1:] == (pytest.approx(0.625), None)
+
+
+def test_a_wif_becomes_a_cloth(tmp_path):
+    """Threads per cm are 1 / spacing; white and red warp on a blue weft are three populations."""
+    cloth, colours = cloth_of(wif(tmp_path, WIF.replace("Thickness=0.03", "Thickness=0.04")), Yarn(), Yarn())
+    assert (cloth.warp_per_cm, cloth.weft_per_cm) == (pytest.approx(20.0), pytest.approx(16.0))
+    assert (cloth.warp.diameter_mm, cloth.weft.diameter_mm) == (pytest.approx(0.4), Yarn().diameter_mm)
+    assert (cloth.warp_colours, cloth.weft_colours) == ((0, 1, 0, 0), (2,))
+    assert colours == ((1.0, 1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, pytest.approx(1 / 3)))
+    assert cloth.palette == ((0, 0), (1, 2), (0, 1))
 
 
 @pytest.mark.parametrize(

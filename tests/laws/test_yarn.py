@@ -110,7 +110,8 @@ def test_fibres_wind_by_their_twist(hand):
     level = round((top - fabric.heights_mm[0]) / np.diff(fabric.heights_mm)[0] * density.shape[0] - 0.5)
     seen = (density[level] > 0.2) & (population[level] == 0) & (np.abs(tangent[2, level]) < 0.1)
     lean = tangent[0, level][seen] / tangent[1, level][seen]
-    expected = 2 * np.pi * (0.45 * yarn.diameter_mm) * yarn.twist_per_cm / 10
+    turns = round(yarn.twist_per_cm * fabric.period_mm[1] / 10)  # of a period: whole ones
+    expected = 2 * np.pi * (0.45 * yarn.diameter_mm) * turns / fabric.period_mm[1]
     # seen from above, a right-handed screw along v leans to +u on its upper side
     assert np.median(lean) == pytest.approx(expected if hand == "Z" else -expected, rel=0.15)
 
