@@ -1,4 +1,4 @@
-"""Nothing on standard output and error while a C library reads: some write there about a file that they then refuse."""
+"""Nothing on standard output and error while a library reads: some write there about a file that they then refuse."""
 
 from __future__ import annotations
 

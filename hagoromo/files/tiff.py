@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory, existing_file, read_bytes
+from hagoromo.files.quiet import quiet
 
 KINDS = (np.uint8, np.uint16, np.float32)
 DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, struct.error)
@@ -25,7 +26,7 @@ def read_tiff(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16] | NDAr
 
     found = existing_file(path)
     try:
-        with tifffile.TiffFile(found) as file:
+        with quiet(), tifffile.TiffFile(found) as file:
             page = file.pages.first
             shape, kind = page.shape, page.dtype
             if kind not in KINDS or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
@@ -33,7 +34,10 @@ def read_tiff(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16] | NDAr
                     f"{found} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
                 )
             check_memory(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(found))
-            image = _unpacked(found) if page.compression == tifffile.COMPRESSION.LZW else page.asarray()
+            ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
+            if max(ends, default=0) > found.stat().st_size:
+                raise InputError(f"{found} is cut off: copy it again")
+            image = page.asarray() if page.compression == tifffile.COMPRESSION.NONE else _unpacked(found)
     except InputError:
         raise
     except DAMAGE as error:
@@ -44,17 +48,13 @@ def read_tiff(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16] | NDAr
 
 
 def _unpacked(path: Path) -> NDArray:
-    """Through OpenCV, which has the LZW of many programs' TIFFs and tifffile has not."""
+    """Through OpenCV, whose libtiff has the compressions of other programs and unpacks no more than a strip holds."""
     import cv2
 
-    logging = cv2.utils.logging
-    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # it warns of tags that it does not know
     try:
         image = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise ValueError(str(error)) from error
-    finally:
-        logging.setLogLevel(level)
     if image is None:
         raise ValueError("its compressed pixels are damaged")
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., [2, 1, 0, 3][: image.shape[2]]])
