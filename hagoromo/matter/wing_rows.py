@@ -49,11 +49,13 @@ COVERTS = (
     Row(21, 0.03, 0.66, 6.0, 0.47, 0.85, 1.1, 1, 1.3),  # greater secondary coverts
     Row(11, 0.69, 0.99, 5.0, 0.4, 0.9, 1.3, 1, 1.2),  # primary coverts
     Row(34, 0.02, 0.98, 3.0, 0.3, 0.95, 1.1, 2, 1.6),  # median
-    Row(40, 0.01, 0.985, 1.5, 0.205, 1.0, 1.1, 3, 2.0),  # lesser
-    Row(46, 0.0, 0.99, 0.8, 0.14, 1.05, 1.15, 4, 2.3),
-    Row(54, 0.0, 0.995, 0.2, 0.085, 1.1, 1.2, 5, 2.6),  # marginal
+    Row(40, 0.01, 0.985, 1.5, 0.215, 1.0, 1.1, 3, 1.9),  # lesser, four rows
+    Row(46, 0.0, 0.99, 1.2, 0.165, 1.0, 1.15, 4, 2.1),
+    Row(52, 0.0, 0.99, 0.8, 0.122, 1.05, 1.2, 5, 2.3),
+    Row(58, 0.0, 0.995, 0.5, 0.085, 1.1, 1.25, 6, 2.5),
+    Row(64, 0.0, 0.995, 0.2, 0.053, 1.15, 1.3, 7, 2.7),  # marginal
 )
-ALULA = Row(4, 0.67, 0.73, 0.5, 0.22, 1.1, 1.5, 4, 1.0)
+ALULA = Row(4, 0.67, 0.73, 0.5, 0.22, 1.1, 1.5, 5, 1.0)
 SCAPULARS = Row(8, 0.0, 0.13, 0.5, 0.5, 1.8, 2.2, 5, 3.0)
 FIELDS = (
     "x", "z", "sine", "cosine", "bow", "length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip", "root",
@@ -117,10 +119,10 @@ def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
         "bow": np.maximum(bow, 1e-4),
         "length_mm": length,
         "outer_mm": row.outer * step * spread, "inner_mm": row.inner * step * spread,
-        "rachis_mm": 1.4 if flight else 0.1 + 0.007 * length, "quill": 0.06 if flight else 0.02,
-        "tip": (0.3 if flight else 0.55) + 0.05 * draw.uniform(-1, 1, n),
-        "root": face * (0.9 * edge + 0.12 * rank) + 0.5 * lift,
-        "end": face * (1.0 + 0.62 * rank) * (0.5 + 0.17 * thick) + lift,
+        "rachis_mm": 1.4 if flight else 0.04 + 0.006 * length, "quill": 0.06 if flight else 0.02,
+        "tip": (0.3 if flight else min(0.45 + 0.05 * rank, 0.75)) + 0.05 * draw.uniform(-1, 1, n),
+        "root": face * (0.9 * edge + 0.08 * rank) + 0.5 * lift,
+        "end": face * (1.0 + 0.5 * rank) * (0.5 + 0.17 * thick) + lift,
         "curl": outwards * (1.8 if flight else 0.5) * draw.uniform(0.2, 1, n),
         "tilt": TILED * (1.0 + 0.15 * draw.uniform(-1, 1, n)), "hollow": -0.9 if flight else 0.6 * face,
         "face": 1.0 if face > 0 else -1.0, "seed": draw.integers(0, 1 << 22, n), "flight": float(flight),
