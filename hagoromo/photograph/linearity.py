@@ -12,7 +12,7 @@ from hagoromo.photograph.bracket import CEILING, Shot
 from hagoromo.photograph.noise import Noise
 
 NOMINAL = 0.12  # a shutter's "1/60" is 1/64 s, and may miss that by some percent more
-DIFFERS = 3.0  # standard errors by which a measured ratio must differ to stand in for the stated one
+DIFFERS = 4.0  # standard errors by which a measured ratio must differ to stand in for the stated one
 BEND = 0.03  # by which the ratio of two exposures may change from dark to bright samples
 CERTAIN = 5.0  # standard errors from which a change is no chance
 FAINT = 0.05  # of white, from which a sample of the longer exposure tells a ratio
