@@ -109,13 +109,6 @@ def shaft(spot: Spot, plume: Any, softness: float) -> tuple[Any, Any]:
     return inside * (pith + (1.0 - pith) * solid), inside
 
 
-def shaft_radius(along: Any, plume: Any) -> Any:
-    """Half the width of the shaft where the vane is."""
-    quill = plume.length_mm * plume.quill
-    share = clip((along - quill) / (plume.length_mm - quill), 0.0, 1.0)
-    return 0.5 * plume.rachis_mm * (1.0 - TAPER * share)
-
-
 def rolled(off: Any, along: Any, curvature: Any) -> tuple[Any, Any, Any, Any]:
     """(off, along) about a circle through (0, 0) that leaves along `along` and bends towards −off.
 

@@ -6,7 +6,6 @@ Every feather is a curved layer of its own, with shaft, barbs and splits; a poin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any
 
 import drjit as dr
@@ -53,22 +52,6 @@ def wing_of(material: Reflectance | Sequence[Reflectance], resolution: float = 1
     fineness = WING_FINENESS.finer(resolution)
     wing = Wing(seed, fineness)
     return plan_of(wing.field, wing.bound, EXTENT, fineness, material, "wings")
-
-
-@lru_cache(maxsize=2)
-def made_wing(seed: int, fineness: Fineness) -> Wing:
-    """The wings of a seed, made once."""
-    return Wing(seed, fineness)
-
-
-def wing(point: Any, fineness: Fineness, seed: int) -> tuple[Any, Any]:
-    """Density and tangent of the wings."""
-    return made_wing(seed, fineness).field(point)[:2]
-
-
-def wing_bound(point: Any) -> Any:
-    """A bound of the distance to the wings of the first seed."""
-    return made_wing(1, WING_FINENESS).bound(point)
 
 
 class Wing:
