@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hagoromo.app.body_spectra import write_body_spectra
 from hagoromo.app.measure_report import write_measure_report
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
@@ -52,6 +53,7 @@ def measure_capture(
             points = np.moveaxis(np.asarray(capture.points), 2, 0)
             write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), points, strict=True)))
         fill_measurement(measured, home)
+        write_body_spectra(home / "body_spectra.json", capture, measured)
         write_measure_report(home / "report.html", capture, measured)
     return measured
 
