@@ -8,14 +8,15 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, lookup
+from hagoromo.backend import arrays, clip, lookup
 from hagoromo.matter.section import sharp_radius
 from hagoromo.matter.shape import coverage
 from hagoromo.matter.strand import Grid, Paths, nearest_steps
 from hagoromo.matter.yarn import Yarn
 
-STEP = 0.12  # of a hair, in diameters of its yarn
-CURL = 0.35  # rad that a hair bends in a step, standard deviation
+STEP = 0.06  # of a hair, in diameters of its yarn
+CURL = 0.2  # rad that the bending of a hair changes in a step, standard deviation
+FOLLOWED = 8.0  # steps along a hair from the one that is nearest to a cell
 LIFT = 0.5, 1.1  # rad between a hair and the yarn where it leaves, from and to
 
 
@@ -70,7 +71,9 @@ class Fuzz:
         cells = [
             nearest_steps(each.points, period, grid, reach) + start for each, start in zip(joined, starts, strict=True)
         ]
-        self.period = period
+        self.period, self._count = period, sum(len(each.radius) for each in joined)
+        lengths = [np.linalg.norm(np.diff(each.points, axis=0), axis=1) for each in joined]
+        self._length = float(np.median(np.concatenate([*lengths, [1e-3]])))
         self._nearest = lookup(kinds.UInt, np.concatenate(cells).astype(np.uint32))
         soft = 2.0 * voxel_mm
         rows = []
@@ -83,17 +86,27 @@ class Fuzz:
     def at(self, point: Any, cell: Any) -> tuple[Any, Any, Any]:
         """Density, unit tangent and population (UInt) of the hair nearest to points."""
         kinds = arrays()
-        step = dr.gather(kinds.UInt, self._nearest, cell)
+        first = dr.gather(kinds.UInt, self._nearest, cell)
+        along = self._beside(point, first)[1]
+        moved = clip(dr.round(along / self._length), -FOLLOWED, FOLLOWED)
+        last = kinds.Int(self._count - 1)
+        other = kinds.UInt(dr.minimum(dr.maximum(kinds.Int(first) + kinds.Int(moved), 0), last))
+        better = self._beside(point, other)[0] < self._beside(point, first)[0]  # else it is another hair's
+        squared, along, a, b = self._beside(point, dr.select(better, other, first))
+        far = dr.sqrt(dr.fmax(squared - along * along, 0.0) + dr.square(dr.fmax(abs(along) - self._length, 0.0)))
+        tangent = kinds.Array3f(b.x, b.y, b.z)
+        population = dr.floor(0.5 * b.w)
+        height = b.w - 2.0 * population
+        return height * coverage(far - a.w, self._soft), tangent, kinds.UInt(population)
+
+    def _beside(self, point: Any, step: Any) -> tuple[Any, Any, Any, Any]:
+        """Squared distance of points from a step, how far they lie along it, and its numbers."""
+        kinds = arrays()
         a, b = (dr.gather(kinds.Array4f, self._steps, 2 * step + k) for k in (0, 1))
         offset, (u, v) = point - kinds.Array3f(a.x, a.y, a.z), self.period
         offset.x -= u * dr.round(offset.x * (1.0 / u))
         offset.y -= v * dr.round(offset.y * (1.0 / v))
-        tangent = kinds.Array3f(b.x, b.y, b.z)
-        along = dr.dot(offset, tangent)
-        far = dr.sqrt(dr.fmax(dr.squared_norm(offset) - along * along, 0.0))
-        population = dr.floor(0.5 * b.w)
-        height = b.w - 2.0 * population
-        return height * coverage(far - a.w, self._soft), tangent, kinds.UInt(population)
+        return dr.squared_norm(offset), dr.dot(offset, kinds.Array3f(b.x, b.y, b.z)), a, b
 
 
 def _between(z: NDArray, height: tuple[float, float]) -> NDArray:

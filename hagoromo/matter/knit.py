@@ -35,7 +35,7 @@ class Knitted(NamedTuple):
 
     wales_per_cm: float = 6.5
     courses_per_cm: float = 8.5
-    yarn: Yarn = Yarn(0.42, 1.0, 2, 4.0, "S", 5.0, 48, 21.0, 0.2, 25.0, 0.8, 0.05, 0.02)
+    yarn: Yarn = Yarn(0.42, 1.0, 2, 4.0, "S", 5.0, 58, 21.0, 0.2, 25.0, 0.8, 0.05, 0.02)
     loop_mm: float = 0.0
     uneven: float = 0.08
 

@@ -42,7 +42,7 @@ def section(yarn: Yarn, voxel_mm: float, seed: int) -> Section:
     ply = 0.5 * yarn.diameter_mm * yarn.ply[0] * shown_plies(yarn, voxel_mm)[1]
     fibre, voxel, filling = 0.5e-3 * yarn.fibre_um / ply, voxel_mm / ply, _filling(yarn, voxel_mm)
     contrast = min(max((2.0 * fibre / voxel - SEEN[0]) / (SEEN[1] - SEEN[0]), 0.0), 1.0)
-    count, radius = yarn.fibres, fibre
+    count, radius = round(yarn.fibres / yarn.kept), fibre
     if contrast < 0.3 * BUNDLE_CONTRAST:
         radius, contrast = 0.5 * BUNDLE * voxel, BUNDLE_CONTRAST
         count = int(BUNDLE_SHARE / radius**2)
@@ -84,7 +84,7 @@ def _disc(distance: NDArray, radius: float, softness: float) -> NDArray[np.float
 
 def _filling(yarn: Yarn, voxel_mm: float) -> float:
     plies, wider = shown_plies(yarn, voxel_mm)
-    return yarn.packing * yarn.plies / plies / wider**2
+    return yarn.packing * (yarn.plies * yarn.kept if plies < yarn.plies else 1.0) / wider**2
 
 
 @cache

@@ -12,6 +12,7 @@ from hagoromo.errors import InputError
 HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal discs can cover
 # ° of the outside: two plies then touch on both sides (Bohr & Olsen, "The ancient art of laying rope", 2011)
 STEEPEST = 45.0
+PRESSED = 1.15  # radius of plies that press one another flat, of those that would only touch
 MOST_FIBRES = 2000
 HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
 
@@ -56,8 +57,18 @@ class Yarn(NamedTuple):
         """Radius of a ply and of the circle on which the plies lie, of the yarn's radius."""
         if self.plies == 1:
             return 1.0, 0.0
-        radius = 1.0 / (1.0 + 1.0 / math.sin(math.pi / self.plies))
+        radius = PRESSED / (1.0 + 1.0 / math.sin(math.pi / self.plies))
         return radius, 1.0 - radius
+
+    @property
+    def kept(self) -> float:
+        """Share of a ply's disc that is left where plies press one another flat."""
+        if self.plies == 1:
+            return 1.0
+        radius, offset = self.ply
+        away = offset * math.sin(math.pi / self.plies) / radius
+        sides = 1 if self.plies == 2 else 2
+        return 1.0 - sides * (math.acos(away) - away * math.sqrt(1.0 - away * away)) / math.pi
 
     @property
     def rates(self) -> tuple[float, float]:
@@ -68,7 +79,7 @@ class Yarn(NamedTuple):
     @property
     def packing(self) -> float:
         """Share of a ply's section that its fibres would fill without twist."""
-        return self.fibres * (self.fibre_um * 1e-3 / (self.diameter_mm * self.ply[0])) ** 2
+        return self.fibres * (self.fibre_um * 1e-3 / (self.diameter_mm * self.ply[0])) ** 2 / self.kept
 
     @property
     def lengthening(self) -> float:
