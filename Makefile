@@ -1,11 +1,11 @@
-# make setup | demo | test | test-slow | bench | real | figures: each sets up what it needs; all may be run again at any time.
+# make setup | demo | test | test-slow | bench | real | figures | gallery: each sets up what it needs; all may be run again at any time.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup demo test test-slow bench real figures
+.PHONY: setup demo test test-slow bench real figures gallery
 
 setup: $(READY)
 
@@ -53,3 +53,7 @@ figures: $(READY)
 	$(BIN)/hagoromo demo --out out/figures --size full --force
 	mkdir -p docs/figures
 	cp out/figures/figures/figure_8_whole.png docs/figures/figure8.png
+
+# Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
+gallery: $(READY)
+	$(BIN)/python -m hagoromo.app.gallery examples/recipes --out docs

@@ -1,0 +1,141 @@
+"""Scenes, recipes, captures and boxes to spoil, and the law of bad input: one line on standard error, status 2."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hagoromo.app.cli import main
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.record import write_json
+from hagoromo.files.table import write_table
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.store import save_box
+
+SCENE = """
+[camera]
+size = [61, 47]
+focal = [90.0, 90.0]
+response = "canon_eos_300d"
+sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
+eye = [0.0, -1.0, 0.0]
+
+[[lamp]]
+name = "key"
+position = [0.5, -2.0, 1.0]
+intensity = 3.0
+
+[[lamp]]
+name = "fill"
+position = [-0.7, -1.5, 0.5]
+intensity = 3.0
+
+[[surface]]
+name = "ball"
+shape = "sphere"
+scale = 0.15
+reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
+"""
+
+
+RECIPE = """
+kind = "skin"
+size_mm = 6.0
+[material]
+alpha = 0.2
+beta = 0.5
+gamma = 0.2
+n = 1.4
+body_colour = 0.7
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Writes a scene file: the one above with `old` replaced by `new` and `more` at its end."""
+
+    def write(old: str = "", new: str = "", more: str = "") -> Path:
+        assert old in SCENE
+        (tmp_path / "scene.toml").write_text(SCENE.replace(old, new, 1) + more if old else SCENE + more)
+        return tmp_path / "scene.toml"
+
+    return write
+
+
+@pytest.fixture
+def recipe():
+    """The text of a recipe."""
+    return RECIPE
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory):
+    """A capture of the scene above."""
+    folder = tmp_path_factory.mktemp("photographed")
+    (folder / "scene.toml").write_text(SCENE)
+    assert main(["simulate", str(folder / "scene.toml"), "--out", str(folder / "capture")]) == 0
+    return folder / "capture"
+
+
+@pytest.fixture
+def capture(photographed, tmp_path):
+    """A copy of the capture, to spoil."""
+    return Path(shutil.copytree(photographed, tmp_path / "capture"))
+
+
+@pytest.fixture
+def box(tmp_path):
+    """A volume box on disk, to spoil."""
+    density = np.ones((11, 5, 7), np.float32)
+    axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (*density.shape, 3))
+    matter = Reflectance(0.2, 0.5, 0.2, 1.5, Spectrum.constant(0.8))
+    save_box(VolumeBox.from_arrays(density, axis, 0.01, 100.0, [matter], name="slab"), tmp_path / "slab.zarr")
+    return tmp_path / "slab.zarr"
+
+
+@pytest.fixture
+def refused(capsys, tmp_path):
+    """Run a verb that must be refused; gives the line it said."""
+
+    def run(*arguments) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        capsys.readouterr()
+        status = main([str(argument) for argument in arguments])
+        said = capsys.readouterr()
+        print(said.err)
+        assert status == 2
+        assert said.out == "" and said.err.count("\n") == 1 and said.err.startswith("hagoromo: ")
+        assert sorted(tmp_path.rglob("*")) == before
+        return said.err
+
+    return run
+
+
+@pytest.fixture
+def whole_file_of(tmp_path):
+    """A valid file of each kind that is read."""
+
+    def write(kind: str) -> Path:
+        path = tmp_path / f"a.{kind}"
+        image = np.random.default_rng(1).integers(0, 255, (31, 37, 3), dtype=np.uint8)
+        if kind == "exr":
+            write_exr(path, {"R": image[..., 0], "G": image[..., 1]})
+        elif kind == "png":
+            write_png(path, image)
+        elif kind == "jpg":
+            import cv2
+
+            path.write_bytes(cv2.imencode(".jpg", image)[1].tobytes())
+        elif kind == "csv":
+            write_table(path, {"wavelength_nm": [400, 500, 600], "value": [1, 2, 3]})
+        elif kind == "json":
+            write_json(path, {"lamps": [{"to_lamp": [0, 0, 1], "intensity": 1.0}]})
+        elif kind == "toml":
+            path.write_text(SCENE)
+        return path
+
+    return write

@@ -1,0 +1,30 @@
+"""Scenes that cannot be rendered are refused, and the message says why."""
+
+
+def test_unknown_keys_are_named_with_the_known_ones(refused, scene, tmp_path):
+    for old, new in (("intensity = 3.0", "intensty = 3.0"), ("eye =", "zoom = 2\neye =")):
+        said = refused("render", scene(old, new), "--out", tmp_path / "a.exr")
+        assert "unknown key" in said and "known are" in said and "scene.toml" in said
+
+
+def test_a_tolerance_beyond_reason_is_refused(refused, scene, tmp_path):
+    assert "tolerance is 7" in refused("render", scene(), "--out", tmp_path / "a.exr", "--tolerance", 7)
+
+
+def test_a_reflectance_that_breaks_energy_conservation_is_refused(refused, scene, tmp_path):
+    assert "energy conservation" in refused("render", scene("alpha = 0.2", "alpha = 0.9"), "--out", tmp_path / "a.exr")
+
+
+def test_a_camera_that_looks_at_nothing_is_refused(refused, scene, tmp_path):
+    away = scene("eye = [0.0, -1.0, 0.0]", "eye = [0.0, -1.0, 0.0]\ntarget = [0.0, -2.0, 0.0]")
+    assert "looks at nothing" in refused("render", away, "--out", tmp_path / "a.exr")
+
+
+def test_a_lamp_inside_a_box_is_refused(refused, scene, box, tmp_path):
+    inside = scene(more='[[box]]\nfile = "slab.zarr"\nposition = [0.47, -2.02, 0.95]\n')
+    assert "lamp key stands inside the volume box 'slab'" in refused("render", inside, "--out", tmp_path / "a.exr")
+
+
+def test_an_image_that_does_not_fit_memory_is_refused_before_allocation(refused, scene, tmp_path):
+    vast = scene("size = [61, 47]", "size = [4000000, 3000000]")
+    assert "GiB of memory" in refused("render", vast, "--out", tmp_path / "a.exr")

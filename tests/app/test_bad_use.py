@@ -1,0 +1,85 @@
+"""Wrong use is one line, nothing is overwritten unasked, and an interrupt leaves nothing behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from hagoromo.app.cli import main
+from hagoromo.files.png import write_png
+
+
+def test_wrong_use_is_one_line(refused):
+    assert "Unrecognized options: nonsense" in refused("nonsense")
+    assert "--out" in refused("calibrate", "response", "pairs.csv")
+    said = refused("calibrate", "camera", "--board", "9x6", "--square", "wide", "--out", "a.json")
+    assert said.startswith("hagoromo: Error parsing --square: could not convert string to float: 'wide'; Argument")
+
+
+def test_an_existing_output_is_refused_without_force(refused, tmp_path):
+    (tmp_path / "camera.json").write_text("mine")
+    write_png(tmp_path / "a.png", np.zeros((31, 41), np.uint8))
+    said = refused(
+        *("calibrate", "camera", tmp_path / "a.png", "--board", "9x6", "--square", "0.025"),
+        *("--out", tmp_path / "camera.json"),
+    )
+    assert "exists" in said and "--force" in said
+    assert (tmp_path / "camera.json").read_text() == "mine"
+
+
+def test_every_verb_refuses_an_existing_output_before_its_work(refused, scene, capture, tmp_path, recipe):
+    (tmp_path / "skin.toml").write_text(recipe)
+    for verb, given, out in (
+        ("build", tmp_path / "skin.toml", "skin.zarr"),
+        ("demo", None, "demo"),
+        ("render", scene(), "a.exr"),
+        ("simulate", scene(), "photographs"),
+        ("measure", capture, "measured"),
+    ):
+        path = tmp_path / out
+        if path.suffix == ".exr":
+            path.write_text("mine")
+        else:
+            path.mkdir()
+            (path / "mine").touch()
+        start = time.perf_counter()
+        assert "--force" in refused(verb, *([given] if given else []), "--out", path)
+        assert time.perf_counter() - start < 2.0  # s; the work itself takes longer
+    assert os.listdir(tmp_path / "measured") == ["mine"]
+
+
+def test_an_interrupt_leaves_nothing_behind(tmp_path, monkeypatch, capsys, whole_file_of):
+    whole_file_of("png")
+    before = sorted(tmp_path.rglob("*"))
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hagoromo.camera.board.Board.find", interrupted)
+    arguments = ["calibrate", "camera", str(tmp_path / "a.png"), "--board", "9x6", "--square", "0.025"]
+    assert main([*arguments, "--out", str(tmp_path / "new" / "camera.json")]) == 130
+    assert capsys.readouterr().err == "hagoromo: interrupted: nothing was written\n"
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_of_a_long_verb_leaves_nothing_behind(tmp_path, scene, number):
+    """Ctrl-C (or a polite kill) half a second after the rendering's temporary file appears, in a process of its own."""
+    slow = scene("size = [61, 47]", "size = [610, 470]", "[render]\nsamples = 4000\n")
+    before = sorted(tmp_path.rglob("*"))
+    code = "import sys; from hagoromo.app.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "simulate", str(slow), "--out", str(tmp_path / "capture")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    for _ in range(600):
+        if sorted(tmp_path.rglob("*")) != before or process.poll() is not None:
+            break
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, "hagoromo: interrupted: nothing was written\n")
+    assert sorted(tmp_path.rglob("*")) == before
