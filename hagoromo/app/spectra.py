@@ -66,10 +66,11 @@ def spectra_study(
             tell(0.25 + 0.1 * i, case.name)
             rows.append(ours(case, bench, "D65"))
         tell(0.4, "surfaces kept out")
-        rows.append(ours(surfaces_case(), few, "D65"))
-        for case in (chart, skins[0]):
+        kept_out = surfaces_case()
+        rows.append(ours(kept_out, few, "D65"))
+        for case, cameras in ((chart, bench), (skins[0], bench), (kept_out, few)):
             tell(0.5, f"{case.name}, other methods")
-            rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, bench).items()]
+            rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
         tell(0.55, "recoveries")
         rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
         record = {"hagoromo": __version__, "noise": NOISE, "rows": [row.record() for row in rows]}

@@ -34,7 +34,7 @@ def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row]
         "A surface is photographed under the lamps of the second column; its colour is predicted under the others. No "
         "tested spectrum is in a prior or a training set: near copies of the chart's patches are taken out, people and "
         "surfaces are kept out by turns. The recoveries start from CIE colours under D65: the exact ones, or those "
-        "that a root polynomial makes of a camera's, over every seventh camera.",
+        "that a root polynomial makes of a camera's. They, and the surfaces kept out, are over every seventh camera.",
     )
     head = ("case", "photographed under", "method", *(f"ΔE00 {lamp}" for lamp in TARGETS), "95 % regions hold")
     page.table("Median / 95th percentile.", head, [_cells(row) for row in record["rows"]])
