@@ -8,8 +8,9 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip, lookup
+from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
+from hagoromo.matter.resident import resident
 from hagoromo.matter.shape import Shape
 
 MOST = 1 << 26  # lattice points
@@ -35,7 +36,7 @@ class Collider:
         index = dr.arange(kinds.UInt, count)
         at = kinds.Array3f(index % nx, (index // nx) % ny, index // (nx * ny)) * self.step + kinds.Array3f(*self.low)
         values = [np.array(body(at), np.float32) for body in bodies] or [np.full(count, FAR, np.float32)]
-        self.count, self.values = count, lookup(kinds.Float, np.concatenate(values))
+        self.count, self.values = count, resident(kinds.Float, np.concatenate(values))
 
     def distance_and_normal(self, point: Any, layer: Any) -> tuple[Any, Any]:
         """Distance to body number `layer` (UInt) and the outward direction, for points (Array3f)."""

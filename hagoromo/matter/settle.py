@@ -15,20 +15,22 @@ from typing import Any, NamedTuple
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip, lookup
+from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
 from hagoromo.matter.collider import Collider
 from hagoromo.matter.contact import Contacts
 from hagoromo.matter.cut import Cut
+from hagoromo.matter.resident import resident
 from hagoromo.matter.sheet import Sheet
 from hagoromo.matter.springs import mesh_of
 
 GRAVITY = 9810.0  # mm/s²
-STRETCH, SHEAR, TOUCH = 0.5, 0.06, 0.15  # stiffness of springs, in masses per step²; stable below 4 together
-FRICTION_INSIDE = 0.05  # share of the speed along a spring, and of that of touching points, that a step takes away
+STRETCH, SHEAR, TOUCH = 0.4, 0.05, 0.08  # stiffness of springs, in masses per step²; all that meet stay below 4
+FRICTION_INSIDE = 0.04  # share of the speed along a spring, and of that of touching points, that a step takes away
 STRAIN = 0.02  # of the cloth where it carries most
 DRAW = 200.0  # mm/s, speed at which a belt is drawn in
 PUSH = 300.0  # mm/s, speed at which what began inside a body is pushed out: at once would tear the cloth
+QUICKEST = 0.2  # spacings that a point may move in a step: several times its fall, less than would tear tangles apart
 GRIP = 0.05  # share of the speed that a belt takes away in a step
 TOUCH_EVERY = 1 / 200  # s, between searches for points that may touch
 REACH = 1.6  # of these, in spacings: they touch at one
@@ -108,13 +110,13 @@ def _after(
     move: Callable[..., Any] = dr.freeze(
         lambda place, speed, touching, drag, mesh: _moved(place, speed, touching, drag, mesh, collider)
     )
-    place = kinds.Array3f(*(lookup(kinds.Float, points[:, k].astype(np.float32)) for k in range(3)))
+    place = kinds.Array3f(*(resident(kinds.Float, points[:, k].astype(np.float32)) for k in range(3)))
     speed = dr.zeros(kinds.Array3f, len(points))
     turns, every = math.ceil(seconds / step), max(round(TOUCH_EVERY / step), 1)
     for turn in range(turns):
         if turn % every == 0:
             now = np.array(place, np.float64).T
-            touching = [lookup(kinds.UInt, row) for row in contacts.found(now, REACH * spacing)]
+            touching = [resident(kinds.UInt, row) for row in contacts.found(now, REACH * spacing)]
             ease = FALL + (REST - FALL) * min(max(3.0 * turn / turns - 1.5, 0.0), 1.0)
             drag = dr.opaque(kinds.Float, math.exp(-ease * step))
         place, speed = move(place, speed, touching, drag, mesh)
@@ -155,6 +157,7 @@ def _moved(place: Any, speed: Any, touching: Sequence[Any], drag: Any, mesh: dic
         force = slip * (FRICTION_INSIDE / step) - offset * (TOUCH * stiff * deep / far)
         pull += dr.select((deep > 0) & (other != own), force, 0.0)
     speed = (speed + pull * step) * drag
+    speed *= dr.fmin(1.0, QUICKEST * mesh["thick"] / (step * (dr.norm(speed) + 1e-9)))
     moved = place + speed * step
     moved, speed = _held_off(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
     moved, speed, near = _drawn_in(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)

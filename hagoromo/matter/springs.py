@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.backend import arrays, lookup
+from hagoromo.backend import arrays
 from hagoromo.matter.cut import Cut
+from hagoromo.matter.resident import resident
 from hagoromo.matter.sheet import Sheet
 
 ANYWHERE = 1e9  # mm, reach of points that no belt draws in: more than any distance
@@ -23,10 +24,10 @@ def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dic
 
     def index(key: str, k: int) -> Any:
         values = [part[key][k] + start for part, start in zip(parts, starts, strict=True)]
-        return lookup(kinds.UInt, np.concatenate(values).astype(np.uint32))
+        return resident(kinds.UInt, np.concatenate(values).astype(np.uint32))
 
     def weight(key: str, k: int) -> Any:
-        return lookup(kinds.Float, np.concatenate([part[key][k] for part in parts]).astype(np.float32))
+        return resident(kinds.Float, np.concatenate([part[key][k] for part in parts]).astype(np.float32))
 
     springs = [(index("other", k), weight("rest", k)) for k in range(8)]
     bends = [
@@ -41,9 +42,9 @@ def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dic
     layer = np.repeat([cut.layer for cut in cuts], [sheet.u.size for sheet in sheets])
     return {
         "along": springs[:4], "across": springs[4:], "bends": bends,
-        "layer": lookup(kinds.UInt, layer.astype(np.uint32)),
-        "held": lookup(kinds.Float, values["held"].astype(np.float32)),
-        "reach": lookup(kinds.Float, np.minimum(values["reach"], ANYWHERE).astype(np.float32)),
+        "layer": resident(kinds.UInt, layer.astype(np.uint32)),
+        "held": resident(kinds.Float, values["held"].astype(np.float32)),
+        "reach": resident(kinds.Float, np.minimum(values["reach"], ANYWHERE).astype(np.float32)),
     }  # fmt: skip
 
 
