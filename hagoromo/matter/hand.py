@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.shape import capsule, ellipsoid, smooth_difference, smooth_union, sphere
 
+WEB = 2.0  # width over which fingers pass into the palm
 LENGTH = 29.5  # from the wrist to the tip of the middle finger
 KNUCKLES = (3.9, 13.2), (1.25, 13.6), (-1.4, 13.0), (-3.9, 11.7)  # x, z; index finger first
 REACH = 15.0, 15.9, 15.1, 12.6  # of the fingers from their knuckles
 WIDTH = 1.22, 1.27, 1.2, 1.08  # half, of the fingers
 PHALANGES = 0.45, 0.31, 0.24  # of a finger's length
-TAPER = 1.08, 0.98, 0.88, 0.7  # half width at the joints and the tip, of the finger's
+TAPER = 1.03, 0.97, 0.88, 0.7  # half width at the joints and the tip, of the finger's
 THUMB = 1.9, 1.4, 1.3, 0.9  # half width at its joints and tip
 
 
@@ -34,7 +35,7 @@ class Gesture(NamedTuple):
 FOLDED = Gesture(  # straight, side by side: palm to palm
     ((2.0, 3.0, 2.0), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0), (3.0, 4.0, 3.0)),
     (-1.6, 0.0, 1.4, 3.0),
-    ((3.2, 0.4, 2.5), (5.6, 0.7, 8.6), (6.1, 0.8, 13.2), (5.6, 0.6, 17.0)),
+    ((3.2, 0.4, 2.5), (5.1, 0.7, 8.6), (5.6, 0.9, 13.0), (5.3, 0.7, 16.8)),
 )
 OPEN = Gesture(  # relaxed, more curled towards the little finger
     ((8.0, 14.0, 8.0), (13.0, 18.0, 10.0), (18.0, 22.0, 12.0), (21.0, 24.0, 14.0)),
@@ -55,9 +56,9 @@ def hand(point: Any, gesture: Gesture) -> Any:
     """A hand at points in its own axes."""
     palm = _palm(point)
     *fingers, thumb = digits(gesture)
-    solid = smooth_union(palm, _finger(point, fingers[0]), 1.3)
+    solid = smooth_union(palm, _finger(point, fingers[0]), WEB)
     for finger in fingers[1:]:  # joined one by one, so that they blend with the palm but not with each other
-        solid = dr.fmin(solid, smooth_union(palm, _finger(point, finger), 1.3))
+        solid = dr.fmin(solid, smooth_union(palm, _finger(point, finger), WEB))
     root, joint = thumb.joints[0], thumb.joints[1]
     from_, to = root - np.array((1.2, -0.2, 0.5)), 0.4 * root + 0.6 * joint - np.array((0.9, -0.4, 0.0))
     mount = capsule(point, tuple(from_), tuple(to), 2.0, 1.9)
@@ -105,9 +106,9 @@ def _palm(p: Any) -> Any:
     wrist = smooth_union(wrist, ellipsoid(p, (0.0, 0.0, 0.5), (3.3, 2.3, 3.0)), 2.0)
     solid = wrist
     for x, z in KNUCKLES:
-        bone = capsule(p, (0.55 * x, 0.0, 2.0), (0.97 * x, -0.25, z), 2.0, 1.55)
+        bone = capsule(p, (0.55 * x, 0.0, 2.0), (0.96 * x, -0.25, z - 0.2), 2.0, 1.45)
         solid = smooth_union(solid, bone, 2.4)
-        solid = smooth_union(solid, sphere(p, (0.98 * x, -0.75, z - 0.4), 0.8), 1.2)
+        solid = smooth_union(solid, sphere(p, (0.97 * x, -0.7, z - 0.2), 0.75), 1.0)
     solid = smooth_union(solid, capsule(p, (-2.9, 0.9, 3.0), (-4.2, 0.6, 8.5), 1.8, 1.5), 2.0)
     return smooth_difference(solid, sphere(p, (0.2, 5.6, 8.6), 4.3), 1.6)
 
@@ -118,8 +119,8 @@ def _finger(p: Any, digit: Digit) -> Any:
     solid = capsule(p, tuple(joints[0]), tuple(joints[1]), widths[0], widths[1])
     for k in (1, 2):
         bone = capsule(p, tuple(joints[k]), tuple(joints[k + 1]), 0.97 * widths[k], widths[k + 1])
-        solid = smooth_union(solid, bone, 0.12)
-        solid = smooth_union(solid, sphere(p, tuple(joints[k] - 0.15 * pad), 0.9 * widths[k]), 0.35)
+        solid = smooth_union(solid, bone, 0.06)
+        solid = smooth_union(solid, sphere(p, tuple(joints[k] - 0.15 * pad), 0.87 * widths[k]), 0.3)
     along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
     soft = 0.35 * joints[2] + 0.65 * joints[3]
     solid = smooth_union(solid, sphere(p, tuple(soft + 0.15 * widths[3] * pad), 0.98 * widths[3]), 0.4)
