@@ -96,7 +96,7 @@ def scattered(count: int, radius: float, seed: int) -> NDArray[np.float64]:
     draw = np.random.default_rng(seed)
     reach = 1.0 - radius
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * np.pi * reach**2 / max(count, 1))
-    rows = np.arange(-SIDE, SIDE)
+    rows = np.arange(-1, 2 + int(4.0 / spacing)) - int(2.0 / spacing)
     lattice = np.stack(np.meshgrid(rows, rows), axis=-1).reshape(-1, 2) @ [[1.0, 0.0], [0.5, 0.75**0.5]] * spacing
     lattice = lattice[np.argsort(np.hypot(*lattice.T), kind="stable")[:count]]
     slack = max(spacing - 2.0 * radius, 0.0)
