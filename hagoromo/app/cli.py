@@ -200,7 +200,7 @@ def calibrate_camera(
     """Photographs of a board → intrinsics, distortion, their standard deviations, rms, a plot of the residuals beside.
 
     Args:
-        photographs: PNG or JPEG, all of one size, three or more.
+        photographs: PNG, JPEG or TIFF, all of one size, three or more.
         board: inner corners, columns x rows, such as 9x6.
         square: side of a square [m].
         marker: side of a marker [m] of a ChArUco board; 0 for a chessboard.
@@ -214,6 +214,8 @@ def calibrate_camera(
     target = parse_board(board, square, marker, dictionary, window)
     found, written = calibrate_to(_pictures(photographs), target, out, coefficients, square_pixels, force)
     print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
+    for axis, value in zip("xy", found.camera.focal, strict=True):
+        print(f"focal length {axis} {value:.2f} ± {found.standard_deviation[f'fl_{axis}']:.2f} px")
     for name in found.outliers:
         print(f"{name}: rms {found.boards[name]:.3f} px, far above the others: look at it, or leave it out")
     _wrote(*written)

@@ -16,6 +16,7 @@ from hagoromo.errors import InputError
 
 CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
 WINDOWS = (2, 11)  # px: half sides of the search window, the least and the most
+BRIGHT = 0.995  # quantile of a linear photograph that is shown white
 FEWEST_CORNERS = 8  # of a ChArUco board seen in part: a pose takes 4, and the fit needs some over
 
 
@@ -57,10 +58,11 @@ class Board:
             if markers < needed:
                 raise InputError(f"{self.dictionary} has {markers} markers and the board {needed}: name its dictionary")
 
-    def find(self, photograph: NDArray[np.uint8]) -> Corners | None:
-        """The board's corners in a photograph (height, width[, 3]); None when it is not seen."""
+    def find(self, photograph: NDArray) -> Corners | None:
+        """The board's corners in a photograph (height, width[, 3]), 8 or 16 bits or float; None when it is not seen."""
         import cv2
 
+        photograph = _as_shown(photograph)
         grey = np.asarray(photograph if photograph.ndim == 2 else cv2.cvtColor(photograph[..., :3], cv2.COLOR_RGB2GRAY))
         return self._find_markers(grey) if self.marker else self._find_squares(grey)
 
@@ -95,6 +97,14 @@ class Board:
                 points[:, :2] -= self.square  # from the first inner corner, not from the edge
                 return Corners(points, np.asarray(image, np.float32).reshape(-1, 2))
         return None
+
+
+def _as_shown(photograph: NDArray) -> NDArray[np.uint8]:
+    """8 bits of a linear photograph, its square root from black to nearly its brightest; 8 bits as they are."""
+    if photograph.dtype == np.uint8:
+        return photograph
+    bright = max(float(np.quantile(photograph, BRIGHT)), 1e-30)
+    return np.rint(255.0 * np.sqrt(np.clip(photograph / bright, 0.0, 1.0))).astype(np.uint8)
 
 
 def _dictionary(name: str) -> Any:

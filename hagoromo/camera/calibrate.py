@@ -71,8 +71,8 @@ def calibrate_camera(
 ) -> Calibration:
     """Fit a camera to photographs of a board.
 
-    photographs: name → (height, width) or (height, width, 3), uint8. coefficients: how many of the lens are fitted, the
-    others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length for x and y.
+    photographs: name → (height, width) or (height, width, 3), 8 or 16 bits or float. coefficients: how many of the lens
+    are fitted, the others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length.
     progress: told the name of each photograph as it is searched.
     `InputError` for photographs of different sizes, fewer than three boards found, boards all parallel to one another
     or a camera that they do not determine.
@@ -104,8 +104,6 @@ def _check(photographs: Mapping[str, NDArray]) -> None:
                 f"photographs of different sizes: {first} is {sizes[first][1]}x{sizes[first][0]} px and {name} "
                 f"{size[1]}x{size[0]}: calibrate each size by itself"
             )
-        if photographs[name].dtype != np.uint8:
-            raise InputError(f"{name} is {photographs[name].dtype}: corners are searched in 8-bit photographs")
 
 
 def _flags(coefficients: Model, square_pixels: bool) -> int:

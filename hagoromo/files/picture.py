@@ -1,4 +1,4 @@
-"""Pictures as cameras and other tools leave them: PNG or JPEG, told apart by their first bytes."""
+"""Pictures as cameras and other tools leave them: PNG, JPEG or TIFF, told apart by their first bytes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
 from hagoromo.files.door import existing_file, read_bytes
+from hagoromo.files.tiff import read_tiff
+
+TIFF_STARTS = (b"II*\0", b"MM\0*")
 
 
 def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """The stored pixels: (height, width[, 3 or 4]), uint8 or uint16, in the order R, G, B, A; never rotated.
 
-    `InputError` when the file is missing, neither PNG nor JPEG, cut off, or larger than the free memory.
+    `InputError` when the file is missing, none of these, cut off, or larger than the free memory.
     """
     with existing_file(path).open("rb") as file:
         start = file.read(len(png.SIGNATURE))
@@ -24,7 +27,12 @@ def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
         return png.read_png(path)
     if start.startswith(jpeg.START):
         return jpeg.read_jpeg(path)
-    raise InputError(f"{path} is neither PNG nor JPEG: convert it")
+    if start.startswith(TIFF_STARTS):
+        image = read_tiff(path)
+        if image.dtype == np.float32:
+            raise InputError(f"{path} holds floats: a picture has 8 or 16 bits")
+        return image
+    raise InputError(f"{path} is neither PNG, JPEG nor TIFF: convert it")
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:

@@ -17,8 +17,8 @@ KINDS = (np.uint8, np.uint16, np.float32)
 DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, struct.error)
 
 
-def read_tiff(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
-    """The first image of the file: (height, width[, 3 or 4]), in its own depth, channels in the order R, G, B, A.
+def read_tiff(path: str | Path) -> NDArray:
+    """The first image of the file: (height, width[, 3 or 4]), uint8, uint16 or float32, in the order R, G, B, A.
 
     `InputError` when the file is missing, no TIFF, cut off, of another kind of pixels, or larger than the free memory.
     """

@@ -1,8 +1,8 @@
 """Develop: exposures of one view → linear camera colours with their variance (MODEL §7.1).
 
 Black level and dark frames are subtracted, exposures merged by their variance, the flat field divided out, clipped and
-hot samples masked, the mosaic filled in. Values are light per second at ISO 100, white level as 1, as in a capture; the
-aperture is not divided out.
+hot samples masked, the mosaic filled in. Values are light per second at ISO 100, white level as 1, as in a capture (EXR
+and float TIFF keep their own unit); the aperture is not divided out.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def develop(
     values, variance, valid, native = _filled(merged, mosaic, demosaic)
     if not valid.any():
         raise InputError(f"no pixel is left ({100 * clipped:.0f} % of the samples are clipped): add a shorter exposure")
-    unit = exposures[0].white * exposures[0].iso / 100.0
+    unit = (exposures[0].unit or exposures[0].white) * exposures[0].iso / 100.0
     return Development(
         (values / unit).astype(np.float32),
         (variance / unit**2).astype(np.float32),

@@ -43,6 +43,7 @@ class Exposure:
     signal: (height, width) behind a mosaic, else (height, width, channels), float32: DN above black, linear in light.
     rounding: its variance by rounding [DN²], a number or one per sample. full: of the same shape, where the sensor (or
     the file) is clipped. white: signal of the brightest light [DN]. mosaic: as `Sensor`. exif: with the stated figures.
+    unit: signal of the value 1 after a second at ISO 100 [DN]; white where it is None.
     """
 
     signal: NDArray[np.float32]
@@ -52,6 +53,7 @@ class Exposure:
     mosaic: str
     exif: Exif
     name: str = ""
+    unit: float | None = None
 
     def __post_init__(self) -> None:
         """Check the parts once."""
@@ -136,14 +138,15 @@ def _from_numbers(image: NDArray, path: Path, given: Given) -> Exposure:
 
 
 def _from_light(image: NDArray, path: Path, given: Given) -> Exposure:
-    """Linear values without rounding; nothing is clipped unless `white` is stated."""
+    """Linear values without rounding, which keep their unit; nothing is clipped unless `white` is stated."""
     mosaic = given.mosaic or ""
     values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     black = given.black or 0.0
     white = given.white if given.white is not None else max(float(values.max(initial=0.0)), 1e-30) + black
     full = values >= given.white if given.white is not None else np.zeros(values.shape, np.bool_)
     signal = values.astype(np.float32) - np.float32(black)
-    return Exposure(signal, 0.0, full, white - black, mosaic, read_exif(path), path.name)
+    unit = 1.0 if given.white is None else None
+    return Exposure(signal, 0.0, full, white - black, mosaic, read_exif(path), path.name, unit)
 
 
 def _exr(path: Path) -> NDArray[np.float32]:

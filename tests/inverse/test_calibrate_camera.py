@@ -106,6 +106,16 @@ def test_the_rational_model_finds_a_lens_that_only_it_describes():
     assert poor.rms > 2 * found.rms and list(poor.standard_deviation) == list(NAMES[:4])
 
 
+def test_corners_are_the_same_in_sixteen_linear_bits():
+    """The same scene as light: to 0.05 px, the error of a corner; a camera's curve moves edges by less."""
+    photographs = photographs_of(TRUE, BOARD)
+    for eight in photographs.values():
+        linear = (65535.0 * (eight / 255.0) ** 2).astype(np.uint16)
+        one, other = BOARD.find(eight), BOARD.find(linear)
+        assert one is not None and other is not None
+        assert np.abs(one.image - other.image).mean() < 0.05
+
+
 def test_square_pixels_have_one_focal_length():
     true = replace(TRUE, focal=(325.0, 325.0))
     found = calibrate_camera(photographs_of(true, BOARD), BOARD, square_pixels=True)
@@ -141,7 +151,6 @@ def test_photographs_that_make_no_calibration_are_refused():
     for photographs, said in [
         ({"a": blank, "b": blank[1:]}, "different sizes: a is 71x53 px and b 71x52"),
         ({"a": blank, "b": blank}, "found in 0 of 2"),
-        ({"a": blank.astype(np.uint16)}, "8-bit"),
         ({}, "found in 0 of 0"),
     ]:
         with pytest.raises(InputError, match=said):
