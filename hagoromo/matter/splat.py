@@ -17,16 +17,16 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.plan import BoxPlan
 
 CELL = 8  # voxels a side that are kept together
-MOST_CELLS = 1 << 18
+MOST_CELLS = 1 << 24
 
 
 class Strands(NamedTuple):
     """Points of strands, (n, 3); unit tangents, (n, 3); volume of strand that each holds, (n,) [mm³]; kind, 0 or 1."""
 
-    points: NDArray[np.float64]
-    tangents: NDArray[np.float64]
-    volume: NDArray[np.float64]
-    kind: NDArray[np.float64]
+    points: NDArray[np.float32]
+    tangents: NDArray[np.float32]
+    volume: NDArray[np.float32]
+    kind: NDArray[np.float32]
 
 
 def along(paths: NDArray[np.float64], area: NDArray[np.float64] | float, step: float, kind: int = 0) -> Strands:
@@ -45,8 +45,8 @@ def along(paths: NDArray[np.float64], area: NDArray[np.float64] | float, step: f
     volume = across * (lengths / parts)[..., None]
     volume = volume.ravel()
     some = volume > 0
-    points, tangents = points.reshape(-1, 3)[some], tangents.reshape(-1, 3)[some]
-    return Strands(points, tangents, volume[some], np.full(len(points), float(kind)))
+    points, tangents = (part.reshape(-1, 3)[some].astype(np.float32) for part in (points, tangents))
+    return Strands(points, tangents, volume[some].astype(np.float32), np.full(len(points), kind, np.float32))
 
 
 def joined(*strands: Strands) -> Strands:
@@ -59,15 +59,17 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
     voxel = fineness.voxel_mm
     low = np.floor(strands.points.min(axis=0) / voxel / CELL - 1.0) * CELL * voxel
     cells = np.ceil((strands.points.max(axis=0) - low) / (voxel * CELL)).astype(int) + 2
-    if cells.prod() > MOST_CELLS * 64:
+    if cells.prod() > MOST_CELLS:
         raise InputError(f"strands over {cells * CELL} voxels: make voxel_mm {voxel:g} larger")
     found, sums = _summed(strands, low, voxel, cells)
     mass, *tangent, second = sums
     size = np.sqrt(np.maximum(tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2, 1e-24))
+    for part in tangent:
+        part /= size
     kind = second > 0.5 * mass
     # voxels without matter are of the kind of those around: light is met between them and full ones too
     around = np.repeat(second.reshape(-1, CELL**3).sum(axis=1) > 0.5 * mass.reshape(-1, CELL**3).sum(axis=1), CELL**3)
-    values = [np.minimum(mass / voxel**3, CORE), *(part / size for part in tangent), np.where(mass > 0, kind, around)]
+    values = [np.minimum(mass / voxel**3, CORE), *tangent, np.where(mass > 0, kind, around)]
     table = np.full(cells.prod(), -1, np.int32)
     table[found] = np.arange(len(found))
     empty = (table < 0).reshape(cells)
@@ -81,11 +83,11 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
 def _summed(strands: Strands, low: NDArray, voxel: float, cells: NDArray) -> tuple[NDArray, list[NDArray]]:
     """Cells that hold anything, (m,); sums over their voxels, (m·CELL³,) each: volume, its tangents x, y, z, kind 1."""
     places = ((strands.points - low) / voxel - 0.5).astype(np.float32)
-    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.int32)
     first = np.floor(places).astype(np.int32)
-    row, inner = np.array([cells[1] * cells[2], cells[2], 1]), np.array([CELL * CELL, CELL, 1])
+    row, inner = (np.array(by, np.int32) for by in ((cells[1] * cells[2], cells[2], 1), (CELL * CELL, CELL, 1)))
     found = np.unique(np.concatenate([np.unique(((first + corner) // CELL) @ row) for corner in corners]))
-    factors = [np.ones(1), *strands.tangents.T, strands.kind]
+    factors = [np.ones(1, np.float32), *strands.tangents.T, strands.kind]
     sums = [np.zeros(len(found) * CELL**3, np.float32) for _ in factors]
     for corner in corners:
         at = first + corner
