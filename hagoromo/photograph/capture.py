@@ -51,8 +51,8 @@ FRAME = {
     "file_path": text,
     "name": (text, None),
     "mask_path": (text, None),
-    "exposure_s": (positive, 1.0),
-    "iso": (positive, 100.0),
+    "exposure_s": (positive, None),
+    "iso": (positive, None),
     "sensor": (table, {}),
     "transfer": (one_of("linear", "srgb"), "linear"),
 }
@@ -95,10 +95,11 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
     """The capture in `folder` (or in a transforms file of another name), or a slice of its frames.
 
     Values are in units of ρ where the sensor's `exposure` is known, else (DN − black)/(white − black) per second of
-    exposure and at ISO 100. PNG and JPEG are taken for linear unless `transfer` is "srgb"; a pixel that is saturated,
-    not opaque or black in the mask is invalid. Where the file does not tell the sensor's figures the variance is that
-    of a usual one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps` nor `pl_pos` has no lamps. Frames
-    without an image are left out with a warning; `InputError` for whatever else is missing or contradicts itself.
+    exposure and at ISO 100, which RAW files tell themselves. PNG, TIFF and JPEG are taken for linear unless `transfer`
+    is "srgb"; a pixel that is saturated, not opaque or black in the mask is invalid. Where the file does not tell the
+    sensor's figures the variance is that of a usual one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps`
+    nor `pl_pos` has no lamps. Frames without an image are left out with a warning; `InputError` for whatever else is
+    missing or contradicts itself.
     """
     file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
     record, home = read_json(file), file.parent

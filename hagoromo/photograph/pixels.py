@@ -1,4 +1,4 @@
-"""Pixels of one image file: sensor numbers (PNG, TIFF, JPEG) or linear values (EXR) → values and variance, and back."""
+"""Pixels of an image file: sensor numbers (RAW, PNG, TIFF, JPEG) or linear values (EXR) → values, variance, and back."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.png import read_png, write_png
+from hagoromo.files.raw import SUFFIXES as RAW_SUFFIXES
 from hagoromo.files.tiff import read_tiff
 from hagoromo.light.colour import srgb_decode
+from hagoromo.photograph.exposure import Given, read_exposure
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, sensor_from_record
 
 READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg, ".tif": read_tiff, ".tiff": read_tiff}
-SUFFIXES = (*READERS, ".exr")
+SUFFIXES = (*READERS, ".exr", *RAW_SUFFIXES)
 VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside those of the values
 
 
@@ -40,18 +42,22 @@ def read_pixels(
 ) -> Pixels:
     """Pixels of the image at `path`.
 
-    frame: its `sensor`, `exposure_s`, `iso` and `transfer`. channels: names in the order of the values, for EXR.
+    frame: its `sensor`, `transfer`, `exposure_s` and `iso` (None: what a RAW file tells, else 1 s and 100). channels:
+    names in the order of the values, for EXR.
     `InputError` for a file that is no image, or contradicts the sensor.
     """
+    if path.suffix.lower() in RAW_SUFFIXES:
+        return _from_raw(path, frame, demosaic, where)
+    seconds, iso = frame["exposure_s"] or 1.0, frame["iso"] or 100.0
     reader = READERS.get(path.suffix.lower())
     image = None if reader is None else reader(path)
     if image is not None and image.dtype.kind == "f":
         raise InputError(f"{path} holds floats: develop it into an EXR first")
     depth = 16 if image is None else 8 * image.dtype.itemsize
-    sensor = sensor_from_record(frame["sensor"], depth, frame["exposure_s"], frame["iso"], where)
+    sensor = sensor_from_record(frame["sensor"], depth, seconds, iso, where)
     known = sensor if any(k != "response" for k in frame["sensor"]) and frame["transfer"] == "linear" else None
     if image is None:
-        return _from_exr(path, channels, frame["exposure_s"] * frame["iso"] / 100.0)._replace(sensor=known)
+        return _from_exr(path, channels, seconds * iso / 100.0)._replace(sensor=known)
     numbers, opaque = _opaque(image)
     if sensor.largest < numbers.max(initial=0):
         raise InputError(f"{path} holds {numbers.max()}, more than {sensor.bits} bits: mend the sensor's bits")
@@ -93,6 +99,19 @@ def write_pixels(photograph: Photograph, stem: Path) -> Path:
 def default_channels(count: int) -> tuple[str, ...]:
     """Names of `count` channels of which nothing is known."""
     return {1: ("Y",), 3: ("R", "G", "B")}.get(count, tuple(f"band{i:03d}" for i in range(count)))
+
+
+def _from_raw(path: Path, frame: Mapping[str, Any], demosaic: Demosaic, where: str) -> Pixels:
+    """Camera RAW: its own levels, mosaic and exposure where the frame does not state others."""
+    stated = frame["sensor"]
+    given = Given(stated.get("black_level"), stated.get("white_level"), None, None, frame["exposure_s"], frame["iso"])
+    shot = read_exposure(path, given)
+    levels = {"black_level": 0.0, "white_level": shot.white, "bits": 16, "mosaic": shot.mosaic}
+    sensor = sensor_from_record({**stated, **levels}, 16, shot.seconds, shot.iso, where)
+    values, variance, valid = develop_raw(shot.signal, sensor, demosaic)
+    native = native_channels(sensor, *shot.signal.shape[:2])
+    known = sensor if {"gain", "read_noise"} <= set(stated) else None
+    return Pixels(values, variance, valid, native, known)
 
 
 def _from_exr(path: Path, channels: Sequence[str], scale: float) -> Pixels:

@@ -64,6 +64,20 @@ def test_a_bracket_of_dngs_is_developed_and_loads_as_a_capture(tmp_path, capsys)
     assert "RGGB" in capsys.readouterr().out
 
 
+def test_a_capture_of_raw_files_knows_their_levels_mosaic_and_exposure(tmp_path):
+    """Values are the light per second over white; the variance is the stated sensor's: covers to 5 %."""
+    light = scene(3)
+    write_dng(tmp_path / "a.dng", numbers(light, 0.2, 5), 0.2)
+    frame = {"file_path": "a.dng", "transform_matrix": np.eye(4).tolist(), "fl_x": 300.0}
+    sensor = {"gain": SENSOR.gain, "read_noise": SENSOR.read_noise}
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": [frame], "sensor": sensor}))
+    shot = load_capture(tmp_path).photographs[0]
+    assert shot.native is not None and shot.camera.sensor is not None
+    measured = shot.native & shot.mask[..., None]
+    z = (shot.values - light / SENSOR.gain / (int(FULL) - 512.0))[measured] / np.sqrt(shot.variance[measured])
+    assert 0.95 < z.var() < 1.05 and measured.sum() > 0.8 * light[..., 0].size
+
+
 def test_raw_that_is_damaged_is_refused_in_one_line(tmp_path, capfd):
     write_dng(tmp_path / "a.dng", RANDOM.integers(500, 14_000, (62, 94)).astype(np.uint16))
     whole = (tmp_path / "a.dng").read_bytes()
