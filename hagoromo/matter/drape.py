@@ -1,134 +1,57 @@
-"""Drape: cloth that hangs in folds. All in mm; the patch faces −y, its lower edge at z = 0."""
+"""Drape: pieces of cloth as they fall: from their upper edge in folds, over a ball on a table. All in mm."""
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
-import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
-from hagoromo.matter.cloth import Weave, check_weave, woven
-from hagoromo.matter.fill import Fineness, fill
-from hagoromo.matter.noise import random
-from hagoromo.matter.shape import coverage, distance_and_normal, rounded_box, unit
-from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.matter import hanging as gathered
+from hagoromo.matter.collider import Collider
+from hagoromo.matter.cut import Cut, Place
+from hagoromo.matter.settle import Fabric, Fall, settled
+from hagoromo.matter.shape import sphere
+from hagoromo.matter.sheet import Sheet
 
-GATHERED = 0.88  # width of a folded patch at its upper edge, of that at the hem
-SWAY = 0.1  # of the folds to the side between hem and upper edge, of the width
-ENTRIES = 1024  # of the table of arc length, which covers the width and SWAY on both sides
-SHALLOWEST, DEEPEST = 0.45, 1.1  # folds, of the mean one
-ROUNDNESS = 0.03  # of the valleys between pipe folds
+POINTS = 70  # along the longer edge of a piece
+FABRIC = Fabric(bending=2.5, friction=0.35, clear=0.6)
+LIFTED = 50.0  # how high a hanging piece is above the table while it settles
 
 
-def drape_patch(
-    material: Reflectance,
-    size_mm: tuple[float, float] = (60.0, 70.0),
-    weave: Weave = Weave(),  # noqa: B008 (an immutable record)
-    folds: tuple[int, float] = (3, 7.0),
-    fineness: Fineness = Fineness(0.12, 0.2),  # noqa: B008
-    seed: int = 0,
-) -> BoxPlan:
-    """A woven patch, width × height, that hangs in folds (their number, and depth at the hem [mm]; depth 0: flat).
+def hanging(size_mm: tuple[float, float], folds: int, fold_depth_mm: float, seed: int = 0) -> Sheet:
+    """A piece, width × height of the cloth, that hangs from its upper edge in `folds`, about `fold_depth_mm` deep.
 
-    It stands on z = 0 around x = 0 and faces −y. Folds are gathered at the upper edge and fan out downwards, where they
-    are as much shallower as the cloth is wider there: along the folds yarns keep their distance.
+    Its hem touches z = 0 around x = 0, and it faces −y. `InputError` where the folds need more cloth than there is.
     """
-    sheet = Sheet(size_mm, folds, seed)
-    thick, soft = check_weave(weave).thickness, fineness.softness
-    half = (0.5 * sheet.width, 0.5 * sheet.height)
+    before = gathered.hanging(size_mm, folds, fold_depth_mm, seed)
+    rows, columns = before.u.shape
 
-    def field(point: Any) -> tuple[Any, Any]:
-        distance, normal = distance_and_normal(sheet.behind, point)
-        front, foot = -normal, point - normal * distance
-        across = sheet.across(foot)
-        weft = unit(dr.cross(arrays().Array3f(0, 0, 1), front))
-        warp = dr.cross(front, weft)
-        density, tangent = woven(sheet.arc(sheet.phase(foot)), foot.z, -distance, weave, fineness, seed + 2)
-        place = arrays().Array3f((across - 0.5) * sheet.width, 0.0, foot.z - half[1])
-        density *= coverage(rounded_box(place, (0.0, 0.0, 0.0), (*half[:1], 1.0, half[1])), soft)
-        return density, weft * tangent.x + warp * tangent.y + front * tangent.z
+    def start(s: Place, t: Place) -> NDArray[np.floating]:
+        points = before.resampled(t.ravel() * (rows - 1), s.ravel() * (columns - 1)).points
+        return points + (0.0, 0.0, LIFTED)
 
-    reach = 0.5 * thick + soft
-    deepest = DEEPEST * sheet.depth_at(sheet.height)
-    extent = (-half[0] - reach, -deepest - reach, -reach), (half[0] + reach, deepest + reach, sheet.height + reach)
-    return fill(
-        field, lambda p: abs(sheet.behind(p)) / sheet.steepest - reach, extent, fineness, material, name="drape"
+    cut = Cut(*size_mm, start, held=lambda s, t: (t == 1.0) + np.zeros_like(s))
+    nothing = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
+    sheet = settled([cut], nothing, FABRIC, _fall(size_mm, seed))[0]
+    return Sheet(sheet.points - (0.0, 0.0, sheet.points[..., 2].min()), sheet.u, sheet.v)
+
+
+def over_ball(size_mm: tuple[float, float], radius_mm: float, seed: int = 0) -> Sheet:
+    """A piece that fell over a ball on the table z = 0; the ball's middle is on the axis z."""
+    if not (np.isfinite(radius_mm) and 0.0 < radius_mm < max(size_mm)):
+        raise InputError(f"radius_mm is {radius_mm:g}: give more than 0, and less than {max(size_mm):g} of the cloth")
+    reach, top = radius_mm + 5.0, 2.0 * radius_mm
+    middle = (0.0, 0.0, radius_mm)
+    ball = Collider(
+        [lambda p: sphere(p, middle, radius_mm)], (-reach, -reach, -5.0), (reach, reach, top + 5.0), radius_mm / 16.0
     )
 
+    def start(s: Place, t: Place) -> NDArray[np.floating]:
+        x, y = size_mm[0] * (s - 0.5), size_mm[1] * (t - 0.5)
+        return np.stack(np.broadcast_arrays(x, y, top + 1.0), axis=-1)
 
-class Sheet:
-    """The middle of a patch that hangs in folds: size_mm: width at the hem, height; folds: number, depth at the hem."""
-
-    def __init__(self, size_mm: tuple[float, float], folds: tuple[int, float], seed: int) -> None:
-        (self.width, self.height), (self.count, self.depth), self.seed = size_mm, folds, seed
-        if self.depth > 1.5 * self.width / self.count:
-            raise InputError(
-                f"{self.count} folds {self.depth:g} mm deep do not fit {self.width:g} mm: fewer or shallower"
-            )
-        kinds, share = arrays(), np.linspace(-SWAY, 1.0 + SWAY, ENTRIES)
-        profile = self.depth * np.array(_waves(kinds.Float(share * self.count), seed), float)
-        length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(share) * self.width, np.diff(profile)))])
-        length -= np.interp(0.0, share, length)
-        self.length, self._table = float(np.interp(1.0, share, length)), kinds.Float(length.astype(np.float32))
-        self.gathered, self.sway = (GATHERED, SWAY) if self.depth > 0 else (1.0, 0.0)
-        narrowest = self.gathered * self.width / self.count
-        self.steepest = math.hypot(1.0, 1.3 * math.pi * self.depth_at(self.height) / narrowest)
-
-    def depth_at(self, z: float) -> float:
-        """Depth of the folds at a height [mm], such that the folded cloth is as long as at the hem."""
-        return float(self._depth(arrays().Float(z))[0])
-
-    def across(self, point: Any) -> Any:
-        """Share of the width that lies to the left of `point`, 0…1."""
-        return point.x / (self.width * self._narrowing(point.z)) + 0.5
-
-    def phase(self, point: Any) -> Any:
-        """Where `point` is among the folds, as a share of the width: folds run a little aslant and bend."""
-        fall = clip(1.0 - point.z / self.height, 0.0, 1.0)
-        return self.across(point) + self.sway * dr.sin(2.2 * fall)
-
-    def behind(self, point: Any) -> Any:
-        """How far `point` is behind the sheet, along y [mm]."""
-        return point.y + self._depth(point.z) * (_waves(self.phase(point) * self.count, self.seed) - 0.5)
-
-    def arc(self, phase: Any) -> Any:
-        """Length of cloth [mm] from the first fold to a share of the width among the folds."""
-        kinds = arrays()
-        at = clip((phase + SWAY) / (1.0 + 2.0 * SWAY), 0.0, 1.0) * (ENTRIES - 1)
-        first = dr.fmin(dr.floor(at), ENTRIES - 2)
-        low, high = (dr.gather(kinds.Float, self._table, kinds.UInt(first) + k) for k in (0, 1))
-        return dr.fma(at - first, high - low, low)
-
-    def _narrowing(self, z: Any) -> Any:
-        return 1.0 - (1.0 - self.gathered) * clip(z / self.height, 0.0, 1.0)
-
-    def _depth(self, z: Any) -> Any:
-        spare = max(self.length**2 - self.width**2, 1e-9)
-        return self.depth * dr.sqrt(1.0 + (1.0 - dr.square(self._narrowing(z))) * self.width**2 / spare)
+    return settled([Cut(*size_mm, start)], ball, FABRIC, _fall(size_mm, seed))[0]
 
 
-def pipes(turn: Any, count: int, seed: int | Any) -> Any:
-    """Pipe folds of a robe, one for every whole step of `turn`: 0 in the sharp valleys, about 1 on the round crests.
-
-    Every fold has a height of its own; after `count` folds they repeat, so that they close around an axis.
-    """
-    Int = arrays().Int
-    index = dr.floor(dr.detach(turn))
-    fold = Int(index) + 64 * count
-    fold = fold - (fold // count) * count
-    half = math.pi * (turn - index)
-    crest = dr.sqrt(dr.square(dr.sin(half + 0.2 * dr.sin(2.0 * half))) + ROUNDNESS) - math.sqrt(ROUNDNESS)
-    return crest * (SHALLOWEST + (DEEPEST - SHALLOWEST) * random((fold, count, 1), seed))
-
-
-def _waves(turn: Any, seed: int | Any) -> Any:
-    """Round folds of a sheet, one for every whole step of `turn`, each with a height and a lean of its own: 0…1."""
-    index = dr.floor(dr.detach(turn))
-    part = turn - index
-    height, lean = (random((arrays().Int(index), 7, k), seed) for k in (1, 2))
-    crest = 0.5 - 0.5 * dr.cos(2.0 * math.pi * part + (1.1 * lean - 0.55) * dr.sin(2.0 * math.pi * part))
-    return crest * (SHALLOWEST + (1.0 - SHALLOWEST) * height)
+def _fall(size_mm: tuple[float, float], seed: int) -> Fall:
+    return Fall(min(max(size_mm) / POINTS, 0.25 * min(size_mm)), seed=seed)

@@ -10,6 +10,8 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.collider import Collider
 from hagoromo.matter.cut import Cut
+from hagoromo.matter.drape import hanging, over_ball
+from hagoromo.matter.garment import garments
 from hagoromo.matter.settle import Fabric, Fall, settled
 from hagoromo.matter.shape import sphere
 from hagoromo.matter.sheet import Sheet
@@ -177,6 +179,17 @@ def test_one_seed_one_drape():
     assert not np.array_equal(first, other)
 
 
+def test_a_hanging_piece_keeps_its_length_and_hangs():
+    """Held along its upper edge only; hems end within a few mm of the height of the cloth, on z = 0."""
+    sheet = hanging((41.0, 37.0), 2, 6.0, seed=2)
+    assert np.abs(strains(sheet, 41.0, 37.0)).mean() < 0.01
+    assert sheet.points[..., 2].min() == 0.0
+    assert sheet.points[..., 2].max() == pytest.approx(37.0, abs=1.5)
+    upper, lower = np.ptp(sheet.points[-1, :, 0]), np.ptp(sheet.points[0, :, 0])
+    assert upper < 37.0 < 41.0
+    assert lower > upper  # folds open where nothing gathers them
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -186,6 +199,10 @@ def test_one_seed_one_drape():
         (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=7.0)), "half its shorter edge"),
         (lambda: Sheet(np.zeros((3, 9, 3)), np.zeros((3, 9)), np.zeros((3, 9))), "4 × 4"),
         (lambda: sheet_chart([], 1.0), "0 sheets"),
+        (lambda: hanging((20.0, 20.0), 9, 9.0), "do not fit"),
+        (lambda: over_ball((20.0, 20.0), -1.0), "radius_mm"),
+        (lambda: garments("imp"), "no figure 'imp'"),
+        (lambda: garments("nun", resolution=9.0), "resolution is 9"),
         (lambda: Collider([], (0, 0, 0), (1, 1, 1), -1.0), "step"),
     ],
 )
