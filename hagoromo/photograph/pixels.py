@@ -1,4 +1,4 @@
-"""Pixels of an image file: sensor numbers (RAW, PNG, TIFF, JPEG) or linear values (EXR) → values, variance, and back."""
+"""Pixels of an image file: numbers of a sensor (RAW, PNG, TIFF, JPEG) or light (EXR) → values, variance, and back."""
 
 from __future__ import annotations
 
