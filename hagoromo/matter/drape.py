@@ -28,12 +28,12 @@ def hanging(size_mm: tuple[float, float], folds: int, fold_depth_mm: float, seed
 
     def start(s: Place, t: Place) -> NDArray[np.floating]:
         points = before.resampled(t.ravel() * (rows - 1), s.ravel() * (columns - 1)).points
-        return points + (0.0, 0.0, LIFTED)
+        return points + np.array([0.0, 0.0, LIFTED])
 
     cut = Cut(*size_mm, start, held=lambda s, t: (t == 1.0) + np.zeros_like(s))
     nothing = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
     sheet = settled([cut], nothing, FABRIC, _fall(size_mm, seed))[0]
-    return Sheet(sheet.points - (0.0, 0.0, sheet.points[..., 2].min()), sheet.u, sheet.v)
+    return Sheet(sheet.points - [0.0, 0.0, sheet.points[..., 2].min()], sheet.u, sheet.v)
 
 
 def over_ball(size_mm: tuple[float, float], radius_mm: float, seed: int = 0) -> Sheet:

@@ -10,7 +10,8 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.collider import Collider
 from hagoromo.matter.cut import Cut
-from hagoromo.matter.drape import hanging, over_ball
+from hagoromo.matter.drape import hanging
+from hagoromo.matter.drape import over_ball as cloth_over_ball
 from hagoromo.matter.garment import garments
 from hagoromo.matter.settle import Fabric, Fall, settled
 from hagoromo.matter.shape import sphere
@@ -200,7 +201,7 @@ def test_a_hanging_piece_keeps_its_length_and_hangs():
         (lambda: Sheet(np.zeros((3, 9, 3)), np.zeros((3, 9)), np.zeros((3, 9))), "4 × 4"),
         (lambda: sheet_chart([], 1.0), "0 sheets"),
         (lambda: hanging((20.0, 20.0), 9, 9.0), "do not fit"),
-        (lambda: over_ball((20.0, 20.0), -1.0), "radius_mm"),
+        (lambda: cloth_over_ball((20.0, 20.0), -1.0), "radius_mm"),
         (lambda: garments("imp"), "no figure 'imp'"),
         (lambda: garments("nun", resolution=9.0), "resolution is 9"),
         (lambda: Collider([], (0, 0, 0), (1, 1, 1), -1.0), "step"),
