@@ -49,11 +49,12 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
         here = points[:, k - 1]
         distance, normal = _asked(solid, here)
         near = np.clip(1.5 - (distance - lift) / 2.0, 0.0, 1.0)[:, None]
-        wanted = _wanted(here, normal, side, aim, front * near[:, 0], pose)
+        wanted = _wanted(here, normal, side, aim, front * np.fmax(near[:, 0], _drawn(here, front)), pose)
         wanted -= near * normal * np.minimum((wanted * normal).sum(axis=1, keepdims=True), 0.0)
         way = STIFF * way + (1.0 - STIFF) * wanted
         held = np.clip((here[:, 2] - pose.head[2] + 2.0) / 6.0, 0.0, 1.0)  # to the skull, not to the neck
         way += np.clip((lift - distance) * 0.35, -0.12 * held, 0.5)[:, None] * normal * near
+        way[:, 2] = np.where(here[:, 2] < pose.neck[2] + 6.0, np.minimum(way[:, 2], -0.2), way[:, 2])  # it never rises
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         points[:, k] = here + STEP * way
     waved = _waved(points, roots, draw)
@@ -75,6 +76,11 @@ def _wanted(here: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: 
         wanted - normal * (wanted * normal).sum(axis=1, keepdims=True) * np.clip(1.0 + z / 16.0, 0.0, 1.0)[:, None]
     )
     return tangent / np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-6)
+
+
+def _drawn(here: NDArray, front: NDArray) -> NDArray:
+    """How much a lock is drawn to the front before it meets the shoulder: not any more once it is there."""
+    return np.where(front > 0, 0.6 * np.clip((here[:, 1] + 3.0) / 6.0, 0.0, 1.0), 0.0)
 
 
 def _waved(points: NDArray, roots: NDArray, draw: np.random.Generator) -> NDArray:
