@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_file
 from hagoromo.light.spectrum import Spectrum
 
+DOUBTFUL = 0.03  # relative noise of a reading beyond which it is rather the spectra or the light that are wrong
 COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
 
 
@@ -52,6 +54,12 @@ def calibrate_response_to(
         }
         write_table(bounds, wavelength | ends)
         picture.write_bytes(_plot(found))
+    if found.noise.max() > DOUBTFUL:
+        warnings.warn(
+            f"known spectra explain the readings to {100 * found.noise.max():.0f} % only: are they linear in light, "
+            "without glare, and do the spectra belong to them?",
+            stacklevel=2,
+        )
     return found, (out, intervals, plot)
 
 

@@ -53,7 +53,7 @@ def chart_spectra(source: str | Path = "BabelColor Average") -> tuple[Spectrum, 
 def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike | None = None) -> ChartReading:
     """Means of the middles of the patches of the chart in `photograph` (h, w, 3), linear; NaN where it is invalid.
 
-    expected: (24,) brightness of the patches, up to a factor; tells which way up the chart lies. corners: (4, 2) [px],
+    expected: (24,) mean reflectance of the patches; tells which way up the chart lies. corners: (4, 2) [px],
     clockwise from that of the first patch; found by OpenCV when not given. Raises `InputError` when no chart is found,
     it does not look as expected, or its patches are too small.
     """
@@ -64,7 +64,7 @@ def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike
     box = _find(photograph) if corners is None else _given(corners, photograph)
     turned = box[[2, 3, 0, 1]]
     readings = [_read(photograph, of) for of in ((box, turned) if corners is None else (box,))]
-    alike = [_correlation(reading.values.mean(axis=1), known) for reading in readings]
+    alike = [_correlation(reading.values, known) for reading in readings]
     if max(alike) < ALIKE:
         raise InputError(
             f"the patches are not as bright as the chart's should be (correlation {max(alike):.2f}): check which chart "
@@ -140,7 +140,9 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
 
 
 def _correlation(values: Array, known: Array) -> float:
-    seen = np.isfinite(values)
+    """Of the patches' brightness, the mean of the channels relative to their brightest: the lamp's colour is out."""
+    seen = np.isfinite(values).all(axis=1)
     if seen.sum() < PATCHES / 2:
         raise InputError(f"{PATCHES - seen.sum()} of {PATCHES} patches are clipped or invalid: expose less")
-    return float(np.corrcoef(values[seen], known[seen])[0, 1])
+    brightness = (values[seen] / values[seen].max(axis=0)).mean(axis=1)
+    return float(np.corrcoef(brightness, known[seen])[0, 1])

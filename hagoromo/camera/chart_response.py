@@ -26,6 +26,8 @@ def response_from_chart(
 
     The photographs are of one exposure and the lamps' spectra in one unit. corners: of the chart in each photograph
     (4, 2) [px]; found when not given. Patches that are clipped are left out. Also gives the readings.
+
+    One lamp tells the product of its spectrum and the response only: a wrong spectrum of it goes unseen.
     """
     if len(photographs) != len(lamps) or not photographs:
         raise InputError(f"{len(photographs)} photographs and {len(lamps)} lamps are given: give one lamp for each")
@@ -40,8 +42,7 @@ def response_from_chart(
     tents = [Spectrum(wavelengths, row) for row in np.eye(len(wavelengths))]
     readings, rows, values = [], [], []
     for i, (photograph, lamp) in enumerate(zip(photographs, lamps, strict=True)):
-        bright = [integrate_product(patch, lamp, lo=first, hi=last) for patch in chart]
-        reading = read_chart(photograph, bright, None if corners is None else corners[i])
+        reading = read_chart(photograph, [p.mean() for p in chart], None if corners is None else corners[i])
         readings.append(reading)
         for patch, value in zip(chart, reading.values, strict=True):
             if np.isfinite(value).all():

@@ -27,6 +27,7 @@ with_cameras = pytest.mark.skipif(
 CAMERA = Response.load("Nikon 5100 (NPL)")
 CORNERS = np.array([[180.0, 150.0], [1010.0, 120.0], [1060.0, 720.0], [160.0, 690.0]])
 LAMP = Spectrum.named("D65")
+GREY = np.array([patch.mean() for patch in chart_spectra()])
 BRIGHT = float(white(LAMP, CAMERA).max())
 
 
@@ -58,7 +59,7 @@ def test_patches_are_read_where_the_chart_lies(turned, given):
     """
     corners = CORNERS[[2, 3, 0, 1]] if turned else CORNERS
     photograph = photograph_of_chart(turned=turned)
-    found = read_chart(photograph, colours(LAMP).mean(axis=1), corners if given else None)
+    found = read_chart(photograph, GREY, corners if given else None)
     np.testing.assert_allclose(found.values / 50000.0, colours(LAMP), rtol=2e-3, atol=2e-4)
     assert (np.abs(found.corners - corners) < 40.0).all()  # px: less than half a patch, or another one would be read
 
@@ -66,7 +67,7 @@ def test_patches_are_read_where_the_chart_lies(turned, given):
 def test_clipped_patches_are_left_out():
     photograph = photograph_of_chart()
     photograph[photograph > 40000] = 65535
-    found = read_chart(photograph, colours(LAMP).mean(axis=1), CORNERS)
+    found = read_chart(photograph, GREY, CORNERS)
     clipped = np.isnan(found.values).any(axis=1)
     np.testing.assert_array_equal(clipped, (colours(LAMP) > 0.79).any(axis=1))
 
@@ -131,8 +132,19 @@ def test_response_is_calibrated_by_command(tmp_path, capsys):
         assert np.corrcoef(found.values[:, channel], true)[0, 1] > 0.97  # one lamp: the study's 10th percentile is 0.95
 
 
+@pytest.mark.filterwarnings("default")  # the command prints them
+def test_a_photograph_that_is_not_linear_is_told(tmp_path, capsys):
+    """A display curve of exponent 1/1.2; the chart's grey steps then differ from their spectra by some 10 %."""
+    bent = 65535.0 * (photograph_of_chart() / 65535.0) ** (1.0 / 1.2)
+    write_png(tmp_path / "chart.png", bent.astype(np.uint16))
+    corners = [str(number) for number in CORNERS.ravel()]
+    command = ["calibrate", "response", str(tmp_path / "chart.png"), "--lamp", "D65", "--corners", *corners]
+    assert main([*command, "--out", str(tmp_path / "response.csv")]) == 0
+    assert "are they linear in light" in capsys.readouterr().err
+
+
 def test_photographs_that_show_no_chart_are_refused(tmp_path, capsys):
-    photograph, bright = photograph_of_chart(), colours(LAMP).mean(axis=1)
+    photograph = photograph_of_chart()
     for shown, corners, said in [
         (photograph.astype(np.uint8), CORNERS, "linear photograph of 16 bits"),
         (photograph[..., 0], CORNERS, "three channels"),
@@ -145,7 +157,7 @@ def test_photographs_that_show_no_chart_are_refused(tmp_path, capsys):
         (np.full_like(photograph, 65535), CORNERS, "24 of 24 patches are clipped"),
     ]:
         with pytest.raises(InputError, match=said):
-            read_chart(shown, bright, corners)
+            read_chart(shown, GREY, corners)
     write_exr(tmp_path / "grey.exr", {"Y": np.ones((5, 7))})
     write_table(tmp_path / "short.csv", {"nm": [400, 700], "a": [0.1, 0.2]})
     png, out = tmp_path / "chart.png", ["--out", str(tmp_path / "r.csv")]
