@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from hagoromo.camera.camera import Camera as Camera
     from hagoromo.camera.camera_file import read_views as read_views
     from hagoromo.camera.camera_file import write_views as write_views
+    from hagoromo.camera.chart import chart_spectra as chart_spectra
+    from hagoromo.camera.chart_response import response_from_chart as response_from_chart
     from hagoromo.camera.response import Response as Response
     from hagoromo.camera.sensor import Sensor as Sensor
     from hagoromo.errors import InputError as InputError
@@ -63,6 +65,8 @@ HOMES = {
     "Board": "camera.board",
     "calibrate_camera": "camera.calibrate",
     "calibrate_response": "camera.calibrate_response",
+    "chart_spectra": "camera.chart",
+    "response_from_chart": "camera.chart_response",
     "read_views": "camera.camera_file",
     "write_views": "camera.camera_file",
     "read_exposure": "photograph.exposure",
