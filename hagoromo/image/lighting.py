@@ -159,8 +159,8 @@ class Lighting:
                 body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
                 lit |= body + interface > 0.0
                 if element.scales:
-                    cosines = dr.dot(within.frame.normal, to_eye), dr.dot(within.frame.normal, to_lamp)
-                    scales = [scale.at(*cosines, dr.dot(to_eye, to_lamp)) for scale in element.scales]
+                    ways = within.frame.inwards(to_eye), within.frame.inwards(to_lamp)
+                    scales = [scale.at(*ways) for scale in element.scales]
                     body, interface = (
                         dr.select(within.textured, light * scale, light)
                         for light, scale in zip((body, interface), scales, strict=True)

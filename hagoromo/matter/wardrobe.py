@@ -6,11 +6,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from hagoromo.errors import InputError
-from hagoromo.matter.sheet_chart import sheet_chart
 from hagoromo.matter.draft import plain, twill
 from hagoromo.matter.fabric import woven
 from hagoromo.matter.garment import RESOLUTIONS, garments
 from hagoromo.matter.sheet import Sheet
+from hagoromo.matter.sheet_chart import sheet_chart
 from hagoromo.matter.shell import Chart, shell
 from hagoromo.matter.texture import texel
 from hagoromo.matter.weave import Woven
@@ -30,7 +30,7 @@ class Garment(NamedTuple):
     """What a garment is woven of; voxels of its chart and of its texel at resolution 1, variants of the texel."""
 
     cloth: Woven
-    chart_mm: float = 0.8
+    chart_mm: float = 0.7
     voxel_mm: float = 0.034
     variants: int = 3
 
@@ -53,7 +53,7 @@ def garment_of(figure: str, name: str, material: Reflectance, resolution: float 
         raise InputError(f"{figure} wears no {name!r}: {', '.join(known) or 'nothing'} is known")
     made = known[name]
     block = _texel(made, min(resolution, 1.0), seed)
-    chart_mm = made.chart_mm / min(resolution, 1.0)
+    chart_mm = made.chart_mm / min(2.0 * resolution, 1.0)  # folds want it fine before yarns do
     reach = max(abs(block.bottom), abs(block.top)) * 1e3 + MARGIN * chart_mm
     period = block.period[0] * 1e3, block.period[1] * 1e3
     chart, bound, extent = sheet_chart(_sheets(figure, resolution, seed)[name], reach, HEM * chart_mm, period)

@@ -19,31 +19,36 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 
 MOST_POPULATIONS = 4
-SCALES = 6  # numbers that scale the light of a population, body or interface
+SCALES = 9  # numbers that scale the light of a population, body or interface
 
 
 @dataclass
 class LightScale:
-    """What light that a population sends back, body or interface, is multiplied with, by six numbers.
+    """What light that a population sends back, body or interface, is multiplied with, by SCALES numbers.
 
-    With the cosines μ_V and μ_L of the directions to eye and lamp to the normal, without their signs, and χ between
-    them: c₀ + c₁ μ_V + c₂ μ_L + c₃ μ_V μ_L + c₄ cosχ, not below 0; c₅ where the lamp is behind the layer.
+    Of the directions V to the eye and L to a lamp along (u, v, normal): c₀ + c₁ |V_n| + c₂ |L_n| + c₃ |V_n L_n| +
+    c₄ V_u L_u + c₅ V_v L_v + c₆ (V_u² − V_v²) + c₇ (L_u² − L_v²), not below 0; c₈ where the lamp is behind the layer.
     """
 
     numbers: list[Any]
 
-    def at(self, eye: Any, lamp: Any, cos_phase: Any) -> Any:
-        """The factor; `eye`, `lamp`: cosines to the normal, with their signs."""
-        c, behind = self.numbers, eye * lamp < 0.0
-        eye, lamp = dr.abs(eye), dr.abs(lamp)
-        front = dr.fma(c[1], eye, c[0]) + dr.fma(c[3], eye, c[2]) * lamp + c[4] * cos_phase
-        return dr.select(behind, c[5], dr.fmax(front, 0.0))
+    def at(self, eye: Any, lamp: Any) -> Any:
+        """The factor; `eye`, `lamp`: unit, Array3f along (u, v, normal)."""
+        front = sum(c * feature for c, feature in zip(self.numbers[:-1], light_features(eye, lamp), strict=True))
+        return dr.select(eye.z * lamp.z < 0.0, self.numbers[-1], dr.fmax(front, 0.0))
+
+
+def light_features(eye: Any, lamp: Any) -> list[Any]:
+    """What the numbers of a `LightScale` but the last are multiplied with."""
+    above_eye, above_lamp = dr.abs(eye.z), dr.abs(lamp.z)
+    across = [dr.square(way.x) - dr.square(way.y) for way in (eye, lamp)]
+    return [1.0, above_eye, above_lamp, above_eye * above_lamp, eye.x * lamp.x, eye.y * lamp.y, *across]
 
 
 def unscaled(populations: int) -> NDArray[np.float32]:
     """Scales of 1: (populations, 2, SCALES)."""
     scale = np.zeros((populations, 2, SCALES), np.float32)
-    scale[..., 0] = scale[..., 5] = 1.0
+    scale[..., 0] = scale[..., -1] = 1.0
     return scale
 
 

@@ -79,11 +79,14 @@ def _around(many: int, few: int) -> Values:
     ratio = many / few
     apart = np.abs(np.arange(few)[:, None] * ratio - np.arange(many))
     weights = np.maximum(1.0 - apart / ratio, 0.0) + np.maximum(1.0 - (many - apart) / ratio, 0.0)
-    return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+    return (weights / ratio).astype(np.float32)  # by columns they sum to few / many: means stay what they are
 
 
 def _upwards(many: int, few: int) -> Values:
     """The same along the height, (few + 1, many + 1): there is nothing below the lowest and above the highest node."""
     ratio = many / few
     apart = np.abs(np.arange(few + 1)[:, None] * ratio - np.arange(many + 1))
-    return (np.maximum(1.0 - apart / ratio, 0.0) / ratio).astype(np.float32)
+    weights = np.maximum(1.0 - apart / ratio, 0.0) / ratio
+    weights[:, [0, -1]] *= 0.5  # half of the cells around these nodes is beyond the ends,
+    weights[[0, -1]] *= 2.0  # and half of the tents around these
+    return weights.astype(np.float32)

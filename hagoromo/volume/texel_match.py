@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
+from hagoromo.errors import InputError
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.chart import OnSurface
-from hagoromo.volume.texel import SCALES, Level, Texel, unscaled
+from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 from hagoromo.volume.textures import STEPS, Textures
 
 PAIRS = 128  # of directions to the eye and to a lamp
@@ -44,10 +45,11 @@ class Rays:
         kinds, rng = arrays(), np.random.default_rng(SEED)
         eye, lamp = _directions(rng), _directions(rng)
         self.front = np.arange(PAIRS) % BEHIND > 0
-        one, phase = np.ones(PAIRS), (eye * lamp).sum(axis=1)
-        front = np.stack([one, eye[:, 2], lamp[:, 2], eye[:, 2] * lamp[:, 2], phase, 0.0 * one], axis=1)
-        self.features = np.where(self.front[:, None], front, np.eye(SCALES)[-1])  # of `LightScale`
         lamp[~self.front, 2] *= -1.0
+        nothing = dr.zeros(kinds.Float, PAIRS)
+        features = light_features(_vectors(eye), _vectors(lamp))
+        front = np.stack([np.array(value + nothing) for value in features] + [np.zeros(PAIRS)], axis=1)
+        self.features = np.where(self.front[:, None], front, np.eye(SCALES)[-1])  # of `LightScale`
         lanes = PAIRS * SIDE**2
         cell, jitter = np.arange(SIDE**2), rng.random((2, PAIRS, SIDE**2))
         self.to_eye, self.to_lamp = (_vectors(np.repeat(d, SIDE**2, axis=0)) for d in (eye, lamp))
@@ -60,6 +62,8 @@ class Rays:
 
 def matched(texel: Texel, tau: float, materials: Sequence[Reflectance]) -> Texel:
     """The texel with its coarse levels matched to the finest; tau [1/m], one material per population."""
+    if len(materials) != texel.populations:
+        raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
     rays, count = Rays(), len(texel.levels)
     textures = _textures(texel)
     depths = [tau * np.array(_through(Layer(textures, rays, texel, k, tau))[0]) for k in range(count)]
@@ -166,7 +170,7 @@ def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
     found = unscaled(sent.shape[1])
     for k, c in np.ndindex(found.shape[:2]):
         light, aim = sent[:, k, c], wanted[:, k, c]
-        for here, columns in ((rays.front, slice(0, 5)), (~rays.front, slice(5, 6))):
+        for here, columns in ((rays.front, slice(0, SCALES - 1)), (~rays.front, slice(SCALES - 1, SCALES))):
             if light[here].sum() <= 0.0:
                 continue
             mean = aim[here].sum() / light[here].sum()

@@ -1,5 +1,6 @@
 """Kind "figure": a part of the angel (head, hands, feet, hair, robe, wings) or the nun (head, hands, hair, habit,
-linen, veil), 0.27 m high."""
+linen, veil), 0.27 m high.
+"""
 
 from __future__ import annotations
 

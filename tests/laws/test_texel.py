@@ -1,0 +1,242 @@
+"""Laws of texels and charts: looked up through a chart, matter is what it is in a plain box; levels keep its means."""
+
+import math
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from hagoromo.backend import arrays
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.image.march import optical_depth
+from hagoromo.image.render import Settings, render
+from hagoromo.image.scene import Scene
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.fill import Fineness, fill
+from hagoromo.matter.shape import coverage
+from hagoromo.matter.shell import Chart, shell
+from hagoromo.matter.texture import texel
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.medium import Medium
+from hagoromo.volume.store import load_box, look_at_box, save_box
+from hagoromo.volume.texel_match import light_sent, matched
+
+WHITE = Spectrum.constant(1.0)
+MATTER = Reflectance(0.2, 0.2, 0.3, 1.5, WHITE, element="cylinder")
+PERIOD, HEIGHTS, VOXEL, PATH = (3.0, 2.0), (-0.5, 0.5), 0.1, 0.4
+LAMPS = (Lamp(position=(-0.2, -0.3, 0.25)), Lamp(to_lamp=(0.6, -0.7, 0.5)))
+
+
+def bars(point, variant=None):
+    """Round bars along v, one a millimetre of u, and thinner ones along u that dip under every second of them."""
+    kinds = arrays()
+    u, v, h = point.x, point.y, point.z
+    beside = u - dr.floor(u) - 0.5
+    first = dr.sqrt(dr.square(beside) + dr.square(h - 0.15)) - 0.22
+    over = v - dr.floor(v) - 0.5
+    second = dr.sqrt(dr.square(over) + dr.square(h + 0.2 * dr.cos(2.0 * math.pi * u / 3.0))) - 0.16
+    density = coverage(dr.fmin(first, second), 2.0 * VOXEL)
+    upper = first < second
+    axis = dr.select(upper, kinds.Array3f(0, 1, 0), kinds.Array3f(1, 0, 0))
+    return density, axis, dr.select(upper, kinds.UInt(0), 1)
+
+
+def block(variants=1):
+    return texel(bars, PERIOD, HEIGHTS, VOXEL, 2, variants)
+
+
+def flat(jump=0.0, turned=False):
+    """The plane y = 0, seen from −y: u along x, v along z; u jumps by whole periods at x = 1.3 if asked."""
+
+    def chart(point):
+        kinds = arrays()
+        u = point.x + dr.select(point.x > 1.3, jump * PERIOD[0], 0.0)
+        return Chart(-point.y, kinds.Array3f(0, -1, 0), u, point.z, kinds.Array3f(1, 0, 0))
+
+    return chart
+
+
+def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH):
+    """A shell of the bars on a plane, size × size mm around the origin."""
+    half = 0.5 * size
+    box = shell(
+        chart or flat(), lambda p: dr.abs(p.y), ((-half, -2.5, -half), (half, 2.5, half)), voxel, made or block(), path,
+        (MATTER, MATTER),
+    )  # fmt: skip
+    return box.box()
+
+
+def plain(size=12.0, voxel=VOXEL):
+    """The same bars in a plain box."""
+    half = 0.5 * size
+
+    def field(point):
+        kinds = arrays()
+        density, axis, _ = bars(kinds.Array3f(point.x, point.z, -point.y))
+        return density, kinds.Array3f(axis.x, -axis.z, axis.y)
+
+    extent = (-half, -0.6, -half), (half, 0.6, half)
+    return fill(field, lambda p: dr.abs(p.y) - 0.5, extent, Fineness(voxel, PATH), MATTER).box()
+
+
+def seen(box, samples=4, shadows="map", distance=0.08, pixels=40, towards=(0.3, -1.0, 0.4), lamps=LAMPS, **more):
+    """The green channel of a picture of the middle of the box, and how opaque it is."""
+    direction = np.array(towards) / np.linalg.norm(towards)
+    focal = pixels * distance / 0.0075
+    camera = Camera(pixels, pixels, (focal, focal), (pixels / 2, pixels / 2)).look_at(direction * distance, (0, 0, 0))
+    image = render(Scene(camera, lamps, (box,)), Settings(samples=samples, shadows=shadows, **more))
+    return np.asarray(image.weights).sum(axis=-1), image.alpha
+
+
+def mean_difference(a, b):
+    return float(np.sqrt(np.mean((a - b) ** 2)) / b.mean())
+
+
+def depth(box, origin, direction):
+    kinds = arrays()
+    ray = kinds.Array3f(*origin), kinds.Array3f(*direction), kinds.Float(0), kinds.Float(dr.inf)
+    return float(optical_depth(Medium([box]), *ray, deepest=math.inf)[0])
+
+
+@pytest.mark.parametrize("shadows", ["none", "march"])
+def test_a_texel_on_a_plane_looks_like_the_same_matter_in_a_plain_box(shadows):
+    """2 %: both interpolate the same nodes, on lattices that are half a voxel apart, with steps of their own."""
+    laid, full = seen(sheet(), 36, shadows), seen(plain(), 36, shadows)
+    assert laid[1].mean() == pytest.approx(full[1].mean(), rel=0.02)
+    assert laid[0].mean() == pytest.approx(full[0].mean(), rel=0.02)
+
+
+def test_maps_and_the_way_out_of_the_texel_agree_with_the_brute_march():
+    """4 %, of single pixels 12 %: what leaves the texel is taken as straight, and is looked up behind a map's rays."""
+    box = sheet()
+    mapped, marched = seen(box, 16), seen(box, 16, "march")
+    assert mapped[0].mean() == pytest.approx(marched[0].mean(), rel=0.04)
+    assert mean_difference(mapped[0], marched[0]) < 0.12
+
+
+def test_a_jump_by_whole_periods_is_not_seen():
+    """1 %: beside the jump planes are followed instead of interpolated, which on a plane is the same but for halves."""
+    smooth, jumped = seen(sheet(), 4, "none"), seen(sheet(flat(jump=5.0)), 4, "none")
+    assert mean_difference(jumped[0], smooth[0]) < 0.01
+
+
+def test_sheets_closer_than_two_voxels_stay_apart():
+    """Light that passes two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
+
+    def full(point, variant):
+        kinds = arrays()
+        inside = coverage(dr.abs(point.z) - 0.3, 0.1)
+        return inside, kinds.Array3f(1, 0, 0), kinds.UInt(0)
+
+    made = texel(full, (2.0, 2.0), (-0.5, 0.5), 0.05)
+
+    def chart(point):
+        kinds = arrays()
+        nearer = point.y < 0.0
+        height = dr.select(nearer, -0.8 - point.y, 0.8 - point.y)
+        u = point.x + dr.select(nearer, 0.0, 1000.0)
+        return Chart(height, kinds.Array3f(0, -1, 0), u, point.z, kinds.Array3f(1, 0, 0))
+
+    def bound(point):
+        return dr.fmin(dr.abs(point.y + 0.8), dr.abs(point.y - 0.8))
+
+    box = shell(chart, bound, ((-6, -4, -6), (6, 4, 6)), 1.0, made, PATH, (MATTER,)).box()
+    for x in (-2.13, 0.37, 1.71):
+        found = depth(box, (1e-3 * x, -0.02, 0.61e-3), (0.0, 1.0, 0.0))
+        assert found == pytest.approx(2.0 * 0.6 / PATH, rel=0.05)
+
+
+def test_levels_keep_means_and_close_periods():
+    """Mean density of every level to the precision of halves; the last nodes repeat the first, for all variants."""
+
+    def varied(point, variant):
+        density, axis, number = bars(point)
+        edge = dr.fmin(point.x, PERIOD[0] - point.x) * dr.fmin(point.y, PERIOD[1] - point.y)
+        return density * (1.0 - 0.3 * arrays().Float(variant) * dr.fmin(edge, 1.0)), axis, number
+
+    made = texel(varied, PERIOD, HEIGHTS, VOXEL, 2, 3)
+    wanted = None
+    assert len(made.levels) >= 5 and made.cells(made.levels[-1])[:2] == (1, 1)
+    for level in made.levels:
+        density = level.density.astype(float)
+        assert np.array_equal(density[:, :, 0], density[:, :, -1]) and np.array_equal(density[:, 0], density[:, -1])
+        cells = made.cells(level)[0]
+        for variant in range(1, 3):
+            assert np.array_equal(density[:, :, 0], density[:, :, variant * cells])
+        inner = density[:, :-1, :-1]
+        trapezoid = np.ones(inner.shape[-1])
+        trapezoid[[0, -1]] = 0.5
+        found = (inner * trapezoid).sum(axis=-1).mean(axis=(1, 2)) / trapezoid.sum()
+        wanted = found if wanted is None else wanted
+        assert found == pytest.approx(wanted, rel=1e-3)
+
+
+def test_matched_levels_pass_and_send_back_what_the_finest_does():
+    """3 % of the mean light over all pairs of directions, which the scales are fitted to."""
+    made, tau = matched(block(), 1e3 / PATH, (MATTER, MATTER)), 1e3 / PATH
+    finest = light_sent(made, 0, tau, (MATTER, MATTER)).sum(axis=(1, 2))
+    for level in range(1, len(made.levels)):
+        found = light_sent(made, level, tau, (MATTER, MATTER)).sum(axis=(1, 2))
+        assert found.mean() == pytest.approx(finest.mean(), rel=0.03)
+
+
+@pytest.mark.parametrize("towards", [(0.3, -1.0, 0.4), (-0.8, -0.7, 0.1), (0.1, -0.5, -0.9)])
+def test_prefiltered_levels_agree_with_supersampling(towards):
+    """3 % of the mean picture: one ray a pixel of 1.25 mm in coarse levels, against 196 in the finest."""
+    box, far = sheet(size=24.0), {"distance": 0.9, "pixels": 6, "towards": towards}
+    near = dict(far, pixels=6)
+    coarse, fine = seen(box, 1, "map", **far), seen(box, 196, "map", **near)
+    assert coarse[0].mean() == pytest.approx(fine[0].mean(), rel=0.03)
+
+
+def test_a_shell_is_stored_bit_by_bit(tmp_path):
+    box = sheet(made=block(2))
+    save_box(box, tmp_path / "sheet.zarr")
+    found = load_box(tmp_path / "sheet.zarr")
+    assert look_at_box(tmp_path / "sheet.zarr").kept == box.bricks.kept == found.bricks.kept
+    assert found.band == box.band and found.texel.record() == box.texel.record()
+    for name in ("density", "axis", "chart"):
+        first, second = (getattr(b.bricks, name).read(0, box.bricks.kept) for b in (box, found))
+        assert np.array_equal(np.array(first), np.array(second))
+    for one, other in zip(box.texel.levels, found.texel.levels, strict=True):
+        assert np.array_equal(one.density, other.density) and np.array_equal(one.scale, other.scale)
+        assert np.array_equal(one.axis, other.axis)
+
+
+def test_damaged_shells_are_refused(tmp_path):
+    import json
+    import shutil
+
+    save_box(sheet(), tmp_path / "sheet.zarr")
+    record = json.loads((tmp_path / "sheet.zarr" / "zarr.json").read_text())
+
+    def damaged(change):
+        path = tmp_path / "damaged.zarr"
+        shutil.rmtree(path, ignore_errors=True)
+        shutil.copytree(tmp_path / "sheet.zarr", path)
+        other = json.loads(json.dumps(record))
+        change(path, other["attributes"])
+        (path / "zarr.json").write_text(json.dumps(other))
+        with pytest.raises(InputError) as refused:
+            load_box(path)
+        return str(refused.value)
+
+    assert "lacks the array 'places'" in damaged(lambda path, _: shutil.rmtree(path / "places"))
+    assert "lacks the array 'texel/1/axis'" in damaged(lambda path, _: shutil.rmtree(path / "texel" / "1" / "axis"))
+    assert "variants" in damaged(lambda _, a: a["hagoromo"]["texel"].update(variants=0))
+    assert "levels" in damaged(lambda _, a: a["hagoromo"]["texel"].update(levels=1000))
+    assert "shape" in damaged(lambda _, a: a.update(shape=[1, 2]))
+    assert "outside the lattice" in damaged(lambda _, a: a.update(shape=[2, 2, 2]))
+
+
+def test_bad_texels_are_refused():
+    with pytest.raises(InputError, match="give finite lengths above 0"):
+        texel(bars, (0.0, 1.0), HEIGHTS, VOXEL)
+    with pytest.raises(InputError, match="too fine for a period"):
+        texel(bars, (3e3, 1.0), HEIGHTS, VOXEL)
+    with pytest.raises(InputError, match="population 1 of 1"):
+        texel(bars, PERIOD, HEIGHTS, VOXEL, 1)
+    with pytest.raises(InputError, match="one per population"):
+        shell(flat(), lambda p: dr.abs(p.y), ((-3, -2, -3), (3, 2, 3)), 0.7, block(), PATH, (MATTER,)).box()
