@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.stillness import moved
 from hagoromo.reflectance.depth import points_from_normals
 from hagoromo.reflectance.gloss_estimate import measurement_of
 from hagoromo.reflectance.measure import Measurement, fill_measurement, measure
@@ -46,6 +48,11 @@ def measure_capture(
     known = known or Known()
     with whole_folder(out, force) as home:
         capture = load_capture(folder)
+        for name, (x, y) in moved(capture.photographs).items():
+            warnings.warn(
+                f"{name} stands ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
+                stacklevel=2,
+            )
         if capture.points is not None and capture.normals is not None:
             measured = measure(capture, n=known.n, progress=progress)
         else:
