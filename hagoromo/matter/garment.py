@@ -11,6 +11,7 @@ from hagoromo.matter.settle import Fall
 from hagoromo.matter.sheet import Sheet
 
 SPACING = 1.6  # mm between the points of the cloth at resolution 1
+WIDEST = 4.2  # mm between them on the coarsest grid: a knee or a foot would slip between wider ones
 RESOLUTIONS = 0.4, 2.0
 FIGURES = {
     "angel": lambda fall: {"robe": gown(fall)},
@@ -28,4 +29,5 @@ def garments(figure: str, resolution: float = 1.0, seed: int = 1) -> dict[str, l
         raise InputError(f"no figure {figure!r} wears garments: give one of {', '.join(FIGURES)}")
     if not (math.isfinite(resolution) and RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]):
         raise InputError(f"resolution is {resolution:g}: give {RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}")
-    return FIGURES[figure](Fall(SPACING / resolution, seed=seed))
+    spacing = SPACING / resolution
+    return FIGURES[figure](Fall(spacing, levels=2 if 2.0 * spacing <= WIDEST else 1, seed=seed))

@@ -13,6 +13,9 @@ from hagoromo.matter.cut import Cut
 from hagoromo.matter.drape import hanging
 from hagoromo.matter.drape import over_ball as cloth_over_ball
 from hagoromo.matter.garment import garments
+from hagoromo.matter.habit import BUST, STEP
+from hagoromo.matter.mannequin import trunk
+from hagoromo.matter.pose import PRAYER, WELCOME
 from hagoromo.matter.settle import Fabric, Fall, settled
 from hagoromo.matter.shape import sphere
 from hagoromo.matter.sheet import Sheet
@@ -189,6 +192,24 @@ def test_a_hanging_piece_keeps_its_length_and_hangs():
     upper, lower = np.ptp(sheet.points[-1, :, 0]), np.ptp(sheet.points[0, :, 0])
     assert upper < 37.0 < 41.0
     assert lower > upper  # folds open where nothing gathers them
+
+
+@pytest.mark.slow  # half a minute each
+@pytest.mark.parametrize(("figure", "names"), [("angel", ["robe"]), ("nun", ["habit", "linen", "veil"])])
+def test_figures_are_dressed_from_the_neck_to_the_ground(figure, names):
+    """On a coarse grid: little strain, 1 % at most of its points slipped into the trunk, all within the figure's room."""
+    clothes = garments(figure, resolution=0.4, seed=1)
+    assert list(clothes) == names
+    tunic = clothes[names[0]][0]
+    down = np.linalg.norm(np.diff(tunic.points, axis=0), axis=2) / np.diff(tunic.v, axis=0) - 1.0
+    assert np.abs(down).mean() < 0.02
+    pose, more = (WELCOME, {}) if figure == "angel" else (PRAYER, {"bust": BUST, "step": STEP})
+    inside = np.array(trunk(in_space(tunic.points.reshape(-1, 3)), pose, **more)) < -0.3
+    assert inside.mean() < 0.01, (inside.sum(), tunic.points.reshape(-1, 3)[inside][:5])
+    points = np.concatenate([sheet.points.reshape(-1, 3) for sheets in clothes.values() for sheet in sheets])
+    assert points[:, 2].min() == pytest.approx(0.6, abs=0.2)
+    assert 215.0 < points[:, 2].max() < 272.0
+    assert np.abs(points[:, :2]).max() < 75.0
 
 
 @pytest.mark.parametrize(
