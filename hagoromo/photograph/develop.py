@@ -7,6 +7,7 @@ and float TIFF keep their own unit); the aperture is not divided out.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -97,12 +98,12 @@ def develop(
     _check_settings(exposures, calibration)
     check_memory(BYTES_PER_SAMPLE * exposures[0].signal.size * len(exposures), f"a bracket of {len(exposures)}")
     mosaic, names = exposures[0].mosaic, [one.name for one in exposures]
-    usual = Noise(ASSUMED_FULL_WELL / exposures[0].white, ASSUMED_READ_NOISE)
+    usual = Noise(ASSUMED_FULL_WELL / exposures[0].white, ASSUMED_READ_NOISE, source="a usual sensor: assumed")
     shots = _shots(exposures, calibration, calibration.noise or usual)[0]
     shifts = {names[i]: shift_between(shots[0], shots[i], usual, mosaic) for i in range(1, len(shots))}
     _check_still(shifts, names[0])
     measured_seconds(shots, names, calibration.noise or usual)  # a bent response would bend the noise as well
-    noise = calibration.noise or _noise(exposures, calibration)
+    noise = calibration.noise or _noise(exposures, calibration, usual)
     shots, dark_hot = _shots(exposures, calibration, noise)
     seconds, ratios = measured_seconds(shots, names, noise)
     merged = merge([s._replace(seconds=t) for s, t in zip(shots, seconds, strict=True)], noise, mosaic)
@@ -151,13 +152,18 @@ def _check_still(shifts: dict[str, tuple[float, float]], first: str) -> None:
             )
 
 
-def _noise(exposures: Sequence[Exposure], calibration: Calibration) -> Noise:
-    """From pairs of flats, of the bracket and of darks, each frame once; from single frames where no lit two are."""
+def _noise(exposures: Sequence[Exposure], calibration: Calibration, usual: Noise) -> Noise:
+    """From pairs of flats, of the bracket and of darks, each frame once; from single frames where no lit two are.
+
+    Where they do not tell, as the JPEGs of a camera that smooths them, `usual` with a warning.
+    """
     lit = [*_pairs(calibration.flats), *_pairs(exposures)]
-    if lit:
-        dark = [(one, other) for one, other in _pairs(calibration.darks) if one.seconds == other.seconds]
-        return noise_from_pairs([*lit, *dark])
-    return noise_from_frames([*calibration.flats, *exposures])
+    dark = [(one, other) for one, other in _pairs(calibration.darks) if one.seconds == other.seconds]
+    try:
+        return noise_from_pairs([*lit, *dark]) if lit else noise_from_frames([*calibration.flats, *exposures])
+    except InputError as error:
+        warnings.warn(f"{error}; a usual sensor's noise stands in", stacklevel=3)
+        return usual
 
 
 def _pairs(frames: Sequence[Exposure]) -> list[tuple[Exposure, Exposure]]:

@@ -201,6 +201,9 @@ def test_exposures_that_do_not_go_together_are_refused():
         with pytest.raises(InputError, match=said) as refused:
             develop(shots)
         assert "\n" not in str(refused.value)
+    even = np.full((HEIGHT, WIDTH, 3), 100.0)
+    with pytest.warns(UserWarning, match="--gain and --read-noise; a usual sensor's noise stands in"):
+        assert develop([shot(even, 1.0, 1)]).noise.source.endswith("assumed")
     with pytest.raises(InputError, match="--gain"):
         noise_from_pairs([(shot(0 * light, 1.0, 1), shot(0 * light, 1.0, 2))])
     with pytest.warns(UserWarning, match="stands in"):
