@@ -7,6 +7,8 @@ Writes NAME_whole.jpg, NAME_10_mm.jpg, NAME_1_mm.jpg, NAME_lamps.jpg and NAME.js
 
 from __future__ import annotations
 
+import os
+import platform
 import resource
 import sys
 import time
@@ -15,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from hagoromo import backend
 from hagoromo.app.gallery_items import ITEMS, Item
 from hagoromo.app.gallery_view import around, near, whole
 from hagoromo.files.record import read_toml, write_json
@@ -40,15 +43,17 @@ def make(recipes: Path, name: str, out: Path) -> None:
 
 
 def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[VolumeBox, dict[str, Any]]:
-    """A box, and what it cost: seconds, peak of the memory that the process had [MiB], bricks, voxels."""
+    """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
     record = read_toml(recipes / f"{item.recipe}.toml")
     for key, value in change.items():
         record[key] = record[key] | value if isinstance(value, dict) and key in record else value
-    before, start = _peak(), time.perf_counter()
+    before, start, busy = _peak(), time.perf_counter(), time.process_time()
     box = build(record)
     cost = {
-        "seconds": round(time.perf_counter() - start, 1), "before_mib": round(before), "peak_mib": round(_peak()),
-        "bricks": len(box.bricks.places), "voxel_mm": 1e3 * box.voxel_size, "voxels": list(box.bricks.shape[::-1]),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {backend.name()}",
+        "seconds": round(time.perf_counter() - start, 1), "core_seconds": round(time.process_time() - busy, 1),
+        "before_mib": round(before), "peak_mib": round(_peak()), "bricks": len(box.bricks.places),
+        "voxel_mm": round(1e3 * box.voxel_size, 4), "voxels": list(box.bricks.shape[::-1]),
     }  # fmt: skip
     texel = getattr(box, "texel", None)
     if texel is not None:

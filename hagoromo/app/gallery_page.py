@@ -18,11 +18,12 @@ around it in steps of 45°, from the front to its right, to behind it, and back.
 """
 COST = """## What each costs
 
-To build what the first picture shows, on the machine that made this page ({machine}). Peak: the most memory that the
+To build what the first picture shows, kernels compiled anew, on the machine that made this page ({machine}): by the
+clock, and of all its cores together, which other work on the machine does not change. Peak: the most memory that the
 process had held when the box was done, `hagoromo` and its libraries ({before} MiB before the build) included.
 
-| matter | seconds | peak MiB | bricks | texel MiB | voxel mm | lattice |
-|---|---:|---:|---:|---:|---:|---|
+| matter | seconds | core seconds | peak MiB | bricks | texel MiB | voxel mm | lattice |
+|---|---:|---:|---:|---:|---:|---:|---|
 """
 VIEWS = {"whole": "whole", "10_mm": "1 cm", "1_mm": "1 mm"}
 
@@ -53,10 +54,8 @@ def _table(costs: Mapping[str, Mapping[str, Any]]) -> str:
     rows = []
     for name, cost in costs.items():
         lattice, texel = " × ".join(map(str, cost["voxels"])), cost.get("texel_mib", "")
-        rows.append(
-            f"| {ITEMS[name].title} | {cost['seconds']} | {cost['peak_mib']} | {cost['bricks']} | {texel} "
-            f"| {cost['voxel_mm']:.3g} | {lattice} |"
-        )
+        told = [ITEMS[name].title, *(cost[key] for key in ("seconds", "core_seconds", "peak_mib", "bricks"))]
+        rows.append(f"| {' | '.join(map(str, [*told, texel, cost['voxel_mm'], lattice]))} |")
     before = max(cost["before_mib"] for cost in costs.values())
     machine = next(iter(costs.values())).get("machine", "")
     return COST.format(machine=machine, before=before) + "\n".join(rows) + "\n"

@@ -24,7 +24,7 @@ AWAY = 25.0  # fields of view from the middle to the camera
 TOWARDS, STRAIGHT = (0.25, -1.0, 0.2), (0.1, -1.0, 0.1)  # from the matter to the camera: whole, near by
 ELEVATION = 35.0  # ° of the lamp that moves around
 WHITE = Spectrum.named("D65")
-CARD = Reflectance(0.03, 0.0, 0.3, 1.5, Spectrum.constant(1.0), name="card")  # dark grey, a tenth of white
+CARD = Reflectance(0.012, 0.0, 0.3, 1.5, Spectrum.constant(1.0), name="card")  # nearly black
 KEY, FILL, RIM = ((-0.75, -0.8, 1.0), 1.0), ((0.9, -1.0, 0.2), 0.15), ((0.5, 0.9, 1.3), 0.6)
 
 

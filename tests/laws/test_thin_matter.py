@@ -93,7 +93,8 @@ def test_thin_matter_sends_back_what_its_elements_do(name):
     middle, field = corners.mean(axis=0), 1.05 * float(np.linalg.norm(np.ptp(corners, axis=0)))
     to_eye = np.array([0.25, -1.0, 0.15]) / np.linalg.norm([0.25, -1.0, 0.15])
     to_lamp = np.array(TO_LAMP) / np.linalg.norm(TO_LAMP)
-    camera = Camera(PIXELS, PIXELS, (PIXELS * AWAY,) * 2, (0.5 * PIXELS,) * 2)
+    focal, centre = PIXELS * AWAY, 0.5 * PIXELS
+    camera = Camera(PIXELS, PIXELS, (focal, focal), (centre, centre))
     camera = camera.look_at(middle + AWAY * field * to_eye, middle)
     scene = Scene(camera, (Lamp(to_lamp=to_lamp),), (box,))
     radiance = render(scene, Settings(4, "none", tolerance=0.02)).xyz()[..., 1]
