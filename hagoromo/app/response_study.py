@@ -2,7 +2,9 @@
 
     python -m hagoromo.app.response_study ../shared/data --out out/response
 
-The rival is a smooth non-negative fit whose smoothing is chosen with knowledge of the truth. Leaves: results.json.
+The rival is a smooth non-negative fit whose smoothing is chosen with knowledge of the truth. The constants of our own
+fit were chosen over these cameras; rawtoaces' cameras, which another laboratory measured, check them. Leaves:
+results.json.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from tyro.conf import Positional
 
 from hagoromo import __version__
 from hagoromo.app.progress import progress_bar
-from hagoromo.app.spectra_bench import CAMERAS, read_cameras
+from hagoromo.app.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from hagoromo.camera.calibrate_response import overlap_matrix, solve_response
 from hagoromo.camera.chart import chart_spectra
 from hagoromo.camera.response import Response
@@ -52,6 +54,9 @@ def response_study(
         for i, (name, matrix) in enumerate(designs.items()):
             tell(i / len(designs), name)
             rows[name] = score(matrix, cameras)
+        others = read_rawtoaces(Path(folder) / OTHERS)
+        for name in list(designs)[:2] if others else []:
+            rows[f"{name}, {len(others)} of rawtoaces"] = score(designs[name], others)
         record = {"hagoromo": __version__, "noise": NOISE, "cameras": list(cameras), "rows": rows}
         write_json(home / "results.json", record)
         tell(1.0, "")

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import Response, white
 from hagoromo.errors import InputError
 from hagoromo.files.door import read_bytes
+from hagoromo.files.record import read_json
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectrum_estimate import reading_matrix
 
+OTHERS = Path("camera_sensitivities") / "rawtoaces"
 CAMERAS = Path("camera_sensitivities") / "camspec_28_cameras.csv"  # in a folder of data
 TARGETS = ("D65", "A", "FL11")  # lamps under which the colour is predicted
 YELLOW, CYAN = "D65 through yellow", "D65 through cyan"
@@ -72,6 +74,20 @@ def read_cameras(path: str | Path) -> dict[str, Response]:
             raise InputError(f"{path} line {line} is no camera and four numbers: {','.join(row):.60}") from error
         curves.setdefault(name, []).append(numbers)
     return {name: Response(np.array(of)[:, 0], np.array(of)[:, 1:], name=name) for name, of in curves.items()}
+
+
+def read_rawtoaces(folder: str | Path) -> dict[str, Response]:
+    """Camera → response, from rawtoaces' JSON files of cameras, each λ [nm] → (R, G, B)."""
+    cameras = {}
+    for path in sorted(Path(folder).glob("*_380_780_5.json")):
+        record = read_json(path)
+        try:
+            curves = record["spectral_data"]["data"]["main"]
+            wavelengths = [float(at) for at in curves]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path} has no curves spectral_data, data, main by wavelength") from error
+        cameras[path.stem] = Response(wavelengths, list(curves.values()), name=path.stem)
+    return cameras
 
 
 @cache

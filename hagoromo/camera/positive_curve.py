@@ -18,6 +18,7 @@ from hagoromo.errors import InputError
 # reading): middle, and standard deviation in logarithms. They are wide; they hold what few readings leave open.
 DEVIATION, LENGTH, NOISE, FLOOR = (1.0, 0.7), (50.0, 0.7), (0.01, 1.5), (0.002, 1.5)
 MIDDLE = (0.0, 1.0)  # of the process' mean: mean and standard deviation
+# Both chosen over the 28 measured cameras of camspec, and as good for rawtoaces' 11, which others measured.
 KNEE = 0.3  # κ: below it R falls off as an exponential of z, above it R is z
 ROUGHNESS = 0.1  # of z, from one wavelength to the next: measured curves are not smoother
 LEAST_NOISE = 1e-5  # relative, of any reading
