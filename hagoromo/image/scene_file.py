@@ -2,7 +2,7 @@
 
     [camera]     preset = "canon_eos_kiss_digital", focal_mm = 55.0
                  or file = "camera.json" (of calibrate camera)
-                 or size = [width, height], focal = [α_x, α_y], principal, distortion = [k1, k2, p1, p2, k3], all in px
+                 or size = [width, height], focal = [α_x, α_y], principal, distortion (OpenCV's 4, 5 or 8), all in px
                  binning; eye, target, up, or world_to_camera; response (name or CSV), sensor (table), name
     [[lamp]]     position (near) or to_lamp (far), intensity, spectrum (name, number, CSV or table), name
     [[box]]      file = "name.zarr" or recipe = "matter.toml" (see `matter.build`), tau, materials (list), name, place

@@ -1,6 +1,7 @@
 """Photographs as cameras leave them: RAW through LibRaw, TIFF, EXIF, 8 bits with a curve; damaged ones are refused."""
 
 import json
+import struct
 from pathlib import Path
 
 import cv2
@@ -114,16 +115,34 @@ def test_tiff_of_other_kinds_and_damaged_ones_are_refused(tmp_path):
         assert "\n" not in str(refused.value)
 
 
-def test_exif_is_read_from_jpeg_and_png_and_damage_tells_nothing(tmp_path):
-    tags = [(33434, "2I", 1, (1, 60), True), (34855, "H", 1, 400, True), (37386, "2I", 1, (0, 0), True)]
-    tifffile.imwrite(tmp_path / "e.tif", np.zeros((2, 2), np.uint8), extratags=tags, metadata=None)
-    blob = b"Exif\0\0" + (tmp_path / "e.tif").read_bytes()
+def exif_block(order: str) -> bytes:
+    """EXIF as a camera writes it: maker and model, and in an IFD of its own exposure 1/60 s, ISO 400, 8.6 mm, no f."""
+    begin = b"II*\0" if order == "<" else b"MM\0*"
+    camera = b"Maker\0Maker Two\0"
+    strings, inner = 8 + 2 + 3 * 12 + 4, 8 + 2 + 3 * 12 + 4 + len(camera)
+    fractions = inner + 2 + 4 * 12 + 4
+
+    def row(tag: int, kind: int, count: int, value: int) -> bytes:
+        short = kind == 3
+        return struct.pack(order + ("HHIHxx" if short else "HHII"), tag, kind, count, value)
+
+    outer = row(0x010F, 2, 6, strings) + row(0x0110, 2, 10, strings + 6) + row(0x8769, 4, 1, inner)
+    rows = row(0x829A, 5, 1, fractions) + row(0x829D, 5, 1, fractions + 8)
+    rows += row(0x8827, 3, 1, 400) + row(0x920A, 5, 1, fractions + 16)
+    values = struct.pack(order + "6I", 1, 60, 0, 0, 86, 10)
+    first = begin + struct.pack(order + "I", 8) + struct.pack(order + "H", 3) + outer + bytes(4) + camera
+    return first + struct.pack(order + "H", 4) + rows + bytes(4) + values
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_exif_is_read_from_jpeg_and_png_and_damage_tells_nothing(tmp_path, order):
+    blob = b"Exif\0\0" + exif_block(order)
     assert cv2.imwrite(str(tmp_path / "a.jpg"), COLOUR16.astype(np.uint8))
     plain = (tmp_path / "a.jpg").read_bytes()
     assert read_exif(tmp_path / "a.jpg") == Exif()
     segment = b"\xff\xe1" + (len(blob) + 2).to_bytes(2, "big") + blob
     (tmp_path / "a.jpg").write_bytes(plain[:2] + segment + plain[2:])
-    assert read_exif(tmp_path / "a.jpg") == Exif(exposure_s=1 / 60, iso=400.0)
+    assert read_exif(tmp_path / "a.jpg") == Exif(exposure_s=1 / 60, iso=400.0, focal_mm=8.6, camera="Maker Two")
     for end in range(20, len(segment), 11):
         (tmp_path / "a.jpg").write_bytes(plain[:2] + segment[:end])
         read_exif(tmp_path / "a.jpg")
