@@ -29,9 +29,10 @@ VIEWS = {"whole": "whole", "10_mm": "1 cm", "1_mm": "1 mm"}
 
 
 def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write the page of the items that have `costs`."""
+    """Write the page: items whose pictures are there, and the `costs` that are known."""
     parts = [HEAD.format(recipes=recipes.as_posix())]
-    parts += [_shown(path, recipes, name) for name in ITEMS if name in costs]
+    made = [name for name in ITEMS if (path.parent / "figures" / "gallery" / f"{name}_whole.jpg").exists()]
+    parts += [_shown(path, recipes, name) for name in made]
     parts += [_table(costs)] if costs else []
     with whole_file(path, force=True) as partial:
         partial.write_text("".join(parts), encoding="utf-8")
