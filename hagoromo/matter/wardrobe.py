@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from hagoromo.errors import InputError
 from hagoromo.matter.draft import plain, twill
+from hagoromo.matter.eased import eased
 from hagoromo.matter.fabric import woven
 from hagoromo.matter.garment import RESOLUTIONS, garments
 from hagoromo.matter.sheet import Sheet
@@ -23,6 +24,7 @@ FINE = Yarn(0.30, 1.12, 2, 5.0, "S", 8.0, 40, 18.0, hairs_per_cm=6.0, hair_mm=0.
 FULL = Yarn(0.34, 1.12, 2, 4.0, "S", 7.0, 45, 18.0, hairs_per_cm=14.0, hair_mm=0.5)
 PATH = 0.035  # mean free path of light in fibres
 HEM = 3.0  # voxels of the chart over which presence falls at a hem
+NARROW = 3.0  # voxels of the chart, of cloth: folds that are narrower cannot be told in it
 MARGIN = 2.0  # voxels of the chart around the cloth
 
 
@@ -53,10 +55,11 @@ def garment_of(figure: str, name: str, material: Reflectance, resolution: float 
         raise InputError(f"{figure} wears no {name!r}: {', '.join(known) or 'nothing'} is known")
     made = known[name]
     block = _texel(made, min(resolution, 1.0), seed)
-    chart_mm = made.chart_mm / min(2.0 * resolution, 1.0)  # folds want it fine before yarns do
+    chart_mm = made.chart_mm / max(min(2.0 * resolution, 1.0), resolution)  # folds want it fine before yarns do
     reach = max(abs(block.bottom), abs(block.top)) * 1e3 + MARGIN * chart_mm
     period = block.period[0] * 1e3, block.period[1] * 1e3
-    chart, bound, extent = sheet_chart(_sheets(figure, resolution, seed)[name], reach, HEM * chart_mm, period)
+    sheets = [eased(sheet, NARROW * chart_mm) for sheet in _sheets(figure, resolution, seed)[name]]
+    chart, bound, extent = sheet_chart(sheets, reach, HEM * chart_mm, period)
     record = {"kind": "figure", "figure": figure, "part": name, "resolution": resolution, "seed": seed}
     return shell(
         lambda point: Chart(*chart(point)), bound, extent, chart_mm, block, PATH, (material,) * block.populations,

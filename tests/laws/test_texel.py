@@ -123,7 +123,7 @@ def test_a_jump_by_whole_periods_is_not_seen():
 
 
 def test_sheets_closer_than_two_voxels_stay_apart():
-    """Light that passes two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
+    """Light through two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
 
     def full(point, variant):
         kinds = arrays()
