@@ -107,7 +107,7 @@ def test_every_key_refuses_what_it_does_not_take(name, tmp_path, capsys):
     ("name", "key", "value", "said"),
     [
         ("linen", "diameter_mm", "-0.3", "diameter_mm"),
-        ("linen", "diameter_mm", "2.0", "do not fit"),
+        ("linen", "diameter_mm", "2.0", "packing limit"),
         ("linen", "fibres", "900", "fibres"),
         ("linen", "twist_per_cm", "60.0", "packing limit"),
         ("linen", "warp_per_cm", "80.0", "do not fit"),
@@ -119,7 +119,7 @@ def test_every_key_refuses_what_it_does_not_take(name, tmp_path, capsys):
         ("satin", "step", "4", "satin"),
         ("herringbone", "width", "2", "herringbone"),
         ("jacquard", "pattern", '["01", "0"]', "rows of equal length"),
-        ("stockinette", "wales_per_cm", "40.0", "wales_per_cm"),
+        ("stockinette", "wales_per_cm", "40.0", "does not fit 40 wales"),
         ("primary", "quill", "1.5", "quill"),
         ("primary", "per_mm", "40.0", "do not fit"),
         ("primary", "rachis_mm", "30.0", "rachis_mm"),

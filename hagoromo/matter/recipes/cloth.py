@@ -55,12 +55,14 @@ def yarn_of(recipe: Recipe, name: str, usual: Yarn) -> Yarn:
 
 def colour_materials(recipe: Recipe, colours: list[int]) -> list[Reflectance]:
     """The reflectance for each of `colours`, numbers of [[colour]]; those of none have that of [material]."""
-    found = []
-    for colour in colours:
-        own = recipe["colour"][colour] if colour < len(recipe["colour"]) else {}
-        where = f"{recipe.where} [[colour]] {colour}" if own else f"{recipe.where} [material]"
-        found.append(reflectance_from_table(recipe["material"] | own, recipe.folder, where, recipe.element))
-    return found
+    usual = recipe.material  # checked, even where every yarn has a colour of its own
+    own = [
+        reflectance_from_table(
+            recipe["material"] | keys, recipe.folder, f"{recipe.where} [[colour]] {number}", recipe.element
+        )
+        for number, keys in enumerate(recipe["colour"])
+    ]
+    return [own[colour] if colour < len(own) else usual for colour in colours]
 
 
 def _draft(recipe: Recipe) -> Draft:
