@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo import __version__, backend
-from hagoromo.app.demo_figures import FIGURES, Recipe, scene_of
+from hagoromo.app.demo_figures import FIGURES, Cast
 from hagoromo.app.demo_measurement import coverage, named, rightly_labelled, rows
 from hagoromo.app.demo_relit import relit
 from hagoromo.app.demo_samples import FOCAL_MM, LAMP, PRESET, bench, bench_camera, true_reflectances
@@ -34,20 +34,28 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Size:
-    """How large the demo is: binning and rays a pixel of capture and figures; voxels per mm, of those of size small."""
+    """How large the demo is: binning and rays a pixel of capture and figures; resolution of the figures, and which."""
 
     capture_binning: int
     capture_samples: int
     figure_binning: int
     figure_samples: int
     resolution: float
+    figures: tuple[str, ...] = tuple(FIGURES)
     seed: int = 1
 
 
 SIZES = {
-    "tiny": Size(capture_binning=8, capture_samples=1, figure_binning=16, figure_samples=1, resolution=0.25),
-    "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=1.0),
-    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=4, resolution=1.7),
+    "tiny": Size(
+        capture_binning=8,
+        capture_samples=1,
+        figure_binning=16,
+        figure_samples=1,
+        resolution=0.4,
+        figures=("figure_7_skin",),
+    ),
+    "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=0.5),
+    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=8, resolution=1.5),
 }
 SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.68, "report": 0.02}  # of the time
 
@@ -129,15 +137,15 @@ def _figures(home: Path, found: dict[str, Any], size: Size, tell: Progress) -> d
     """Render every figure to EXR and PNG; they are given back as read from their files."""
     camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
     (home / "figures").mkdir()
-    for k, figure in enumerate(FIGURES):
+    cast = Cast(found, size.resolution, size.seed)
+    for k, figure in enumerate(size.figures):
 
         def told(share: float, step: str, k: int = k, figure: str = figure) -> None:
-            tell((k + share) / len(FIGURES), f"{figure.replace('_', ' ')}, {step}")
+            tell((k + share) / len(size.figures), f"{figure.replace('_', ' ')}, {step}")
 
         told(0.0, "boxes")
-        recipe = Recipe(size.resolution, size.seed, lambda share, told=told: told(0.5 * share, "boxes"))
-        scene = scene_of(figure, found, camera, recipe)
+        scene = cast.scene(figure, camera, lambda share, told=told: told(0.5 * share, "boxes"))
         settings = Settings(samples=size.figure_samples, seed=size.seed)
         image = render(scene, settings, lambda share, told=told: told(0.5 + 0.5 * share, "rays"))
         image.write(home / "figures" / f"{figure}.exr", camera.response)
-    return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in FIGURES}
+    return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in size.figures}

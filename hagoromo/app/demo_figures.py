@@ -14,9 +14,10 @@ from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.figure import FIGURES as PARTS
-from hagoromo.matter.figure import figure
+from hagoromo.matter.figure import figure_part
 from hagoromo.matter.tresses import HAIR_COLOUR
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
 
 MM = 1e-3  # m
 
@@ -56,42 +57,47 @@ FIGURES = {
         "The angel's face and hair.",
         {"angel": ALONE}, True, (-0.25, -1.0, 0.04), seen=((0.0, -8.0, 243.0), 82.0), without=("feet", "hands"),
     ),
+    "figure_8_angel": Shot("The whole angel: skin, hair, drape and wings.", {"angel": ALONE}, True, (0.16, -1.0, 0.1)),
+    "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": ALONE}, True, (-0.3, -1.0, 0.1)),
     "figure_8_whole": Shot(
         "The angel and the nun.",
         {"angel": (-78.0, 10.0, 10.0), "nun": (118.0, -22.0, -22.0)}, False, (0.05, -1.0, 0.1), filled=0.86,
     ),
-    "figure_8_angel": Shot("The whole angel: skin, hair, drape and wings.", {"angel": ALONE}, True, (0.16, -1.0, 0.1)),
-    "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": ALONE}, True, (-0.3, -1.0, 0.1)),
 }  # fmt: skip
 
 
-class Recipe(NamedTuple):
-    """resolution: of all lattices. seed: of the matter. tell: told the share done."""
+class Cast:
+    """The parts of the figures, each built when it is first wanted and kept for the next picture.
 
-    resolution: float
-    seed: int
-    tell: Callable[[float], None]
+    measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter.
+    """
 
+    def __init__(self, measured: Mapping[str, Reflectance], resolution: float, seed: int) -> None:
+        self.measured, self.resolution, self.seed = measured, resolution, seed
+        self.materials, self._boxes = wardrobe(measured), {}
 
-def scene_of(name: str, measured: Mapping[str, Reflectance], camera: Camera, recipe: Recipe) -> Scene:
-    """The scene of one of FIGURES, of `measured` reflectances (skin, cloth, feather, dielectric)."""
-    shot = FIGURES[name]
-    materials, boxes = wardrobe(measured), []
-    for number, (who, place) in enumerate(shot.figures.items()):
+    def scene(self, name: str, camera: Camera, tell: Callable[[float], None]) -> Scene:
+        """The scene of one of FIGURES; `tell` is told the share done."""
+        shot, boxes = FIGURES[name], []
+        wanted = [(who, part) for who in shot.figures for part in PARTS[who] if part not in shot.without]
+        for number, (who, part) in enumerate(wanted):
+            box = self._box(who, part)
+            boxes.append(box.with_pose(_placed(*shot.figures[who]) @ box.pose))
+            tell((number + 1) / len(wanted))
+        camera = turned_upright(camera) if shot.upright else camera
+        middle, extent = ball_around(boxes)
+        if shot.seen:
+            camera = close_up(camera, shot.towards, *shot.seen)
+        else:
+            camera = framed(camera, boxes, shot.towards, shot.filled)
+        ground = sweep(extent, self.measured["dielectric"])
+        return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (ground,))
 
-        def told(share: float, number: int = number) -> None:
-            recipe.tell((number + share) / len(shot.figures))
-
-        parts = [part for part in PARTS[who] if part not in shot.without]
-        made = figure(who, materials, recipe.resolution, recipe.seed, parts, told)
-        boxes += [box.with_pose(_placed(*place) @ box.pose) for box in made]
-    camera = turned_upright(camera) if shot.upright else camera
-    middle, extent = ball_around(boxes)
-    if shot.seen:
-        camera = close_up(camera, shot.towards, *shot.seen)
-    else:
-        camera = framed(camera, boxes, shot.towards, shot.filled)
-    return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (sweep(extent, measured["dielectric"]),))
+    def _box(self, who: str, part: str) -> VolumeBox:
+        if (who, part) not in self._boxes:
+            material = self.materials[PARTS[who][part]]
+            self._boxes[who, part] = figure_part(who, part, material, self.resolution, self.seed).box()
+        return self._boxes[who, part]
 
 
 def wardrobe(measured: Mapping[str, Reflectance]) -> dict[str, Reflectance]:
@@ -105,6 +111,7 @@ def wardrobe(measured: Mapping[str, Reflectance]) -> dict[str, Reflectance]:
         "feather": measured["feather"],
         "robe": cloth,
         "hair": replace(measured["feather"], alpha=1.0 / np.pi, body_colour=HAIR_COLOUR, name="hair"),
+        "brows": replace(measured["feather"], alpha=1.0 / np.pi, body_colour=HAIR_COLOUR.scaled(0.3), name="brows"),
         "habit": _dyed(cloth, (0.030, 0.026, 0.027, 0.034), "black cloth"),
         "veil": _dyed(cloth, (0.034, 0.030, 0.030, 0.040), "black cloth"),
         "linen": _dyed(cloth, (0.50, 0.58, 0.61, 0.62), "undyed cloth"),

@@ -201,15 +201,16 @@ def _figures(page: Page, report: Report) -> None:
         "attenuated on its way in and on its way out, and scattered once. The pictures show what the CIE 1931 observer "
         "sees; the EXR files beside them hold the camera's values and the weights.",
     )
-    for name, shot in FIGURES.items():
-        picture = report.figures[name].display()
+    for name, found in report.figures.items():
+        shot, picture = FIGURES[name], found.display()
         height, width = picture.shape[:2]
         note = f"Figure {name.split('_')[1]} of the paper; {width} × {height} pixels."
         page.figure(f"{shot.caption} <i>{note}</i>", image(picture))
 
 
 def _other_light(page: Page, report: Report) -> None:
-    whole = report.figures["figure_8_whole"]
+    name = list(report.figures)[-1]
+    whole = report.figures[name]
     daylight, warm = whole.palette.lamps, [Spectrum.named(OTHER_LAMP)] * len(whole.palette.lamps)
     canon, nikon = response_of(report.aside), Response.load(OTHER_CAMERA)
     views = [
@@ -221,14 +222,14 @@ def _other_light(page: Page, report: Report) -> None:
         "One rendering, other light, another camera",
         "A rendering is kept as geometric weights of body and interface colours, so eq. (10) can be evaluated anew for "
         "any lamp spectrum and any camera. These three views come from one file, "
-        "<code>figures/figure_8_whole.exr</code>: nothing was rendered again.",
+        f"<code>figures/{name}.exr</code>: nothing was rendered again.",
     )
     pictures = []
     for title, response, lamps, balance in views:
         matrix, values = srgb_from_camera(response, balance[0]), whole.expose(response, lamps)
         pictures.append(image(shown(values, matrix, exposure(values @ matrix.T, whole.alpha)), title))
     page.figure(
-        "The whole figure through the Canon under D65; under illuminant A, the camera still balanced for D65; and "
+        "The same figure through the Canon under D65; under illuminant A, the camera still balanced for D65; and "
         "under illuminant A through a Nikon D5100 (sensitivities measured by NPL), balanced for it.",
         *pictures,
     )

@@ -1,4 +1,4 @@
-"""Eased: a sheet without the folds that are too narrow for a lattice; its cloth stays gathered there, u and v denser."""
+"""Eased: a sheet without the folds that are too narrow for a lattice; the cloth stays gathered there."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from hagoromo.volume.plan import BoxPlan
 # the parts of each figure, and the material that each is made of
 FIGURES: dict[str, dict[str, str]] = {
     "angel": dict.fromkeys(PLACES["angel"], "skin") | {"hair": "hair"} | {"robe": "robe", "wings": "feather"},
-    "nun": dict.fromkeys(PLACES["nun"], "skin") | {"hair": "hair"} | {name: name for name in WARDROBE["nun"]},
+    "nun": dict.fromkeys(PLACES["nun"], "skin") | {"hair": "brows"} | {name: name for name in WARDROBE["nun"]},
 }
 ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
 PARTS = tuple(sorted({part for parts in FIGURES.values() for part in parts}))

@@ -25,7 +25,7 @@ from hagoromo.volume.voxels import (
 )
 
 ONE = 65536.0  # a period
-APART = 4.5  # edges of a voxel: neighbours whose u or v differ by more are not on one sheet; a diagonal is 1.7, more where cloth is gathered
+APART = 4.5  # voxels: neighbours whose u or v differ by more are not on one sheet (a diagonal is 1.7, gathers are more)
 SHARP = 8.0  # steepness of a hem: presence falls from 1 to 0 over this part of what the chart says
 
 

@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import binom
 
 from hagoromo.app.demo import SIZES, demo
-from hagoromo.app.demo_figures import FIGURES
 from hagoromo.app.demo_samples import bench, bench_camera, true_reflectances
 from hagoromo.app.display import srgb_from_camera
 from hagoromo.camera.response import Response, camera_response, white
@@ -79,7 +78,7 @@ def test_the_page_is_self_contained(page):
     addresses = set(re.findall(r'https?://[^"\s)]+', page))
     assert all(address.startswith("http://www.w3.org/") for address in addresses), addresses  # names of XML only
     sources = re.findall(r'src="([^"]*)"', page)
-    assert len(sources) >= 4 + 7 + 3 + len(FIGURES) + 3
+    assert len(sources) >= 4 + 7 + 3 + len(SIZES["tiny"].figures) + 3
     for source in sources:
         data = base64.b64decode(source.split(",", 1)[1])
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) is not None
@@ -97,7 +96,7 @@ def test_the_page_says_what_was_measured(out, page):
 
 
 def test_figures_keep_their_weights(out):
-    for name in FIGURES:
+    for name in SIZES["tiny"].figures:
         image = read_image(out / "figures" / f"{name}.exr")
         assert image.alpha.max() == 1.0 and np.isfinite(image.weights).all() and image.weights.max() > 0.0
         assert image.metadata["scene"]["boxes"][0]["materials"][0]["element"] in ("cylinder", "sphere")
