@@ -1,11 +1,11 @@
-# make setup | demo | test | test-slow | bench | real | figures | gallery: each sets up what it needs; all may be run again at any time.
+# make setup | demo | test | test-slow | bench | real | spectra | figures | gallery: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup demo test test-slow bench real figures gallery
+.PHONY: setup demo test test-slow bench real spectra figures gallery
 
 setup: $(READY)
 
@@ -46,7 +46,12 @@ $(PEERS): $(READY)
 
 # Real photographs: every one predicted from the eleven others (minutes; needs the uw_psm set beside the checkout).
 real: $(READY)
-	$(BIN)/python -m hagoromo.app.real ../shared/data/uw_psm --out out/real --force
+	$(BIN)/python -m hagoromo.app.studies.real ../shared/data/uw_psm --out out/real --force
+
+# Spectra from camera colours, and cameras' responses, over many cameras (minutes; needs the camera data beside the checkout).
+spectra: $(READY)
+	$(BIN)/python -m hagoromo.app.studies.spectra ../shared/data --out out/spectra --force
+	$(BIN)/python -m hagoromo.app.studies.response_study ../shared/data --out out/response --force
 
 # Every picture of README and docs; figures 6 and 7 lie beside it in out/figures.
 figures: $(READY)
@@ -56,4 +61,4 @@ figures: $(READY)
 
 # Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
 gallery: $(READY)
-	$(BIN)/python -m hagoromo.app.gallery examples/recipes --out docs
+	$(BIN)/python -m hagoromo.app.gallery.gallery examples/recipes --out docs

@@ -114,7 +114,7 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
     Args:
         size: small takes minutes on two cores; full draws larger pictures.
     """
-    from hagoromo.app.demo import demo
+    from hagoromo.app.demo.demo import demo
 
     with progress_bar("demo") as progress:
         report = demo(out, size=size, force=force, progress=progress)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo import __version__
+from hagoromo.app.demo.report_pictures import around, developed, residual
 from hagoromo.app.display import exposure
 from hagoromo.app.page import Page, image
-from hagoromo.app.report_pictures import around, developed, residual
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.demo_measurement import Row
+from hagoromo.app.demo.measurement import Row
 from hagoromo.light.spectrum import Spectrum
 
 COLOURS = {"skin": "#b5651d", "cloth": "#2f5d9b", "feather": "#8a8a8a", "dielectric": "#3b7d5a"}

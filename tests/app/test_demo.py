@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from hagoromo.app.demo import SIZES, demo
-from hagoromo.app.demo_samples import bench, bench_camera, true_reflectances
+from hagoromo.app.demo.demo import SIZES, demo
+from hagoromo.app.demo.samples import bench, bench_camera, true_reflectances
 from hagoromo.app.display import srgb_from_camera
 from hagoromo.camera.response import Response, camera_response, white
 from hagoromo.errors import InputError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.gallery_items import ITEMS
+from hagoromo.app.gallery.gallery_items import ITEMS
 from hagoromo.matter.build import build
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store import load_box

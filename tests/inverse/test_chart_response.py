@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.response_study import WAVELENGTHS, chart_under, known_lights, response_study, score
-from hagoromo.app.spectra_bench import CAMERAS, read_cameras
+from hagoromo.app.studies.response_study import WAVELENGTHS, chart_under, known_lights, response_study, score
+from hagoromo.app.studies.spectra_bench import CAMERAS, read_cameras
 from hagoromo.camera.calibrate_response import overlap_matrix
 from hagoromo.camera.chart import chart_spectra, read_chart
 from hagoromo.camera.chart_response import response_from_chart

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hagoromo.app.uw_psm import read_lamps, read_object, sphere_normals
+from hagoromo.app.studies.uw_psm import read_lamps, read_object, sphere_normals
 from hagoromo.reflectance.normals import least_squares_lambert, solve_normals
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "uw_psm"

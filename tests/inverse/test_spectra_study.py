@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hagoromo.app.spectra import SKIN, spectra_study
-from hagoromo.app.spectra_bench import CAMERAS, read_bench, read_cameras
-from hagoromo.app.spectra_cases import chart_case, skin_cases, study_case
-from hagoromo.app.spectra_rivals import study_rivals
+from hagoromo.app.studies.spectra import SKIN, spectra_study
+from hagoromo.app.studies.spectra_bench import CAMERAS, read_bench, read_cameras
+from hagoromo.app.studies.spectra_cases import chart_case, skin_cases, study_case
+from hagoromo.app.studies.spectra_rivals import study_rivals
 from hagoromo.errors import InputError
 from hagoromo.reflectance.prior_spectra import read_spectra
 

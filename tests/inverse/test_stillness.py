@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from hagoromo.app.uw_psm import read_lamps, read_object
+from hagoromo.app.studies.uw_psm import read_lamps, read_object
 from hagoromo.camera.camera import Camera
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.stillness import moved

@@ -9,17 +9,17 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.body import arms, bust, feet
-from hagoromo.matter.figure_skin import FINENESS, GRANULES, PLACES, STEEPEST, figure_skin, lips_of, shown
+from hagoromo.matter.figure.body import arms, bust, feet
+from hagoromo.matter.figure.figure_skin import FINENESS, GRANULES, PLACES, STEEPEST, figure_skin, lips_of, shown
+from hagoromo.matter.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
+from hagoromo.matter.figure.head import head
+from hagoromo.matter.figure.mannequin import trunk
+from hagoromo.matter.figure.pose import PRAYER, WELCOME
+from hagoromo.matter.figure.splat import Strands, along, splat
+from hagoromo.matter.figure.tresses import hair_of
 from hagoromo.matter.fill import Fineness, fill
-from hagoromo.matter.hand import FOLDED, LENGTH, OPEN, digits, frame
-from hagoromo.matter.head import head
-from hagoromo.matter.mannequin import trunk
-from hagoromo.matter.pose import PRAYER, WELCOME
 from hagoromo.matter.shape import SLOPES
-from hagoromo.matter.skin import skin
-from hagoromo.matter.splat import Strands, along, splat
-from hagoromo.matter.tresses import hair_of
+from hagoromo.matter.skin.skin import skin
 from hagoromo.reflectance.reflectance import Reflectance
 
 SKIN = Reflectance(0.3, 0.2, 0.4, 1.4, Spectrum.constant(0.5), element="sphere")

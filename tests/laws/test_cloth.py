@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.matter.draft import Draft, herringbone, jacquard, on_loom, plain, satin, twill
-from hagoromo.matter.wif import cloth_of, read_wif
-from hagoromo.matter.yarn import Yarn
+from hagoromo.matter.cloth.draft import Draft, herringbone, jacquard, on_loom, plain, satin, twill
+from hagoromo.matter.cloth.wif import cloth_of, read_wif
+from hagoromo.matter.cloth.yarn import Yarn
 
 WIF = """
 [WIF]

@@ -8,18 +8,18 @@ from scipy.spatial import KDTree
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.matter.collider import Collider
-from hagoromo.matter.cut import Cut
-from hagoromo.matter.drape import hanging
-from hagoromo.matter.drape import over_ball as cloth_over_ball
-from hagoromo.matter.garment import garments
-from hagoromo.matter.habit import BUST, STEP
-from hagoromo.matter.mannequin import trunk
-from hagoromo.matter.pose import PRAYER, WELCOME
-from hagoromo.matter.settle import Fabric, Fall, settled
+from hagoromo.matter.drape.collider import Collider
+from hagoromo.matter.drape.cut import Cut
+from hagoromo.matter.drape.drape import hanging
+from hagoromo.matter.drape.drape import over_ball as cloth_over_ball
+from hagoromo.matter.drape.settle import Fabric, Fall, settled
+from hagoromo.matter.drape.sheet import Sheet
+from hagoromo.matter.drape.sheet_chart import sheet_chart
+from hagoromo.matter.figure.garment import garments
+from hagoromo.matter.figure.habit import BUST, STEP
+from hagoromo.matter.figure.mannequin import trunk
+from hagoromo.matter.figure.pose import PRAYER, WELCOME
 from hagoromo.matter.shape import sphere
-from hagoromo.matter.sheet import Sheet
-from hagoromo.matter.sheet_chart import sheet_chart
 
 BALL = (0.0, 0.0, 15.0), 15.0
 NOTHING = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)

@@ -12,20 +12,20 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.barb import Barbs
-from hagoromo.matter.barbule import Barbules
-from hagoromo.matter.down import Down
-from hagoromo.matter.feather import feather, vane_patch
-from hagoromo.matter.feather_kinds import FEATHERS
+from hagoromo.matter.feather.barb import Barbs
+from hagoromo.matter.feather.barbule import Barbules
+from hagoromo.matter.feather.down import Down
+from hagoromo.matter.feather.feather import feather, vane_patch
+from hagoromo.matter.feather.kinds import FEATHERS
+from hagoromo.matter.feather.marking import Marking
+from hagoromo.matter.feather.plume import Plume, flat_spot, spot_on
+from hagoromo.matter.feather.rod import film, rod
+from hagoromo.matter.feather.vane import Feather, feather_at, vane_thickness, web_at
+from hagoromo.matter.feather.wing import Wing, wing_of
+from hagoromo.matter.feather.wing_bones import ARM, ground
+from hagoromo.matter.feather.wing_grid import cell_at, places_on
+from hagoromo.matter.feather.wing_rows import FIELDS, feathers
 from hagoromo.matter.fill import Fineness
-from hagoromo.matter.marking import Marking
-from hagoromo.matter.plume import Plume, flat_spot, spot_on
-from hagoromo.matter.rod import film, rod
-from hagoromo.matter.vane import Feather, feather_at, vane_thickness, web_at
-from hagoromo.matter.wing import Wing, wing_of
-from hagoromo.matter.wing_bones import ARM, ground
-from hagoromo.matter.wing_grid import cell_at, places_on
-from hagoromo.matter.wing_rows import FIELDS, feathers
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 

@@ -18,8 +18,8 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.shape import plane
-from hagoromo.matter.skin import Granules, check_granules, skin, skin_on, skin_patch
-from hagoromo.matter.skin_lines import Lines, furrows, pores, primary, secondary
+from hagoromo.matter.skin.skin import Granules, check_granules, skin, skin_on, skin_patch
+from hagoromo.matter.skin.skin_lines import Lines, furrows, pores, primary, secondary
 from hagoromo.reflectance.pigment import Pigment, skin_colour
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.volume.box import VolumeBox

@@ -195,6 +195,7 @@ def test_a_shell_is_stored_bit_by_bit(tmp_path):
     box = sheet(made=block(2))
     save_box(box, tmp_path / "sheet.zarr")
     found = load_box(tmp_path / "sheet.zarr")
+    assert box.texel and found.texel
     assert look_at_box(tmp_path / "sheet.zarr").kept == box.bricks.kept == found.bricks.kept
     assert found.band == box.band and found.texel.record() == box.texel.record()
     for name in ("density", "axis", "chart"):

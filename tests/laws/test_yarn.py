@@ -11,12 +11,12 @@ from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.draft import plain, satin, twill
-from hagoromo.matter.fabric import Fabric, knitted, woven
+from hagoromo.matter.cloth.draft import plain, satin, twill
+from hagoromo.matter.cloth.fabric import Fabric, knitted, woven
+from hagoromo.matter.cloth.knit import JERSEY, Knitted, loop_of
+from hagoromo.matter.cloth.weave import LINEN, SILK, WOOL, Woven
+from hagoromo.matter.cloth.yarn import Yarn, check_yarn
 from hagoromo.matter.fill import Fineness, fill
-from hagoromo.matter.knit import JERSEY, Knitted, loop_of
-from hagoromo.matter.weave import LINEN, SILK, WOOL, Woven
-from hagoromo.matter.yarn import Yarn, check_yarn
 from hagoromo.reflectance.reflectance import Reflectance
 
 BARE = {"hairs_per_cm": 0.0, "slubs_per_cm": 0.0}

@@ -16,13 +16,13 @@ from __future__ import annotations
 from typing import Any
 
 from hagoromo.files.record import count, flag, list_of, number, one_of, positive, table, take, text
-from hagoromo.matter import draft
-from hagoromo.matter.draft import Draft
-from hagoromo.matter.fabric import woven
+from hagoromo.matter.cloth import draft
+from hagoromo.matter.cloth.draft import Draft
+from hagoromo.matter.cloth.fabric import woven
+from hagoromo.matter.cloth.weave import LINEN, Woven, check_woven
+from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.recipes.laid import LAID, laid
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, with_defaults
-from hagoromo.matter.weave import LINEN, Woven, check_woven
-from hagoromo.matter.yarn import Yarn
 from hagoromo.reflectance.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.plan import BoxPlan
@@ -68,7 +68,7 @@ def colour_materials(recipe: Recipe, colours: list[int]) -> list[Reflectance]:
 def _draft(recipe: Recipe) -> Draft:
     where, given = f"{recipe.where} [draft]", recipe["draft"]
     if "file" in given:
-        from hagoromo.matter.wif import read_wif
+        from hagoromo.matter.cloth.wif import read_wif
 
         return read_wif(recipe.file(take(given, {"file": text}, where)["file"])).draft
     weave = take(given, {"weave": one_of(*WEAVES)}, where, strict=False)["weave"]

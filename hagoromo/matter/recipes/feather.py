@@ -14,11 +14,11 @@ from __future__ import annotations
 from typing import Any
 
 from hagoromo.files.record import count, number, numbers, one_of, positive, table, take
-from hagoromo.matter.feather import FEATHER_FINENESS, PATCH_FINENESS, feather, vane_patch
-from hagoromo.matter.feather_kinds import FEATHERS
-from hagoromo.matter.marking import PATTERNS
+from hagoromo.matter.feather.feather import FEATHER_FINENESS, PATCH_FINENESS, feather, vane_patch
+from hagoromo.matter.feather.kinds import FEATHERS
+from hagoromo.matter.feather.marking import PATTERNS
+from hagoromo.matter.feather.vane import Feather
 from hagoromo.matter.recipes.recipe import Kind, Recipe, with_defaults
-from hagoromo.matter.vane import Feather
 from hagoromo.volume.plan import BoxPlan
 
 TABLES = "plume", "barbs", "barbules", "down", "marking"

@@ -5,7 +5,7 @@ linen, veil), 0.27 m high.
 from __future__ import annotations
 
 from hagoromo.files.record import one_of
-from hagoromo.matter.figure import FIGURES, PARTS, element_of, figure_part
+from hagoromo.matter.figure.figure import FIGURES, PARTS, element_of, figure_part
 from hagoromo.matter.recipes.recipe import Kind, Recipe
 from hagoromo.volume.plan import BoxPlan
 

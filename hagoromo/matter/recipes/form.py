@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import numbers, one_of, positive, take, text
 from hagoromo.matter.recipes.recipe import not_negative, sizes
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
-from hagoromo.matter.solid import Extent
+from hagoromo.matter.solid.solid import Extent
 
 FORMS: dict[str, dict[str, Any]] = {
     "sphere": {"radius_mm": positive},

@@ -6,8 +6,8 @@ How it lies: see `laid`; its face, with the legs of the loops in front, is the u
 from __future__ import annotations
 
 from hagoromo.files.record import number, table
-from hagoromo.matter.fabric import knitted
-from hagoromo.matter.knit import Knitted
+from hagoromo.matter.cloth.fabric import knitted
+from hagoromo.matter.cloth.knit import Knitted
 from hagoromo.matter.recipes.cloth import yarn_of
 from hagoromo.matter.recipes.laid import LAID, laid
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys

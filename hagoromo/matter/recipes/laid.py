@@ -16,13 +16,13 @@ import drjit as dr
 
 from hagoromo.backend import arrays
 from hagoromo.files.record import count, one_of, positive
-from hagoromo.matter.fabric import Fabric
+from hagoromo.matter.cloth.fabric import Fabric
+from hagoromo.matter.drape.hanging import flat, hanging
+from hagoromo.matter.drape.sheet import Sheet
+from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.fill import MM, blocks_in
-from hagoromo.matter.hanging import flat, hanging
 from hagoromo.matter.recipes.recipe import Recipe, not_negative
 from hagoromo.matter.shape import coverage, rounded_box
-from hagoromo.matter.sheet import Sheet
-from hagoromo.matter.sheet_chart import sheet_chart
 from hagoromo.matter.shell import shell
 from hagoromo.matter.texture import texel
 from hagoromo.reflectance.reflectance import Reflectance

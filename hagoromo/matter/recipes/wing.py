@@ -7,8 +7,8 @@ of voxels of 0.2 mm. Element cylinder.
 from __future__ import annotations
 
 from hagoromo.files.record import table
+from hagoromo.matter.feather.wing import wing_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe
-from hagoromo.matter.wing import wing_of
 from hagoromo.volume.plan import BoxPlan
 
 

@@ -1,0 +1,1 @@
+"""Demo: the paper end to end, and its report."""

@@ -1,0 +1,1 @@
+"""Gallery: every recipe in pictures, and what it costs."""

@@ -1,0 +1,1 @@
+"""Studies: what Hagoromo makes of real photographs and of many cameras, with reports."""

@@ -1,0 +1,90 @@
+"""Wander: how the yarns of a cloth differ from one another and along themselves: girth, place and twist.
+
+All that varies repeats after a period of the cloth; the variants of a period differ inside and agree at its border.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.matter.cloth.yarn import Yarn
+
+WAVES = 1, 2, 3, 5  # per period, of all that varies along a yarn
+SLUB = 0.33, 2.0  # of the girth; length in diameters
+TWIST = 0.3  # rad by which twist runs ahead or behind, standard deviation
+
+
+class Wander(NamedTuple):
+    """Of yarns at equal steps along them, (variants, yarns, steps): girth of the diameter, place to the side of its
+    standard deviation, phase [rad].
+    """
+
+    girth: NDArray[np.float64]
+    aside: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+
+def wander(yarn: Yarn, free: NDArray, length: float, variants: int, draws: tuple[np.random.Generator, ...]) -> Wander:
+    """What yarns of `length` [mm] do. free: (yarns, steps), 0 where variants agree to 1 where they differ wholly.
+
+    draws: a generator for what all variants share and one for what is theirs.
+    """
+    shared, own = draws
+    yarns, steps = free.shape
+    way = np.arange(steps) / steps
+
+    def varied() -> NDArray:
+        both = _waves(shared, yarns, way) + np.zeros((variants, 1, 1))
+        return np.sqrt(1.0 - 0.5 * free**2) * both + np.sqrt(0.5) * free * np.stack(
+            [_waves(own, yarns, way) for _ in range(variants)]
+        )
+
+    girth, aside, phase = 1.0 + yarn.uneven * varied(), varied(), TWIST * varied()
+    for each, inner in zip(girth.reshape(-1, steps), np.tile(free, (variants, 1)), strict=True):
+        for _ in range(own.poisson(0.1 * yarn.slubs_per_cm * length)):
+            away = (way - own.random() + 0.5) % 1.0 - 0.5
+            each += SLUB[0] * np.exp(-((away * length / (SLUB[1] * yarn.diameter_mm)) ** 2)) * inner
+    start = 2.0 * np.pi * shared.random((yarns, 1))
+    return Wander(girth / np.sqrt((girth**2).mean()), aside, phase + start)
+
+
+def freedom(points: NDArray, period: tuple[float, float], margin: float) -> NDArray:
+    """0 within `margin` [mm] of the border of the period, rising to 1 twice as far inside: of points (…, 3)."""
+    away = np.minimum(points[..., :2] % period, -points[..., :2] % period).min(axis=-1)
+    share = np.clip((away - margin) / margin, 0.0, 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+def wandered(base: NDArray, beside: NDArray, varied: Wander, turns: int, count: int) -> dict[str, NDArray]:
+    """Yarns at `count` equal steps of their own length: points, girth, phase [rad] and way (0 to 1 along the base).
+
+    base: paths (yarns, n + 1, 3) whose last point begins the next period [mm]; beside: how they are moved aside, of
+    the same shape [mm]; turns: of the twist. Where variants have the same path they have the same phase and way.
+    """
+    rows = []
+    for girth, aside, phase in zip(*varied, strict=True):  # of a variant
+        for k, path in enumerate(base):
+            way = length_along(path) / length_along(path)[-1]
+            moved = path + beside[k] * np.append(aside[k], aside[k, 0])[:, None]
+            turned = np.append(phase[k], phase[k, 0]) + 2.0 * np.pi * turns * way
+            table = np.column_stack([moved, np.append(girth[k], girth[k, 0]), turned, way])
+            length = length_along(moved)
+            at = np.arange(count) * (length[-1] / count)
+            rows.append(np.stack([np.interp(at, length, column) for column in table.T], axis=-1))
+    found = np.array(rows).reshape(len(varied.girth), len(base), count, -1)
+    return {"points": found[..., :3], "girth": found[..., 3], "phase": found[..., 4], "way": found[..., 5]}
+
+
+def length_along(path: NDArray) -> NDArray[np.float64]:
+    """Length of a path (n, 3) up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+
+
+def _waves(draw: np.random.Generator, yarns: int, way: NDArray) -> NDArray:
+    """Sums of waves of random phase, mean 0 and variance 1 along every yarn: (yarns, steps)."""
+    phase = draw.random((len(WAVES), yarns, 1))
+    turns = np.array(WAVES)[:, None, None] * way
+    return np.sqrt(2.0 / len(WAVES)) * np.sin(2.0 * np.pi * (turns + phase)).sum(axis=0)

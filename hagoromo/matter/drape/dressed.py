@@ -1,0 +1,58 @@
+"""Dressed: clothes put on a figure one after the other; each lies on the body and on those before it. All in mm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays
+from hagoromo.matter.drape.collider import Collider
+from hagoromo.matter.drape.cut import Cut
+from hagoromo.matter.drape.settle import Fabric, Fall, settled
+from hagoromo.matter.drape.sheet import Sheet
+from hagoromo.matter.shape import Shape
+
+ROOM = (-75.0, -85.0, -4.0), (75.0, 75.0, 275.0)  # corners of the space in which a figure is dressed
+LATTICE = 1.5
+DENSE = 1.2  # between the points of the sheets that are sought
+DEEP = 7.0  # how far beneath the outer side of a cloth is still inside
+
+
+def put_on(cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall) -> list[Sheet]:
+    """The cuts at rest on a figure; the layer of a cut is the number of its body."""
+    return settled(cuts, Collider(bodies, *ROOM, LATTICE), fabric, fall)
+
+
+def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
+    """`body` and all that lies less than DEEP beneath the upper side of the sheets, as one solid."""
+    from scipy.spatial import KDTree
+
+    points, normals = (np.concatenate(parts) for parts in zip(*(_samples(sheet) for sheet in sheets), strict=True))
+    tree, kinds = KDTree(points), arrays()
+
+    def shape(point: Any) -> Any:
+        asked = np.array(point, np.float64).T
+        far, nearest = tree.query(asked, distance_upper_bound=DEEP, workers=-1)
+        found = np.isfinite(far)
+        nearest = np.where(found, nearest, 0)
+        above = np.einsum("ij,ij->i", asked - points[nearest], normals[nearest]) > 0
+        # the reach of the search stands for what was not found: the body itself tells about the inside
+        cloth = kinds.Float(np.where(found, np.where(above, far, -far), DEEP).astype(np.float32))
+        return dr.fmin(body(point), cloth)
+
+    return shape
+
+
+def _samples(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a sheet and their upper sides, (n, 3) each."""
+    points = sheet.refined(max(1, round(sheet.spacing / DENSE))).points
+    if sheet.around:
+        wrapped = np.concatenate([points[:, -1:], points, points[:, :1]], axis=1)
+        across = np.gradient(wrapped, axis=1)[:, 1:-1]
+    else:
+        across = np.gradient(points, axis=1)
+    normal = np.cross(across, np.gradient(points, axis=0)).reshape(-1, 3)
+    return points.reshape(-1, 3), normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)

@@ -1,0 +1,1 @@
+"""Feather: shafts, barbs, barbules and down; wings of many feathers."""

@@ -1,0 +1,148 @@
+"""Barb: the branches of a feather (rami), where they are on its vanes, and where they have come apart. All in mm."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from hagoromo.backend import arrays, clip
+from hagoromo.matter.feather.rod import rod
+from hagoromo.matter.noise import gradient_noise, random
+
+SPREAD = 0.4  # share of the way between splits over which barbs are pushed together beside one
+THIN = 0.6  # share of its width that a barb loses from the shaft to the edge
+
+
+class Barbs(NamedTuple):
+    """The barbs of a pennaceous vane.
+
+    per_mm: along the shaft. outer_deg, inner_deg: between shaft and barbs, where they leave it, on the outer and inner
+    vane; curl_deg: by how much they have turned towards the tip at the edge; steepen: how many times as steep they run
+    at the tip of the feather. width_mm, height_mm: of their section. splits_per_cm: places where hooks have let go;
+    split_mm: how wide these gape at the edge at most. ragged_mm: by how much barbs differ in length. waver: how far
+    they run off their line, slowly, as a share of their distance.
+    Orders of size: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
+    """
+
+    per_mm: float = 2.2
+    outer_deg: float = 28.0
+    inner_deg: float = 44.0
+    curl_deg: float = 12.0
+    steepen: float = 1.8
+    width_mm: float = 0.05
+    height_mm: float = 0.16
+    splits_per_cm: float = 0.35
+    split_mm: float = 1.6
+    ragged_mm: float = 0.2
+    waver: float = 0.35
+
+
+class Barb(NamedTuple):
+    """The barb nearest to a place on a vane.
+
+    number: of the barb. start: where on the shaft the line of barbs through the place begins [mm]. beside: distance
+    from the barb, above 0 towards the tip. spacing: distance between barbs here. out: distance from the shaft.
+    along, aside: unit (across, along) directions of the barb, outwards, and beside it, towards the tip.
+    gap: above 0 where barbs have come apart [mm].
+    """
+
+    number: Any
+    start: Any
+    beside: Any
+    spacing: Any
+    out: Any
+    along: Any
+    aside: Any
+    gap: Any
+
+
+def barb_at(across: Any, along: Any, plume: Any, barbs: Barbs, seed: Any) -> Barb:
+    """The barb at a place of a feather with the form `plume`."""
+    kinds = arrays()
+    inner = across >= 0
+    out, half = abs(across), dr.select(inner, kinds.Float(plume.inner_mm), plume.outer_mm)
+    begin, bend = _slopes(barbs, inner)
+    reach = out * (begin + 0.5 * bend * out / half)  # along the shaft from a barb's foot, at the foot of the vane
+    more = (barbs.steepen - 1.0) / plume.length_mm
+    start = (along - reach) / (1.0 + more * reach)
+    if barbs.waver > 0:
+        place = kinds.Array3f(across * 0.23, along * 0.17, dr.select(inner, 0.5, 7.5))
+        start = start + gradient_noise(place, seed) * (barbs.waver / barbs.per_mm)
+    slope = (begin + bend * out / half) * (1.0 + more * start)
+    sine = dr.rsqrt(1.0 + slope * slope)
+    place, squeezed, gap = _parted(start, out / half, inner, barbs, seed)
+    number = dr.floor(place * barbs.per_mm)
+    wide = (1.0 + more * reach) * sine * squeezed  # across the barbs per mm along the shaft
+    beside = (place - (number + 0.5) / barbs.per_mm) * wide
+    side = dr.select(inner, kinds.Float(1.0), -1.0)
+    tangent = kinds.Array2f(side * sine, slope * sine)
+    aside = kinds.Array2f(-side * slope * sine, sine)
+    return Barb(number, start, beside, wide / barbs.per_mm, out, tangent, aside, gap * wide)
+
+
+def barb_density(barb: Barb, height: Any, share: Any, barbs: Barbs, softness: float) -> Any:
+    """Density of the barbs themselves; share: of the way to the edge of the vane. Their upper edge is at height 0."""
+    radius, tall = section(share, barbs)
+    return rod(barb.beside, height + tall + radius, radius, tall, softness)
+
+
+def barb_area(share: Any, barbs: Barbs) -> Any:
+    """Area of a barb's section [mm²] at a share of the way to the edge."""
+    radius, tall = section(share, barbs)
+    return radius * (math.pi * radius + 4.0 * tall)
+
+
+def section(share: Any, barbs: Barbs) -> tuple[Any, Any]:
+    """Radius, and half the height by which the disc is drawn out."""
+    radius = 0.5 * barbs.width_mm * (1.0 - THIN * share)
+    return radius, 0.5 * (barbs.height_mm - barbs.width_mm) * (1.0 - THIN * share)
+
+
+def way_along(out: Any, start: Any, inner: Any, plume: Any, barbs: Barbs) -> Any:
+    """Length of a barb from its foot to the distance `out` from the shaft (Simpson's rule)."""
+    begin, bend = _slopes(barbs, inner)
+    half = dr.select(inner, arrays().Float(plume.inner_mm), plume.outer_mm)
+    steep = 1.0 + (barbs.steepen - 1.0) / plume.length_mm * start
+
+    def rate(at: Any) -> Any:
+        return dr.sqrt(1.0 + dr.square((begin + bend * at / half) * steep))
+
+    return out * (1.0 / 6.0) * (rate(0.0 * out) + 4.0 * rate(0.5 * out) + rate(out))
+
+
+def nominal_spacing(barbs: Barbs) -> float:
+    """Distance between barbs at the foot of the inner vane [mm]."""
+    return math.sin(math.radians(barbs.inner_deg)) / barbs.per_mm
+
+
+def _slopes(barbs: Barbs, inner: Any) -> tuple[Any, Any]:
+    """Slope of the barbs (along / across) at the shaft, and by how much it has grown at the edge."""
+    kinds, found = arrays(), []
+    for degrees in (barbs.outer_deg, barbs.inner_deg):
+        foot, edge = (1.0 / math.tan(math.radians(angle)) for angle in (degrees, degrees - barbs.curl_deg))
+        found.append((foot, edge - foot))
+    (outer, outer_more), (own, own_more) = found
+    return dr.select(inner, kinds.Float(own), outer), dr.select(inner, kinds.Float(own_more), outer_more)
+
+
+def _parted(start: Any, share: Any, inner: Any, barbs: Barbs, seed: Any) -> tuple[Any, Any, Any]:
+    """Where barbs stood before a split pushed them aside, how closely they are pressed, and the depth in the gap."""
+    kinds = arrays()
+    if barbs.splits_per_cm <= 0:
+        return start, 1.0, 0.0 * start - 1e3
+    every = 10.0 / barbs.splits_per_cm
+    cell = dr.floor(start / every)
+    side = dr.select(inner, kinds.Int(0), 1)
+    place, wide, deep = (random((kinds.Int(cell), side, k), seed + 9) for k in range(3))
+    off = start - (cell + 0.5 + (place - 0.5) * 0.2) * every
+    zone = SPREAD * every
+    gape = dr.fmin(0.5 * barbs.split_mm, 0.5 * zone) * wide * wide
+    gape = gape * clip((share - 0.9 * deep) / (1.0 - 0.85 * deep), 0.0, 1.0)
+    far = abs(off)
+    pressed = 1.0 - gape / zone
+    was = (far - gape) / pressed
+    moved = dr.select(off < 0, -was, was) - off
+    near = (far < zone) & (far > gape)
+    return start + dr.select(near, moved, 0.0), dr.select(near, pressed, 1.0), gape - far

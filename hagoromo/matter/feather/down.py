@@ -1,0 +1,77 @@
+"""Down: loose barbs that wave freely, clad in long fine barbules that no hooks hold. All in mm."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from hagoromo.backend import arrays, clip
+from hagoromo.matter.feather.barb import Barb
+from hagoromo.matter.feather.rod import rod
+from hagoromo.matter.fill import Fineness
+from hagoromo.matter.noise import gradient_noise, random
+from hagoromo.matter.shape import unit
+
+BESIDE = (-1, 0, 1)  # barbs looked at: none waves further than to the next
+STALK = 0.03  # radius of a downy barb
+THREAD = 0.008  # width of a downy barbule (Lucas & Stettenheim 1972: threads of a few µm with nodes)
+
+
+class Down(NamedTuple):
+    """The downy foot of a vane.
+
+    share: of the vane that is downy. per_mm: barbules along a barb, on each side. barbule_mm: their length. wave_mm:
+    how long the waves of a barb are; loft_mm: how far barbs stand off the vane.
+    """
+
+    share: float = 0.12
+    per_mm: float = 30.0
+    barbule_mm: float = 1.1
+    wave_mm: float = 5.0
+    loft_mm: float = 2.0
+
+
+def fluff_at(start: Any, plume: Any, down: Down) -> Any:
+    """How downy a barb is that leaves the shaft at `start`: 1 at the foot of the vane, 0 where the vane is closed."""
+    quill = plume.length_mm * plume.quill
+    share = (start - quill) / (plume.length_mm - quill)
+    return clip((1.25 * down.share - share) / (0.5 * down.share + 1e-6), 0.0, 1.0)
+
+
+def down_density(barb: Barb, height: Any, down: Down, fineness: Fineness, seed: Any) -> tuple[Any, Any]:
+    """Density of downy barbs and their barbules, and their tangent: along the barb, beside it, up."""
+    kinds, softness = arrays(), fineness.softness
+    density, tangent = 0.0 * height, kinds.Array3f(1, 0, 0)
+    grown = dr.fmin(barb.out / (1.2 * down.loft_mm), 1.0)
+    for step in BESIDE:
+        number = kinds.Int(barb.number) + step
+        lift, own, side = random((number, 0, 3), seed + 21), barb.number * 5.3 + 5.3 * step, barb.along.x
+        place = kinds.Array3f(barb.out * (2.0 / down.wave_mm), own, side)
+        wave = gradient_noise(place, seed + 22)
+        beside = barb.beside - (step + 1.3 * wave * grown) * barb.spacing
+        sway = gradient_noise(place * kinds.Array3f(0.7, 1, 1) + 0.37, seed + 23)
+        up = height - grown * down.loft_mm * (1.4 * (lift - 0.6) + 1.2 * sway)
+        far = dr.sqrt(beside * beside + up * up + 1e-9)
+        core = rod(beside, up, STALK, 0.0, softness)
+        radial = kinds.Array3f(0.0, beside / far, up / far)
+        halo = _halo(barb, far, height, down, fineness, seed)
+        here = dr.fmax(core, halo)
+        lean = kinds.Array3f(1.0, wave * grown, sway * grown)
+        along = dr.select(core > halo, unit(lean), unit(radial + kinds.Array3f(0.5, 0, 0)))
+        tangent = dr.select(here > density, along, tangent)
+        density = dr.fmin(density + here, 1.0)
+    return density, tangent
+
+
+def _halo(barb: Barb, far: Any, height: Any, down: Down, fineness: Fineness, seed: Any) -> Any:
+    """Mean density of barbules that leave a barb to all sides, in wisps.
+
+    Threads so fine shade by their width, not by their volume: the density is such that light is lost as on opaque ones.
+    """
+    mass = 2.0 * down.per_mm * THREAD * fineness.mean_free_path_mm
+    wisp = gradient_noise(arrays().Array3f(barb.out * 1.9, barb.start * 2.3 + 3.0 * far, height * 2.1), seed + 4)
+    fade = clip(1.5 * (1.0 - far / (down.barbule_mm * (0.8 + 0.6 * wisp))), 0.0, 1.0)
+    ring = (2.0 * math.pi) * dr.sqrt(far * far + fineness.softness**2)
+    return mass / ring * fade * dr.square(1.0 + 1.2 * wisp)

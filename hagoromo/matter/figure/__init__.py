@@ -1,0 +1,1 @@
+"""Figure: an angel and a nun: bodies, hair and garments."""

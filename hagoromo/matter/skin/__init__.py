@@ -1,0 +1,1 @@
+"""Skin: scales over granules, lines and pores."""

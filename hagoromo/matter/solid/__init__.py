@@ -1,0 +1,1 @@
+"""Solid: meshes, signed distances and reliefs of photographs filled with matter."""

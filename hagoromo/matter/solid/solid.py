@@ -1,0 +1,105 @@
+"""Solid: a signed distance or a closed mesh → density with outward axis (element plane). All in mm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hagoromo.backend import arrays, lookup
+from hagoromo.files.mesh import read_mesh
+from hagoromo.matter.fill import Fineness, fill
+from hagoromo.matter.shape import Shape, coverage, distance_and_normal, unit
+from hagoromo.matter.solid.mesh_rays import MeshRays
+from hagoromo.matter.solid.mesh_repair import repaired
+from hagoromo.matter.solid.mesh_tree import MeshTree
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.plan import BoxPlan
+
+Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
+BOUNDED = 10.0  # voxels, how far distances are told when bricks are sought: more than half the diagonal of an octant
+BESIDE = 1e-3  # of half the softness: nearer to the surface its plane tells the direction across
+CREASE = math.radians(40)  # edges of a mesh sharper than this stay sharp
+
+
+def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Fineness, name: str = "solid") -> BoxPlan:
+    """A solid of density 1 within `extent`; its axis is the outward normal of the nearest surface.
+
+    Where it is thinner than two voxels its density is less than 1 there, but not 0.
+    """
+
+    def field(point: Any) -> tuple[Any, Any]:
+        distance, normal = distance_and_normal(shape, point)
+        return coverage(distance, fineness.softness), normal
+
+    return fill(field, lambda point: shape(point) - fineness.softness, extent, fineness, material, name=name)
+
+
+def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness) -> BoxPlan:
+    """What a mesh encloses, of density 1; its axis is the outward normal of the nearest surface.
+
+    What is thinner than two voxels is spread over two, its optical depth kept; both sides keep their normals.
+    """
+    soft = fineness.softness
+    extent = tuple(mesh.low - soft), tuple(mesh.high + soft)
+
+    def bound(point: Any) -> Any:
+        return mesh.distance(point, BOUNDED * fineness.voxel_mm) - 0.5 * soft
+
+    return fill(lambda point: mesh.matter(point, soft), bound, extent, fineness, material, name=mesh.name)
+
+
+class MeshSurface:
+    """The mesh in a file, `height_mm` high, that stands on z = 0 around x = y = 0: its nearest face, what is inside.
+
+    rotation_deg: turns it about x, then y, then z before. What had to be repaired is said in a warning, see `repaired`.
+    Raises `InputError` for a file that holds no mesh, or one that does not enclose a volume.
+    """
+
+    def __init__(self, path: str | Path, height_mm: float, rotation_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        mesh = repaired(read_mesh(path), str(path))
+        self.name, turn = Path(path).stem, np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
+        mesh.apply_transform(turn)
+        mesh.apply_scale(height_mm / mesh.extents[2])
+        mesh.apply_translation([*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]])
+        self.low, self.high = mesh.bounds
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        self._tree, self._rays = MeshTree(vertices, faces), MeshRays(vertices, faces)
+        self._normals = lookup(arrays().Float, _corner_normals(mesh).astype(np.float32))
+        self._planes = lookup(arrays().Float, np.asarray(mesh.face_normals, np.float32))
+
+    def matter(self, point: Any, softness: float) -> tuple[Any, Any]:
+        """Density at points [mm], and unit outward normal of the nearest surface; of any where none is near.
+
+        The density is the share of a line of length `softness` across the nearest surface that is inside: the coverage
+        of what is thick, and the thickness of what is thin spread over `softness`.
+        """
+        kinds, half = arrays(), 0.5 * softness
+        near = self._tree.nearest(point, half)
+        away = point - near.point
+        plane = dr.gather(kinds.Array3f, self._planes, near.face)
+        across = dr.select(dr.squared_norm(away) > (BESIDE * half) ** 2, unit(away), plane)
+        share = self._rays.share_inside(point - across * half, across, softness, near.found)
+        deep = self._rays.inside(point, ~near.found)
+        corners = (dr.gather(kinds.Array3f, self._normals, near.face * 3 + k) for k in range(3))
+        normal = sum((corner * near.shares[k] for k, corner in enumerate(corners)), kinds.Array3f(0))
+        return dr.select(near.found, share, dr.select(deep, 1.0, 0.0)), unit(normal)
+
+    def distance(self, point: Any, reach: float) -> Any:
+        """Distance [mm] to the mesh, `reach` at most; 0 inside."""
+        near = self._tree.nearest(point, reach)
+        far = dr.select(near.found, dr.norm(point - near.point), reach)
+        return dr.select(self._rays.inside(point), 0.0, far)
+
+
+def _corner_normals(mesh: Any) -> NDArray[np.float64]:
+    """Normals at the corners of the faces, (m, 3, 3): of the vertices, or of the faces where these meet in a CREASE."""
+    flat, corners = mesh.face_normals[:, None], mesh.vertex_normals[mesh.faces]
+    return np.where((corners * flat).sum(axis=-1, keepdims=True) > math.cos(CREASE), corners, flat)
