@@ -19,7 +19,7 @@ class Item(NamedTuple):
 
 
 def _cloth(recipe: str, title: str, yarn_mm: float, fibre_um: float, **whole: Any) -> Item:
-    """A cloth: hanging in folds, a flat patch in which yarns, and one in which fibres are seen apart."""
+    """A cloth: hanging in folds or over a ball, a flat patch in which yarns, and one in which fibres are seen apart."""
     hanging = {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": yarn_mm / 7, "variants": 2} | whole
     near = {"lay": "patch", "width_mm": 11.5, "height_mm": 11.5, "voxel_mm": yarn_mm / 14}
     nearest = {"width_mm": 1.5, "height_mm": 1.5, "voxel_mm": fibre_um / 2.5e3}
@@ -38,7 +38,7 @@ ITEMS = {
         {"size_mm": 13.0, "voxel_mm": 0.035}, {"size_mm": 1.6, "voxel_mm": 0.008},
     ),
     "linen": _cloth("linen", "Linen, plain weave", 0.34, 18.0),
-    "twill": _cloth("twill", "Wool, 2/2 twill", 0.42, 21.0),
+    "twill": _cloth("twill", "Wool, 2/2 twill", 0.42, 21.0, lay="ball", height_mm=60.0, radius_mm=13.0),
     "herringbone": _cloth("herringbone", "Wool, herringbone", 0.55, 26.0),
     "satin": _cloth("satin", "Silk, satin of eight", 0.11, 11.0, voxel_mm=0.02),
     "jacquard": _cloth("jacquard", "Jacquard block", 0.2, 13.0, voxel_mm=0.035, variants=1),

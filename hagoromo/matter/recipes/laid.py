@@ -2,6 +2,7 @@
 
 lay = "flat"      a patch, width_mm × height_mm, that stands on z = 0 and faces −y
 lay = "hanging"   the same, gathered into folds: their number, and fold_depth_mm at the hem
+lay = "ball"      the same, fallen over a ball of radius_mm on the floor z = 0
 lay = "patch"     a flat patch without a texel, all of its voxels its own: for close-ups smaller than a repeat
 
 carrier_mm: voxels of the lattice that says where the cloth is; variants: of the texel, so that its repeat is not seen.
@@ -17,6 +18,8 @@ import drjit as dr
 from hagoromo.backend import arrays
 from hagoromo.files.record import count, one_of, positive
 from hagoromo.matter.cloth.fabric import Fabric
+from hagoromo.matter.drape.drape import over_ball
+from hagoromo.matter.drape.eased import eased
 from hagoromo.matter.drape.hanging import flat, hanging
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
@@ -30,11 +33,14 @@ from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
 
 LAID: dict[str, Any] = {
-    "lay": (one_of("flat", "hanging", "patch"), "flat"), "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
-    "folds": (count, 3), "fold_depth_mm": (not_negative, 7.0), "carrier_mm": (positive, 0.8), "variants": (count, 4),
+    "lay": (one_of("flat", "hanging", "ball", "patch"), "flat"),
+    "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
+    "folds": (count, 3), "fold_depth_mm": (not_negative, 7.0), "radius_mm": (positive, 12.0),
+    "carrier_mm": (positive, 0.8), "variants": (count, 4),
 }  # fmt: skip
+NARROW = 3.0  # voxels of the carrier, of cloth: folds that are narrower cannot be told in it
 MARGIN = 2.0  # voxels of the carrier around the cloth
-HEM = 1.5  # voxels of the texel over which a hem fades
+HEM = 3.0  # voxels of the carrier over which presence falls at a hem
 
 
 def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
@@ -46,7 +52,7 @@ def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name:
         fabric.field, fabric.period_mm, fabric.heights_mm, voxel, fabric.populations, max(recipe["variants"], 1)
     )
     reach = max(abs(height) for height in fabric.heights_mm) + MARGIN * carrier
-    chart, bound, extent = sheet_chart(_sheets(recipe), reach, HEM * voxel, fabric.period_mm)
+    chart, bound, extent = sheet_chart(_sheets(recipe, NARROW * carrier), reach, HEM * carrier, fabric.period_mm)
     path = recipe.fineness.mean_free_path_mm
     return shell(chart, bound, extent, carrier, made, path, materials, name=name)
 
@@ -74,9 +80,11 @@ def _patch(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], nam
     return BoxPlan(BoxHeader(fine.voxel_mm * MM, tau, tuple(materials), pose, name=name), blocks)
 
 
-def _sheets(recipe: Recipe) -> list[Sheet]:
-    """The sheets that the cloth makes."""
+def _sheets(recipe: Recipe, narrow: float) -> list[Sheet]:
+    """The sheets that the cloth makes; folds of less than `narrow` [mm] of cloth are eased."""
     size = recipe["width_mm"], recipe["height_mm"]
     if recipe["lay"] == "hanging":
         return [hanging(size, recipe["folds"], recipe["fold_depth_mm"], recipe["seed"])]
+    if recipe["lay"] == "ball":
+        return [eased(over_ball(size, recipe["radius_mm"], recipe["seed"]), narrow)]
     return [flat(size)]
