@@ -53,11 +53,10 @@ spectra: $(READY)
 	$(BIN)/python -m hagoromo.app.studies.spectra ../shared/data --out out/spectra --force
 	$(BIN)/python -m hagoromo.app.studies.response_study ../shared/data --out out/response --force
 
-# Every picture of README and docs; figures 6 and 7 lie beside it in out/figures.
+# The figures of README and docs/figures.md (half an hour; 8 GiB); their EXR files and the report lie in out/figures.
 figures: $(READY)
 	$(BIN)/hagoromo demo --out out/figures --size full --force
-	mkdir -p docs/figures
-	cp out/figures/figures/figure_8_whole.png docs/figures/figure8.png
+	$(BIN)/python -m hagoromo.app.demo.plates out/figures docs
 
 # Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
 gallery: $(READY)
