@@ -55,7 +55,7 @@ SIZES = {
         figures=("figure_7_skin",),
     ),
     "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=0.5),
-    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=8, resolution=1.5),
+    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=4, resolution=1.0),
 }
 SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.68, "report": 0.02}  # of the time
 
