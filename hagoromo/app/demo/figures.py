@@ -61,7 +61,7 @@ FIGURES = {
     "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": ALONE}, True, (-0.3, -1.0, 0.1)),
     "figure_8_whole": Shot(
         "The angel and the nun.",
-        {"angel": (-78.0, 10.0, 10.0), "nun": (118.0, -22.0, -22.0)}, False, (0.05, -1.0, 0.1), filled=0.86,
+        {"angel": (-62.0, 14.0, 8.0), "nun": (96.0, -42.0, -24.0)}, False, (0.06, -1.0, 0.1), filled=0.9,
     ),
 }  # fmt: skip
 

@@ -20,7 +20,7 @@ from hagoromo.matter.figure.mannequin import arm, trunk
 from hagoromo.matter.figure.pose import PRAYER, Pose
 from hagoromo.matter.shape import Shape, placed
 
-WOOL, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
+WOOL, STIFF, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(5.0, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
 BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
     Row(0, 440, 235, 0.9, 2), Row(56, 375, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
@@ -30,7 +30,7 @@ WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn
 NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
 SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 104)  # from the shoulder outwards
 BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
-PANEL = 42.0, 196.0  # of the scapular, before and behind
+PANEL = 42.0, 168.0  # of the scapular, before and behind
 OUTWARDS = 0.16  # how steeply it begins over the skirt
 COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
@@ -50,7 +50,7 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     )
     band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
     worn = tunic + put_on([band], [dressed(body, tunic)], WOOL, fine)
-    worn += put_on([_panel(-1.0), _panel(1.0)], [dressed(body, worn)], WOOL, fall)
+    worn += put_on([_panel(-1.0), _panel(1.0)], [dressed(body, worn)], STIFF, fall)
     sides = (1.0, -1.0)
     cuts = [sleeve(pose, side, layer, seed + 2, SLEEVE) for layer, side in enumerate(sides)]
     worn += put_on(cuts, [_beside(dressed(body, worn), pose, side) for side in sides], WOOL, short)
