@@ -41,7 +41,7 @@ def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float],
 
 
 def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
-    """Three white point lamps: key high on the left, weak fill on the right, rim from high behind.
+    """Three white point lamps: key high on the left, weak fill beside the camera, rim from high behind.
 
     Places in units of `extent` [m] from `middle`, and irradiance there, 1 for the key.
     """
