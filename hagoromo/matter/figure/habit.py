@@ -1,4 +1,4 @@
-"""Habit: what a nun at prayer wears: a tunic with a scapular and wide sleeves, linen about the face, a veil. In mm."""
+"""Habit: what a nun at prayer wears: a tunic with wide sleeves, linen about the face, a veil. In mm."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hagoromo.matter.figure.mannequin import arm, trunk
 from hagoromo.matter.figure.pose import PRAYER, Pose
 from hagoromo.matter.shape import Shape, placed
 
-WOOL, STIFF, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(5.0, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
+WOOL, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
 BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
     Row(0, 440, 235, 0.9, 2), Row(56, 375, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
@@ -30,8 +30,6 @@ WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn
 NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
 SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 104)  # from the shoulder outwards
 BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
-PANEL = 42.0, 168.0  # of the scapular, before and behind
-OUTWARDS = 0.16  # how steeply it begins over the skirt
 COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
 COIF = 72.0, 28.0  # along the edge of the face from throat to throat, and from it backwards
@@ -42,7 +40,7 @@ PINNED = 26.0, 7.0  # of its front edge, what is drawn to the head: width and de
 
 
 def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
-    """habit: tunic, sash, scapular before and behind, left and right sleeve; linen: collar and coif; veil."""
+    """habit: tunic, sash, left and right sleeve; linen: collar and coif; veil."""
     seed, body = fall.seed, partial(trunk, pose=pose, bust=BUST, step=STEP)
     fine, short = Fall(0.7 * fall.spacing, 0.4, 1, seed), fall._replace(levels=1, seconds=SHORT)
     tunic = put_on(
@@ -50,7 +48,6 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     )
     band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
     worn = tunic + put_on([band], [dressed(body, tunic)], WOOL, fine)
-    worn += put_on([_panel(-1.0), _panel(1.0)], [dressed(body, worn)], STIFF, fall)
     sides = (1.0, -1.0)
     cuts = [sleeve(pose, side, layer, seed + 2, SLEEVE) for layer, side in enumerate(sides)]
     worn += put_on(cuts, [_beside(dressed(body, worn), pose, side) for side in sides], WOOL, short)
@@ -64,22 +61,6 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
 def _beside(body: Shape, pose: Pose, side: float) -> Shape:
     """What the sleeve of one side lies on: the body, the arm, and the plane between the sleeves."""
     return lambda p: dr.fmin(dr.fmin(body(p), arm(p, pose, side)), side * p.x - BETWEEN)
-
-
-def _panel(side: float) -> Cut:
-    """Half a scapular: side −1 before, 1 behind the figure; its upper edge lies about the neck on the shoulders."""
-    width, height = PANEL
-
-    def start(s: Place, t: Place) -> NDArray[np.floating]:
-        x, fallen = side * width * (0.5 - s), height * (1.0 - t)
-        neck = np.sqrt(np.maximum(9.0**2 - x**2, 0.0))
-        first, z = 3.5 + side * neck, 214.0 - 0.2 * np.maximum(np.abs(x) - 8.0, 0.0)
-        over = np.minimum(fallen, 24.0)  # outwards over the chest or the back, then down
-        y = first + side * (over * 0.97 + OUTWARDS * (fallen - over)) + 0.0 * x
-        down = 0.25 * over + (fallen - over)
-        return np.stack(np.broadcast_arrays(x, y, z - down), axis=-1)
-
-    return Cut(width, height, start, held=_last_row)
 
 
 def _coif(pose: Pose) -> Cut:
