@@ -196,8 +196,8 @@ def _figures(page: Page, report: Report) -> None:
     page.section(
         "Figures 6 to 8 of the paper",
         "Volume boxes filled with the measured reflectances, under three white point lamps: a key high on the left, a "
-        "weak fill beside the camera and a rim light from behind. The ground is the measured dielectric. The camera is the "
-        f"same, with a binning of {size['figure_binning']} and {size['figure_samples']} rays a pixel. Light is "
+        "weak fill beside the camera and a rim light from behind. The ground is the measured dielectric. The camera is "
+        f"the same, with a binning of {size['figure_binning']} and {size['figure_samples']} rays a pixel. Light is "
         "attenuated on its way in and on its way out, and scattered once. The pictures show what the CIE 1931 observer "
         "sees; the EXR files beside them hold the camera's values and the weights.",
     )
