@@ -84,14 +84,15 @@ def test_one_seed_one_result_and_axes_are_unit(name):
 
 
 def test_a_solid_has_its_volume_and_outward_axes():
-    """A ball 30 voxels across: soft edges enlarge it by h²/r² = 0.4 %."""
+    """A ball 30 voxels across: soft edges enlarge it by h²/r² = 0.4 %; axes are kept to 0.05° and 0.2 % of length."""
     box = build({"kind": "solid", "shape": BALL | {"radius_mm": 7.5}, "voxel_mm": 0.5, "material": MATERIAL})
     density, axis = dense(box)
     assert density.sum() * 0.5**3 == pytest.approx(4 / 3 * np.pi * 7.5**3, rel=0.01)
     offset = places(box) - (0.0, 0.0, 7.5)
     surface = (density > 0.05) & (density < 0.95)
-    outward = (axis * offset).sum(axis=-1)[surface] / np.linalg.norm(offset, axis=-1)[surface]
-    assert outward.min() > 0.9999
+    lengths = np.linalg.norm(axis, axis=-1)[surface]
+    outward = (axis * offset).sum(axis=-1)[surface] / np.linalg.norm(offset, axis=-1)[surface] / lengths
+    assert outward.min() > 0.9999 and lengths == pytest.approx(1.0, abs=2e-3)
 
 
 def test_a_recipe_file_is_built_like_its_tables(tmp_path):
@@ -116,7 +117,8 @@ def test_a_recipe_file_is_built_like_its_tables(tmp_path):
         ({"voxel_mm": -0.1}, "voxel_mm must be a number above 0"),
         ({"voxel_mm": 1e-4}, "too fine"),
         ({"warp": {"diameter_mm": float("nan")}}, "diameter_mm must be"),
-        ({"warp": {"diameter_mm": 5.0}}, "do not fit"),
+        ({"warp": {"diameter_mm": 5.0}}, "beyond the packing limit"),
+        ({"warp_per_cm": 60.0}, "do not fit"),
         ({"lay": "hanging", "fold_depth_mm": 900.0}, "do not fit"),
         ({"fold_depth_mm": -1.0}, "fold_depth_mm must be a number, 0 or more"),
         ({"seed": 1.5}, "seed must be a whole number"),
