@@ -7,7 +7,6 @@ Verbs import what they need when they run, so that `--help` answers at once.
 from __future__ import annotations
 
 import contextlib
-import functools
 import io
 import json
 import re
@@ -15,25 +14,23 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Literal
 
 import tyro
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
 import hagoromo
+from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import termination_as_interrupt
 from hagoromo.app.progress import progress_bar
+from hagoromo.app.verb import Force, Out, verb, verbs, wrote
 from hagoromo.errors import InputError
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
-LAMP = ("name", "to_lamp", "intensity")  # of a lamp in a capture's transforms.json
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
-Out = Annotated[Path, arg(help="where to write the result")]
-Force = Annotated[bool, arg(help="replace an existing result")]
-
-verbs, calibrations = tyro.extras.SubcommandApp(), tyro.extras.SubcommandApp()
+verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -80,34 +77,7 @@ def _one_line(message: object) -> str:
     return " ".join(str(message).split())
 
 
-def _verb(group: Any, name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a verb of `group`; parsing gives it back with its arguments, not yet run."""
-
-    def register(function: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(function)
-        def prepared(*args: Any, **kwargs: Any) -> Callable[[], None]:
-            return functools.partial(function, *args, **kwargs)
-
-        group.command(prepared, name=name or function.__name__)
-        return function
-
-    return register
-
-
-def _pictures(paths: Sequence[Path]) -> dict[str, Any]:
-    """Name → pixels; a name that two files share is given with its folder."""
-    from hagoromo.files.picture import read_picture
-
-    names = [path.name for path in paths]
-    return {path.name if names.count(path.name) == 1 else str(path): read_picture(path) for path in paths}
-
-
-def _wrote(*paths: Path) -> None:
-    for path in paths:
-        print(f"wrote {path}")
-
-
-@_verb(verbs)
+@verb(verbs)
 def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = False) -> None:
     """The paper end to end: simulated photographs, measurement, volume boxes, figures 6–8, report.html.
 
@@ -118,10 +88,10 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
 
     with progress_bar("demo") as progress:
         report = demo(out, size=size, force=force, progress=progress)
-    _wrote(report)
+    wrote(report)
 
 
-@_verb(verbs)
+@verb(verbs)
 def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
     """Scene → photographs as its camera would take them (noise, mosaic, bits), one per lamp, the truth beside them.
 
@@ -132,10 +102,10 @@ def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
 
     with progress_bar("simulate") as progress:
         folder = simulate(scene, out, force=force, progress=progress)
-    _wrote(folder)
+    wrote(folder)
 
 
-@_verb(verbs)
+@verb(verbs)
 def develop(
     photographs: Positional[tuple[Path, ...]],
     out: Out,
@@ -178,106 +148,10 @@ def develop(
     given = Given(black, white, mosaic, transfer, None, iso)
     found = develop_to(Frames(photographs, dark, flat), out, given, exposures, noise, demosaic, force)
     print("\n".join(summary(found)))
-    _wrote(out)
+    wrote(out)
 
 
-calibrate = verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
-
-
-@_verb(calibrations, "camera")
-def calibrate_camera(
-    photographs: Positional[tuple[Path, ...]],
-    out: Out,
-    board: str,
-    square: float,
-    marker: float = 0.0,
-    dictionary: str = "4X4_50",
-    coefficients: Literal[0, 2, 4, 5, 8] = 5,
-    square_pixels: bool = False,
-    window: int | None = None,
-    force: Force = False,
-) -> None:
-    """Photographs of a board → intrinsics, distortion, their standard deviations, rms, a plot of the residuals beside.
-
-    Args:
-        photographs: PNG, JPEG or TIFF, all of one size, three or more.
-        board: inner corners, columns x rows, such as 9x6.
-        square: side of a square [m].
-        marker: side of a marker [m] of a ChArUco board; 0 for a chessboard.
-        dictionary: OpenCV's name of the markers.
-        coefficients: of the lens, fitted: none, k1 k2, p1 p2 too, k3 too, k4 k5 k6 too.
-        square_pixels: one focal length for both axes.
-        window: half side [px] of the search for a corner (default: a third of the smallest square).
-    """
-    from hagoromo.app.calibrate_camera import calibrate_to, parse_board
-
-    target = parse_board(board, square, marker, dictionary, window)
-    found, written = calibrate_to(_pictures(photographs), target, out, coefficients, square_pixels, force)
-    print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
-    for axis, value in zip("xy", found.camera.focal, strict=True):
-        print(f"focal length {axis} {value:.2f} ± {found.standard_deviation[f'fl_{axis}']:.2f} px")
-    for name in found.outliers:
-        print(f"{name}: rms {found.boards[name]:.3f} px, far above the others: look at it, or leave it out")
-    _wrote(*written)
-
-
-@_verb(calibrations, "lamps")
-def calibrate_lamps(
-    photographs: Positional[tuple[Path, ...]], mask: Path, out: Out, camera: Path | None = None, force: Force = False
-) -> None:
-    """Photographs of a chrome ball, one lamp on in each → where the lamps stand, one each.
-
-    Args:
-        photographs: PNG or JPEG, one per lamp, all from one place.
-        mask: picture that is white on the ball and black elsewhere.
-        camera: camera.json of `calibrate camera`, or OpenCV's YAML; without it the view is taken for orthographic.
-    """
-    from hagoromo.camera.camera_file import read_camera
-    from hagoromo.files.picture import read_picture
-    from hagoromo.files.record import write_json
-    from hagoromo.files.whole import whole_file
-    from hagoromo.photograph.lamps import calibrate_lamps
-
-    with whole_file(out, force) as partial, progress_bar("calibrate lamps") as progress:
-        lens = None if camera is None else read_camera(camera)
-        ball, readings = calibrate_lamps(_pictures(photographs), read_picture(mask), lens, progress)
-        records = [reading.record() for reading in readings]
-        lamps = [{key: record[key] for key in LAMP} for record in records]  # as a capture lists them
-        shape = {"centre_px": ball.centre, "radius_px": ball.radius, "rms_px": ball.rms}
-        write_json(partial, {"lamps": lamps, "ball": shape, "readings": records})
-    for reading in readings:
-        x, y, z = reading.to_lamp
-        print(f"{reading.name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {reading.standard_error_deg:.2f}°")
-    _wrote(out)
-
-
-@_verb(calibrations, "response")
-def calibrate_response(
-    sources: Positional[tuple[Path, ...]],
-    out: Out,
-    lamp: tuple[str, ...] = (),
-    chart: str = "BabelColor Average",
-    corners: tuple[float, ...] = (),
-    force: Force = False,
-) -> None:
-    """Known spectra and what the camera read of them, or photographs of a chart → spectral sensitivities.
-
-    Args:
-        sources: CSV of pairs, a row per spectrum: its values in columns named by wavelength [nm], the readings in the
-            others; or linear photographs of a chart of 24 patches: developed EXR, or 16-bit PNG of one exposure.
-        lamp: spectrum of the lamp of each photograph, a name or CSV, all in one unit.
-        chart: spectra of the patches: a chart of colour-science, or a CSV with a column per patch.
-        corners: x y of the chart's corners [px], clockwise from the first patch's, where the chart is not found.
-    """
-    from hagoromo.app.calibrate_response import ChartSetting, calibrate_response_to
-
-    found, paths = calibrate_response_to(sources, ChartSetting(chart, lamp, corners), out, force)
-    for channel, residual, noise in zip(found.response.channels, found.residual, found.noise, strict=True):
-        print(f"{channel}: residual {100 * residual:.2f} % of the mean reading, noise {100 * noise:.2f} %")
-    _wrote(*paths)
-
-
-@_verb(verbs)
+@verb(verbs)
 def convert(
     cameras: Positional[Path],
     out: Out,
@@ -295,10 +169,10 @@ def convert(
     from hagoromo.app.convert import convert
 
     print(convert(cameras, out, to, images, force))
-    _wrote(out)
+    wrote(out)
 
 
-@_verb(verbs)
+@verb(verbs)
 def measure(
     capture: Positional[Path], out: Out, n: float | None = None, distance: float | None = None, force: Force = False
 ) -> None:
@@ -316,10 +190,10 @@ def measure(
     for material in measured.materials:
         known = [name for name, told in material.identifiable.items() if told]
         print(f"{material.name}: {material.pixels} pixels, told by the photographs: {', '.join(known) or 'nothing'}")
-    _wrote(out / "report.html")
+    wrote(out / "report.html")
 
 
-@_verb(verbs)
+@verb(verbs)
 def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
     """Recipe of matter (shape, micro-structure, material) → volume box, which may be larger than the memory.
 
@@ -334,10 +208,10 @@ def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
     with progress_bar("build") as progress:
         build_to(recipe, out, force, progress)
     print(look_at_box(out))
-    _wrote(out)
+    wrote(out)
 
 
-@_verb(verbs)
+@verb(verbs)
 def render(
     scene: Positional[Path],
     out: Out,
@@ -356,10 +230,10 @@ def render(
 
     with progress_bar("render") as progress:
         paths = render_scene(scene, out, mode, force, tolerance, progress)
-    _wrote(*paths)
+    wrote(*paths)
 
 
-@_verb(verbs)
+@verb(verbs)
 def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None) -> None:
     """Two images → JSON on standard output: psnr, ssim, delta_e_2000, relative_rmse.
 
@@ -373,7 +247,7 @@ def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None) 
     print(json.dumps(compare(a, b, mask)))
 
 
-@_verb(verbs)
+@verb(verbs)
 def info(file: Positional[Path]) -> None:
     """What is in a file or folder.
 
