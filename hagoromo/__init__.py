@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from hagoromo.photograph.exposure import read_exposure as read_exposure
     from hagoromo.photograph.gather import gather as gather
     from hagoromo.photograph.photograph import Photograph as Photograph
-    from hagoromo.reflectance.materials_file import read_materials as read_materials
-    from hagoromo.reflectance.measure import measure as measure
+    from hagoromo.reflectance.material.materials_file import read_materials as read_materials
+    from hagoromo.reflectance.material.measure import measure as measure
     from hagoromo.reflectance.reflectance import Reflectance as Reflectance
     from hagoromo.reflectance.reflectance_prior import ReflectancePrior as ReflectancePrior
     from hagoromo.reflectance.spectrum_estimate import Reading as Reading
@@ -77,8 +77,8 @@ HOMES = {
     "save_capture": "photograph.capture",
     "gather": "photograph.gather",
     "Reflectance": "reflectance.reflectance",
-    "measure": "reflectance.measure",
-    "read_materials": "reflectance.materials_file",
+    "measure": "reflectance.material.measure",
+    "read_materials": "reflectance.material.materials_file",
     "Reading": "reflectance.spectrum_estimate",
     "ReflectancePrior": "reflectance.reflectance_prior",
     "SpectrumEstimate": "reflectance.spectrum_estimate",

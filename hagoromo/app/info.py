@@ -171,7 +171,7 @@ def _cameras(path: Path) -> Facts:
 
 
 def _materials(path: Path) -> Facts:
-    from hagoromo.reflectance.materials_file import read_materials
+    from hagoromo.reflectance.material.materials_file import read_materials
 
     return {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL}} for m in read_materials(path)}
 

@@ -18,7 +18,7 @@ from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.stillness import moved
 from hagoromo.reflectance.depth import points_from_normals
 from hagoromo.reflectance.gloss_estimate import measurement_of
-from hagoromo.reflectance.measure import Measurement, fill_measurement, measure
+from hagoromo.reflectance.material.measure import Measurement, fill_measurement, measure
 from hagoromo.reflectance.normals import solve_normals
 
 Progress = Callable[[float, str], None]

@@ -16,8 +16,8 @@ from hagoromo.app.page import Page, image
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.material_estimate import PARAMETERS, MaterialEstimate
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.material.measure import Measurement
 
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 

@@ -48,7 +48,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.matter.build import build
 from hagoromo.photograph.transforms import lamp_from_record, sensor_from_record
-from hagoromo.reflectance.material_table import reflectance_from_table
+from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store import load_box
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.material_estimate import MaterialEstimate
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.measure import Measurement
+from hagoromo.reflectance.material.quantity import log_albedo, theta_of
 from hagoromo.reflectance.normals import NormalMap
 from hagoromo.reflectance.photometric_model import Fit, predicted
-from hagoromo.reflectance.quantity import log_albedo, theta_of
 from hagoromo.reflectance.robust_fit import N_RANGE
 from hagoromo.reflectance.shading import N
 from hagoromo.reflectance.views import Array

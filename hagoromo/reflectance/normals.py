@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.photograph.capture import Capture
+from hagoromo.reflectance.material.segment import segment
 from hagoromo.reflectance.photometric_fit import photometric_fit
 from hagoromo.reflectance.photometric_model import Fit
 from hagoromo.reflectance.photometric_step import Prior
 from hagoromo.reflectance.pixel_fit import CAUCHY
-from hagoromo.reflectance.segment import segment
 from hagoromo.reflectance.shading import GRAZING, Gloss
 from hagoromo.reflectance.views import Array, Views, views
 

@@ -19,7 +19,7 @@ from hagoromo.image.image import read_image
 from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture
-from hagoromo.reflectance.materials_file import read_materials
+from hagoromo.reflectance.material.materials_file import read_materials
 
 
 @pytest.fixture(scope="module")

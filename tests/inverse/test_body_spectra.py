@@ -13,8 +13,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.material_estimate import MaterialEstimate
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.prior_spectra import WAVELENGTHS, surfaces
 from hagoromo.reflectance.spectrum_estimate import reading_matrix
 

@@ -16,12 +16,12 @@ from hagoromo.files.record import read_json, write_json
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.materials_file import read_materials, write_materials
-from hagoromo.reflectance.measure import measure, write_measurement
+from hagoromo.reflectance.material.materials_file import read_materials, write_materials
+from hagoromo.reflectance.material.measure import measure, write_measurement
+from hagoromo.reflectance.material.quantity import theta_of
+from hagoromo.reflectance.material.segment import segment
 from hagoromo.reflectance.observations import Pixels, known_shape, observations
-from hagoromo.reflectance.quantity import theta_of
 from hagoromo.reflectance.robust_fit import Loss, Objective
-from hagoromo.reflectance.segment import segment
 from hagoromo.reflectance.sight import sight
 from tests.inverse.simulated_ball import LAMPS, Truth, simulate
 

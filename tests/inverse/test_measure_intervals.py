@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hagoromo.reflectance.lamp_colour import lamp_colour
-from hagoromo.reflectance.measure import measure
+from hagoromo.reflectance.material.lamp_colour import lamp_colour
+from hagoromo.reflectance.material.measure import measure
 from tests.inverse.simulated_ball import Truth, simulate
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")

@@ -25,7 +25,7 @@ from hagoromo.image.render import Settings, render
 from hagoromo.image.simulate import seen_shape, simulate
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture, save_capture
-from hagoromo.reflectance.measure import fill_measurement, measure
+from hagoromo.reflectance.material.measure import fill_measurement, measure
 
 LAMPS_MEASURED = 3  # of the bench's lamps; the last is kept aside
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import Response, camera_response, white
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.material_estimate import PARAMETERS, MaterialEstimate
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.reflectance import Reflectance
 
 COVERAGE = 0.95

@@ -23,7 +23,7 @@ from hagoromo.image.image import Image
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.reflectance import Reflectance
 
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}

@@ -10,9 +10,9 @@ from hagoromo.app.plots import COLOURS
 from hagoromo.camera.response import Response
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.measure import Measurement
+from hagoromo.reflectance.material.segment import interior
 from hagoromo.reflectance.observations import Pixels, known_shape, native
-from hagoromo.reflectance.segment import interior
 from hagoromo.reflectance.sight import sight
 
 FULL_COLOUR = 5.0  # standard deviations at which a residual is fully red or blue

@@ -19,7 +19,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.relief import Relief, relief_boxes
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.gloss_estimate import measurement_of
-from hagoromo.reflectance.measure import Measurement
+from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.normals import NormalMap, least_squares_lambert, solve_normals
 from hagoromo.reflectance.rig import AFTER_RIG, flat_fielded
 from hagoromo.reflectance.views import Array, views

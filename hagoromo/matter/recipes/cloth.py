@@ -23,7 +23,7 @@ from hagoromo.matter.cloth.weave import LINEN, Woven, check_woven
 from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.recipes.laid import LAID, laid
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, with_defaults
-from hagoromo.reflectance.material_table import reflectance_from_table
+from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.plan import BoxPlan
 

@@ -24,7 +24,7 @@ from hagoromo.files.record import (
 )
 from hagoromo.files.whole import whole_file
 from hagoromo.reflectance.element import ELEMENTS
-from hagoromo.reflectance.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 
 ESTIMATED = (*PARAMETERS, "specular_albedo", "body_colour")
 MATERIAL = {

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from hagoromo.reflectance.material_fit import MaterialFit, inverse_over
-from hagoromo.reflectance.quantity import Quantity, coordinate
+from hagoromo.reflectance.material.material_fit import MaterialFit, inverse_over
+from hagoromo.reflectance.material.quantity import Quantity, coordinate
 from hagoromo.reflectance.robust_fit import N_RANGE, at_bound, minimise
 from hagoromo.reflectance.sight import Array
 

@@ -20,15 +20,15 @@ from hagoromo.files.png import write_png
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.estimate import estimate_material
-from hagoromo.reflectance.lamp_colour import LampColour, lamp_colour
-from hagoromo.reflectance.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material_fit import expected
-from hagoromo.reflectance.materials_file import write_materials
+from hagoromo.reflectance.material.estimate import estimate_material
+from hagoromo.reflectance.material.lamp_colour import LampColour, lamp_colour
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.material_fit import expected
+from hagoromo.reflectance.material.materials_file import write_materials
+from hagoromo.reflectance.material.quantity import theta_of
+from hagoromo.reflectance.material.segment import interior, segment
 from hagoromo.reflectance.observations import Pixels, known_shape, observations, shape
-from hagoromo.reflectance.quantity import theta_of
 from hagoromo.reflectance.robust_fit import N_RANGE
-from hagoromo.reflectance.segment import interior, segment
 from hagoromo.reflectance.sight import sight
 
 SEED = 0  # of the choice of pixels; the same capture gives the same measurement

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.reflectance.interval import Profile, inflation, interval, interval_of_n, profile_over_n
-from hagoromo.reflectance.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material_fit import (
+from hagoromo.reflectance.material.interval import Profile, inflation, interval, interval_of_n, profile_over_n
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.material_fit import (
     START_GAMMA,
     MaterialFit,
     Residuals,
@@ -23,8 +23,7 @@ from hagoromo.reflectance.material_fit import (
     inverse_over,
     with_colour_error,
 )
-from hagoromo.reflectance.observations import Observations
-from hagoromo.reflectance.quantity import (
+from hagoromo.reflectance.material.quantity import (
     Quantity,
     albedo_per_strength,
     alpha,
@@ -33,6 +32,7 @@ from hagoromo.reflectance.quantity import (
     log_albedo,
     log_beta,
 )
+from hagoromo.reflectance.observations import Observations
 from hagoromo.reflectance.robust_fit import GAMMA_RANGE, N_RANGE, minimise
 from hagoromo.reflectance.sight import Array
 

@@ -16,9 +16,9 @@ from scipy.optimize import least_squares
 
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
+from hagoromo.reflectance.material.segment import interior
 from hagoromo.reflectance.observations import Pixels, known_shape, noise_gain, stratified
 from hagoromo.reflectance.robust_fit import HUBER, Loss
-from hagoromo.reflectance.segment import interior
 from hagoromo.reflectance.sight import Array, sight
 
 MOST_PIXELS = 3000  # of a material

@@ -10,7 +10,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import anything, inside, one_of, take, text
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS
-from hagoromo.reflectance.materials_file import read_materials
+from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 
 MEASURED = {
