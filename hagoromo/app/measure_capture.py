@@ -16,10 +16,10 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.stillness import moved
-from hagoromo.reflectance.depth import points_from_normals
-from hagoromo.reflectance.gloss_estimate import measurement_of
 from hagoromo.reflectance.material.measure import Measurement, fill_measurement, measure
-from hagoromo.reflectance.normals import solve_normals
+from hagoromo.reflectance.photometric.depth import points_from_normals
+from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
+from hagoromo.reflectance.photometric.normals import solve_normals
 
 Progress = Callable[[float, str], None]
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from hagoromo.light.colour import srgb_decode
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.normals import robust_lambert, solve_fit
-from hagoromo.reflectance.photometric_model import predicted
-from hagoromo.reflectance.photometric_step import Prior
-from hagoromo.reflectance.views import Array, Views, views
+from hagoromo.reflectance.photometric.model import predicted
+from hagoromo.reflectance.photometric.normals import robust_lambert, solve_fit
+from hagoromo.reflectance.photometric.step import Prior
+from hagoromo.reflectance.photometric.views import Array, Views, views
 
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
 PIXELS = 2000  # of each object that are fitted

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.cast_shadow import lit_share
-from hagoromo.reflectance.depth import points_from_normals
-from hagoromo.reflectance.normals import NormalMap, least_squares_fit, solve_normals
-from hagoromo.reflectance.relight import disagreement, forecast
-from hagoromo.reflectance.rig import AFTER_RIG
-from hagoromo.reflectance.views import Array, Views, views
+from hagoromo.reflectance.photometric.cast_shadow import lit_share
+from hagoromo.reflectance.photometric.depth import points_from_normals
+from hagoromo.reflectance.photometric.normals import NormalMap, least_squares_fit, solve_normals
+from hagoromo.reflectance.photometric.relight import disagreement, forecast
+from hagoromo.reflectance.photometric.rig import AFTER_RIG
+from hagoromo.reflectance.photometric.views import Array, Views, views
 
 METHODS = {
     "lambert": "Lambert, plain least squares",

@@ -18,11 +18,11 @@ from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.relief import Relief, relief_boxes
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.gloss_estimate import measurement_of
 from hagoromo.reflectance.material.measure import Measurement
-from hagoromo.reflectance.normals import NormalMap, least_squares_lambert, solve_normals
-from hagoromo.reflectance.rig import AFTER_RIG, flat_fielded
-from hagoromo.reflectance.views import Array, views
+from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
+from hagoromo.reflectance.photometric.normals import NormalMap, least_squares_lambert, solve_normals
+from hagoromo.reflectance.photometric.rig import AFTER_RIG, flat_fielded
+from hagoromo.reflectance.photometric.views import Array, views
 
 SPHERE = "gray"  # the object whose normals are known
 SAMPLES = 4  # rays a pixel of the relief's picture

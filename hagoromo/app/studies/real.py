@@ -27,9 +27,9 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.lamps import LampReading
-from hagoromo.reflectance.normals import solve_normals
-from hagoromo.reflectance.rig import Unevenness, flat_field, unevenness
-from hagoromo.reflectance.views import Array
+from hagoromo.reflectance.photometric.normals import solve_normals
+from hagoromo.reflectance.photometric.rig import Unevenness, flat_field, unevenness
+from hagoromo.reflectance.photometric.views import Array
 
 Progress = Callable[[float, str], None]
 

@@ -20,7 +20,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.lamps import Ball, LampReading, calibrate_lamps, find_ball
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
-from hagoromo.reflectance.views import Array
+from hagoromo.reflectance.photometric.views import Array
 
 OBJECTS = ("gray", "buddha", "cat", "horse", "owl", "rock")
 LAMPS = 12

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.reflectance.shading import Gloss, shading
-from hagoromo.reflectance.views import Array, Views
+from hagoromo.reflectance.photometric.shading import Gloss, shading
+from hagoromo.reflectance.photometric.views import Array, Views
 
 
 @dataclass(frozen=True, eq=False)

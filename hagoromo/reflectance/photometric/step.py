@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hagoromo.reflectance.photometric_model import Fit, precision
-from hagoromo.reflectance.pixel_fit import CAUCHY
-from hagoromo.reflectance.shading import Gloss, Shading, shading, turned
-from hagoromo.reflectance.views import Array, Views
+from hagoromo.reflectance.photometric.model import Fit, precision
+from hagoromo.reflectance.photometric.pixel_fit import CAUCHY
+from hagoromo.reflectance.photometric.shading import Gloss, Shading, shading, turned
+from hagoromo.reflectance.photometric.views import Array, Views
 
 WIDTHS = (np.log(0.02), np.log(1.2))  # range of ln γ
 LONGEST = 0.5  # of a step in ln β, ln γ, ln ε, ln e and a

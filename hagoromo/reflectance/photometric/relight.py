@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hagoromo.reflectance.photometric_model import Fit, predicted
-from hagoromo.reflectance.views import Array, Views
+from hagoromo.reflectance.photometric.model import Fit, predicted
+from hagoromo.reflectance.photometric.views import Array, Views
 
 RANGES = np.radians([6.0, 9.0, 13.0, 18.0, 26.0, 38.0])  # candidates for the kernel's standard deviation
 NUGGETS = (0.03, 0.1, 0.3)  # variance of noise over that of the disagreement

@@ -12,11 +12,11 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.material.quantity import log_albedo, theta_of
-from hagoromo.reflectance.normals import NormalMap
-from hagoromo.reflectance.photometric_model import Fit, predicted
+from hagoromo.reflectance.photometric.model import Fit, predicted
+from hagoromo.reflectance.photometric.normals import NormalMap
+from hagoromo.reflectance.photometric.shading import N
+from hagoromo.reflectance.photometric.views import Array
 from hagoromo.reflectance.robust_fit import N_RANGE
-from hagoromo.reflectance.shading import N
-from hagoromo.reflectance.views import Array
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of a parameter that counts as told
 NORMAL_95 = 1.959964

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.reflectance.shading import GRAZING, N, flattened
+from hagoromo.reflectance.photometric.shading import GRAZING, N, flattened
+from hagoromo.reflectance.photometric.views import Array, Views
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
-from hagoromo.reflectance.views import Array, Views
 
 CAUCHY = 2.385  # standard deviations: 95 % efficient on normal errors (Holland and Welsch 1977)
 STEPS = 15

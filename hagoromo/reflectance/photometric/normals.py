@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.segment import segment
-from hagoromo.reflectance.photometric_fit import photometric_fit
-from hagoromo.reflectance.photometric_model import Fit
-from hagoromo.reflectance.photometric_step import Prior
-from hagoromo.reflectance.pixel_fit import CAUCHY
-from hagoromo.reflectance.shading import GRAZING, Gloss
-from hagoromo.reflectance.views import Array, Views, views
+from hagoromo.reflectance.photometric.fit import photometric_fit
+from hagoromo.reflectance.photometric.model import Fit
+from hagoromo.reflectance.photometric.pixel_fit import CAUCHY
+from hagoromo.reflectance.photometric.shading import GRAZING, Gloss
+from hagoromo.reflectance.photometric.step import Prior
+from hagoromo.reflectance.photometric.views import Array, Views, views
 
 START_GLOSS = (np.log(1.0), np.log(0.3), np.log(0.95))
 START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start

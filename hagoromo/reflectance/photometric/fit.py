@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hagoromo.reflectance.photometric_model import Fit, precision, predicted, size
-from hagoromo.reflectance.photometric_step import Prior, Step
-from hagoromo.reflectance.pixel_fit import Light, fit_pixels
-from hagoromo.reflectance.views import Views
+from hagoromo.reflectance.photometric.model import Fit, precision, predicted, size
+from hagoromo.reflectance.photometric.pixel_fit import Light, fit_pixels
+from hagoromo.reflectance.photometric.step import Prior, Step
+from hagoromo.reflectance.photometric.views import Views
 
 SUBSET = 2000  # pixels that gloss and lamps are estimated from
 STEPS, ROUNDS = 12, 3

@@ -13,9 +13,9 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.normals import NormalMap
-from hagoromo.reflectance.photometric_step import Prior
-from hagoromo.reflectance.views import Array
+from hagoromo.reflectance.photometric.normals import NormalMap
+from hagoromo.reflectance.photometric.step import Prior
+from hagoromo.reflectance.photometric.views import Array
 
 # By what objects of one rig differ from the mean of the others, seen on six of them.
 AFTER_RIG = Prior(strength=0.01, slope=0.03)

@@ -1,0 +1,1 @@
+"""Photometric: normals, shape and gloss from photographs of one camera under many lamps."""
