@@ -147,6 +147,7 @@ class Lighting:
         """
         palette = self.materials.palette
         channels: list[Any] = [arrays().Float(0)] * palette.channels
+        eye = within.frame.inwards(to_eye) if within else None
         for number, (where, intensity, near, group) in enumerate(self.lamps):
             to_lamp, distance, irradiance = where, math.inf, intensity
             if near:
@@ -154,12 +155,12 @@ class Lighting:
                 squared = dr.squared_norm(offset)
                 inverse = dr.rsqrt(squared)
                 to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
+            ways = (eye, within.frame.inwards(to_lamp)) if within else ()
             weights, lit = [], arrays().Bool(False)
             for element in elements:
                 body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
                 lit |= body + interface > 0.0
                 if element.scales:
-                    ways = within.frame.inwards(to_eye), within.frame.inwards(to_lamp)
                     scales = [scale.at(*ways) for scale in element.scales]
                     body, interface = (
                         dr.select(within.textured, light * scale, light)

@@ -14,10 +14,9 @@ import drjit as dr
 from hagoromo.backend import arrays
 from hagoromo.image.lighting import Lighting
 from hagoromo.volume.crossing import Cone
-from hagoromo.volume.medium import Medium, Step
+from hagoromo.volume.medium import THINNEST, Medium, Step
 
 CUT = 4e-3  # transmittance, at TOLERANCE
-THINNEST = 1e-6  # optical depth of a step below which it holds no matter
 DEEPEST = 16.0  # optical depth at which a lamp counts as hidden: exp(−16) = 1e-7
 
 

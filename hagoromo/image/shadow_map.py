@@ -19,10 +19,10 @@ from hagoromo.backend import arrays, check_entries, clip
 from hagoromo.files.door import check_memory
 from hagoromo.image.film import TILE, tile_place
 from hagoromo.image.lamp_view import view_from
-from hagoromo.image.march import THINNEST
 from hagoromo.light.lamp import Lamp
 from hagoromo.volume.crossing import Cone
-from hagoromo.volume.medium import Medium
+from hagoromo.volume.medium import THINNEST, Medium
+from hagoromo.volume.textures import HIDDEN
 
 GROUPS = 5
 KNOTS = 3 * GROUPS + 1
@@ -31,7 +31,6 @@ TOLERANCE = 0.003  # of transmittance, between knots; it doubles with each knot 
 EASY = 10
 LOOSEST = 2.0  # optical depth that a knot may be off, at most
 GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
-DEEPEST = 6.5  # optical depth where a ray ends: exp(−6.5) = 1.5e-3 of the light
 DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
 UNUSED = 0xFFFF  # a knot beyond all places, of no depth
 LAST_TICK = float(UNUSED - 1)
@@ -164,7 +163,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone:
     nothing = dr.zeros(kinds.Float, count)
     depth, reached = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
     fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
-    while crossing.unfinished(taken) & (depth < DEEPEST):
+    while crossing.unfinished(taken) & (depth < HIDDEN):
         step = medium.next(crossing, taken)
         if step.brick < 0:
             taken = crossing.leave(step, taken)
@@ -195,7 +194,7 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone:
             taken = crossing.after(step, met, clear, taken)
         taken = crossing.exchange(taken)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
-        if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < DEEPEST)):
+        if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < HIDDEN)):
             target.lay(fan.knots, reached, fan.best(reached))
 
 

@@ -7,6 +7,7 @@ point), the tangent along u, and the presence: above ½ within hems, falling eve
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,14 @@ class OnSurface:
     v: Any
     height: Any
     presence: Any
+
+    def moved(self, on: Any, way: Any, per_metre: Sequence[Any]) -> OnSurface:
+        """`on` [m] along a straight `way` (along u, v, normal) over a flat surface; periods per metre along u and v."""
+        Int = arrays().Int
+        u, v = dr.fma(on * way.x, per_metre[0], self.u), dr.fma(on * way.y, per_metre[1], self.v)
+        over_u, over_v = dr.floor(u), dr.floor(v)
+        tiles = self.tile_u + Int(over_u), self.tile_v + Int(over_v)
+        return OnSurface(*tiles, u - over_u, v - over_v, dr.fma(on, way.z, self.height), self.presence)
 
 
 @dataclass

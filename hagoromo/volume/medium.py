@@ -36,7 +36,7 @@ from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.texel import LightScale
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
-DEEPEST = 6.5  # optical depth at which a lamp counts as hidden within a texel: exp(−6.5) = 1.5e-3
+THINNEST = 1e-6  # optical depth of a step below which it holds no matter
 ABSENT = -(2**31)  # shift of a box that has no such grid
 
 
@@ -163,9 +163,7 @@ class Medium:
         """Optical depth of the texel between a sample and where light comes in, and the way to there [m]."""
         assert self.textures is not None
         way = within.frame.inwards(to_lamp)
-        deepest = DEEPEST / within.tau
-        passed, length = self.textures.through(within.box, within.level, within.here, way, stop, deepest)
-        return within.tau * passed, length
+        return self.textures.through(within.box, within.level, within.here, way, stop, within.tau)
 
     def _charted(self, step: Step) -> tuple[OnSurface, Any, Any]:
         """Where a sample in a kept brick of a box with a chart is on its surface, tangent along u and normal."""

@@ -22,6 +22,7 @@ from hagoromo.errors import InputError
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.chart import OnSurface
+from hagoromo.volume.medium import THINNEST
 from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 from hagoromo.volume.textures import STEPS, Textures
 
@@ -33,8 +34,6 @@ PART = 0.35  # optical depth of a step, at most
 DRAWN = 0.01  # how strongly scales are drawn to one factor for all directions
 LEAST, MOST = 1e-3, 10.0  # factors on densities that are looked for
 FAR = 1e3  # m
-DEEPEST = 6.5  # optical depth at which a lamp counts as hidden
-THINNEST = 1e-6  # optical depth of a step below which it holds no matter
 SEED = 1
 
 
@@ -110,25 +109,20 @@ class Layer:
         length = (texel.top - texel.bottom) / dr.abs(rays.to_eye.z)
         self.steps = dr.ceil(length / step)
         self.part = length / self.steps
-        self.start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
+        start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
+        self.face = OnSurface(rays.tile, kinds.Int(0), rays.u, rays.v, start, kinds.Float(1))
         self.per_metre = 1.0 / texel.period[0], 1.0 / texel.period[1]
-        dr.eval(self.lattice, self.steps, self.part, self.start)
+        dr.eval(self.lattice, self.steps, self.part, start)
 
     def place(self, on: Any) -> OnSurface:
         """Where the rays are `on` [m] behind the layer's face."""
-        kinds, eye = arrays(), self.rays.to_eye
-        u = dr.fma(-on * eye.x, self.per_metre[0], self.rays.u)
-        v = dr.fma(-on * eye.y, self.per_metre[1], self.rays.v)
-        over_u, over_v = dr.floor(u), dr.floor(v)
-        tiles = self.rays.tile + kinds.Int(over_u), kinds.Int(over_v)
-        return OnSurface(*tiles, u - over_u, v - over_v, dr.fma(-on, eye.z, self.start), kinds.Float(1))
+        return self.face.moved(-on, self.rays.to_eye, self.per_metre)
 
     def light(self, here: OnSurface) -> list[Any]:
         """Density times what the elements of a place send back: body and interface of every population."""
-        kinds, way = arrays(), self.rays.to_lamp
-        deepest = kinds.Float(DEEPEST / self.tau)
-        depth, _ = self.textures.through(self.box, self.row, here, way, kinds.Float(FAR), deepest)
-        arrived, found = dr.exp(-self.tau * depth), []
+        way = self.rays.to_lamp
+        depth, _ = self.textures.through(self.box, self.row, here, way, FAR, self.tau)
+        arrived, found = dr.exp(-depth), []
         densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
             unit = dr.normalize(axis + 1e-9)

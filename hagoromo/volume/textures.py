@@ -14,10 +14,11 @@ from hagoromo.backend import arrays, check_entries, clip, lookup
 from hagoromo.files.door import check_memory
 from hagoromo.volume.chart import ONE, Laid, OnSurface
 from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
-from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, packed_axis
+from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, lerp, packed_axis
 
 STEPS = 2.0  # per shortest edge of a cell
 WITHIN = 2.0  # steps of a ray from the eye, that a step to a lamp within the texel is long
+HIDDEN = 6.5  # optical depth at which a lamp counts as hidden: exp(−6.5) = 1.5e-3 of its light
 FARTHEST = 6.0  # thicknesses that light comes through a texel at most: beyond, the surface is not flat
 MOST_STEPS = 64.0
 DOUBT = 0.35  # voxels by which heights may be off where sheets are close
@@ -169,13 +170,13 @@ class Textures:
         each = [LightScale(numbers[k : k + SCALES]) for k in range(0, len(numbers), SCALES)]
         return list(zip(each[::2], each[1::2], strict=True))
 
-    def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any, deepest: Any) -> tuple[Any, Any]:
-        """Density · length [m] along a straight `way` (along u, v, normal; unit) out of the texel, and its length [m].
+    def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any, tau: Any) -> tuple[Any, Any]:
+        """Optical depth along a straight `way` (along u, v, normal; unit) out of the texel, and its length [m].
 
-        It ends at `stop` [m] if that is nearer, and is not followed beyond `deepest` [m]. The surface is taken as flat.
+        It ends at `stop` [m] if that is nearer, and is not followed beyond HIDDEN. The surface is taken as flat.
         """
         kinds, lattice = arrays(), self.lattice(box, level)
-        inverse_u, inverse_v = (dr.gather(kinds.Float, self.floats, box * 8 + k) for k in (4, 5))
+        per_metre = [dr.gather(kinds.Float, self.floats, box * 8 + k) for k in (4, 5)]
         thickness = dr.rcp(lattice.inverse)
         rising = way.z > 0
         room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
@@ -183,19 +184,15 @@ class Textures:
         step = WITHIN * dr.gather(kinds.Float, self.steps, level)
         count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_STEPS)
         length = reach / count
-        enough = deepest / length
+        enough = HIDDEN / (tau * length)
 
         def one(k: Any, passed: Any) -> tuple[Any, Any]:
-            on = (k + 0.5) * length
-            u, v = dr.fma(on, way.x * inverse_u, here.u), dr.fma(on, way.y * inverse_v, here.v)
-            over_u, over_v = dr.floor(u), dr.floor(v)
-            tiles = here.tile_u + kinds.Int(over_u), here.tile_v + kinds.Int(over_v)
-            there = OnSurface(*tiles, u - over_u, v - over_v, dr.fma(on, way.z, here.height), here.presence)
+            there = here.moved((k + 0.5) * length, way, per_metre)
             return k + 1.0, passed + self.density(lattice, there)
 
         start = kinds.Float(0), kinds.Float(0)
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
-        return passed * length, reach
+        return tau * passed * length, reach
 
     def _density(self, lattice: Lattice, corner: Corner, number: Any) -> Any:
         """Density of the population before `number`, of all together for 0."""
@@ -203,9 +200,9 @@ class Textures:
         start = corner.node + number * lattice.nodes
         for step in (0, lattice.high, next_v, next_v + lattice.high):
             pair = dr.gather(arrays().UInt, self.densities_pool, start + step)
-            rows.append(_lerp(half_value(pair << 13), half_value(pair >> 3), corner.part.z))
-        low, high = _lerp(rows[0], rows[1], corner.part.x), _lerp(rows[2], rows[3], corner.part.x)
-        return _lerp(low, high, corner.part.y) * HALF_EXPONENT
+            rows.append(lerp(half_value(pair << 13), half_value(pair >> 3), corner.part.z))
+        low, high = lerp(rows[0], rows[1], corner.part.x), lerp(rows[2], rows[3], corner.part.x)
+        return lerp(low, high, corner.part.y) * HALF_EXPONENT
 
 
 def _mixed(u: Any, v: Any) -> Any:
@@ -243,7 +240,3 @@ def _axes(level: Level) -> Any:
     kinds = arrays()
     axis = np.concatenate([np.zeros_like(level.axis[:1]), level.axis])
     return packed_axis(kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, axis))))
-
-
-def _lerp(begin: Any, end: Any, part: Any) -> Any:
-    return dr.fma(end - begin, part, begin)

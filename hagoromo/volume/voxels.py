@@ -50,9 +50,9 @@ class PackedVoxels:
         """Trilinear density."""
         kinds = arrays()
         part = place - kinds.Array3f(kinds.Array3u(place))
-        rows = [_lerp(half_value(pair << 13), half_value(pair >> 3), part.x) for pair in self._pairs(brick, place)]
-        low, high = _lerp(rows[0], rows[1], part.y), _lerp(rows[2], rows[3], part.y)
-        return _lerp(low, high, part.z) * HALF_EXPONENT
+        rows = [lerp(half_value(pair << 13), half_value(pair >> 3), part.x) for pair in self._pairs(brick, place)]
+        low, high = lerp(rows[0], rows[1], part.y), lerp(rows[2], rows[3], part.y)
+        return lerp(low, high, part.z) * HALF_EXPONENT
 
     def densities_around(self, brick: Any, place: Any) -> list[Any]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
@@ -180,11 +180,12 @@ def half_value(bits: Any) -> Any:
     return dr.reinterpret_array(arrays().Float, bits & 0x0FFFE000)
 
 
-def _lerp(begin: Any, end: Any, part: Any) -> Any:
+def lerp(begin: Any, end: Any, part: Any) -> Any:
+    """Linear between `begin` (part 0) and `end` (1)."""
     return dr.fma(end - begin, part, begin)
 
 
 def trilinear(values: list[Any], part: Any) -> Any:
     """Between eight values in the order of CORNERS."""
-    along = [_lerp(values[k], values[k + 1], part.x) for k in (0, 2, 4, 6)]
-    return _lerp(_lerp(along[0], along[1], part.y), _lerp(along[2], along[3], part.y), part.z)
+    along = [lerp(values[k], values[k + 1], part.x) for k in (0, 2, 4, 6)]
+    return lerp(lerp(along[0], along[1], part.y), lerp(along[2], along[3], part.y), part.z)
