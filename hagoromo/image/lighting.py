@@ -122,6 +122,8 @@ class Lighting:
         for lamp in lamps:
             if not isinstance(lamp.intensity, (int, float)):
                 raise InputError(f"lamp {lamp.name!r} has an intensity per channel: rendering needs one and a spectrum")
+            if lamp.axis is not None:
+                raise InputError(f"lamp {lamp.name!r} has an axis: rendering knows lamps that shine alike all around")
             place = lamp.position if lamp.position is not None else lamp.to_lamp
             assert place is not None
             where = opaque_vector(place)

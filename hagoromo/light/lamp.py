@@ -18,7 +18,9 @@ class Lamp:
     position: (3,) [m], world. to_lamp: (3,) direction from the scene towards the lamp, world, made unit.
     intensity: of a point lamp, irradiance × m² [W/sr times the unit of `spectrum`]; of a far lamp, the irradiance that
     it gives on a plane that faces it; one number, or one per sensor channel.
-    spectrum: relative spectrum of the light. `InputError` when the numbers make no lamp.
+    spectrum: relative spectrum of the light. axis: (3,) where a point lamp shines brightest, world, made unit, and
+    axis_power: μ of its fall-off cosᵘ of the angle from there (1: a bare LED); without an axis it shines alike all
+    around. `InputError` when the numbers make no lamp.
     """
 
     position: NDArray[np.float64] | None
@@ -26,6 +28,8 @@ class Lamp:
     intensity: float | tuple[float, ...]
     spectrum: Spectrum
     name: str
+    axis: NDArray[np.float64] | None
+    axis_power: float
 
     def __init__(
         self,
@@ -34,21 +38,30 @@ class Lamp:
         intensity: ArrayLike = 1.0,
         spectrum: Spectrum | None = None,
         name: str = "",
+        axis: ArrayLike | None = None,
+        axis_power: float = 1.0,
     ) -> None:
         if (position is None) == (to_lamp is None):
             raise InputError(f"lamp {name!r}: give either position (a near lamp) or to_lamp (a far one)")
         at = None if position is None else _vector(position, f"lamp {name!r}: position")
-        towards = None if to_lamp is None else _unit(_vector(to_lamp, f"lamp {name!r}: to_lamp"), name)
+        towards = None if to_lamp is None else _unit(to_lamp, f"lamp {name!r}: to_lamp")
+        along = None if axis is None else _unit(axis, f"lamp {name!r}: axis")
+        if axis is not None and position is None:
+            raise InputError(f"lamp {name!r}: a far lamp has no axis: leave it out, or give the position")
+        if not (np.isfinite(axis_power) and axis_power >= 0.0):
+            raise InputError(f"lamp {name!r}: axis_power {axis_power!r:.60} must be finite and not negative")
         object.__setattr__(self, "position", at)
         object.__setattr__(self, "to_lamp", towards)
         object.__setattr__(self, "intensity", _intensity(intensity, name))
         object.__setattr__(self, "spectrum", Spectrum.constant(1.0) if spectrum is None else spectrum)
         object.__setattr__(self, "name", name)
+        object.__setattr__(self, "axis", along)
+        object.__setattr__(self, "axis_power", float(axis_power))
 
     def direction_and_irradiance(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit directions to the lamp (..., 3) and irradiance facing the lamp at `points` (..., 3) [m].
 
-        E = intensity / d² for a point lamp, E = intensity for a far one; shape (...), or (..., channel) when the
+        E = intensity cosᵘ / d² for a point lamp, E = intensity for a far one; shape (...), or (..., channel) when the
         intensity has one number per channel. A point at the lamp itself has no direction: NaN, and E = inf.
         """
         points = np.asarray(points, dtype=np.float64)
@@ -60,7 +73,15 @@ class Lamp:
         distance = np.linalg.norm(offset, axis=-1, keepdims=True)
         with np.errstate(divide="ignore", invalid="ignore"):
             to_lamp, falloff = offset / distance, 1.0 / distance**2
+            if self.axis is not None:
+                falloff = falloff * np.maximum(-to_lamp @ self.axis, 0.0)[..., None] ** self.axis_power
             return to_lamp, intensity * (falloff if intensity.ndim else falloff[..., 0])
+
+    def shifted(self, by: ArrayLike) -> Lamp:
+        """The lamp with `by` (3,) added to its position [m], or to its direction [rad]."""
+        position = None if self.position is None else self.position + by
+        to_lamp = None if self.to_lamp is None else self.to_lamp + by
+        return Lamp(position, to_lamp, self.intensity, self.spectrum, self.name, self.axis, self.axis_power)
 
 
 def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:
@@ -70,11 +91,12 @@ def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:
     return tuple(intensity.tolist()) if intensity.ndim else float(intensity)
 
 
-def _unit(direction: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+def _unit(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    direction = _vector(values, what)
     length = float(np.linalg.norm(direction))
     if length == 0.0:
-        raise InputError(f"lamp {name!r}: to_lamp is (0, 0, 0): give the direction towards the lamp")
-    return _vector(direction / length, f"lamp {name!r}: to_lamp")
+        raise InputError(f"{what} is (0, 0, 0): give a direction")
+    return _vector(direction / length, what)
 
 
 def _vector(values: ArrayLike, what: str) -> NDArray[np.float64]:

@@ -29,6 +29,8 @@ LAMP = {
     "intensity": (lambda value: number(value) if not isinstance(value, list) else numbers()(value), 1.0),
     "spectrum": (anything, 1.0),
     "name": (text, ""),
+    "axis": (numbers(3), None),
+    "axis_power": (number, 1.0),
 }
 # What a sensor is taken for where its file does not say: both are usual for a consumer camera at ISO 100.
 ASSUMED_FULL_WELL = 20_000.0  # electrons at white level
@@ -84,7 +86,9 @@ def lamp_from_record(record: Any, folder: Path, where: str) -> Lamp:
     """Lamp of the top-level list; its spectrum as `Spectrum.load` takes it."""
     k = take(record, LAMP, where)
     try:
-        return Lamp(k["position"], k["to_lamp"], k["intensity"], Spectrum.load(k["spectrum"], folder), k["name"])
+        spectrum = Spectrum.load(k["spectrum"], folder)
+        place = k["position"], k["to_lamp"]
+        return Lamp(*place, k["intensity"], spectrum, k["name"], k["axis"], k["axis_power"])
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 
@@ -97,6 +101,7 @@ def record_from_lamp(lamp: Lamp) -> dict[str, Any]:
         "intensity": list(lamp.intensity) if isinstance(lamp.intensity, tuple) else lamp.intensity,
         "spectrum": lamp.spectrum.record(),
         "name": lamp.name,
+        **({} if lamp.axis is None else {"axis": lamp.axis.tolist(), "axis_power": lamp.axis_power}),
     }
 
 

@@ -165,3 +165,14 @@ def test_delta_e_2000_of_greys():
     middle = (low + high) / 2 - 50
     expected = (high - low) / (1 + 0.015 * middle**2 / np.sqrt(20 + middle**2))
     assert delta_e_2000([y[0]] * 3, [y[1]] * 3) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_lamp_with_an_axis_falls_off_by_the_power_of_the_cosine():
+    """Oracle: the values at 0°, 60° and 120° off the axis, at 2 m; rounding of float64."""
+    lamp = Lamp((0.0, 0.0, 0.0), intensity=8.0, axis=(0.0, 0.0, 3.0), axis_power=2.0)
+    side = np.sin(np.radians(60.0))
+    points = 2.0 * np.array([[0.0, 0.0, 1.0], [side, 0.0, 0.5], [0.0, side, -0.5]])
+    np.testing.assert_allclose(lamp.direction_and_irradiance(points)[1], [2.0, 0.5, 0.0], rtol=1e-14)
+    np.testing.assert_array_equal(lamp.shifted((0.0, 0.0, 1.0)).position, [0.0, 0.0, 1.0])
+    with pytest.raises(InputError, match="axis"):
+        Lamp(to_lamp=(0.0, 0.0, 1.0), axis=(0.0, 0.0, 1.0))
