@@ -44,8 +44,8 @@ class Lamp:
         if (position is None) == (to_lamp is None):
             raise InputError(f"lamp {name!r}: give either position (a near lamp) or to_lamp (a far one)")
         at = None if position is None else _vector(position, f"lamp {name!r}: position")
-        towards = None if to_lamp is None else _unit(to_lamp, f"lamp {name!r}: to_lamp")
-        along = None if axis is None else _unit(axis, f"lamp {name!r}: axis")
+        towards = None if to_lamp is None else _unit(to_lamp, f"lamp {name!r}: to_lamp", "towards the lamp")
+        along = None if axis is None else _unit(axis, f"lamp {name!r}: axis", "of its light")
         if axis is not None and position is None:
             raise InputError(f"lamp {name!r}: a far lamp has no axis: leave it out, or give the position")
         if not (np.isfinite(axis_power) and axis_power >= 0.0):
@@ -91,11 +91,11 @@ def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:
     return tuple(intensity.tolist()) if intensity.ndim else float(intensity)
 
 
-def _unit(values: ArrayLike, what: str) -> NDArray[np.float64]:
+def _unit(values: ArrayLike, what: str, way: str) -> NDArray[np.float64]:
     direction = _vector(values, what)
     length = float(np.linalg.norm(direction))
     if length == 0.0:
-        raise InputError(f"{what} is (0, 0, 0): give a direction")
+        raise InputError(f"{what} is (0, 0, 0): give the direction {way}")
     return _vector(direction / length, what)
 
 
