@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
+from hagoromo.matter.build import build
 from hagoromo.matter.cloth.draft import Draft, herringbone, jacquard, on_loom, plain, satin, twill
 from hagoromo.matter.cloth.wif import cloth_of, read_wif
 from hagoromo.matter.cloth.yarn import Yarn
@@ -136,6 +137,23 @@ def test_a_wif_becomes_a_cloth(tmp_path):
     assert (cloth.warp_colours, cloth.weft_colours) == ((0, 1, 0, 0), (2,))
     assert colours == ((1.0, 1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, pytest.approx(1 / 3)))
     assert cloth.palette == ((0, 0), (1, 2), (0, 1))
+
+
+def test_a_recipe_takes_from_a_wif_what_it_does_not_tell_itself(tmp_path):
+    """Four yarns 0.5 and 0.625 mm apart repeat; white and red warp, blue weft, unless [[colour]] tells colours."""
+    wif(tmp_path, WIF)
+    material = {"alpha": 0.25, "beta": 0.1, "gamma": 0.4, "n": 1.5, "body_colour": 0.5}
+    recipe = {"kind": "cloth", "width_mm": 4.0, "height_mm": 4.0, "resolution": 0.3, "material": material}
+    recipe |= {"draft": {"file": str(tmp_path / "a.wif")}, "warp": {"fibres": 20}}
+    box = build(recipe)
+    at = lambda nm: [round(float(m.body_colour.at(nm)), 3) for m in box.materials]  # noqa: E731
+    assert [at(650), at(430)] == [[0.85, 0.0, 0.85], [0.85, pytest.approx(0.077, abs=0.001), 0.0]]
+    assert box.texel is not None
+    yarns = np.array(box.texel.period) / [5e-4, 6.25e-4]
+    assert np.allclose(yarns, np.round(yarns / 4) * 4)
+    sparser = build(recipe | {"warp_per_cm": 12.5, "colour": [{}], "weft_colours": [0]})
+    assert sparser.texel is not None and [m.body_colour.at(650) for m in sparser.materials] == [0.5] * 3
+    assert round(sparser.texel.period[0] / 8e-4) % 4 == 0
 
 
 @pytest.mark.parametrize(
