@@ -1,4 +1,4 @@
-"""Drape: pieces of cloth as they fall: from their upper edge in folds, over a ball on a table. All in mm."""
+"""Drape: a piece of cloth as it falls over a ball on a table. All in mm."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.matter.drape import hanging as gathered
 from hagoromo.matter.drape.collider import Collider
 from hagoromo.matter.drape.cut import Cut, Place
 from hagoromo.matter.drape.settle import Fabric, Fall, settled
@@ -15,25 +14,6 @@ from hagoromo.matter.shape import sphere
 
 POINTS = 70  # along the longer edge of a piece
 FABRIC = Fabric(bending=2.5, friction=0.35, clear=0.6)
-LIFTED = 50.0  # how high a hanging piece is above the table while it settles
-
-
-def hanging(size_mm: tuple[float, float], folds: int, fold_depth_mm: float, seed: int = 0) -> Sheet:
-    """A piece, width × height of the cloth, that hangs from its upper edge in `folds`, about `fold_depth_mm` deep.
-
-    Its hem touches z = 0 around x = 0, and it faces −y. `InputError` where the folds need more cloth than there is.
-    """
-    before = gathered.hanging(size_mm, folds, fold_depth_mm, seed)
-    rows, columns = before.u.shape
-
-    def start(s: Place, t: Place) -> NDArray[np.floating]:
-        points = before.resampled(t.ravel() * (rows - 1), s.ravel() * (columns - 1)).points
-        return points + np.array([0.0, 0.0, LIFTED])
-
-    cut = Cut(*size_mm, start, held=lambda s, t: (t == 1.0) + np.zeros_like(s))
-    nothing = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
-    sheet = settled([cut], nothing, FABRIC, _fall(size_mm, seed))[0]
-    return Sheet(sheet.points - [0.0, 0.0, sheet.points[..., 2].min()], sheet.u, sheet.v)
 
 
 def over_ball(size_mm: tuple[float, float], radius_mm: float, seed: int = 0) -> Sheet:
@@ -50,8 +30,5 @@ def over_ball(size_mm: tuple[float, float], radius_mm: float, seed: int = 0) -> 
         x, y = size_mm[0] * (s - 0.5), size_mm[1] * (t - 0.5)
         return np.stack(np.broadcast_arrays(x, y, top + 1.0), axis=-1)
 
-    return settled([Cut(*size_mm, start)], ball, FABRIC, _fall(size_mm, seed))[0]
-
-
-def _fall(size_mm: tuple[float, float], seed: int) -> Fall:
-    return Fall(min(max(size_mm) / POINTS, 0.25 * min(size_mm)), seed=seed)
+    fall = Fall(min(max(size_mm) / POINTS, 0.25 * min(size_mm)), seed=seed)
+    return settled([Cut(*size_mm, start)], ball, FABRIC, fall)[0]

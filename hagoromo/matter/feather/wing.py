@@ -31,7 +31,6 @@ from hagoromo.volume.plan import BoxPlan
 EXTENT = (-136.0, 14.0, 52.0), (136.0, 82.0, 308.0)
 WING_FINENESS = Fineness(0.2, 0.1)
 JOINTS = 28  # of the arm
-FORM = "length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip"
 LEAN = 0.6  # of the arm's thickness is its own; coverts fill the rest
 FUR = 0.6  # of the arm: how far it frays
 # coarse enough for a lattice that holds both wings

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import drjit as dr
 import numpy as np
@@ -19,21 +19,25 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.light.spectrum import smooth_rgb_basis
+from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.field_blocks import FieldBlocks
+from hagoromo.volume.header import BoxHeader
+from hagoromo.volume.plan import BoxPlan
 
 EDGE = 2.0  # voxels from outside to full density, measured along the normal
 SKIN = 6.0  # voxels of matter along the normal
 DEPTH = 9.0  # optical depth of the skin: 1e-4 passes, and the mean free path is longer than a step of the march
 STEEPEST = 0.15  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
 MARGIN = 4  # voxels around the surface
+PARTICLES = ("plane", "round")
 
 
 @dataclass(frozen=True, eq=False)
 class Relief:
-    """A measured surface: points (h, w, 3) [m], world, 0 where unknown; normals (h, w, 3) unit; body (h, w, 3) α c_b
-    per pixel on `smooth_rgb_basis`; labels (h, w) of its materials, −1 unknown.
+    """A measured surface: points (h, w, 3) [m], world, 0 where unknown; normals (h, w, 3) unit; body (h, w, j) α c_b
+    per pixel on a basis of j spectra; labels (h, w) of its materials, −1 unknown.
     """
 
     points: NDArray[np.floating]
@@ -41,49 +45,95 @@ class Relief:
     body: NDArray[np.floating]
     labels: NDArray[np.integer]
 
+    def known(self) -> NDArray[np.bool_]:
+        """(h, w) pixels with point, normal and label; `InputError` where there is none."""
+        known = (np.linalg.norm(self.points, axis=2) > 0) & (np.linalg.norm(self.normals, axis=2) > 0.5)
+        known &= self.labels >= 0
+        if not known.any():
+            raise InputError("the relief has no pixel with point, normal and label: there is nothing to fill")
+        return np.asarray(known, np.bool_)
+
+
+@dataclass(frozen=True)
+class Skin:
+    """One half of a relief's skin: particles, plane or round. phase: angle between lamp and eye [rad] for which the
+    round ones are right. dim: what all reflectances are multiplied by, to be made up for by stronger lamps.
+    """
+
+    particles: Literal["plane", "round"]
+    phase: float = math.radians(45.0)
+    dim: float = 1.0
+
+    def material(self, material: Reflectance) -> Reflectance:
+        """The reflectance of a particle where the surface's is `material`."""
+        if self.particles == "plane":
+            twice = 2.0 * self.dim
+            return replace(material, alpha=twice * material.alpha, beta=twice * material.beta, element="plane")
+        # closed form of the sphere element, MODEL §2
+        share = 2.0 / (3.0 * math.pi) * (math.sin(self.phase) + (math.pi - self.phase) * math.cos(self.phase))
+        return replace(material, alpha=2.0 * self.dim * material.alpha / share, beta=0.0, element="sphere")
+
 
 def relief_boxes(
     relief: Relief, camera: Camera, materials: Sequence[Reflectance], phase: float, name: str = "relief"
 ) -> tuple[VolumeBox, VolumeBox]:
-    """Two volume boxes in one place, of plane and of round particles, that show `relief` as `camera` saw it.
+    """Both halves of the skin of `relief`, with `body` on `smooth_rgb_basis`; see `relief_plan`."""
+    plane, round_ = (
+        relief_plan(relief, camera, materials, Skin(particles, phase)).named(f"{name}, {particles}", {}).box()
+        for particles in PARTICLES
+    )
+    return plane, round_
 
-    The boxes lie along the camera's axes (x right, y down, z away) and see the surface as a height field from afar:
-    voxels of one pixel at its mean depth. materials: by label; the body colour of a voxel is that of its pixel.
-    phase: usual angle between lamp and eye [rad], for which the round particles are right.
-    `InputError` when nothing is known, or twice the reflectance breaks energy conservation (dim the gauge of α, β).
+
+def relief_plan(
+    relief: Relief,
+    camera: Camera,
+    materials: Sequence[Reflectance],
+    skin: Skin,
+    basis: Sequence[Spectrum] | None = None,
+) -> BoxPlan:
+    """The box of one half of the skin of `relief`, as `camera` saw it; two in one place show it.
+
+    The box lies along the camera's axes (x right, y down, z away), with voxels of one pixel at the mean depth.
+    materials: by label, of the surface; the body colour of a voxel is that of its pixel, on `basis` (default
+    `smooth_rgb_basis`). `InputError` when nothing is known, the lens is distorted, or a particle breaks energy
+    conservation (`dim` it).
     """
-    known = np.asarray((np.linalg.norm(relief.points, axis=2) > 0) & (np.linalg.norm(relief.normals, axis=2) > 0.5))
-    known &= relief.labels >= 0
-    if not known.any():
-        raise InputError("the relief has no pixel with point, normal and label: there is nothing to fill")
+    if any(camera.distortion):
+        raise InputError("a relief needs photographs without lens distortion: undistort them first")
+    known = relief.known()
     rows, columns = np.nonzero(known)
     pose = camera.world_to_camera[:3]
-    local = relief.points[rows, columns] @ pose[:, :3].T + pose[:, 3]
+    local = relief.points[rows, columns].astype(np.float64) @ pose[:, :3].T + pose[:, 3]
+    if local[:, 2].min() <= 0.0:
+        raise InputError("the relief has points behind the camera: give the camera that saw it")
     voxel = float(local[:, 2].mean() / np.mean(camera.focal))
-    crop = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    near = local[:, 2].min() - MARGIN * voxel
-    height = np.zeros(known.shape)
-    height[rows, columns] = (local[:, 2] - near) / voxel
+    behind = local * (1.0 + SKIN / STEEPEST * voxel / local[:, 2:])  # where the skin of a steep pixel may end
+    low = np.minimum(local, behind).min(axis=0) - MARGIN * voxel
+    high = np.maximum(local, behind).max(axis=0) + MARGIN * voxel
+    low[2] = max(low[2], 0.5 * local[:, 2].min())
+    to_world = camera.camera_to_world.copy()
+    to_world[:3, 3] += to_world[:3, :3] @ low
     facing = relief.normals @ pose[:, :3].T
     alphas = np.array([material.alpha for material in materials])
     colour = relief.body / alphas[np.maximum(relief.labels, 0)][..., None]
-    deepest = float(height[rows, columns].max()) + SKIN / STEEPEST
-    tall, wide = known[crop].shape
-    shape = (wide + 2 * MARGIN, tall + 2 * MARGIN, int(np.ceil(deepest)) + MARGIN)
-    first = (np.array([columns.min(), rows.min()]) - MARGIN - camera.principal) * voxel
-    to_world = camera.camera_to_world.copy()
-    to_world[:3, 3] += to_world[:3, :3] @ np.array([*first, near])
-    # closed form of the sphere element, MODEL §2
-    round_share = 2.0 / (3.0 * math.pi) * (math.sin(phase) + (math.pi - phase) * math.cos(phase))
-    plane = [replace(m, alpha=2.0 * m.alpha, beta=2.0 * m.beta, element="plane") for m in materials]
-    sphere = [replace(m, alpha=2.0 * m.alpha / round_share, beta=0.0, element="sphere") for m in materials]
-    seen = np.maximum(-facing[..., 2:], 0.0)
-    boxes = []
-    for kind, reflectances, colours in (("plane", plane, colour), ("round", sphere, colour * seen)):
-        field = _Field(known[crop], height[crop], facing[crop], colours[crop], relief.labels[crop], voxel)
-        tau, record = 0.5 * DEPTH / (SKIN * voxel), {"basis": smooth_rgb_basis(), "name": f"{name}, {kind}"}
-        boxes.append(VolumeBox.from_field(field, shape, voxel, tau, reflectances, pose=to_world, **record))
-    return boxes[0], boxes[1]
+    if skin.particles == "round":
+        cosine = np.zeros(known.shape)
+        cosine[known] = -np.einsum("pi,pi->p", facing[known], local / np.linalg.norm(local, axis=1, keepdims=True))
+        colour = colour * np.maximum(cosine, 0.0)[..., None]
+    places = np.zeros((*known.shape, 3))
+    places[known] = local - low
+    field = _Field(known, places, facing, colour, relief.labels, camera, low, voxel)
+    shape = tuple(int(count) for count in np.ceil((high - low) / voxel))
+    header = BoxHeader(
+        voxel,
+        0.5 * DEPTH / (SKIN * voxel),
+        tuple(skin.material(material) for material in materials),
+        to_world,
+        tuple(smooth_rgb_basis() if basis is None else basis),
+        f"relief, {skin.particles}",
+    )
+    return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel))
 
 
 class _Field:
@@ -92,33 +142,46 @@ class _Field:
     def __init__(
         self,
         known: NDArray[np.bool_],
-        height: NDArray[np.float64],
+        places: NDArray[np.float64],
         facing: NDArray[np.float64],
         colour: NDArray[np.float64],
         labels: NDArray[np.integer],
+        camera: Camera,
+        low: NDArray[np.float64],
         voxel: float,
     ) -> None:
+        rows, columns = np.nonzero(known)
+        self.first = int(columns.min()), int(rows.min())
+        crop = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+        self.rows, self.columns = known[crop].shape
+        self.voxel, self.low, self.camera = float(voxel), low.tolist(), camera
         kinds = arrays()
-        self.rows, self.columns = known.shape
-        self.voxel = float(voxel)
-        self.known = kinds.Float(known.astype(np.float32).ravel())
-        self.height = kinds.Float(height.astype(np.float32).ravel())
-        self.facing = [kinds.Float(facing[..., i].astype(np.float32).ravel()) for i in range(3)]
-        self.colour = [kinds.Float(colour[..., i].astype(np.float32).ravel()) for i in range(3)]
-        self.labels = kinds.UInt(np.maximum(labels, 0).astype(np.uint32).ravel())
+
+        def images(values: NDArray) -> list[Any]:
+            return [kinds.Float(values[crop][..., i].astype(np.float32).ravel()) for i in range(values.shape[2])]
+
+        (self.known,) = images(known[..., None])
+        self.place, self.facing, self.colour = images(places), images(facing), images(colour)
+        self.labels = kinds.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
 
     def __call__(self, p: Any) -> tuple[Any, Any, Any, list[Any]]:
         kinds = arrays()
-        x, y, z = (p[i] / self.voxel for i in range(3))
-        column, row = x - MARGIN, y - MARGIN
+        (ax, ay), (x0, y0) = self.camera.focal, self.camera.principal
+        away = p.z + self.low[2]
+        column = (p.x + self.low[0]) / away * ax + (x0 - self.first[0])
+        row = (p.y + self.low[1]) / away * ay + (y0 - self.first[1])
         inside = (column >= 0.0) & (row >= 0.0) & (column < self.columns) & (row < self.rows)
-        at = kinds.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns + kinds.UInt(
-            clip(column, 0.0, self.columns - 1.0)
-        )
+        at = kinds.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns
+        at += kinds.UInt(clip(column, 0.0, self.columns - 1.0))
         inside &= dr.gather(kinds.Float, self.known, at) > 0.5
         axis = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.facing))
-        # below the plane through the surface point: distance along the normal
-        below = (z - dr.gather(kinds.Float, self.height, at)) * dr.fmax(-axis.z, STEEPEST)
+        place = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.place))
+        # distance below the plane of the pixel's facet: along its line of sight, no steeper than STEEPEST, and aside
+        ray = (place + kinds.Array3f(*self.low)) / (place.z + self.low[2])
+        deeper = p.z - place.z
+        aside = p - place - ray * deeper
+        below = deeper * dr.fmax(-dr.dot(axis, ray), STEEPEST) - dr.dot(axis, aside)
+        below /= self.voxel
         density = _rising(below / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
         colours = [dr.gather(kinds.Float, part, at) for part in self.colour]
         return dr.select(inside, density, 0.0), axis, dr.gather(kinds.UInt, self.labels, at), colours
