@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.demo.studio import ball_around, framed, studio_lamps, sweep, turned_upright
+from hagoromo.app.demo.studio import background, ball_around, framed, studio_lamps, turned_upright
 from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
@@ -90,7 +90,7 @@ class Cast:
             camera = close_up(camera, shot.towards, *shot.seen)
         else:
             camera = framed(camera, boxes, shot.towards, shot.filled)
-        ground = sweep(extent, self.measured["dielectric"])
+        ground = background(extent, self.measured["dielectric"])
         return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (ground,))
 
     def _box(self, who: str, part: str) -> VolumeBox:

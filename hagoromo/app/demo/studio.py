@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.app.sweep import sweep
 from hagoromo.camera.camera import Camera
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
@@ -57,17 +58,9 @@ def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
     )
 
 
-def sweep(extent: float, reflectance: Reflectance) -> Surface:
-    """A photographer's background: a floor at z = 0 that bends up into a wall far behind, without an edge."""
-    depth, radius, half, height = 9.0 * extent, 4.0 * extent, 40.0 * extent, 40.0 * extent
-    turn = np.linspace(0.0, np.pi / 2, 49)
-    y = np.concatenate([[-40.0 * extent], depth + radius * np.sin(turn), [depth + radius]])
-    z = np.concatenate([[0.0], radius * (1.0 - np.cos(turn)), [height]])
-    profile = np.stack([y, z], axis=1)
-    vertices = np.array([(x, *row) for x in (-half, half) for row in profile])
-    count, k = len(profile), np.arange(len(profile) - 1)
-    faces = np.concatenate([np.stack(f, axis=1) for f in ((k, k + count, k + 1), (k + 1, k + count, k + count + 1))])
-    return Surface(reflectance, vertices=vertices, faces=faces, name="sweep")
+def background(extent: float, reflectance: Reflectance) -> Surface:
+    """A sweep on z = 0 whose wall is far behind what has the size `extent` [m]."""
+    return sweep(reflectance, (-40.0 * extent, 0.0), (13.0 * extent, 40.0 * extent), 4.0 * extent, 40.0 * extent)
 
 
 def ball_around(boxes: Sequence[VolumeBox]) -> tuple[NDArray, float]:

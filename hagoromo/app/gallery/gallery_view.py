@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.app.sweep import sweep
 from hagoromo.camera.camera import Camera
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
@@ -34,8 +35,10 @@ def whole(box: VolumeBox) -> NDArray[np.uint8]:
     field = 1.12 * float(np.linalg.norm((high - low)[[0, 2]]) / np.sqrt(2.0))
     field = max(field, 1.12 * float(max(high[0] - low[0], high[2] - low[2])))
     floor = float(max(low[2], 0.0))
-    wall = _sweep(float(high[1]) + 2.0 * field, floor - 1e-6, float(high[2]) + 0.3 * field, field)
-    return _shown(Scene(_camera(box, field, TOWARDS, SIZE), _lamps(), (box,), (wall,)), WHOLE_SAMPLES)
+    # so low that light from behind passes over it
+    wall = float(high[1]) + 2.0 * field, float(high[2]) + 0.3 * field
+    background = sweep(CARD, (-9.0 * field, floor - 1e-6), wall, 0.5 * field, 3.0 * field)
+    return _shown(Scene(_camera(box, field, TOWARDS, SIZE), _lamps(), (box,), (background,)), WHOLE_SAMPLES)
 
 
 def near(box: VolumeBox, field_mm: float) -> NDArray[np.uint8]:
@@ -74,17 +77,6 @@ def _camera(box: VolumeBox, field: float, towards: Sequence[float], pixels: int)
 def _lamps() -> tuple[Lamp, ...]:
     """Key from high on the left, weak fill from the right, rim from high behind; far away all three."""
     return tuple(Lamp(to_lamp=place, intensity=share, spectrum=WHITE) for place, share in (KEY, FILL, RIM))
-
-
-def _sweep(wall: float, floor: float, top: float, field: float) -> Surface:
-    """A floor that bends up into a wall at y = `wall`, up to z = `top` [m], so low that light from behind passes it."""
-    turn, radius = np.linspace(0.0, np.pi / 2, 33), 0.5 * field
-    y = np.concatenate([[-9.0 * field], wall - radius + radius * np.sin(turn), [wall]])
-    z = np.concatenate([[floor], floor + radius * (1.0 - np.cos(turn)), [max(top, floor + 1.01 * radius)]])
-    vertices = np.array([(x, *place) for x in (-3.0 * field, 3.0 * field) for place in zip(y, z, strict=True)])
-    count, k = len(y), np.arange(len(y) - 1)
-    faces = np.concatenate([np.stack(f, axis=1) for f in ((k, k + count, k + 1), (k + 1, k + count, k + count + 1))])
-    return Surface(CARD, vertices=vertices, faces=faces, name="sweep")
 
 
 def _shown(scene: Scene, samples: int) -> NDArray[np.uint8]:

@@ -5,7 +5,6 @@ Both stand on z = 0 around x = 0 and look towards −y.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from hagoromo.errors import InputError
@@ -14,7 +13,6 @@ from hagoromo.matter.figure.figure_skin import PLACES, figure_skin
 from hagoromo.matter.figure.tresses import hair_of
 from hagoromo.matter.figure.wardrobe import WARDROBE, garment_of
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.plan import BoxPlan
 
 # the parts of each figure, and the material that each is made of
@@ -24,32 +22,6 @@ FIGURES: dict[str, dict[str, str]] = {
 }
 ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
 PARTS = tuple(sorted({part for parts in FIGURES.values() for part in parts}))
-
-
-def figure(
-    name: str,
-    materials: Mapping[str, Reflectance],
-    resolution: float = 1.0,
-    seed: int = 1,
-    parts: Sequence[str] | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[VolumeBox, ...]:
-    """The "angel" or the "nun", one box for each of `parts` (default: all, see FIGURES).
-
-    materials: by the names in FIGURES; parts that FIGURES gives the same name share one. resolution: of the lattices.
-    progress: told the share done.
-    """
-    wanted = tuple(parts if parts is not None else _parts(name))
-    boxes = []
-    for number, part in enumerate(wanted):
-        material = materials.get(_parts(name).get(part, ""))
-        if material is None:
-            known = ", ".join(p for p, m in _parts(name).items() if m in materials) or "none"
-            raise InputError(f"the {name} has no part {part!r} with a material: parts with one are {known}")
-        boxes.append(figure_part(name, part, material, resolution, seed).box())
-        if progress:
-            progress((number + 1) / len(wanted))
-    return tuple(boxes)
 
 
 def figure_part(name: str, part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
