@@ -47,7 +47,7 @@ FIGURES = {
     ),
     "figure_6_wing": Shot(
         "Wing: shafts, barbs and barbules, made of cylinders.",
-        {"angel": ALONE}, False, (0.25, -1.0, 0.1), seen=((88.0, 40.0, 240.0), 95.0), without=("feet", "hands"),
+        {"angel": ALONE}, False, (0.25, -1.0, 0.1), seen=((92.0, 40.0, 232.0), 95.0), without=("feet", "hands"),
     ),
     "figure_7_skin": Shot(
         "Skin: granules, made of spheres; the nun's face.",

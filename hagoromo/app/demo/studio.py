@@ -46,7 +46,7 @@ def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
 
     Places in units of `extent` [m] from `middle`, and irradiance there, 1 for the key.
     """
-    places = {"key": ((-2.7, -2.0, 2.4), 1.0), "fill": ((0.25, -4.4, 0.7), 0.16), "rim": ((0.9, 1.5, 3.2), 1.3)}
+    places = {"key": ((-2.2, -2.7, 2.5), 1.0), "fill": ((0.25, -4.4, 0.7), 0.18), "rim": ((1.1, 1.6, 3.4), 1.0)}
     return tuple(
         Lamp(
             position=middle + extent * np.array(place),

@@ -18,7 +18,7 @@ from hagoromo.matter.shape import Shape, capsule, distance_and_normal, ellipsoid
 
 SCALP = (0.0, 2.0, 4.6), (12.0, 15.4, 13.9)  # middle and radii of the cranium, in the axes of the head
 HAIRLINE = 9.0  # height over the middle of the head, at the forehead
-PARTING, BESIDE = -0.6, 0.2  # x of the parting, and the share of the locks that leave it
+PARTING, BESIDE = -0.6, 0.3  # x of the parting, and the share of the locks that leave it
 FRONT, BEHIND = (9.0, 17.0), (0.5, 16.0)  # x where hair falls over the shoulders, from and to; and down the back
 BACK = 13.0  # y where hair stays before the roots of wings
 STEP = 0.8  # between the points of a lock
@@ -113,9 +113,9 @@ def _roots(count: int, pose: Pose, draw: np.random.Generator) -> tuple[NDArray, 
     chosen = draw.permutation(np.flatnonzero(grown))[:count]
     chosen = np.resize(chosen, count)
     # more of them beside the parting, where the scalp would show
-    edge = draw.random(count) < BESIDE
-    unit[chosen[edge], 0] = (PARTING + draw.choice([-0.35, 0.35], edge.sum())) / radii[0]
-    unit[chosen[edge], 1] = draw.uniform(-0.95, 0.6, edge.sum())
+    edge = draw.permutation(count) < BESIDE * count
+    unit[chosen[edge], 0] = (PARTING + np.resize([-0.2, 0.2], edge.sum())) / radii[0]
+    unit[chosen[edge], 1] = np.linspace(-0.97, 0.6, edge.sum())
     unit[chosen[edge], 2] = np.sqrt(np.maximum(1.0 - (unit[chosen[edge], :2] ** 2).sum(axis=1), 0.05))
     local[chosen] = middle + radii * unit[chosen] / np.linalg.norm(unit[chosen], axis=1, keepdims=True)
     normal = unit[chosen] / radii
