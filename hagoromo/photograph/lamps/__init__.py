@@ -1,0 +1,9 @@
+"""Lamps from photographs: of chrome balls, of a matte reference, or of the object itself."""
+
+from hagoromo.photograph.lamps.ball import Ball as Ball
+from hagoromo.photograph.lamps.ball import find_ball as find_ball
+from hagoromo.photograph.lamps.calibrate import calibrate_lamps as calibrate_lamps
+from hagoromo.photograph.lamps.highlight import Highlight as Highlight
+from hagoromo.photograph.lamps.highlight import LampReading as LampReading
+from hagoromo.photograph.lamps.highlight import find_highlight as find_highlight
+from hagoromo.photograph.lamps.highlight import read_lamp as read_lamp

@@ -1,0 +1,184 @@
+"""The ball in the picture: its outline from a mask, made finer by the photographs, and what a mirror ball shows where.
+
+Without a camera the view is orthographic, with directions x right, y up, z to the camera; with one the outline is that
+of a cone of rays, and directions are in its world. Lengths on the ball are in its radii.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+
+Array = NDArray[np.float64]
+
+FEWEST_EDGE_POINTS = 40  # of the mask: a circle through fewer is too coarse for a tenth of a degree
+ROUND = 0.02  # rms deviation of the mask's edge from the outline of a ball, over its radius, up to which it is one
+MASK_ERROR = 0.5 / np.sqrt(3.0)  # px: masks follow pixel edges, all around off by up to half a pixel
+SECOND = 0.2  # of the area of a mask's largest part, from which another part is no speck
+HUBER = 0.5  # px: deviations beyond count less
+
+
+class Mirrored(NamedTuple):
+    """normal: (n, 3) of the ball; to_lamp: (n, 3) where the mirrored ray leads; centre: (3,) of the ball from the eye
+    [radii], world axes (0 for an orthographic view).
+    """
+
+    normal: Array
+    to_lamp: Array
+    centre: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """centre (x, y) [px] and radius [px] of the outline, standard errors of the three [px], rms of its edge [px].
+
+    edge: (n, 2) points (x, y) the outline was fitted to [px]. camera: None for an orthographic view. axis: (3,) unit,
+    world, to the ball's centre, and angle: half the cone's [rad]; for an orthographic view (0, 0, 1) and 0. source:
+    "mask" or "photographs". softness: standard deviation of the edge's blur [px], None where the photographs do not
+    show the edge.
+    """
+
+    centre: tuple[float, float]
+    radius: float
+    standard_error: tuple[float, float, float]
+    rms: float
+    edge: Array
+    camera: Camera | None = None
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    angle: float = 0.0
+    source: str = "mask"
+    softness: float | None = None
+
+    def outline(self, count: int, scale: ArrayLike = 1.0) -> Array:
+        """(..., count, 2) points (x, y) [px] around the outline, of balls `scale` (...) times as wide."""
+        turn = 2.0 * np.pi * np.arange(count) / count
+        ring = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        scale = np.asarray(scale, np.float64)[..., None, None]
+        if self.camera is None:
+            return np.array(self.centre) + self.radius * scale * ring
+        across, down = _frame(np.array(self.axis))
+        ray = np.cos(scale * self.angle) * np.array(self.axis)
+        ray = ray + np.sin(scale * self.angle) * (ring[:, :1] * across + ring[:, 1:] * down)
+        return self.camera.project(self.camera.position + ray)
+
+    def covers(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """(height, width) where the ball is in a picture of `shape`."""
+        from skimage.draw import polygon2mask
+
+        return np.asarray(polygon2mask(shape[:2], self.outline(360)[:, ::-1] - 0.5), np.bool_)
+
+    def mirrored(self, points: ArrayLike, off: ArrayLike = (0.0, 0.0, 0.0)) -> Mirrored:
+        """What the mirror shows at image points (n, 2) [px]; `off`: x, y of the centre and radius, their errors [px].
+
+        Points beside the ball are taken for its edge.
+        """
+        points, off = np.asarray(points, np.float64), np.asarray(off, np.float64)
+        if self.camera is None:
+            x, y = ((points - self.centre - off[:2]) / (self.radius + off[2])).T
+            normal = np.stack([x, -y, np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))], axis=1)
+            # L = 2 (N·V) N − V, V = (0, 0, 1)
+            return Mirrored(normal, 2.0 * normal[:, 2:] * normal - [0.0, 0.0, 1.0], np.zeros(3))
+        ray, middle = self.camera.unproject(points), np.array(self.centre)
+        ends = self.camera.unproject(np.stack([middle, middle + off[:2]]))
+        axis = np.array(self.axis) + ends[1] - ends[0]
+        centre = axis / np.linalg.norm(axis) / np.sin(self.angle * (1.0 + off[2] / self.radius))
+        along = ray @ centre
+        depth = along - np.sqrt(np.maximum(1.0 - centre @ centre + along**2, 0.0))
+        normal = depth[:, None] * ray - centre
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        # D − 2 (N·D) N
+        return Mirrored(normal, ray - 2.0 * np.sum(normal * ray, axis=1, keepdims=True) * normal, centre)
+
+
+def find_ball(mask: NDArray, camera: Camera | None = None) -> Ball:
+    """The ball in `mask` (height, width[, channels]), robustly fitted to its edge at half brightness.
+
+    `InputError` when it is cut by the frame, too small, no disc, or not alone.
+    """
+    from skimage.measure import find_contours, label
+
+    level = grey(mask)
+    half = 0.5 * float(level.max())
+    inside = level > half
+    if not inside.any():
+        raise InputError("the mask is black: paint the ball white")
+    if inside[[0, -1]].any() or inside[:, [0, -1]].any():
+        raise InputError("the ball is cut by the edge of the picture: photograph the whole ball")
+    areas = np.sort(np.bincount(np.asarray(label(inside)).ravel())[1:])[::-1]
+    balls = int(np.sum(areas > SECOND * areas[0]))
+    if balls > 1:
+        raise InputError(f"the mask shows {balls} white parts: give one --mask per ball, with that ball alone")
+    contours: list[NDArray] = find_contours(level, half)
+    edge = max(contours, key=len)[:, ::-1] + 0.5
+    if len(edge) < FEWEST_EDGE_POINTS:
+        raise InputError(f"the ball's edge has {len(edge)} points and {FEWEST_EDGE_POINTS} are needed: move closer")
+    ball = fit_ball(edge, camera, MASK_ERROR)
+    if not ball.rms < ROUND * ball.radius:
+        raise InputError(f"the mask is no disc: its edge is {ball.rms:.3g} px rms off that of a ball {ball.radius:.4g}"
+                         " px in radius: paint the ball, and nothing else, white")  # fmt: skip
+    return ball
+
+
+def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: str = "mask") -> Ball:
+    """The ball whose outline is nearest to `edge` (n, 2) [px]; Huber's loss at half a pixel.
+
+    radius_error: how far all of the edge may be off [px].
+    """
+    from scipy.optimize import least_squares
+
+    middle = edge.mean(axis=0)
+    size = float(np.mean(np.hypot(*(edge - middle).T)))
+    if camera is None:
+
+        def deviation(found: Array) -> Array:
+            return np.hypot(edge[:, 0] - found[0], edge[:, 1] - found[1]) - found[2]
+
+        fit = least_squares(deviation, np.r_[middle, size], loss="huber", f_scale=HUBER).x
+        centre, radius, axis, angle = fit[:2], float(fit[2]), np.array([0.0, 0.0, 1.0]), 0.0
+    else:
+        grazing = camera.unproject(edge)
+        if not np.isfinite(grazing).all():
+            raise InputError("the ball's edge lies outside the field of the camera's lens: is it the right --camera?")
+        # the rays D that graze the ball make one angle ω with the direction A of its centre: D·A/cos ω = 1
+        start = np.linalg.lstsq(grazing, np.ones(len(grazing)), rcond=None)[0]
+        start = np.asarray(start / np.linalg.norm(start), np.float64)
+        across, down = _frame(start)
+
+        def turned(found: Array) -> Array:
+            axis = start + found[0] * across + found[1] * down
+            return axis / np.linalg.norm(axis)
+
+        def deviation(found: Array) -> Array:
+            away = np.linalg.norm(np.cross(grazing, turned(found)), axis=1)
+            return (np.arctan2(away, grazing @ turned(found)) / found[2] - 1.0) * size
+
+        width = float(np.mean(np.arccos(np.clip(grazing @ start, -1.0, 1.0))))
+        fit = least_squares(deviation, [0.0, 0.0, width], loss="huber", f_scale=HUBER, x_scale=width / size).x
+        axis, angle = turned(fit), float(fit[2])
+        centre, radius = camera.project(camera.position + axis), size
+    rms = float(np.sqrt(np.mean(deviation(fit) ** 2)))
+    scatter = rms * float(
+        np.sqrt(3.0 / len(edge))
+    )  # neighbouring points of an edge follow each other: every third counts
+    errors = (1.414 * scatter, 1.414 * scatter, float(np.hypot(scatter, radius_error)))
+    x, y, z = axis.tolist()
+    return Ball((float(centre[0]), float(centre[1])), radius, errors, rms, edge, camera, (x, y, z), angle, source)
+
+
+def grey(image: NDArray) -> Array:
+    """Mean of the colour channels (height, width); alpha does not count."""
+    values = image.astype(np.float64)
+    return values if values.ndim == 2 else values[..., :3].mean(axis=2)
+
+
+def _frame(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors at right angles to the unit vector `axis` and to each other."""
+    across = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
+    across /= np.linalg.norm(across)
+    return across, np.cross(axis, across)
