@@ -7,3 +7,7 @@ from hagoromo.photograph.lamps.highlight import Highlight as Highlight
 from hagoromo.photograph.lamps.highlight import LampReading as LampReading
 from hagoromo.photograph.lamps.highlight import find_highlight as find_highlight
 from hagoromo.photograph.lamps.highlight import read_lamp as read_lamp
+from hagoromo.photograph.lamps.place import LampPlace as LampPlace
+from hagoromo.photograph.lamps.place import locate_lamp as locate_lamp
+from hagoromo.photograph.lamps.spread import Spread as Spread
+from hagoromo.photograph.lamps.spread import check_spread as check_spread

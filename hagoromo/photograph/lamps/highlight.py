@@ -116,17 +116,21 @@ def centre_of_lamp(highlight: Highlight, ball: Ball, off: tuple[float, ...] = (0
 
 
 def slopes(highlight: Highlight, ball: Ball) -> tuple[Array, Array]:
-    """Slopes (5, 3) per pixel of the ball's normal at the highlight, and of the direction to the lamp."""
-    at = np.array([highlight.centre])
+    """Slopes (5, 3) per pixel of the place on the ball that shows the lamp [radii], and of the direction to the lamp.
 
-    def normal_at(off: Array) -> Array:
-        return ball.mirrored(at + off[:2], off[2:]).normal[0]
+    Of the five figures of `figure_errors`.
+    """
 
-    steps = TILT * np.eye(5)
-    normal, direction = normal_at(np.zeros(5)), centre_of_lamp(highlight, ball)
-    of_normal = np.stack([normal_at(step) - normal for step in steps]) / TILT
-    of_lamp = np.stack([centre_of_lamp(highlight, ball, tuple(step)) - direction for step in steps]) / TILT
-    return of_normal, of_lamp
+    def place(off: Array) -> Array:
+        shown = ball.mirrored(np.array([highlight.centre]) + off[:2], off[2:])
+        return shown.centre + shown.normal[0]
+
+    steps, zero = TILT * np.eye(5), np.zeros(5)
+    of_place = np.stack([place(step) for step in steps]) - place(zero)
+    of_lamp = np.stack([centre_of_lamp(highlight, ball, tuple(step)) for step in steps]) - centre_of_lamp(
+        highlight, ball
+    )
+    return of_place / TILT, of_lamp / TILT
 
 
 def figure_errors(highlight: Highlight, ball: Ball) -> Array:
