@@ -22,7 +22,7 @@ GRANULES = Granules(
     granule_mm=0.14, corneum_mm=9.0, scale_mm=0.2, scale_deg=3.0, primary_mm=0.13, primary_depth_mm=0.01,
     secondary_mm=0.06, secondary_depth_mm=0.004, pore_mm=0.02, pores_per_cm2=600.0, fade_mm=0.03,
 )  # fmt: skip
-FINENESS = Fineness(0.16, 0.22)
+FINENESS = Fineness(0.12, 0.17)
 LIPS = Pigment(melanin=0.018, blood=0.045, oxygenation=0.85)
 STEEPEST = 2.5  # slope of the shapes, at nails and at the line between the lips
 
@@ -48,7 +48,7 @@ POSES = {"angel": WELCOME, "nun": PRAYER}
 
 
 def figure_skin(figure: str, place: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
-    """The skin of the "head", "hands" or (angel) "feet" of the "angel" or "nun"; resolution: voxels in 0.16 mm."""
+    """The skin of the "head", "hands" or (angel) "feet" of the "angel" or "nun"; resolution: voxels in 0.12 mm."""
     known = PLACES.get(figure, {})
     if place not in known:
         where = f"{figure} shows {', '.join(known)}" if known else f"figures are {', '.join(PLACES)}"
