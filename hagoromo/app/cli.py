@@ -234,17 +234,51 @@ def render(
 
 
 @verb(verbs)
-def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None) -> None:
+def relight(
+    capture: Positional[Path],
+    out: Out,
+    hold: tuple[str, ...] = (),
+    against: Path | None = None,
+    n: float | None = None,
+    distance: float | None = None,
+    force: Force = False,
+) -> None:
+    """Capture → its surface as volume boxes, rendered as photographs that were kept aside show it; report.html.
+
+    Args:
+        capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
+        hold: names of the photographs that are kept aside, all at once (default: the last).
+        against: another capture of the same object, in the same world: all its photographs are predicted, none held.
+        n: refractive index, where it is known.
+        distance: of the object [m] where its shape is to be solved; without it the camera's from the origin.
+    """
+    from hagoromo.app.measure_capture import Known
+    from hagoromo.app.relight.relight import relight_capture
+
+    with progress_bar("relight") as progress:
+        relit = relight_capture(capture, out, hold, against, Known(n, distance), force, progress)
+    for one in relit:
+        figures = one.compared["boxes"]
+        print(
+            f"{one.name}: volume boxes differ from the photograph by {100 * figures['relative_rmse']:.1f} % (relative "
+            f"rmse), ΔE00 {figures['delta_e_2000']:.2f}"
+        )
+    wrote(out / "report.html")
+
+
+@verb(verbs)
+def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None, peak: float | None = None) -> None:
     """Two images → JSON on standard output: psnr, ssim, delta_e_2000, relative_rmse.
 
     Args:
         a: image, PNG or EXR.
         b: its reference, of the same kind.
         mask: PNG, not black where to compare.
+        peak: of EXR files, the value that is white (default: the largest of the reference).
     """
     from hagoromo.image.compare import compare
 
-    print(json.dumps(compare(a, b, mask)))
+    print(json.dumps(compare(a, b, mask, peak)))
 
 
 @verb(verbs)

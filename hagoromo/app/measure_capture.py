@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.app.body_spectra import write_body_spectra
 from hagoromo.app.measure_report import write_measure_report
@@ -53,19 +54,32 @@ def measure_capture(
                 f"{name} stands ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
                 stacklevel=2,
             )
-        if capture.points is not None and capture.normals is not None:
-            measured = measure(capture, n=known.n, progress=progress)
-        else:
-            measured, capture = _of_unknown_shape(capture, known, progress)
-            points = np.moveaxis(np.asarray(capture.points), 2, 0)
-            write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), points, strict=True)))
-        fill_measurement(measured, home)
-        write_body_spectra(home / "body_spectra.json", capture, measured)
-        write_measure_report(home / "report.html", capture, measured)
+        return fill_measured(capture, home, known, progress)
+
+
+def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress | None = None) -> Measurement:
+    """Measure `capture` and write the result to the folder `home`; see `measure_capture`.
+
+    points.exr is the shape, given or solved; body.exr, where bodies were measured pixel by pixel, their α c_b.
+    """
+    if capture.points is not None and capture.normals is not None:
+        measured = measure(capture, n=known.n, progress=progress)
+    else:
+        measured, capture, body = _of_unknown_shape(capture, known, progress)
+        channels = "RGB" if body.shape[2] == 3 else map(str, range(body.shape[2]))
+        write_exr(home / "body.exr", dict(zip(channels, np.moveaxis(body, 2, 0), strict=True)))
+    points = np.moveaxis(np.asarray(capture.points), 2, 0)
+    write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), points, strict=True)))
+    fill_measurement(measured, home)
+    write_body_spectra(home / "body_spectra.json", capture, measured)
+    write_measure_report(home / "report.html", capture, measured)
     return measured
 
 
-def _of_unknown_shape(capture: Capture, known: Known, progress: Progress | None) -> tuple[Measurement, Capture]:
+def _of_unknown_shape(
+    capture: Capture, known: Known, progress: Progress | None
+) -> tuple[Measurement, Capture, NDArray[np.float32]]:
+    """The measurement, the capture with the shape solved, and the bodies (h, w, C)."""
     camera = capture.photographs[0].camera
     away = float(np.linalg.norm(camera.position)) if known.distance is None else known.distance
     if away == 0.0:
@@ -74,4 +88,5 @@ def _of_unknown_shape(capture: Capture, known: Known, progress: Progress | None)
         raise InputError("lamps that solve the normals do not tell what n changes: leave --n out, or give the shape")
     found = solve_normals(capture, progress=progress)
     points = points_from_normals(found.normals, camera, away, found.variance)
-    return measurement_of(capture, found), replace(capture, points=points, normals=found.normals)
+    measured = measurement_of(capture, found)
+    return measured, replace(capture, points=points, normals=found.normals), found.body

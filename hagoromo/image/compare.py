@@ -2,8 +2,8 @@
 
 psnr [dB] = 20 log10(peak / rmse) and ssim (Wang et al. 2004, Gaussian window of 1.5 px) of the values as stored;
 delta_e_2000: mean CIEDE2000 over the pixels; relative_rmse: rmse over the root mean square of the reference.
-The peak is 1, the display's white, for PNG, and the largest value of the reference for EXR, whose R, G, B are taken as
-linear sRGB with that peak as white.
+The peak is 1, the display's white, for PNG, and the largest value of the reference for EXR unless it is told; an EXR's
+R, G, B are taken as linear sRGB with that peak as white.
 """
 
 from __future__ import annotations
@@ -23,15 +23,18 @@ WINDOW = 11  # px, side of the window of ssim: 3.5 standard deviations of 1.5 px
 RGB = ("R", "G", "B")
 
 
-def compare(a: str | Path, b: str | Path, mask: str | Path | None = None) -> dict[str, Any]:
+def compare(a: str | Path, b: str | Path, mask: str | Path | None = None, peak: float | None = None) -> dict[str, Any]:
     """Differences of image `a` from its reference `b`, both PNG or both EXR, where the PNG `mask` is not black.
 
-    Returns psnr, ssim, delta_e_2000, relative_rmse, the peak that they refer to and the number of pixels compared.
-    `InputError` for files of two kinds, sizes that differ, values that are not finite and an empty mask.
+    peak: of EXR files, the value that is white. Returns psnr, ssim, delta_e_2000, relative_rmse, the peak that they
+    refer to and the number of pixels compared. `InputError` for files of two kinds, a peak of PNG files or one that is
+    not above 0, sizes that differ, values that are not finite and an empty mask.
     """
     kinds = {Path(path).suffix.lower() for path in (a, b)}
     if kinds not in ({".exr"}, {".png"}):
         raise InputError(f"{a} and {b} cannot be compared: give two PNG or two EXR files")
+    if peak is not None and (kinds == {".png"} or not 0.0 < peak < np.inf):
+        raise InputError(f"the peak is {peak}: give a number above 0, for EXR files (a PNG's is the display's white)")
     one, other = _read(a), _read(b)
     if one.shape != other.shape:
         raise InputError(f"{a} is {_size(one)} and {b} {_size(other)} (width × height × channels): give equal sizes")
@@ -39,7 +42,7 @@ def compare(a: str | Path, b: str | Path, mask: str | Path | None = None) -> dic
     for path, image in ((a, one), (b, other)):
         if not np.isfinite(image[inside]).all():
             raise InputError(f"{path} has values that are not finite: mask them")
-    return differences(one, other, inside, 1.0 if kinds == {".png"} else None, displayed=kinds == {".png"})
+    return differences(one, other, inside, 1.0 if kinds == {".png"} else peak, displayed=kinds == {".png"})
 
 
 def differences(

@@ -25,7 +25,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.build_store import build_box
 from hagoromo.volume.plan import BoxPlan
 
-KINDS = ("skin", "cloth", "knit", "feather", "wing", "solid", "volume", "figure")
+KINDS = ("skin", "cloth", "knit", "feather", "wing", "solid", "volume", "figure", "relief")
 ALL = {
     "kind": text, "material": table, "name": (text, ""), "seed": (count, 0), "resolution": (positive, 1.0),
 }  # fmt: skip
@@ -69,7 +69,7 @@ def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path
         record, where, folder = dict(recipe), "recipe", None
     name = take(record, {"kind": one_of(*KINDS)}, where, strict=False)["kind"]
     kind: Kind = importlib.import_module(f"hagoromo.matter.recipes.{name}").KIND
-    key = take(record, {**kind.keys, **ALL}, where)
+    key = take(record, {**ALL, **kind.keys}, where)
     element = kind.element_of(key) if kind.element_of else kind.element
     with described(where):
         plan = kind.plan(Recipe(key, element, folder, where))

@@ -2,7 +2,8 @@
 
 Particles in a skin shade each other: with the light attenuated on its way in and out, an opaque skin of particles
 that reflect f shows f cosθ_i / (cosθ_i + cosθ_r) (Lommel 1889, Seeliger 1887). Two kinds of particle in equal parts
-undo this: plane ones of 2 α cosθ_i and round ones, which show all lamps alike, of 2 α cosθ_r: α cosθ_i in sum.
+undo this: plane ones of 2 α cosθ_i and round ones, which show all lamps alike, of 2 α cosθ_r: α cosθ_i in sum. The
+interface is with the plane ones, 4 β of it, which is right where θ_i = θ_r: in the middle of a highlight.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ from hagoromo.volume.field_blocks import FieldBlocks
 from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
 
-EDGE = 2.0  # voxels from outside to full density, measured along the normal
+EDGE = 3.0  # voxels from outside to full density, measured along the normal
 SKIN = 6.0  # voxels of matter along the normal
 DEPTH = 9.0  # optical depth of the skin: 1e-4 passes, and the mean free path is longer than a step of the march
-STEEPEST = 0.15  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
+STEEPEST = 0.3  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
+SHARPEST = 0.5  # the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
 MARGIN = 4  # voxels around the surface
 PARTICLES = ("plane", "round")
 
@@ -57,21 +59,19 @@ class Relief:
 @dataclass(frozen=True)
 class Skin:
     """One half of a relief's skin: particles, plane or round. phase: angle between lamp and eye [rad] for which the
-    round ones are right. dim: what all reflectances are multiplied by, to be made up for by stronger lamps.
+    round ones are right.
     """
 
     particles: Literal["plane", "round"]
-    phase: float = math.radians(45.0)
-    dim: float = 1.0
+    phase: float
 
     def material(self, material: Reflectance) -> Reflectance:
         """The reflectance of a particle where the surface's is `material`."""
         if self.particles == "plane":
-            twice = 2.0 * self.dim
-            return replace(material, alpha=twice * material.alpha, beta=twice * material.beta, element="plane")
+            return replace(material, alpha=2.0 * material.alpha, beta=4.0 * material.beta, element="plane")
         # closed form of the sphere element, MODEL §2
         share = 2.0 / (3.0 * math.pi) * (math.sin(self.phase) + (math.pi - self.phase) * math.cos(self.phase))
-        return replace(material, alpha=2.0 * self.dim * material.alpha / share, beta=0.0, element="sphere")
+        return replace(material, alpha=2.0 * material.alpha / share, beta=0.0, element="sphere")
 
 
 def relief_boxes(
@@ -96,8 +96,8 @@ def relief_plan(
 
     The box lies along the camera's axes (x right, y down, z away), with voxels of one pixel at the mean depth.
     materials: by label, of the surface; the body colour of a voxel is that of its pixel, on `basis` (default
-    `smooth_rgb_basis`). `InputError` when nothing is known, the lens is distorted, or a particle breaks energy
-    conservation (`dim` it).
+    `smooth_rgb_basis`), over α. `InputError` when nothing is known, the lens is distorted, or the particles, twice as
+    bright as the surface or more, break energy conservation (dim α and β, and light the box by stronger lamps).
     """
     if any(camera.distortion):
         raise InputError("a relief needs photographs without lens distortion: undistort them first")
@@ -112,6 +112,9 @@ def relief_plan(
     low = np.minimum(local, behind).min(axis=0) - MARGIN * voxel
     high = np.maximum(local, behind).max(axis=0) + MARGIN * voxel
     low[2] = max(low[2], 0.5 * local[:, 2].min())
+    low[:2] = (
+        np.floor(low[:2] / voxel + camera.principal) - camera.principal
+    ) * voxel  # a voxel has the colour of one pixel
     to_world = camera.camera_to_world.copy()
     to_world[:3, 3] += to_world[:3, :3] @ low
     facing = relief.normals @ pose[:, :3].T
@@ -180,9 +183,9 @@ class _Field:
         ray = (place + kinds.Array3f(*self.low)) / (place.z + self.low[2])
         deeper = p.z - place.z
         aside = p - place - ray * deeper
-        below = deeper * dr.fmax(-dr.dot(axis, ray), STEEPEST) - dr.dot(axis, aside)
-        below /= self.voxel
-        density = _rising(below / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
+        cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
+        above, below = ((deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (SHARPEST, STEEPEST))
+        density = _rising(above / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
         colours = [dr.gather(kinds.Float, part, at) for part in self.colour]
         return dr.select(inside, density, 0.0), axis, dr.gather(kinds.UInt, self.labels, at), colours
 

@@ -1,0 +1,73 @@
+"""The verb relight: photographs are kept aside, the others measured, the surface built as volume boxes and rendered.
+
+Everything is done the user's way and stays in the folder: `measured` is what `measure` writes, plane.toml and
+round_NN.toml are recipes for `build`, scene_NN.toml are scenes for `render`, predicted_NN.exr and photograph_NN.exr
+are for `compare`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from hagoromo.app.measure_capture import Known, fill_measured
+from hagoromo.app.relight.relight_page import write_relight_page
+from hagoromo.app.relight.relit import Relit, relit
+from hagoromo.app.relight.stage import fill_stage
+from hagoromo.errors import InputError
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_folder
+from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.photograph import Photograph
+
+Progress = Callable[[float, str], None]
+MEASURING = 0.3  # share of the work, about
+
+
+def relight_capture(
+    folder: str | Path,
+    out: str | Path,
+    hold: Sequence[str] = (),
+    against: str | Path | None = None,
+    known: Known | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Relit, ...]:
+    """Predict photographs from the others of the capture in `folder`, and write all of it to the folder `out`.
+
+    hold: names of those that are kept aside, all at once (default: the last). against: another capture of the same
+    object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, none is held.
+    `InputError` for names that are not in the capture, both of hold and against, or too few photographs left.
+    """
+    tell = progress or (lambda share, step: None)
+    with whole_folder(out, force) as home:
+        rest, aside = _split(load_capture(folder), hold, against)
+        (home / "measured").mkdir()
+        fill_measured(rest, home / "measured", known or Known(), lambda share, step: tell(MEASURING * share, step))
+        stage = fill_stage(rest, home)
+        found = []
+        for number, photograph in enumerate(aside):
+            tell(MEASURING + (1.0 - MEASURING) * number / len(aside), photograph.name)
+            found.append(relit(stage, photograph, number))
+        write_json(home / "relit.json", [one.record() for one in found])
+        write_relight_page(home / "report.html", rest.name, len(rest.photographs), found)
+        tell(1.0, "")
+    return tuple(found)
+
+
+def _split(capture: Capture, hold: Sequence[str], against: str | Path | None) -> tuple[Capture, tuple[Photograph, ...]]:
+    """The capture to measure, and the photographs to predict."""
+    if against is not None:
+        if hold:
+            raise InputError("--hold and --against contradict each other: give one of them")
+        return capture, load_capture(against).photographs
+    names = [photograph.name for photograph in capture.photographs]
+    held = tuple(hold) or tuple(names[-1:])
+    unknown = [name for name in held if name not in names]
+    if unknown:
+        raise InputError(f"no photograph is called {unknown[0]!r}: the capture has {', '.join(names)}")
+    rest = tuple(photograph for photograph in capture.photographs if photograph.name not in held)
+    if not rest:
+        raise InputError("every photograph is kept aside: leave some to measure")
+    return replace(capture, photographs=rest), tuple(p for p in capture.photographs if p.name in held)

@@ -1,0 +1,173 @@
+"""Stage: the measured surface of a capture as recipes of volume boxes, ready for scenes under any lamp."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.camera_file import write_views
+from hagoromo.camera.response import Response, white
+from hagoromo.errors import InputError
+from hagoromo.files.table import write_table
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
+from hagoromo.matter.solid.relief import PARTICLES, Relief, Skin
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.transforms import record_from_lamp
+from hagoromo.reflectance.body_basis import body_basis
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+
+SAMPLES = 4  # rays a pixel
+TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
+# Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
+BANDS = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
+FAINTEST = 1e-6  # of `dim`: what breaks energy conservation even then is no reflectance
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """home: the folder. relief, materials: of the surface. camera: that saw it. spectrum: of the lamps it was measured
+    under; None where that, or the camera's response, is not known: what light a channel reads is then all that is, and
+    the basis of body colours stands for the channels. dim: what the reflectances of the recipes are times.
+    """
+
+    home: Path
+    relief: Relief
+    materials: tuple[MaterialEstimate, ...]
+    camera: Camera
+    spectrum: Spectrum | None
+    dim: float
+
+    def middle(self) -> NDArray[np.float64]:
+        """(3,) mean of the surface's points [m]."""
+        return self.relief.points[self.relief.known()].mean(axis=0).astype(np.float64)
+
+    def write_scene(self, photograph: Photograph, number: int) -> Path:
+        """The scene of a photograph; its round particles are right for the angle between its lamps and its camera."""
+        middle, camera = self.middle(), photograph.camera
+        response = basis_camera() if self.spectrum is None else camera.response
+        if response is None:
+            raise InputError(f"photograph {photograph.name!r} is of a camera of unknown response, the measured are not")
+        to_eye = (camera.position - middle) / np.linalg.norm(camera.position - middle)
+        cosines = [float(lamp.direction_and_irradiance(middle)[0] @ to_eye) for lamp in photograph.lamps]
+        phase = math.degrees(float(np.mean(np.arccos(np.clip(cosines, -1.0, 1.0)))))
+        self.write_recipe(f"round_{number:02d}.toml", "round", phase)
+        _write_response(self.home / f"response_{number:02d}.csv", response)
+        scene = {
+            "camera": {
+                "size": [camera.width, camera.height], "focal": list(camera.focal),
+                "principal": list(camera.principal), "distortion": list(camera.distortion),
+                "world_to_camera": camera.world_to_camera.ravel().tolist(), "response": f"response_{number:02d}.csv",
+            },
+            "lamp": [self._lamp(lamp, camera.response) for lamp in photograph.lamps],
+            "box": [{"recipe": "plane.toml"}, {"recipe": f"round_{number:02d}.toml"}],
+            "render": {"samples": SAMPLES, "tolerance": TOLERANCE},
+        }  # fmt: skip
+        path = self.home / f"scene_{number:02d}.toml"
+        path.write_text(_toml(scene), encoding="utf-8")
+        return path
+
+    def write_recipe(self, name: str, particles: str, phase: float | None = None) -> None:
+        """A recipe of one half of the surface's skin."""
+        recipe: dict[str, Any] = {
+            "kind": "relief", "measured": "measured", "camera": "camera.json", "particles": particles, "dim": self.dim,
+        }  # fmt: skip
+        if phase is not None:
+            recipe["phase_deg"] = phase
+        if self.spectrum is not None:
+            recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
+        (self.home / name).write_text(_toml(recipe), encoding="utf-8")
+
+    def _lamp(self, lamp: Lamp, response: Response | None) -> dict[str, Any]:
+        """The record of a lamp that makes up for `dim`; it reads in the basis's bands as it did in the channels."""
+        if self.spectrum is not None:
+            if isinstance(lamp.intensity, tuple):
+                raise InputError(f"lamp {lamp.name!r} has an intensity per channel, the measured ones have a spectrum")
+            return record_from_lamp(replace(lamp, intensity=lamp.intensity / self.dim))
+        reads = np.broadcast_to(lamp.intensity, 3) * (1.0 if response is None else white(lamp.spectrum, response))
+        knots = [(w, value) for band, value in zip(BANDS[::-1], reads[::-1], strict=True) for w in band]
+        return record_from_lamp(replace(lamp, intensity=1.0 / self.dim, spectrum=Spectrum(*zip(*knots, strict=True))))
+
+
+def fill_stage(capture: Capture, home: Path) -> Stage:
+    """Write camera, response and recipes of the surface that stands in home/measured, of `capture`.
+
+    `InputError` for photographs of other than three channels.
+    """
+    camera = capture.photographs[0].camera
+    channels = capture.photographs[0].values.shape[2]
+    if channels != 3:
+        raise InputError(f"the photographs have {channels} channels: a body colour in a box needs three")
+    spectrum = _spectrum(capture)
+    relief, materials = read_relief(home / "measured")
+    basis = smooth_rgb_basis() if spectrum is None else body_basis(camera.response, spectrum)
+    dim = 1.0
+    while dim > FAINTEST and not _possible(materials, basis, dim):
+        dim *= 0.5
+    stage = Stage(home, relief, materials, camera, spectrum, dim)
+    write_views(home / "camera.json", {"photograph": camera}, "nerfstudio")
+    if spectrum is not None and camera.response is not None:
+        _write_response(home / "response.csv", camera.response)
+    stage.write_recipe("plane.toml", "plane")
+    return stage
+
+
+def basis_camera() -> Response:
+    """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
+    wavelengths = np.arange(400.0, 700.5, 0.5)
+    bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
+    bands /= white(Spectrum.constant(1.0), Response(wavelengths, bands))
+    return Response(wavelengths, bands, name="basis")
+
+
+def _spectrum(capture: Capture) -> Spectrum | None:
+    """The one spectrum of all lamps, where that and the camera's response are known."""
+    lamps = [lamp for photograph in capture.photographs for lamp in photograph.lamps]
+    first = lamps[0].spectrum
+    alike = all(
+        np.array_equal(lamp.spectrum.wavelengths, first.wavelengths)
+        and np.allclose(lamp.spectrum.values * first.values.sum(), first.values * lamp.spectrum.values.sum())
+        for lamp in lamps
+    )
+    scalar = not any(isinstance(lamp.intensity, tuple) for lamp in lamps)
+    known = all(photograph.camera.response is not None for photograph in capture.photographs)
+    return first if alike and scalar and known else None
+
+
+def _write_response(path: Path, response: Response) -> None:
+    curves = dict(zip(response.channels, response.values.T, strict=True))
+    write_table(path, {"wavelength_nm": response.wavelengths, **curves})
+
+
+def _possible(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float) -> bool:
+    """Whether particles of any phase conserve energy."""
+    try:
+        for material in surface_reflectances(materials, basis, dim):
+            for particles in PARTICLES:
+                Skin(particles, math.radians(135.0)).material(material)  # round ones are brightest for a lamp behind
+    except InputError:
+        return False
+    return True
+
+
+def _toml(record: Mapping[str, Any]) -> str:
+    """TOML of a record of plain values: a line a key."""
+    return "".join(f"{key} = {_value(value)}\n" for key, value in record.items())
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(entry) for entry in value) + "]"
+    return json.dumps(value, ensure_ascii=False)
