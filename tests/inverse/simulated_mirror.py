@@ -62,7 +62,7 @@ def seen_through(camera: Camera, centre, radius):
     return Seen(root > 0, unit(place - centre), place, -ray)
 
 
-def mirror_photograph(balls, lamp, seed, half_width=0.05, position=False, white=255, light=LAMP_LIGHT, blur=BLUR):
+def mirror_photograph(balls, lamp, seed, half_width=0.05, position=False, white=255, light=LAMP_LIGHT, glow=0.1):
     """Numbers (h, w) of a photograph of mirror balls under one lamp.
 
     lamp: direction, or place [m] where `position`. half_width [rad] of a far lamp, or radius [m] of a near one.
@@ -76,9 +76,9 @@ def mirror_photograph(balls, lamp, seed, half_width=0.05, position=False, white=
         distance = np.linalg.norm(towards, axis=-1)
         angle = np.arccos(np.clip(np.sum(ball.mirrored * towards, axis=-1) / distance, -1, 1))
         wide = np.arcsin(half_width / distance) if position else half_width
-        glow = 0.1 * np.exp(-((angle / 0.2) ** 2))
-        fine = np.where(ball.on, ROOM + glow + light * (angle < wide), fine)
-    mean = pixels(gaussian_filter(fine, blur * FINE))
+        around = glow * np.exp(-((angle / 0.2) ** 2))
+        fine = np.where(ball.on, ROOM + around + light * (angle < wide), fine)
+    mean = pixels(gaussian_filter(fine, BLUR * FINE))
     noisy = white * (mean + random.normal(0, 1, mean.shape) * np.hypot(0.003, 0.01 * np.sqrt(mean)))
     return np.clip(np.rint(noisy), 0, white).astype(np.uint8 if white == 255 else np.uint16)
 

@@ -10,7 +10,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.photograph.lamps.ball import Ball, find_ball
 from hagoromo.photograph.lamps.highlight import LampReading, find_highlight, read_lamp
-from hagoromo.photograph.lamps.outline import refined
+from hagoromo.photograph.lamps.outline import check_focus, refined
 
 
 def calibrate_lamps(
@@ -33,6 +33,7 @@ def calibrate_lamps(
     if camera is not None and (camera.height, camera.width) != mask.shape[:2]:
         raise InputError(f"the camera is {camera.height} × {camera.width} pixels and the mask {mask.shape[:2]}")
     ball = refined(find_ball(mask, camera), photographs.values())
+    check_focus(ball)
     readings = []
     for i, (name, photograph) in enumerate(photographs.items()):
         try:

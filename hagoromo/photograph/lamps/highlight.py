@@ -20,6 +20,7 @@ LEVELS = (0.3, 0.5, 0.7)  # of the highlight's peak: its centroid is taken at ea
 LARGEST_SHARE = 0.05  # of the ball's disc that a highlight may cover; a wider one has no centre worth the name
 CONTRAST = 3.0  # a highlight is this many times brighter than the 90th percentile of the ball
 DIMMEST = 0.25  # of white: peak of a highlight
+STANDS_OUT = 8.0  # times the 90th percentile, above the median: no highlight in noise does
 PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # px: standard deviation of a place known to the pixel
 TILT = 0.01  # px: of differences
 
@@ -76,8 +77,9 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     brightest = float(known.max())
     white = float(np.iinfo(photograph.dtype).max) if whole else brightest
     light = np.where(on_ball, np.where(np.isfinite(light), light, brightest), 0.0)
-    usual = float(np.percentile(light[on_ball], 90))
-    if brightest < DIMMEST * white or brightest < CONTRAST * usual or brightest <= 0.0:
+    median, usual = np.percentile(light[on_ball], [50, 90]).tolist()
+    noise = not whole and brightest - median < STANDS_OUT * (usual - median)  # where white is unknown
+    if noise or brightest < DIMMEST * white or brightest < CONTRAST * usual or brightest <= 0.0:
         raise InputError(f"no highlight on the ball (peak {brightest:.3g} of {white:g}): light it, or expose longer")
     speck, rival = _brightest_speck(light, LEVELS[1] * brightest)
     pixels = int(speck.sum())
@@ -108,11 +110,15 @@ def centre_of_lamp(highlight: Highlight, ball: Ball, off: tuple[float, ...] = (0
     off: errors [px] of the highlight's x, y, the ball's x, y, and its radius.
     """
     points, weight = highlight.points + off[:2], highlight.weights[1]
-    seen = ball.mirrored(points, off[2:]).to_lamp
-    right, down = (ball.mirrored(points + step, off[2:]).to_lamp - seen for step in TILT * np.eye(2))
-    solid_angle = np.linalg.norm(np.cross(right, down), axis=1)
-    mean = np.sum((weight * solid_angle)[:, None] * seen, axis=0)
+    mean = (weight * solid_angles(ball, points, off[2:])) @ ball.mirrored(points, off[2:]).to_lamp
     return mean / np.linalg.norm(mean)
+
+
+def solid_angles(ball: Ball, points: Array, off: tuple[float, ...] = (0.0,) * 3) -> Array:
+    """(n,) [sr] that the mirrored rays of the pixels at `points` (n, 2) span; 4/radius² each in a view from afar."""
+    seen = ball.mirrored(points, off).to_lamp
+    right, down = (ball.mirrored(points + step, off).to_lamp - seen for step in TILT * np.eye(2))
+    return np.linalg.norm(np.cross(right, down), axis=1) / TILT**2
 
 
 def slopes(highlight: Highlight, ball: Ball) -> tuple[Array, Array]:

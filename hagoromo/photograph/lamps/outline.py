@@ -30,9 +30,9 @@ BLURRED = 0.04  # of the radius: standard deviation of the edge's blur from whic
 
 
 def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
-    """The ball with its outline from `photographs`, (height, width[, channels]) each, where they show it better.
+    """The ball with its softness and, where they show it better, its outline from `photographs`.
 
-    `InputError` when they show the ball out of focus.
+    photographs: (height, width[, channels]) each.
     """
     pictures = [np.nan_to_num(grey(photograph), posinf=0.0, neginf=0.0) for photograph in photographs]
     steps = np.arange(-max(FAR * ball.radius, 3.0 * NEAR), max(FAR * ball.radius, 3.0 * NEAR) + STEP / 2, STEP)
@@ -41,11 +41,6 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     energy = np.sum((change / usual) ** 2, axis=0)
     found, clear = _edges(energy, steps, CLEAR**2 + len(pictures))
     softness = _softness(change[:, clear], found[clear], steps) if clear.mean() >= ENOUGH else None
-    if softness is not None and softness > BLURRED * ball.radius:
-        raise InputError(
-            f"the ball is out of focus: its edge is blurred by {softness:.1f} px (standard deviation), "
-            f"{100 * softness / ball.radius:.0f} % of its radius: focus on the ball"
-        )
     if clear.mean() < ENOUGH:
         return replace(ball, softness=softness)
     at = np.flatnonzero(clear)
@@ -57,6 +52,15 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     finer = fit_ball(edge[kept], ball.camera, EDGE_ERROR, "photographs")
     better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
     return replace(finer if better else ball, softness=softness)
+
+
+def check_focus(ball: Ball) -> None:
+    """Raise `InputError` when the photographs showed the ball out of focus."""
+    if ball.softness is not None and ball.softness > BLURRED * ball.radius:
+        raise InputError(
+            f"the ball is out of focus: its edge is blurred by {ball.softness:.1f} px (standard deviation), "
+            f"{100 * ball.softness / ball.radius:.0f} % of its radius: focus on the ball"
+        )
 
 
 def _changes(ball: Ball, picture: Array, steps: Array) -> Array:
