@@ -30,7 +30,7 @@ class Observations:
     values: (N, C) linear, in units of ρ of eq. (10). noise: (N, C) their variance, as the sensor states it from the
     noisy value itself. gain: (N, C) slope of that variance against the value. used: (N, C) what may be fitted.
     sight: geometry and light of the places. ceiling: (N, C) where the sensor saturates, inf where unknown. tile: (N,)
-    number of the tile of the image that the place is in.
+    number of the tile of the image that the place is in; pixel: (N,) number of its pixel, the same in all photographs.
     """
 
     values: Array
@@ -40,6 +40,7 @@ class Observations:
     sight: Sight
     ceiling: Array
     tile: NDArray[np.int64]
+    pixel: NDArray[np.int64]
 
     @property
     def channels(self) -> int:
@@ -104,10 +105,10 @@ def observations(capture: Capture, region: NDArray[np.bool_], lamp_colour: Array
         pixels = pixels[stratified(capture, pixels, MOST_VALUES // per_pixel, seed)]
     most_lamps = max(len(photograph.lamps) for photograph in capture.photographs)
     parts = [_observe(photograph, pixels, most_lamps, lamp_colour) for photograph in capture.photographs]
-    values, noise, gain, used, ceiling, tile, irradiance, *cosines = (
+    values, noise, gain, used, ceiling, tile, pixel, irradiance, *cosines = (
         np.concatenate(part) for part in zip(*parts, strict=True)
     )
-    return Observations(values, noise, gain, used, Sight(Cosines(*cosines), irradiance), ceiling, tile)
+    return Observations(values, noise, gain, used, Sight(Cosines(*cosines), irradiance), ceiling, tile, pixel)
 
 
 def _observe(photograph: Photograph, pixels: Pixels, lamps: int, lamp_colour: Array | None) -> tuple[NDArray, ...]:
@@ -127,9 +128,10 @@ def _observe(photograph: Photograph, pixels: Pixels, lamps: int, lamp_colour: Ar
         np.broadcast_to(per_channel, values.shape) for per_channel in (noise_gain(photograph), _ceiling(photograph))
     )
     tile = (pixels.rows // TILE) * (photograph.values.shape[1] // TILE + 1) + pixels.columns // TILE
+    pixel = pixels.rows * photograph.values.shape[1] + pixels.columns
     irradiance = np.pad(seen.irradiance[used], (*missing, (0, 0)))
     noise = photograph.variance[at].astype(np.float64)
-    return values, noise, gain, measured[at], ceiling, tile, irradiance, *cosines
+    return values, noise, gain, measured[at], ceiling, tile, pixel, irradiance, *cosines
 
 
 def native(photograph: Photograph) -> NDArray[np.bool_]:

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
+from hagoromo.reflectance.material.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.reflectance.material.interval import Profile, inflation, interval, interval_of_n, profile_over_n
+from hagoromo.reflectance.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_fit import (
-    START_GAMMA,
     MaterialFit,
     Residuals,
     fit_material,
-    inverse_over,
     with_colour_error,
 )
 from hagoromo.reflectance.material.quantity import (
@@ -76,7 +76,8 @@ def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error:
     """Estimate with the interface term: n estimated, given, or unknown and then chosen."""
     intervals = _intervals(profile_over_n(fit))
     identifiable = _identifiable(fit, intervals)
-    remarks, values, covered = _remarks(fit.residuals), _values(fit.theta), fit
+    tested = lack_of_fit(fit)
+    remarks, values, covered = _remarks(fit.residuals, tested), _values(fit.theta), fit
     if not fit.free[-1]:
         remarks.append(f"n = {values['n']:.4g} was given, not measured")
     elif not identifiable["n"]:
@@ -96,6 +97,7 @@ def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error:
         identifiable=identifiable,
         chi_square=fit.residuals.chi_square,
         remarks=tuple(remarks),
+        lack_of_fit=None if tested is None else tested.record(),
         **values,
     )
 
@@ -128,16 +130,17 @@ def _identifiable(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bool
 def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> MaterialEstimate:
     """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded."""
     c = len(fit.theta) - 3
-    profile, values = profile_over_n(fit), _values(fit.theta)
+    sweep, values = sweep_of_gloss(fit, n), _values(fit.theta)
     intervals: dict[str, Any] = {
-        "alpha": interval(profile, alpha),
+        "alpha": swept_interval(sweep, alpha),
         "beta": (0.0, math.inf),
         "gamma": GAMMA_RANGE,
         "n": N_RANGE if n is None else (n, n),
-        "specular_albedo": (0.0, _largest_albedo(fit)),
-        "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(c)),
+        "specular_albedo": (0.0, min(swept_interval(sweep, albedo)[1], 1.0)),
+        "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
     }
     told = _tells(values["alpha"], intervals["alpha"], (0.0, math.inf))
+    tested = lack_of_fit(fit)
     return MaterialEstimate(
         name,
         pixels,
@@ -148,9 +151,10 @@ def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> Materia
         identifiable={"alpha": told, "beta": False, "gamma": False, "n": False},
         chi_square=fit.residuals.chi_square,
         remarks=(
-            *_remarks(fit.residuals),
+            *_remarks(fit.residuals, tested),
             "no interface reflection was detected: beta, gamma and n are not told by these photographs",
         ),
+        lack_of_fit=None if tested is None else tested.record(),
         **values,
     )
 
@@ -217,7 +221,7 @@ def _inside(bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
     return bool(bounds[0] > admissible[0] * (1 + 1e-6) and bounds[1] < admissible[1] * (1 - 1e-6))
 
 
-def _remarks(residuals: Residuals) -> list[str]:
+def _remarks(residuals: Residuals, tested: LackOfFit | None) -> list[str]:
     """What the residuals say of the model."""
     remarks = []
     if residuals.model_error:
@@ -227,19 +231,10 @@ def _remarks(residuals: Residuals) -> list[str]:
         )
     if residuals.outliers > 0.001:
         remarks.append(f"{100 * residuals.outliers:.2g} % of the values lie beyond 6 standard deviations")
+    if tested is not None and tested.rejected:
+        remarks.append(tested.remark())
     return remarks
 
 
 def _exp(bounds: tuple[float, float]) -> tuple[float, float]:
     return math.exp(bounds[0]), math.exp(bounds[1])
-
-
-def _largest_albedo(fit: MaterialFit) -> float:
-    """Upper end of the 95 % interval of the specular albedo: the largest over START_GAMMA, for PRIOR_N; at most 1."""
-    theta = np.tile(fit.theta, (len(START_GAMMA), 1))
-    theta[:, -2], theta[:, -1] = np.log(START_GAMMA), math.log(PRIOR_N - 1.0)
-    linear = np.arange(theta.shape[1]) <= theta.shape[1] - 3
-    rows = minimise(fit.objective, theta, linear)
-    spread = np.sqrt([inverse_over(curvature, linear)[-3, -3] for curvature in rows.curvature])
-    largest = rows.theta[:, -3] + WIDTH_95 / 2 * spread
-    return float(min(np.max(largest * albedo_per_strength(rows.theta)[0]), 1.0))

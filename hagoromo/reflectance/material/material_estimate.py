@@ -27,7 +27,8 @@ class MaterialEstimate:
     standard_error, interval_95: of each of these, None where there is none; body_colour has one per channel.
     correlation: between PARAMETERS (4, 4), None where one of them was not estimated.
     identifiable: whether the photographs tell the parameter; where not, its value is a stated choice (see `remarks`).
-    chi_square: of the residuals, per degree of freedom.
+    chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
+    `LackOfFit.record` gives it; None where there is too little to test.
     """
 
     name: str
@@ -46,6 +47,7 @@ class MaterialEstimate:
     chi_square: float
     element: str = "plane"
     remarks: tuple[str, ...] = field(default=())
+    lack_of_fit: Mapping[str, Any] | None = None
 
     def reflectance(
         self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None

@@ -102,7 +102,7 @@ def with_colour_error(fit: MaterialFit, error: Array) -> MaterialFit:
     An error δ of ln white changes every model value by itself times δ, and the estimate by H⁻¹JᵀW times that.
     """
     seen = fit.objective.seen
-    pull = np.einsum("ncp,nc->pc", _jacobian(seen.sight, fit.theta), fit.weight * expected(seen.sight, fit.theta))
+    pull = np.einsum("ncp,nc->pc", jacobian(seen.sight, fit.theta), fit.weight * expected(seen.sight, fit.theta))
     gain = inverse_over(fit.curvature, fit.inside) @ pull
     return replace(fit, covariance=fit.covariance + gain @ error @ gain.T)
 
@@ -184,7 +184,7 @@ def _with_covariance(
     model = expected(seen.sight, theta)
     deviation = (seen.values - model)[used]
     r = deviation / np.sqrt(objective.variance[used])
-    j = _jacobian(seen.sight, theta)[used][:, inside] / np.sqrt(objective.variance[used])[:, None]
+    j = jacobian(seen.sight, theta)[used][:, inside] / np.sqrt(objective.variance[used])[:, None]
     a = np.einsum("m,mp,mq->pq", objective.loss.curvature(r), j, j)
     inverse = np.linalg.pinv(a, hermitian=True)
     leverage = objective.loss.weight(r) * np.einsum("mp,pq,mq->m", j, inverse, j)
@@ -204,7 +204,7 @@ def _with_covariance(
     return MaterialFit(theta, frozen, weights / objective.variance, curvature, covariance, free, inside, residuals)
 
 
-def _jacobian(seen: Sight, theta: Array) -> Array:
+def jacobian(seen: Sight, theta: Array) -> Array:
     """Derivatives of the expected values by θ: (N, C, P)."""
     interface, by_gamma, by_n = (part[0] for part in seen.interface(theta[-2:-1], theta[-1:]))
     body = seen.body[:, :, None] * np.eye(len(theta) - 3)
