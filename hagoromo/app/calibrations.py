@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
 from hagoromo.app.progress import progress_bar
 from hagoromo.app.verb import Force, Out, verb, wrote
-
-LAMP = ("name", "to_lamp", "intensity")  # of a lamp in a capture's transforms.json
 
 calibrations = tyro.extras.SubcommandApp()
 
@@ -56,31 +54,49 @@ def calibrate_camera(
 
 @verb(calibrations, "lamps")
 def calibrate_lamps(
-    photographs: Positional[tuple[Path, ...]], mask: Path, out: Out, camera: Path | None = None, force: Force = False
+    photographs: Positional[tuple[Path, ...]],
+    out: Out,
+    mask: UseAppendAction[tuple[Path, ...]] = (),
+    moved: bool = False,
+    radius: float | None = None,
+    camera: Path | None = None,
+    reference: Path | None = None,
+    reflectance: tuple[float, ...] = (),
+    reference_normal: tuple[float, float, float] | None = None,
+    reference_radius: float | None = None,
+    mirror: tuple[float, ...] = (),
+    transfer: Literal["linear", "srgb"] | None = None,
+    force: Force = False,
 ) -> None:
-    """Photographs of a chrome ball, one lamp on in each → where the lamps stand, one each.
+    """Photographs of chrome balls, one lamp on in each → where the lamps stand, one each, and how strong they are.
+
+    One ball tells directions (far lamps). Several balls, or one in several places, tell positions (near lamps), and
+    which lamps are too far for that. A matte reference, or a highlight that is not clipped, tells strength and colour.
 
     Args:
-        photographs: PNG or JPEG, one per lamp, all from one place.
-        mask: picture that is white on the ball and black elsewhere.
+        photographs: one per lamp, all from one place: PNG, JPEG, TIFF, RAW or developed EXR.
+        mask: picture that is white on the chrome ball and black elsewhere; once per ball that the photographs show.
+        moved: one ball in several places: a --mask for each place, and the photographs of the first place, then as many
+            of the second in the same order of lamps, and so on.
+        radius: of the chrome balls [m]; needed with several masks, with --camera.
         camera: camera.json of `calibrate camera`, or OpenCV's YAML; without it the view is taken for orthographic.
+            Directions are in its axes (x right, y down, z forward); without it x right, y up, z to the camera.
+        reference: mask of a matte ball in the photographs (of the first place), or of a matte card.
+        reflectance: of the reference, below 1: one number, or one per channel; the lamps' intensity is then absolute,
+            in pi times the unit of the photographs' values (per channel), times m2 for near lamps.
+        reference_normal: direction that a card faces, in the axes above; without it the reference is a ball.
+        reference_radius: of a matte ball [m], where lamps are near.
+        mirror: reflectance of the chrome balls, one number or one per channel: strength from the light of highlights
+            that are not clipped. Where it is unknown give 1: the lamps' ratios are right.
+        transfer: of 8-bit photographs, where strength is asked for; 16 bits are taken for linear.
     """
-    from hagoromo.camera.camera_file import read_camera
-    from hagoromo.files.picture import read_picture
-    from hagoromo.files.record import write_json
-    from hagoromo.files.whole import whole_file
-    from hagoromo.photograph.lamps import calibrate_lamps
+    from hagoromo.app.calibrate_lamps import Balls, Matte, calibrate_lamps_to
 
-    with whole_file(out, force) as partial, progress_bar("calibrate lamps") as progress:
-        lens = None if camera is None else read_camera(camera)
-        ball, readings = calibrate_lamps(_pictures(photographs), read_picture(mask), lens, progress)
-        records = [reading.record() for reading in readings]
-        lamps = [{key: record[key] for key in LAMP} for record in records]  # as a capture lists them
-        shape = {"centre_px": ball.centre, "radius_px": ball.radius, "rms_px": ball.rms}
-        write_json(partial, {"lamps": lamps, "ball": shape, "readings": records})
-    for reading in readings:
-        x, y, z = reading.to_lamp
-        print(f"{reading.name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {reading.standard_error_deg:.2f}°")
+    balls = Balls(mask, moved, radius, camera, mirror)
+    matte = Matte(reference, reflectance, reference_normal, reference_radius)
+    with progress_bar("calibrate lamps") as progress:
+        lines = calibrate_lamps_to(photographs, out, balls, matte, transfer, force, progress)
+    print(*lines, sep="\n")
     wrote(out)
 
 

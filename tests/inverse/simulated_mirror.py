@@ -62,7 +62,9 @@ def seen_through(camera: Camera, centre, radius):
     return Seen(root > 0, unit(place - centre), place, -ray)
 
 
-def mirror_photograph(balls, lamp, seed, half_width=0.05, position=False, white=255, light=LAMP_LIGHT, glow=0.1):
+def mirror_photograph(
+    balls, lamp, seed, half_width=0.05, position=False, white=255, light=LAMP_LIGHT, glow=0.1, blur=BLUR
+):
     """Numbers (h, w) of a photograph of mirror balls under one lamp.
 
     lamp: direction, or place [m] where `position`. half_width [rad] of a far lamp, or radius [m] of a near one.
@@ -78,7 +80,7 @@ def mirror_photograph(balls, lamp, seed, half_width=0.05, position=False, white=
         wide = np.arcsin(half_width / distance) if position else half_width
         around = glow * np.exp(-((angle / 0.2) ** 2))
         fine = np.where(ball.on, ROOM + around + light * (angle < wide), fine)
-    mean = pixels(gaussian_filter(fine, BLUR * FINE))
+    mean = pixels(gaussian_filter(fine, blur * FINE))
     noisy = white * (mean + random.normal(0, 1, mean.shape) * np.hypot(0.003, 0.01 * np.sqrt(mean)))
     return np.clip(np.rint(noisy), 0, white).astype(np.uint8 if white == 255 else np.uint16)
 

@@ -7,7 +7,7 @@ of a cone of rays, and directions are in its world. Lengths on the ball are in i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,8 +40,8 @@ class Ball:
 
     edge: (n, 2) points (x, y) the outline was fitted to [px]. camera: None for an orthographic view. axis: (3,) unit,
     world, to the ball's centre, and angle: half the cone's [rad]; for an orthographic view (0, 0, 1) and 0. source:
-    "mask" or "photographs". softness: standard deviation of the edge's blur [px], None where the photographs do not
-    show the edge.
+    "mask" or "photographs"; from_mask: how far the latter's centre stands from the mask's [px]. softness: standard
+    deviation of the edge's blur [px], None where the photographs do not show the edge.
     """
 
     centre: tuple[float, float]
@@ -54,6 +54,19 @@ class Ball:
     angle: float = 0.0
     source: str = "mask"
     softness: float | None = None
+    from_mask: tuple[float, float] = (0.0, 0.0)
+
+    def record(self) -> dict[str, Any]:
+        """What lamps.json says of the ball."""
+        return {
+            "centre_px": list(self.centre),
+            "radius_px": self.radius,
+            "standard_error_px": list(self.standard_error),
+            "rms_px": self.rms,
+            "outline": self.source,
+            "centre_from_mask_px": list(self.from_mask),
+            "softness_px": self.softness,
+        }
 
     def outline(self, count: int, scale: ArrayLike = 1.0) -> Array:
         """(..., count, 2) points (x, y) [px] around the outline, of balls `scale` (...) times as wide."""

@@ -22,10 +22,12 @@ FAR = 0.12  # of the radius, beside the edge, that its softness is looked for
 SMOOTH = 0.7  # px: standard deviation of the smoothing of profiles
 NARROWEST = 0.8  # px: standard deviation of the edge of a sharp disc, so sampled and smoothed
 FOOT = 0.2  # of the change at the edge: where its bump ends
-CLEAR = 6.0  # times the usual change of light along a profile that an edge stands out by
+CLEAR = 6.0  # times the usual change of light beside the ball that its edge stands out by
 ENOUGH = 0.6  # of the sectors must show the edge
 CONSISTENT = 0.5  # px rms off a ball's outline up to which the places found are those of the ball's edge
-EDGE_ERROR = 0.1  # px: systematic error of the place of an edge, of reflections that crowd there
+EDGE_ERROR = (
+    0.2  # px: systematic error of the radius, of reflections that crowd at the edge: so do parts of uw_psm differ
+)
 BLURRED = 0.04  # of the radius: standard deviation of the edge's blur from which the ball is out of focus
 
 
@@ -35,9 +37,11 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     photographs: (height, width[, channels]) each.
     """
     pictures = [np.nan_to_num(grey(photograph), posinf=0.0, neginf=0.0) for photograph in photographs]
-    steps = np.arange(-max(FAR * ball.radius, 3.0 * NEAR), max(FAR * ball.radius, 3.0 * NEAR) + STEP / 2, STEP)
+    reach = max(FAR * ball.radius, 3.0 * NEAR)
+    steps = np.arange(-reach, 1.5 * reach, STEP)
     change = np.stack([_changes(ball, picture, steps) for picture in pictures])  # (K, SECTORS, T)
-    usual = np.median(np.abs(change), axis=2, keepdims=True) + 1e-12 + 1e-3 * np.abs(change).max()
+    usual = np.median(np.abs(change[..., steps > reach]), axis=2, keepdims=True)  # beside the ball
+    usual = usual + 1e-12 + 1e-3 * np.abs(change).max()
     energy = np.sum((change / usual) ** 2, axis=0)
     found, clear = _edges(energy, steps, CLEAR**2 + len(pictures))
     softness = _softness(change[:, clear], found[clear], steps) if clear.mean() >= ENOUGH else None
@@ -51,7 +55,10 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
         return replace(ball, softness=softness)
     finer = fit_ball(edge[kept], ball.camera, EDGE_ERROR, "photographs")
     better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
-    return replace(finer if better else ball, softness=softness)
+    if not better:
+        return replace(ball, softness=softness)
+    (x, y), (u, v) = finer.centre, ball.centre
+    return replace(finer, softness=softness, from_mask=(x - u, y - v))
 
 
 def check_focus(ball: Ball) -> None:
