@@ -13,7 +13,7 @@ from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.drape.eased import eased
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
-from hagoromo.matter.figure.garment import RESOLUTIONS, garments
+from hagoromo.matter.figure.garment import garments
 from hagoromo.matter.shell import Chart, shell
 from hagoromo.matter.texture import texel
 from hagoromo.reflectance.reflectance import Reflectance
@@ -26,6 +26,7 @@ PATH = 0.035  # mean free path of light in fibres
 HEM = 3.0  # voxels of the chart over which presence falls at a hem
 NARROW = 3.0  # voxels of the chart, of cloth: folds that are narrower cannot be told in it
 MARGIN = 2.0  # voxels of the chart around the cloth
+COARSEST = 0.75  # resolution of the drape: wider points fold the cloth so sharply that its chart shows tears
 
 
 class Garment(NamedTuple):
@@ -70,7 +71,7 @@ def garment_of(figure: str, name: str, material: Reflectance, resolution: float 
 @lru_cache(maxsize=2)
 def _sheets(figure: str, resolution: float, seed: int) -> dict[str, list[Sheet]]:
     """The draped sheets of a figure: its garments fall together."""
-    return garments(figure, min(max(resolution, RESOLUTIONS[0]), 1.0), seed)
+    return garments(figure, min(max(resolution, COARSEST), 1.0), seed)
 
 
 @lru_cache(maxsize=4)
