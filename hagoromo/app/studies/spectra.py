@@ -7,12 +7,10 @@ Enters: a folder with camera_sensitivities/camspec_28_cameras.csv and nist_skin/
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tyro
 from tyro.conf import Positional
 
@@ -22,6 +20,7 @@ from hagoromo.app.studies.spectra_bench import CAMERAS, NOISE, SOURCES, TARGETS,
 from hagoromo.app.studies.spectra_cases import Case, chart_case, skin_cases, study_case, surfaces_case
 from hagoromo.app.studies.spectra_report import write_spectra_report
 from hagoromo.app.studies.spectra_rivals import study_recoveries, study_rivals
+from hagoromo.app.studies.spectra_row import Row, percentiles
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.reflectance.prior_spectra import read_spectra
@@ -29,22 +28,6 @@ from hagoromo.reflectance.prior_spectra import read_spectra
 SKIN = Path("nist_skin") / "nist_skin_70_subjects_250_1000nm.csv"
 SLOW = 7  # of the cameras, every seventh where a method takes minutes over all
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One line of the table. delta_e: lamp → (cameras, surfaces). More: what our own estimate states beside it."""
-
-    case: str
-    sources: str
-    method: str
-    delta_e: Mapping[str, np.ndarray]
-    more: Mapping[str, Any]
-
-    def record(self) -> dict[str, Any]:
-        """As results.json has it: medians and 95th percentiles."""
-        scores = {lamp: _percentiles(values) for lamp, values in self.delta_e.items()}
-        return {"case": self.case, "sources": self.sources, "method": self.method, "delta_e_2000": scores, **self.more}
 
 
 def spectra_study(
@@ -84,13 +67,9 @@ def spectra_study(
 def ours(case: Case, bench: Bench, sources: str) -> Row:
     """Our own estimate of a case: ΔE00, coverage of the 95 % regions, the reading of every other camera."""
     found = study_case(case, bench, sources)
-    other = {lamp: _percentiles(100.0 * errors) for lamp, errors in found["camera_b"].items()}
+    other = {lamp: percentiles(100.0 * errors) for lamp, errors in found["camera_b"].items()}
     more = {"camera_b_percent": other} | {key: found[key] for key in ("coverage", "camera_b_coverage", "probability")}
     return Row(case.name, sources, "hagoromo", found["delta_e"], more)
-
-
-def _percentiles(values: np.ndarray) -> dict[str, float]:
-    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
 
 
 def main(folder: Positional[Path], out: Path, force: bool = False) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from hagoromo.app.page import Page
 from hagoromo.app.plots import panels, svg_text
 from hagoromo.app.studies.spectra_bench import TARGETS, Bench
 from hagoromo.app.studies.spectra_cases import Case, estimate
+from hagoromo.app.studies.spectra_row import Row
 from hagoromo.reflectance.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectrum_estimate import SpectrumEstimate
-
-if TYPE_CHECKING:
-    from hagoromo.app.studies.spectra import Row
 
 SHOWN = ("hagoromo", "3×3 matrix", "root polynomial", "Wiener")
 COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a", "#8a8a8a")
