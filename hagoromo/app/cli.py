@@ -120,6 +120,7 @@ def develop(
     gain: float | None = None,
     read_noise: float | None = None,
     demosaic: Literal["bilinear", "menon2007"] = "bilinear",
+    undistort: Path | None = None,
     force: Force = False,
 ) -> None:
     """Exposures of one view (RAW, TIFF, PNG, JPEG, EXR) → EXR of linear camera colours with their variance.
@@ -137,6 +138,7 @@ def develop(
         gain: of the sensor [electrons per DN]; with read_noise; without, both are estimated from the frames.
         read_noise: of the sensor [electrons].
         demosaic: how the mosaic is filled in.
+        undistort: camera.json of `calibrate camera`, or OpenCV's YAML: the result is as a lens without distortion sees.
     """
     from hagoromo.app.develop import Frames, develop_to, summary
     from hagoromo.photograph.exposure import Given
@@ -146,7 +148,7 @@ def develop(
         raise InputError("--gain and --read-noise go together: give both or none")
     noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
     given = Given(black, white, mosaic, transfer, None, iso)
-    found = develop_to(Frames(photographs, dark, flat), out, given, exposures, noise, demosaic, force)
+    found = develop_to(Frames(photographs, dark, flat), out, given, exposures, noise, demosaic, force, undistort)
     print("\n".join(summary(found)))
     wrote(out)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hagoromo.camera.camera_file import read_camera
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
 from hagoromo.files.exif import read_exif
@@ -20,6 +21,7 @@ from hagoromo.photograph.exposure import Given, read_exposure
 from hagoromo.photograph.noise import Noise
 from hagoromo.photograph.pixels import ALPHA, NATIVE, VARIANCE, default_channels
 from hagoromo.photograph.transfer import Transfer, estimate_transfer
+from hagoromo.photograph.undistort import undistorted
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,12 @@ def develop_to(
     noise: Noise | None,
     demosaic: Demosaic,
     force: bool,
+    undistort: Path | None = None,
 ) -> Development:
     """Write the EXR `out`: R, G, B, their `variance.`, `native.` where interpolated, A (1 where valid).
 
-    exposures_s: of the photographs in their order, where their files do not tell.
+    exposures_s: of the photographs in their order, where their files do not tell. undistort: file of the camera whose
+    distortion is taken out.
     """
     if exposures_s and len(exposures_s) != len(frames.photographs):
         raise InputError(f"{len(exposures_s)} exposures for {len(frames.photographs)} photographs: give one each")
@@ -59,6 +63,8 @@ def develop_to(
             noise,
         )
         found = develop(shots, calibration, demosaic)
+        if undistort is not None:
+            found = undistorted(found, read_camera(undistort))
         _write(partial, found, shots[0].exif.focal_px(found.values.shape[1]))
     return found
 

@@ -27,7 +27,7 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.body_basis import body_basis
 from hagoromo.reflectance.sight import sight
 
-RIM = 2  # px along the edge of the surface, where a pixel may show what is beside it
+RIM = 1  # px along the edge of the relief, whose skin a ray may miss there
 BRIGHT = 99.0  # percentile of the photograph's brightest channel that is white on the page and to `compare`
 COVERED = 0.99  # of a pixel by the boxes, to be compared
 Array = NDArray[np.float64]

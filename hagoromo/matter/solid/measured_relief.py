@@ -19,7 +19,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 
 
 def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
-    """The relief in materials.json, labels.png, normals.exr, points.exr and, where there is one, body.exr; its materials.
+    """The relief in materials.json, labels.png, normals.exr, points.exr and, if there is one, body.exr; its materials.
 
     body.exr: α c_b of each pixel, a channel per camera channel, in the order of the file's names ("0", "1", … or
     R, G, B); without it each pixel has the colour of its material. `InputError` where the parts do not go together.

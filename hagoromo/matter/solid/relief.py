@@ -32,6 +32,8 @@ SKIN = 6.0  # voxels of matter along the normal
 DEPTH = 9.0  # optical depth of the skin: 1e-4 passes, and the mean free path is longer than a step of the march
 STEEPEST = 0.3  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
 SHARPEST = 0.5  # the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
+RIM = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
+SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN = 4  # voxels around the surface
 PARTICLES = ("plane", "round")
 
@@ -48,9 +50,12 @@ class Relief:
     labels: NDArray[np.integer]
 
     def known(self) -> NDArray[np.bool_]:
-        """(h, w) pixels with point, normal and label; `InputError` where there is none."""
+        """(h, w) pixels with point, normal and label, but for RIM along the outline; `InputError` if there is none."""
+        from scipy.ndimage import binary_erosion, binary_fill_holes
+
         known = (np.linalg.norm(self.points, axis=2) > 0) & (np.linalg.norm(self.normals, axis=2) > 0.5)
         known &= self.labels >= 0
+        known &= np.asarray(binary_erosion(binary_fill_holes(known), iterations=RIM, border_value=1))
         if not known.any():
             raise InputError("the relief has no pixel with point, normal and label: there is nothing to fill")
         return np.asarray(known, np.bool_)
@@ -108,6 +113,8 @@ def relief_plan(
     if local[:, 2].min() <= 0.0:
         raise InputError("the relief has points behind the camera: give the camera that saw it")
     voxel = float(local[:, 2].mean() / np.mean(camera.focal))
+    around = _median_around(known, local[:, 2])
+    local *= np.where(local[:, 2] < around - SPIKE * voxel, around / local[:, 2], 1.0)[:, None]
     behind = local * (1.0 + SKIN / STEEPEST * voxel / local[:, 2:])  # where the skin of a steep pixel may end
     low = np.minimum(local, behind).min(axis=0) - MARGIN * voxel
     high = np.maximum(local, behind).max(axis=0) + MARGIN * voxel
@@ -137,6 +144,15 @@ def relief_plan(
         f"relief, {skin.particles}",
     )
     return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel))
+
+
+def _median_around(known: NDArray[np.bool_], depth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) median of the depths (n,) of the known pixels around each, within two pixels."""
+    from numpy.lib.stride_tricks import sliding_window_view
+
+    image = np.full((known.shape[0] + 4, known.shape[1] + 4), np.nan)
+    image[2:-2, 2:-2][known] = depth
+    return np.nanmedian(sliding_window_view(image, (5, 5))[known].reshape(-1, 25), axis=1)
 
 
 class _Field:
