@@ -21,6 +21,7 @@ from hagoromo.reflectance.material.measure import Measurement, fill_measurement,
 from hagoromo.reflectance.photometric.depth import points_from_normals
 from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
 from hagoromo.reflectance.photometric.normals import solve_normals
+from hagoromo.reflectance.photometric.shape import has_near_lamps, solve_shape
 
 Progress = Callable[[float, str], None]
 
@@ -86,7 +87,11 @@ def _of_unknown_shape(
         raise InputError("the camera stands at the world's origin and the capture has no shape: give --distance")
     if known.n is not None:
         raise InputError("lamps that solve the normals do not tell what n changes: leave --n out, or give the shape")
-    found = solve_normals(capture, progress=progress)
-    points = points_from_normals(found.normals, camera, away, found.variance)
+    if has_near_lamps(capture):
+        shape = solve_shape(capture, away, progress=progress)
+        found, points = shape.found, shape.surface.points
+    else:
+        found = solve_normals(capture, progress=progress)
+        points = points_from_normals(found.normals, camera, away, found.variance)
     measured = measurement_of(capture, found)
     return measured, replace(capture, points=points, normals=found.normals), found.body

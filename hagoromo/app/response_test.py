@@ -18,12 +18,12 @@ from hagoromo.light.colour import srgb_decode
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.photometric.model import predicted
 from hagoromo.reflectance.photometric.normals import robust_lambert, solve_fit
-from hagoromo.reflectance.photometric.step import Prior
+from hagoromo.reflectance.photometric.prior import Prior
 from hagoromo.reflectance.photometric.views import Array, Views, views
 
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
 PIXELS = 2000  # of each object that are fitted
-LAMBERT = Prior(exponent=1e-3)
+LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
 Progress = Callable[[float, str], None]
 
 
@@ -55,8 +55,8 @@ def _residual(seen: Views, recorded: Array, light: Array, back: float | None) ->
     decoded = replace(seen, values=light / seen.light, variance=seen.variance * slope**2)
     normals, body = robust_lambert(decoded)
     labels = np.zeros(seen.shape, np.int64)
-    fit = solve_fit(decoded, labels, normals, body, LAMBERT)
-    model = fit.evenness(decoded.place)[:, None] * predicted(fit, seen.to_lamp, seen.to_eye) * seen.light
+    decoded, fit = solve_fit(decoded, labels, normals, body, LAMBERT)
+    model = fit.evenness(decoded.place)[:, None] * predicted(fit, decoded.to_lamp, seen.to_eye) * decoded.light
     encoded = _srgb_encoded(model) if back is None else model**back
     size = np.maximum(recorded, recorded.mean(axis=0))
     return float(np.median((np.abs(encoded - recorded) / size)[np.broadcast_to(seen.used[:, None], size.shape)]))

@@ -79,8 +79,8 @@ class Lamp:
 
     def shifted(self, by: ArrayLike) -> Lamp:
         """The lamp with `by` (3,) added to its position [m], or to its direction [rad]."""
-        position = None if self.position is None else self.position + by
-        to_lamp = None if self.to_lamp is None else self.to_lamp + by
+        position = None if self.position is None else self.position + np.asarray(by)
+        to_lamp = None if self.to_lamp is None else self.to_lamp + np.asarray(by)
         return Lamp(position, to_lamp, self.intensity, self.spectrum, self.name, self.axis, self.axis_power)
 
 

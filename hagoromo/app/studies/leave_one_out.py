@@ -18,7 +18,6 @@ from hagoromo.reflectance.photometric.cast_shadow import lit_share
 from hagoromo.reflectance.photometric.depth import points_from_normals
 from hagoromo.reflectance.photometric.normals import NormalMap, least_squares_fit, solve_normals
 from hagoromo.reflectance.photometric.relight import disagreement, forecast
-from hagoromo.reflectance.photometric.rig import AFTER_RIG
 from hagoromo.reflectance.photometric.views import Array, Views, views
 
 METHODS = {
@@ -56,13 +55,13 @@ def score(photograph: Photograph, prediction: NDArray[np.floating]) -> tuple[flo
 def keep_aside(capture: Capture, even: Capture, field: Array, lamp: int) -> KeptAside:
     """Predict photograph `lamp` of `capture` from the others.
 
-    even: the capture flat-fielded by `field` (K, h, w), which other objects told.
+    even: the capture with the lamps that other objects told, flat-fielded by `field` (K, h, w).
     """
     photograph, camera = capture.photographs[lamp], capture.photographs[lamp].camera
-    to_lamp = np.asarray(photograph.lamps[0].to_lamp)
+    stated, to_lamp = (np.asarray(one.photographs[lamp].lamps[0].to_lamp) for one in (capture, even))
     plain, others = views(_without(capture, lamp)), views(_without(even, lamp))
     distance = float(np.linalg.norm(camera.position))
-    found = solve_normals(_without(even, lamp), prior=AFTER_RIG)
+    found = solve_normals(_without(even, lamp))
     points = points_from_normals(found.normals, camera, distance, found.variance)
     lambert, lambert_even = least_squares_fit(plain), least_squares_fit(others)
     own, seen = forecast(found.fit, found.seen, to_lamp), found.seen
@@ -77,7 +76,7 @@ def keep_aside(capture: Capture, even: Capture, field: Array, lamp: int) -> Kept
         "ours": flat * np.maximum(own + disagreement(found.fit, seen, to_lamp), 0.0),
     }
     predictions = {method: _image(seen, value) for method, value in values.items()}
-    predictions["lambert"] = _image(plain, forecast(lambert, plain, to_lamp))
+    predictions["lambert"] = _image(plain, forecast(lambert, plain, stated))
     return KeptAside(lamp, photograph, predictions, found, points)
 
 

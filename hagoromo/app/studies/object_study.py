@@ -21,7 +21,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
 from hagoromo.reflectance.photometric.normals import NormalMap, least_squares_lambert, solve_normals
-from hagoromo.reflectance.photometric.rig import AFTER_RIG, flat_fielded
+from hagoromo.reflectance.photometric.rig import Unevenness, evened, flat_field
 from hagoromo.reflectance.photometric.views import Array, views
 
 SPHERE = "gray"  # the object whose normals are known
@@ -70,14 +70,18 @@ class ObjectStudy:
 def study_object(
     folder: str | Path,
     capture: Capture,
-    field: Array,
+    others: Sequence[Unevenness],
     aside: Sequence[int],
     tell: Progress,
     share: tuple[float, float] = (0.0, 1.0),
 ) -> ObjectStudy:
-    """Study of one object with the lamps in `aside` kept aside in turn; share: begin and length told to `tell`."""
-    even = flat_fielded(capture, field)
-    found = solve_normals(even, prior=AFTER_RIG)
+    """Study of one object with the lamps in `aside` kept aside in turn; share: begin and length told to `tell`.
+
+    others: the lamps as the other objects told them.
+    """
+    field = flat_field(others, (capture.photographs[0].camera.height, capture.photographs[0].camera.width))
+    even = evened(capture, others, field)
+    found = solve_normals(even)
     each = []
     for i, lamp in enumerate(aside):
         tell(share[0] + share[1] * i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")

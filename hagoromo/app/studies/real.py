@@ -25,10 +25,9 @@ from hagoromo.app.studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
-from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.lamps import LampReading
 from hagoromo.reflectance.photometric.normals import solve_normals
-from hagoromo.reflectance.photometric.rig import Unevenness, flat_field, unevenness
+from hagoromo.reflectance.photometric.rig import Unevenness, unevenness
 from hagoromo.reflectance.photometric.views import Array
 
 Progress = Callable[[float, str], None]
@@ -55,9 +54,9 @@ def real_study(
             told[name] = unevenness(solve_normals(capture))
         studies = []
         for i, name in enumerate(objects):
-            field = _field(name, told, captures[name])
+            others = [one for other, one in told.items() if other != name]
             share = 0.2 + 0.78 * i / len(objects), 0.78 / len(objects)
-            studies.append(study_object(folder, captures[name], field, range(LAMPS), tell, share))
+            studies.append(study_object(folder, captures[name], others, range(LAMPS), tell, share))
         record = {
             "hagoromo": __version__,
             "lamps": [{**lamp.record(), "off_their_reading_deg": off} for lamp, off in _agreement(folder, lamps)],
@@ -71,12 +70,6 @@ def real_study(
         write_real_report(home / "report.html", record, studies)
         tell(1.0, "")
     return record
-
-
-def _field(name: str, told: dict[str, Unevenness], capture: Capture) -> Array:
-    """Flat field of the lamps over one object, from what the other objects told."""
-    camera = capture.photographs[0].camera
-    return flat_field([one for other, one in told.items() if other != name], (camera.height, camera.width))
 
 
 def _agreement(folder: str | Path, lamps: Sequence[LampReading]) -> list[tuple[LampReading, dict[str, float]]]:

@@ -10,9 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from hagoromo.reflectance.photometric.lamp_shift import shifted_lamps
 from hagoromo.reflectance.photometric.model import Fit, precision, predicted, size
 from hagoromo.reflectance.photometric.pixel_fit import Light, fit_pixels
-from hagoromo.reflectance.photometric.step import Prior, Step
+from hagoromo.reflectance.photometric.prior import Prior
+from hagoromo.reflectance.photometric.step import Problem, Step
 from hagoromo.reflectance.photometric.views import Views
 
 SUBSET = 2000  # pixels that gloss and lamps are estimated from
@@ -21,25 +23,33 @@ FLOOR = 0.003  # least relative error of the model
 NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 
 
-def photometric_fit(seen: Views, start: Fit, prior: Prior | None = None, seed: int = 0) -> Fit:
-    """Everything: gloss, lamps and model error from a subset of the pixels, then normals and body of all."""
+def photometric_fit(seen: Views, start: Fit, prior: Prior | None = None, seed: int = 0) -> tuple[Views, Fit]:
+    """Everything: gloss, lamps and model error from a subset of the pixels, then normals and body of all.
+
+    The views that it gives are `seen` under the lamps, and of points, where the fit has them.
+    """
     fit = fit_together(seen, start, prior or Prior(), seed)
+    seen = seen.under(shifted_lamps(seen, fit.shift), float(np.exp(fit.depth)))
     light = Light(fit.gloss.rows[fit.labels], fit.evenness(seen.place), precision(seen, fit.model_error))
     normals, body, variance = fit_pixels(seen, light, start.normals, start.body)
-    return replace(fit, normals=normals, body=body, variance=variance)
+    return seen, replace(fit, normals=normals, body=body, variance=variance)
 
 
 def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
-    """Gloss, lamps and model error from SUBSET pixels of `seen`; normals and body of all pixels stay as they are."""
+    """Gloss, lamps and model error from SUBSET pixels of `seen`; normals and body of all pixels stay as they are.
+
+    The scales of the lamps' prior are learnt on the way, `prior` counting as what they were stated to be.
+    """
     count = len(seen.rows)
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
-    some, fit, place = seen.pixels(chosen), start.pixels(chosen), seen.place[chosen]
     share = independent_share(seen, start) * count / len(chosen)
+    problem = Problem(seen.pixels(chosen), seen.place[chosen], share, prior)
+    fit = start.pixels(chosen)
     for _ in range(ROUNDS):
-        step, damping = Step(some, fit, place, share, prior), 1e-2
+        step, damping = Step(problem, fit), 1e-2
         first = step.cost
         for _ in range(STEPS):
-            trial = Step(some, step.moved(damping), place, share, prior)
+            trial = Step(problem, step.moved(damping))
             if trial.cost < step.cost:
                 settled = step.cost - trial.cost < 1e-4 * step.cost
                 step, damping = trial, max(damping / 5, 1e-5)
@@ -48,16 +58,20 @@ def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
             else:
                 damping *= 5
         fit = replace(step.fit, model_error=_model_error(step))
+        learnt = problem.prior.learnt(prior, step.of_lamps, step.covariances()[1])
+        problem = replace(problem, prior=learnt)
         if first - step.cost < 1e-3 * first:
             break
-    step = Step(some, fit, place, share, prior)
+    step = Step(problem, fit)
     return replace(
         start,
         gloss=fit.gloss,
         strength=fit.strength,
         slope=fit.slope,
+        shift=fit.shift,
+        depth=fit.depth,
         model_error=fit.model_error,
-        covariance=step.gloss_covariance(),
+        covariance=step.covariances()[0],
     )
 
 
@@ -81,11 +95,11 @@ def independent_share(seen: Views, fit: Fit) -> float:
 
 def _model_error(step: Step) -> float:
     """Relative error of the model that makes the median of the squared residuals that of a normal error."""
-    used = np.broadcast_to(step.seen.used[:, None], step.model.shape)
+    used = np.broadcast_to(step.problem.seen.used[:, None], step.model.shape)
     channels, pixels = step.model.shape[1:]
     freedom = 1.0 - (2.0 + channels) * pixels / max(float(used.sum()), 1.0)
     squared = (step.deviation**2)[used] / max(freedom, 0.1)
-    noise, signal = step.seen.variance[used], size(step.seen)[used] ** 2
+    noise, signal = step.problem.seen.variance[used], size(step.problem.seen)[used] ** 2
     low, high = np.log(FLOOR), 0.0
     for _ in range(30):
         middle = 0.5 * (low + high)

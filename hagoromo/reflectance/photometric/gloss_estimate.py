@@ -21,7 +21,7 @@ from hagoromo.reflectance.robust_fit import N_RANGE
 RELATIVE_LIMIT = 0.25  # largest relative standard error of a parameter that counts as told
 NORMAL_95 = 1.959964
 PARTS = 4.0 * math.pi  # independent parts of an object, half its radius wide
-NOTABLE = 2.0  # standard errors by which ε must miss 1 to be remarked upon
+NOTABLE = 2.0  # standard errors by which σ must miss 0 to be remarked upon
 
 
 def measurement_of(capture: Capture, found: NormalMap) -> Measurement:
@@ -54,9 +54,9 @@ def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
     varies = float(np.std(fit.body[:, mine].mean(axis=0))) / alpha
     scatter = np.std(fit.body[:, mine] / fit.body[:, mine].mean(axis=0), axis=1) / math.sqrt(parts)
     colour, covariance = body / alpha, fit.covariance[number]
-    beta, gamma, _ = np.exp(fit.gloss.rows[number]).tolist()
+    beta, gamma = np.exp(fit.gloss.rows[number, :2]).tolist()
     log_of_albedo, gradient = log_albedo(theta_of(body, beta, gamma, N)[None])
-    slope = np.array([1.0, float(gradient[0, -2]), 0.0])
+    slope = np.array([1.0, float(gradient[0, -2]), 0.0, 0.0])
     value = {"alpha": alpha, "beta": beta, "gamma": gamma, "specular_albedo": math.exp(float(log_of_albedo[0]))}
     relative = {
         "alpha": math.hypot(varies / math.sqrt(parts), fit.model_error),
@@ -96,10 +96,10 @@ def _remarks(fit: Fit, number: int, told: dict[str, bool]) -> list[str]:
         f"the model is off by {100 * fit.model_error:.1f} % beside the noise",
         f"n is not told by lamps on the eye's side: {N} was chosen, and beta belongs to it",
     ]
-    epsilon, error = math.exp(fit.gloss.rows[number, 2]), math.sqrt(fit.covariance[number, 2, 2])
-    if abs(math.log(epsilon)) > NOTABLE * error:
-        way = "flatter" if epsilon < 1.0 else "steeper"
-        remarks.append(f"its body is {way} than Lambert's law: exponent {epsilon:.2f} ± {epsilon * error:.2f}")
+    sigma, error = float(fit.gloss.rows[number, 2]), math.sqrt(fit.covariance[number, 2, 2])
+    if abs(sigma) > NOTABLE * error:
+        way = "more" if sigma > 0.0 else "less"
+        remarks.append(f"its body sends {way} light back than Lambert's law: roughness {sigma:.2f} ± {error:.2f}")
     unknown = [key for key in ("alpha", "beta", "gamma") if not told[key]]
     if unknown:
         remarks.append(f"not told by these photographs: {', '.join(unknown)}")

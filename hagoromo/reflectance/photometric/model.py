@@ -2,7 +2,8 @@
 
     value_kc(p) = s_k(p) [ body_c(p) B_k(p) + I_k(p) ],   s_k(p) = e_k (1 + a_k · place(p)),   B, I as in `shading`
 
-s is the unevenness of the lamps: their strengths e and how each falls off over the object.
+s is the unevenness of the lamps: their strengths e and how each falls off over the object, beside what their place
+does to the irradiance. The places themselves may be a little off (`shift`).
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from hagoromo.reflectance.photometric.views import Array, Views
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """normals (P, 3), body (C, P), labels (P,) of the materials, gloss, lamps: strength ln e (K,) and slope a (K, 2).
+    """normals (P, 3), body (C, P), labels (P,) of the materials, gloss, lamps: strength ln e (K,), slope a (K, 2), and
+    shift (K, 3) of their places, a far lamp's by its direction [rad], a near one's over its distance; depth, ln of
+    the distance of the surface over what it is said to be.
 
     model_error: relative error of the model beside the noise. variance: (P,) of the normal's direction [rad²], the sum
-    over its two turns; inf where not estimated. covariance: (M, 3, 3) of the rows of `gloss`.
+    over its two turns; inf where not estimated. covariance: (M, 4, 4) of the rows of `gloss`.
     """
 
     normals: Array
@@ -30,6 +33,8 @@ class Fit:
     gloss: Gloss
     strength: Array
     slope: Array
+    shift: Array
+    depth: float
     model_error: float
     variance: Array
     covariance: Array

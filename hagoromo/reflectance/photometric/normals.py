@@ -17,11 +17,11 @@ from hagoromo.reflectance.material.segment import segment
 from hagoromo.reflectance.photometric.fit import photometric_fit
 from hagoromo.reflectance.photometric.model import Fit
 from hagoromo.reflectance.photometric.pixel_fit import CAUCHY
+from hagoromo.reflectance.photometric.prior import Prior
 from hagoromo.reflectance.photometric.shading import GRAZING, Gloss
-from hagoromo.reflectance.photometric.step import Prior
 from hagoromo.reflectance.photometric.views import Array, Views, views
 
-START_GLOSS = (np.log(1.0), np.log(0.3), np.log(0.95))
+START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)
 START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start
 REWEIGHTINGS = 10
 Progress = Callable[[float, str], None]
@@ -49,7 +49,7 @@ def solve_normals(
 ) -> NormalMap:
     """Normals of `capture` from four lamps or more; labels (h, w) of materials are found by body colour if not given.
 
-    prior: how alike the lamps are taken for; `flat_fielded` captures may have a narrower one.
+    prior: what lamps and bodies are taken for before the photographs speak.
 
     `InputError` when the photographs cannot tell normals (see `views`).
     """
@@ -60,7 +60,7 @@ def solve_normals(
     tell(0.2, "materials")
     if labels is None:
         labels = _segmented(capture, seen, normals)
-    fit = solve_fit(seen, labels, normals, body, prior)
+    seen, fit = solve_fit(seen, labels, normals, body, prior)
     tell(1.0, "")
     return NormalMap(
         seen.image(fit.normals.astype(np.float32)),
@@ -72,8 +72,13 @@ def solve_normals(
     )
 
 
-def solve_fit(seen: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: Prior | None = None) -> Fit:
-    """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0."""
+def solve_fit(
+    seen: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: Prior | None = None
+) -> tuple[Views, Fit]:
+    """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0.
+
+    The views that it gives are `seen` under lamps where the fit has them.
+    """
     at = np.maximum(labels[seen.rows, seen.columns], 0)
     names, numbers = np.unique(at, return_inverse=True)
     gloss = Gloss(np.tile(START_GLOSS, (len(names), 1)))
@@ -120,9 +125,11 @@ def _without_gloss(seen: Views, normals: Array, body: Array) -> Fit:
         Gloss.none(1),
         np.zeros(lamps),
         np.zeros((lamps, 2)),
+        np.zeros((lamps, 3)),
+        0.0,
         START_ERROR,
         np.full(pixels, np.inf),
-        np.full((1, 3, 3), np.nan),
+        np.full((1, 4, 4), np.nan),
     )
 
 

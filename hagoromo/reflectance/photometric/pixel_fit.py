@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.reflectance.photometric.shading import GRAZING, N, flattened
+from hagoromo.reflectance.photometric.shading import GRAZING, N, body_of
 from hagoromo.reflectance.photometric.views import Array, Views
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
@@ -26,7 +26,7 @@ DIMMEST = 0.1  # of its body colour that a step may leave
 class Light(NamedTuple):
     """What the fit of the pixels takes as known.
 
-    gloss: (P, 3) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
+    gloss: (P, 4) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
     values, 0 where they are not used.
     """
 
@@ -52,7 +52,7 @@ class Equations(NamedTuple):
 
 def fit_pixels(seen: Views, light: Light, normals: Array, body: Array) -> tuple[Array, Array, Array]:
     """Normals (P, 3), body colours (C, P) and variance of the normals (P,) [rad²] from where they start."""
-    data = _Data(seen, light)
+    data = PixelData(seen, light)
     normal, colour = data.vectors(normals), [data.floats(channel) for channel in body]
     at, damping = data.equations(normal, colour), dr.full(arrays().Float, 1e-2, len(normals))
     dr.make_opaque(damping)
@@ -70,7 +70,7 @@ def fit_pixels(seen: Views, light: Light, normals: Array, body: Array) -> tuple[
     return normal.numpy().T.astype(np.float64), np.array([c.numpy() for c in colour], np.float64), variance.numpy()
 
 
-class _Data:
+class PixelData:
     """Views and light on the device."""
 
     def __init__(self, seen: Views, light: Light) -> None:
@@ -79,12 +79,15 @@ class _Data:
         self.lamps, self.width = (dr.opaque(arrays().UInt, count) for count in (lamps, self.pixels))
         self.values, self.precision = self.floats(seen.values), self.floats(light.precision)
         self.evenness, self.to_lamp = self.floats(light.evenness), self.floats(seen.to_lamp)
-        self.to_eye, self.gloss = self.vectors(seen.to_eye), self.vectors(np.maximum(light.gloss, -80.0))
+        self.to_eye = self.vectors(seen.to_eye)
+        self.gloss = [self.floats(row) for row in np.maximum(light.gloss, -80.0).T]
 
     def floats(self, values: NDArray) -> Any:
+        """The values as one array of the device."""
         return arrays().Float(np.ascontiguousarray(values, np.float32).ravel())
 
     def vectors(self, values: NDArray) -> Any:
+        """The vectors (P, 3) on the device."""
         return arrays().Array3f(np.ascontiguousarray(values.T, np.float32))
 
     def equations(self, normal: Any, body: list[Any]) -> Equations:
@@ -98,7 +101,7 @@ class _Data:
             at = lamp * self.width + pixel
             scale = dr.gather(kinds.Float, self.evenness, at)
             to_lamp = dr.gather(kinds.Array3f, self.to_lamp, at)
-            shade, turned = self._shade(normal, to_lamp, (first, second))
+            shade, turned = self.shade(normal, to_lamp, (first, second))
             new = list(sums)
             by_body = scale * shade[0]
             for i in range(c):
@@ -146,15 +149,16 @@ class _Data:
         behind = dr.fmax(GRAZING - dr.dot(tried, self.to_eye), 0.0)
         return dr.normalize(tried + behind * self.to_eye), colours
 
-    def _shade(self, normal: Any, to_lamp: Any, turns: tuple[Any, Any]) -> tuple[Any, list[Any]]:
+    def shade(self, normal: Any, to_lamp: Any, turns: tuple[Any, Any]) -> tuple[Any, list[Any]]:
         """(body, interface) weights, and their slopes as the normal turns either way."""
         slopes, weights = [], ()
         for turn in turns:
             angle = arrays().Float(0)
             dr.enable_grad(angle)
             n = dr.normalize(normal + angle * turn)
-            weights = torrance_sparrow(n, to_lamp, self.to_eye, 1.0, dr.exp(self.gloss.x), dr.exp(self.gloss.y), N)
-            weights = flattened(weights.body, dr.dot(n, self.to_eye), self.gloss.z), weights.interface
+            weights = torrance_sparrow(n, to_lamp, self.to_eye, 1.0, dr.exp(self.gloss[0]), dr.exp(self.gloss[1]), N)
+            body = body_of(weights.body, dr.dot(n, self.to_eye), dr.dot(to_lamp, self.to_eye), self.gloss[2:])
+            weights = body, weights.interface
             dr.set_grad(angle, 1.0)
             slopes.append(dr.forward_to(*weights))
         return tuple(dr.detach(weight) for weight in weights), slopes

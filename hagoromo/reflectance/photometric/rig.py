@@ -1,7 +1,7 @@
-"""Rig: how unevenly fixed lamps light the camera's field of view, told by the objects that stood in it.
+"""Rig: how unevenly fixed lamps light the camera's field of view and where they stand, told by the objects in it.
 
-Each object tells it where it stood (the evenness of its photometric fit); a flat field for another object is the mean
-of what the others tell, carried on to where that one stands.
+Each object tells it where it stood (evenness and shifts of its photometric fit); a flat field and lamps for another
+object are the mean of what the others tell, carried on to where that one stands.
 """
 
 from __future__ import annotations
@@ -14,11 +14,8 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.photometric.normals import NormalMap
-from hagoromo.reflectance.photometric.step import Prior
 from hagoromo.reflectance.photometric.views import Array
 
-# By what objects of one rig differ from the mean of the others, seen on six of them.
-AFTER_RIG = Prior(strength=0.01, slope=0.03)
 LEAST = 0.3  # evenness below which a linear fall-off has been carried on too far
 
 
@@ -26,12 +23,14 @@ LEAST = 0.3  # evenness below which a linear fall-off has been carried on too fa
 class Unevenness:
     """Lamps as one object told them: ln strength (K,), fall-off (K, 2) [1/px] by column and row from `middle` (2,).
 
-    What all lamps have in common is left out: it cannot be told from the body colours.
+    What all lamps have in common is left out: it cannot be told from the body colours. shift: (K, 3) of far lamps'
+    directions [rad].
     """
 
     strength: Array
     slope: Array
     middle: Array
+    shift: Array
 
     def at(self, shape: tuple[int, int]) -> Array:
         """ln of the relative irradiance (K, h, w) over an image of `shape`."""
@@ -46,7 +45,8 @@ def unevenness(found: NormalMap) -> Unevenness:
     fit, seen = found.fit, found.seen
     radius = np.sqrt(len(seen.rows) / np.pi)
     middle = np.array([seen.columns.mean(), seen.rows.mean()])
-    return Unevenness(fit.strength - fit.strength.mean(), (fit.slope - fit.slope.mean(axis=0)) / radius, middle)
+    slope = (fit.slope - fit.slope.mean(axis=0)) / radius
+    return Unevenness(fit.strength - fit.strength.mean(), slope, middle, fit.shift)
 
 
 def flat_field(told: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
@@ -56,14 +56,23 @@ def flat_field(told: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
     return np.exp(np.mean([one.at(shape) for one in told], axis=0))
 
 
-def flat_fielded(capture: Capture, field: Array) -> Capture:
-    """`capture` as even lamps would show it: photograph k divided by `field` (K, h, w)."""
+def evened(capture: Capture, told: Sequence[Unevenness], field: Array) -> Capture:
+    """`capture` as even lamps would show it, photograph k divided by `field` (K, h, w); lamps where objects told them.
+
+    Near lamps stay where they are.
+    """
     if len(field) != len(capture.photographs):
         raise InputError(
             f"a flat field of {len(field)} lamps for {len(capture.photographs)} photographs: give one each"
         )
+    shift = np.mean([one.shift for one in told], axis=0)
     even = [
-        replace(photograph, values=photograph.values / flat, variance=photograph.variance / flat**2)
-        for photograph, flat in zip(capture.photographs, field[..., None].astype(np.float32), strict=True)
+        replace(
+            photograph,
+            values=photograph.values / flat,
+            variance=photograph.variance / flat**2,
+            lamps=tuple(lamp.shifted(by) if lamp.position is None else lamp for lamp in photograph.lamps),
+        )
+        for photograph, flat, by in zip(capture.photographs, field[..., None].astype(np.float32), shift, strict=True)
     ]
     return replace(capture, photographs=tuple(even))

@@ -1,11 +1,14 @@
 """Shading: eq. (2)–(6) over all lamps and pixels at once, with its slopes as the normal turns.
 
-The body part is α cosθ_i of MODEL §2, raised by an exponent ε where the photographs ask for it (Minnaert 1941,
-reciprocal): (cosθ_i)^ε (cosθ_r)^(ε−1). ε = 1 is Lambert's law; a rough or translucent body is flatter, ε < 1.
+The body part is α cosθ_i of MODEL §2, times 1 + σ s/t for a body that is rough itself (Oren and Nayar 1994, as Fujii
+puts it): s = L·V − cosθ_i cosθ_r, t = max(cosθ_i, cosθ_r) where s > 0, else 1. σ = 0 is Lambert's law; a rough body
+sends more light back to where it came from, which keeps the limb of a ball bright. What else departs from Lambert's
+law (light that travels inside) is an exponent (Minnaert 1941, reciprocal): (cosθ_i)^ε (cosθ_r)^(ε−1).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,25 +22,26 @@ from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 Array = NDArray[np.float64]
 
 N = 1.5  # refractive index: photographs of one side under lamps near the eye do not tell it
-GRAZING = 0.02  # least cosine of a normal to the eye, and of ε's powers
+GRAZING = 0.02  # least cosine of a normal to the eye, and least t
 
 
 @dataclass(frozen=True, eq=False)
 class Gloss:
-    """How each of M materials departs from Lambert: rows (ln β, ln γ, ln ε), (M, 3). β in the unit of the values."""
+    """How each of M materials departs from Lambert: rows (ln β, ln γ, σ, ln ε), (M, 4). β in the unit of the values."""
 
     rows: Array
 
     @staticmethod
     def none(count: int) -> Gloss:
         """Materials without an interface, whose body follows Lambert's law."""
-        return Gloss(np.tile([-np.inf, np.log(0.3), 0.0], (count, 1)))
+        return Gloss(np.tile([-np.inf, np.log(0.3), 0.0, 0.0], (count, 1)))
 
 
 class Shading(NamedTuple):
     """Weights of body colour and interface, (K, P) each, and their slopes by the two turns of the normal [1/rad].
 
-    by_width: slope of the interface by ln γ. by_exponent: slope of the body by ln ε.
+    by_width: slope of the interface by ln γ. by_body: slopes of the body by σ and ln ε. body_led, interface_led: slopes
+    as the lamp turns towards `tangents(to_lamp)`.
     """
 
     body: Array
@@ -45,44 +49,50 @@ class Shading(NamedTuple):
     body_turned: tuple[Array, Array]
     interface_turned: tuple[Array, Array]
     by_width: Array
-    by_exponent: Array
+    by_body: tuple[Array, Array]
+    body_led: tuple[Array, Array]
+    interface_led: tuple[Array, Array]
 
 
 def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shading:
-    """Shading of pixels with `normals` (P, 3), under lamps to_lamp (K, P, 3), gloss (P, 3) rows as `Gloss` has them.
+    """Shading of pixels with `normals` (P, 3), under lamps to_lamp (K, P, 3), gloss (P, 4) rows as `Gloss` has them.
 
     The turns are towards `tangents(normals)`.
     """
     kinds, (lamps, pixels) = arrays(), to_lamp.shape[:2]
 
     def wide(vectors: Array) -> Any:
-        return kinds.Array3f(np.tile(vectors, (lamps, 1)).T.astype(np.float32))
+        tiled = np.ascontiguousarray(np.tile(vectors, (lamps, 1)).T, np.float32)
+        return kinds.Array3f(tiled) if len(tiled) == 3 else [kinds.Float(row) for row in tiled]
 
     n, v, (t, b) = wide(normals), wide(to_eye), (wide(turn) for turn in tangents(normals))
     towards = kinds.Array3f(to_lamp.reshape(-1, 3).T.astype(np.float32))
-    log_beta, log_gamma, log_epsilon = wide(np.maximum(gloss, -80.0))
+    log_beta, log_gamma, *body_rows = wide(np.maximum(gloss, -80.0))
     found = []
-    for turned in range(3):
+    aside = [kinds.Array3f(turn.T.astype(np.float32)) for turn in tangents(to_lamp.reshape(-1, 3))]
+    still = kinds.Array3f(0.0)
+    for turned in range(5):
         moved = dr.zeros(kinds.Float, lamps * pixels)
         dr.enable_grad(moved)
         # N + δ t, made unit: the angle is arctan δ, its slope 1 at δ = 0
-        normal = dr.normalize(n + moved * (t, b, kinds.Array3f(0.0))[turned])
+        normal = dr.normalize(n + moved * (t, b, still, still, still)[turned])
+        led = dr.normalize(towards + moved * (still, still, still, *aside)[turned])
         width = dr.exp(log_gamma + moved if turned == 2 else log_gamma)
-        weights = torrance_sparrow(normal, towards, v, 1.0, dr.exp(log_beta), width, N)
-        body = flattened(weights.body, dr.dot(normal, v), log_epsilon)
+        weights = torrance_sparrow(normal, led, v, 1.0, dr.exp(log_beta), width, N)
+        body = body_of(weights.body, dr.dot(normal, v), dr.dot(led, v), body_rows)
         dr.set_grad(moved, 1.0)
         slopes = dr.forward_to(body, weights.interface)
         found += [dr.detach(body), dr.detach(weights.interface), *slopes]
-    exponent = dr.exp(log_epsilon)
-    lit = found[0] > 0.0
-    both = dr.fmax(dr.dot(n, towards), 1e-4) * dr.fmax(dr.dot(n, v), GRAZING)
-    by_exponent = dr.select(lit, found[0] * exponent * dr.log(both), 0.0)
-    chosen = [found[0], found[1], found[2], found[6], found[3], found[7], found[11], by_exponent]
+    view, phase = dr.dot(n, v), dr.dot(towards, v)
+    lambert = dr.select(view > 0.0, dr.fmax(dr.dot(n, towards), 0.0), 0.0)
+    slopes = body_slopes(lambert, view, phase, body_rows)
+    # four of each turn: body, interface, and their slopes
+    chosen = [found[i] for i in (0, 1, 2, 6, 3, 7, 11, 14, 18, 15, 19)] + slopes
     dr.eval(chosen)
-    body, interface, b1, b2, i1, i2, by_width, by_exponent = (
+    body, interface, b1, b2, i1, i2, by_width, b3, b4, i3, i4, by_sigma, by_epsilon = (
         part.numpy().reshape(lamps, pixels).astype(np.float64) for part in chosen
     )
-    return Shading(body, interface, (b1, b2), (i1, i2), by_width, by_exponent)
+    return Shading(body, interface, (b1, b2), (i1, i2), by_width, (by_sigma, by_epsilon), (b3, b4), (i3, i4))
 
 
 def tangents(normals: Array) -> tuple[Array, Array]:
@@ -103,9 +113,25 @@ def turned(normals: Array, angles: Array, to_eye: Array) -> Array:
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
-def flattened(incidence: Any, view: Any, log_epsilon: Any) -> Any:
-    """The body part: cosθ_i → (cosθ_i)^ε (cosθ_r)^(ε−1), 0 where unlit."""
-    lit = incidence > 0.0
-    epsilon = dr.exp(log_epsilon)
-    power = epsilon * dr.log(dr.fmax(incidence, 1e-4)) + (epsilon - 1.0) * dr.log(dr.fmax(view, GRAZING))
-    return dr.select(lit, dr.exp(power), 0.0)
+def body_of(lambert: Any, view: Any, phase: Any, rows: Sequence[Any]) -> Any:
+    """The body part: cosθ_i, 0 where unlit, of Lambert's law → that of `rows` (σ, ln ε); phase: L·V."""
+    sigma, log_epsilon = rows
+    power = (dr.exp(log_epsilon) - 1.0) * _log_cosines(lambert, view)
+    return lambert * (1.0 + sigma * _retroreflection(lambert, view, phase)) * dr.exp(power)
+
+
+def body_slopes(lambert: Any, view: Any, phase: Any, rows: Sequence[Any]) -> list[Any]:
+    """Slopes of `body_of` by σ and by ln ε."""
+    whole, epsilon = body_of(lambert, view, phase, rows), dr.exp(rows[1])
+    smooth = lambert * dr.exp((epsilon - 1.0) * _log_cosines(lambert, view))
+    return [smooth * _retroreflection(lambert, view, phase), whole * epsilon * _log_cosines(lambert, view)]
+
+
+def _log_cosines(lambert: Any, view: Any) -> Any:
+    return dr.log(dr.fmax(lambert, 1e-4)) + dr.log(dr.fmax(view, GRAZING))
+
+
+def _retroreflection(incidence: Any, view: Any, phase: Any) -> Any:
+    """s/t."""
+    s = phase - incidence * view
+    return s / dr.select(s > 0.0, dr.fmax(dr.fmax(incidence, view), GRAZING), 1.0)
