@@ -38,7 +38,7 @@ def calibrate_camera(
         dictionary: OpenCV's name of the markers.
         coefficients: of the lens, fitted: none, k1 k2, p1 p2 too, k3 too, k4 k5 k6 too.
         square_pixels: one focal length for both axes.
-        window: half side [px] of the search for a corner (default: a third of the smallest square).
+        window: half side [px] of the search for a corner (default: as far as no other edge comes in).
     """
     from hagoromo.app.calibrate_camera import calibrate_to, parse_board
 

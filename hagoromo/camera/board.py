@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.camera.corner_window import corner_windows
 from hagoromo.errors import InputError
 
 CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
-WINDOWS = (2, 11)  # px: half sides of the search window, the least and the most
 BRIGHT = 0.995  # quantile of a linear photograph that is shown white
 FEWEST_CORNERS = 8  # of a ChArUco board seen in part: a pose takes 4, and the fit needs some over
 
@@ -33,7 +33,7 @@ class Board:
 
     columns, rows: inner corners (one less than squares). square: side of a square [m]. marker: side of a ChArUco marker
     [m], 0 for a chessboard. dictionary: OpenCV's name of the markers, such as "5X5_100". window: half side [px] of the
-    sub-pixel search of chessboard corners; None takes a third of the smallest square, so that no other corner is in it.
+    sub-pixel search of chessboard corners; None takes that of `corner_windows`, a corner at a time.
     """
 
     columns: int
@@ -76,13 +76,16 @@ class Board:
         found, corners = cv2.findChessboardCorners(grey, (self.columns, self.rows))
         if not found:
             return None
-        sides = np.linalg.norm(np.diff(corners.reshape(self.rows, self.columns, 2), axis=1), axis=-1)
-        half = self.window or int(np.clip(sides.min() / 3, *WINDOWS))
+        windows = corner_windows(corners.reshape(self.rows, self.columns, 2)).ravel()
+        if self.window:
+            windows[:] = self.window
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, *CORNER_STEPS)
-        image = cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), criteria)
+        image = np.array(corners, np.float32).reshape(-1, 1, 2)
+        for half in map(int, np.unique(windows)):
+            image[windows == half] = cv2.cornerSubPix(grey, image[windows == half], (half, half), (-1, -1), criteria)
         row, column = np.mgrid[: self.rows, : self.columns]
         points = np.stack([column, row, 0 * row], axis=-1).reshape(-1, 3) * self.square
-        return Corners(points.astype(np.float32), np.asarray(image, np.float32).reshape(-1, 2))
+        return Corners(points.astype(np.float32), image.reshape(-1, 2))
 
     def _find_markers(self, grey: NDArray) -> Corners | None:
         import cv2
