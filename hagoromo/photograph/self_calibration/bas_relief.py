@@ -1,0 +1,101 @@
+"""Bas-relief: the three numbers that integrability leaves open, from what objects and lamps mostly are.
+
+With c₃ = m c₁ + n c₂ + l c₁ × c₂ the surface is sheared by m and n and stretched by l (Belhumeur, Kriegman and Yuille
+1999). Objects have few albedos: the entropy of ln albedo is least (Alldrin, Mallick and Kriegman 2007, "Resolving the
+generalized bas-relief ambiguity by entropy minimization"). Weak beside it: lamps are of about one strength, and a
+closed object's slopes are 0 in the mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.photograph.self_calibration.low_rank import MAD, Array, Factors
+
+SAMPLES = 5000  # pixels
+ALONE = 30.0  # pixels' worth of independent albedos: those of neighbours are alike
+BINS, REACH, SMOOTH = 200, 2.5, 1.5  # of the histogram of ln albedo: bins, half width, smoothing in bins
+GRID = (np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, 9), np.linspace(-1.2, 1.5, 10))
+EDGE_ON = 0.02  # of the median: pixels with less of a normal towards the camera are left out
+
+
+@dataclass(frozen=True)
+class Belief:
+    """alike: scale of ln strength between lamps (Cauchy). level: standard deviation of the mean slope. entropy: whether
+    albedo counts.
+    """
+
+    alike: float = 0.25
+    level: float = 0.25
+    entropy: bool = True
+
+
+class Family:
+    """The surfaces and lamps that c₁ and c₂ leave possible; pixels and lamps signed so that the camera sees them."""
+
+    def __init__(self, found: Factors, first: Array, seed: int = 0) -> None:
+        across = np.cross(first[0], first[1])
+        sign = 1.0 if np.median(found.pixels @ across) > 0.0 else -1.0
+        self.matrix = np.stack([*first, across])
+        lamps, pixels = sign * found.lamps @ self.matrix.T, sign * found.pixels
+        self.lamps = lamps
+        # b = C⁻ᵀ b̂ for c₃ = c₁ × c₂
+        self.pixels = np.stack(
+            [pixels @ np.cross(first[1], across), pixels @ np.cross(across, first[0]), pixels @ across], axis=1
+        )
+        w = self.pixels[:, 2]
+        seen = np.flatnonzero(w > EDGE_ON * np.median(w))
+        seen = np.random.default_rng(seed).choice(seen, min(SAMPLES, len(seen)), replace=False)
+        self.some, self.size = self.pixels[seen], np.log(found.size[seen])
+        slope = self.some[:, :2] / self.some[:, 2:]
+        self.slope = np.median(slope, axis=0)
+        self.steepness = float(np.hypot(*(MAD * np.median(np.abs(slope - self.slope), axis=0))))
+
+    def third(self, figures: Array) -> Array:
+        """(m, n, l) of `figures`: the median slope in x and in y, and ln of the relief over that of half a ball."""
+        ell = np.exp(figures[2]) / self.steepness
+        return np.array([*(ell * self.slope + figures[:2]), ell])
+
+    def true(self, third: Array) -> tuple[Array, Array]:
+        """Lamps (K, 3) and pixels (P, 3), strength and albedo their lengths, of c₃'s `third` (m, n, l)."""
+        m, n, ell = third
+        lamps = np.c_[self.lamps[:, :2], self.lamps @ [m, n, ell]]
+        return lamps, self.pixels * [ell, ell, 1.0] - self.pixels[:, 2:] * [m, n, 0.0]
+
+    def cost(self, figures: Array, belief: Belief) -> float:
+        """How unlikely lamps and albedos are."""
+        m, n, ell = self.third(figures)
+        body = self.some * [ell, ell, 1.0] - self.some[:, 2:] * [m, n, 0.0]
+        height = self.lamps @ [m, n, ell]
+        strength = 0.5 * np.log(self.lamps[:, 0] ** 2 + self.lamps[:, 1] ** 2 + height**2)
+        loss = float(np.log1p(((strength - np.median(strength)) / belief.alike) ** 2).sum())
+        loss += 0.5 * float(np.sum((figures[:2] / belief.level) ** 2)) + 0.05 * float(figures[2]) ** 2
+        loss += 1e3 * float(np.sum(np.minimum(height, 0.0) ** 2) / np.mean(height**2))  # lamps stand before the object
+        if belief.entropy:
+            loss += ALONE * _entropy(self.size + 0.5 * np.log(np.sum(body**2, axis=1)))
+        return loss
+
+
+def resolve(family: Family, belief: Belief, start: NDArray | None = None) -> Array:
+    """The figures of least cost, by a grid, or from `start`, then Nelder and Mead's simplex."""
+    from scipy.optimize import minimize
+
+    if start is None:
+        grid = np.stack(np.meshgrid(*GRID, indexing="ij"), axis=-1).reshape(-1, 3)
+        start = grid[int(np.argmin([family.cost(figures, belief) for figures in grid]))]
+    simplex = np.asarray(start) + np.vstack([np.zeros((1, 3)), 0.15 * np.eye(3)])
+    options = {"initial_simplex": simplex, "maxiter": 400, "xatol": 1e-3, "fatol": 1e-3}
+    return np.asarray(minimize(family.cost, start, args=(belief,), method="Nelder-Mead", options=options).x)
+
+
+def _entropy(values: Array) -> float:
+    """Of a smoothed histogram about the median [nat]."""
+    off = np.clip(values - np.median(values), -REACH, REACH)
+    counts = np.histogram(off, BINS, (-REACH, REACH))[0].astype(np.float64)
+    bell = np.exp(-0.5 * (np.arange(-6, 7) / SMOOTH) ** 2)
+    share = np.convolve(counts, bell / bell.sum(), "same")
+    share = share[share > 0.0] / share.sum()
+    return float(-np.sum(share * np.log(share)))

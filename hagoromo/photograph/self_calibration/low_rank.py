@@ -1,0 +1,107 @@
+"""Low rank: photographs of a Lambertian object under far lamps are products of three numbers a lamp and a pixel.
+
+    I_kp = s_k · b_p,  s strength times direction, b albedo times normal, but for one 3 × 3 matrix (Shashua 1997;
+    Hayakawa 1994, "Photometric stereo under a light source with arbitrary motion")
+
+Shadows are left out, and highlights and cast shadows weigh little: Cauchy's weights, alternating least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+
+Array = NDArray[np.float64]
+
+FEWEST_LAMPS = 5  # four are explained by any four numbers a pixel, five show what is no shading
+FEWEST_PIXELS = 1500  # of the object
+SHADOW = 0.15  # of a pixel's second largest value: below it is in shadow or nearly
+FAINT = 0.015  # of the 99th percentile of all: below noise and stray light count
+STEPS = 25
+CAUCHY = 2.385  # standard deviations (Holland and Welsch 1977)
+MAD = 1.4826
+TELLING = 2.0  # times the residual that the least of the three ways must stand out, in which the photographs differ
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """lamps (K, 3) and pixels (P, 3) whose products are the values over `size` (P,), the pixels' mean values.
+
+    mask: (h, w) where the pixels are. residual: standard deviation of a value over its pixel's mean.
+    """
+
+    lamps: Array
+    pixels: Array
+    size: Array
+    mask: NDArray[np.bool_]
+    residual: float
+
+    def image(self) -> Array:
+        """(h, w, 3) of `pixels`, NaN elsewhere."""
+        whole = np.full((*self.mask.shape, 3), np.nan)
+        whole[self.mask] = self.pixels
+        return whole
+
+
+def binned(light: Array, mask: NDArray[np.bool_], k: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Means over k × k pixels that are all on the object: light (K, h, w), mask (h, w)."""
+    height, width = (n // k for n in mask.shape)
+    parts = light[:, : height * k, : width * k].reshape(-1, height, k, width, k)
+    whole = mask[: height * k, : width * k].reshape(height, k, width, k).all(axis=(1, 3))
+    return parts.mean(axis=(2, 4)), np.asarray(whole)
+
+
+def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:
+    """The factors of `light` (K, h, w), NaN where clipped, over the object in `mask`.
+
+    `InputError` for too few photographs or pixels, or photographs that differ in fewer than three ways.
+    """
+    if len(light) < FEWEST_LAMPS:
+        raise InputError(f"{len(light)} photographs do not calibrate their lamps: give {FEWEST_LAMPS} lamps or more")
+    values = light[:, mask]
+    shine = np.nan_to_num(values)
+    least = np.maximum(SHADOW * np.sort(shine, axis=0)[-2], FAINT * np.quantile(shine, 0.99))
+    used = np.isfinite(values) & (shine > least)
+    told = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(light) // 2)
+    if told.sum() < FEWEST_PIXELS:
+        raise InputError(
+            f"{int(told.sum())} pixels of the object are lit by most lamps and not clipped: {FEWEST_PIXELS} are needed"
+        )
+    where = mask.copy()
+    where[mask] = told
+    values, used = shine[:, told], used[:, told]
+    size = np.maximum(values.sum(axis=0) / len(values), 1e-30)
+    lamps, pixels, residual = _alternate(values / size, used)
+    weakest = float(np.linalg.svd(lamps, compute_uv=False)[2] / np.sqrt(len(lamps)))
+    if weakest < TELLING * residual:
+        raise InputError(
+            "the photographs differ in fewer than three ways: the lamps lie in one plane with the object, or it is "
+            "flat: move a lamp out of the plane, or calibrate with a ball"
+        )
+    return Factors(lamps, pixels, size, where, residual)
+
+
+def _alternate(values: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, float]:
+    """lamps (K, 3), pixels (P, 3) of mean square 1 along any axis, and the scale of the residuals."""
+    start = values[:, used.all(axis=0)]
+    start = start if start.shape[1] > FEWEST_PIXELS // 3 else values
+    vectors, singular, _ = np.linalg.svd(start @ start.T)
+    lamps = vectors[:, :3] * np.sqrt(singular[:3])
+    weight, pixels, residual = used.astype(np.float64), np.zeros((values.shape[1], 3)), 0.0
+    for _ in range(STEPS):
+        square = np.einsum("kp,ki,kj->pij", weight, lamps, lamps, optimize=True) + 1e-9 * np.eye(3)
+        pull = np.einsum("kp,ki->pi", weight * values, lamps)
+        pixels = np.linalg.solve(square, pull[..., None])[..., 0]
+        off = values - lamps @ pixels.T
+        free = np.sqrt(used.sum() / max(used.sum() - 3.0 * len(pixels), 1.0))
+        residual = float(MAD * np.median(np.abs(off[used])) * free)
+        weight = used / (1.0 + (off / (CAUCHY * max(residual, 1e-12))) ** 2)
+        square = np.einsum("kp,pi,pj->kij", weight, pixels, pixels, optimize=True)
+        lamps = np.linalg.solve(square, ((weight * values) @ pixels)[..., None])[..., 0]
+        root = np.linalg.cholesky(pixels.T @ pixels / len(pixels))
+        pixels, lamps = np.linalg.solve(root, pixels.T).T, lamps @ root
+    return lamps, pixels, residual
