@@ -64,7 +64,7 @@ def test_what_is_wrong_stands_in_the_result():
     paint = Truth(np.array([0.2, 0.15, 0.1]), 0.6, 0.2, 1.5)
     found = estimate_material(ggx(np.random.default_rng(1), paint), "paint", 1)
     assert found.lack_of_fit is not None and found.lack_of_fit["rejected"]
-    assert any("lack of fit" in remark and "facets" in remark for remark in found.remarks)
+    assert any("lack of fit" in remark for remark in found.remarks)
     sound = estimate_material(observed(BENCH, paint, 6e3, np.random.default_rng(3)), "paint", 1)
     assert sound.lack_of_fit is not None and not sound.lack_of_fit["rejected"]
     assert not any("lack of fit" in remark for remark in sound.remarks)

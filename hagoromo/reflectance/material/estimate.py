@@ -8,7 +8,7 @@ interface term must be detected at all: χ² must fall by more than noise lets i
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from hagoromo.reflectance.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_fit import (
     MaterialFit,
-    Residuals,
     fit_material,
     with_colour_error,
 )
@@ -32,6 +31,7 @@ from hagoromo.reflectance.material.quantity import (
     log_albedo,
     log_beta,
 )
+from hagoromo.reflectance.material.texture import Texture, find_texture
 from hagoromo.reflectance.observations import Observations
 from hagoromo.reflectance.robust_fit import GAMMA_RANGE, N_RANGE, minimise
 from hagoromo.reflectance.sight import Array
@@ -53,12 +53,24 @@ def estimate_material(
     """
     error = np.zeros((seen.channels, seen.channels)) if white_error is None else white_error
     try:
-        fit = with_colour_error(fit_material(seen, n), error)
-        if _detected(fit):
-            return _glossy(seen, fit, name, pixels, error)
-        return _matte(with_colour_error(fit_material(seen, n, with_interface=False), error), name, pixels, n)
+        found = _fitted(seen, error, n)
+        if _detected(found.fit):
+            return _glossy(seen, found, name, pixels, error)
+        return _matte(_fitted(seen, error, n, with_interface=False), name, pixels, n)
     except InputError as wrong:
         raise InputError(f"{name}: {wrong}") from wrong
+
+
+class Fitted(NamedTuple):
+    """A fit, with one body colour or each pixel's own, and what was found of the latter."""
+
+    fit: MaterialFit
+    texture: Texture | None
+
+
+def _fitted(seen: Observations, error: Array, n: float | None, with_interface: bool = True) -> Fitted:
+    fit, texture = find_texture(fit_material(seen, n, with_interface))
+    return Fitted(with_colour_error(fit, error), texture)
 
 
 def _detected(fit: MaterialFit) -> bool:
@@ -72,17 +84,18 @@ def _detected(fit: MaterialFit) -> bool:
     return bool(fall > DETECTION * inflation(fit, coordinate(c)))
 
 
-def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error: Array) -> MaterialEstimate:
+def _glossy(seen: Observations, found: Fitted, name: str, pixels: int, error: Array) -> MaterialEstimate:
     """Estimate with the interface term: n estimated, given, or unknown and then chosen."""
+    fit = found.fit
     intervals = _intervals(profile_over_n(fit))
     identifiable = _identifiable(fit, intervals)
     tested = lack_of_fit(fit)
-    remarks, values, covered = _remarks(fit.residuals, tested), _values(fit.theta), fit
+    remarks, values, covered = _remarks(found, tested), _values(fit.theta), fit
     if not fit.free[-1]:
         remarks.append(f"n = {values['n']:.4g} was given, not measured")
     elif not identifiable["n"]:
         chosen = float(np.clip(PRIOR_N, *intervals["n"]))
-        values, covered = _values(fit_material(seen, chosen).theta), None
+        values, covered = _values(_fitted(seen, error, chosen).fit.theta), None
         remarks.append(f"n is not told by these photographs: {chosen:.3g} was chosen, the intervals hold for all n")
     unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
     if unknown:
@@ -98,6 +111,7 @@ def _glossy(seen: Observations, fit: MaterialFit, name: str, pixels: int, error:
         chi_square=fit.residuals.chi_square,
         remarks=tuple(remarks),
         lack_of_fit=None if tested is None else tested.record(),
+        texture=None if found.texture is None else found.texture.record(),
         **values,
     )
 
@@ -127,9 +141,9 @@ def _identifiable(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bool
     }
 
 
-def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> MaterialEstimate:
+def _matte(found: Fitted, name: str, pixels: int, n: float | None) -> MaterialEstimate:
     """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded."""
-    c = len(fit.theta) - 3
+    fit, c = found.fit, len(found.fit.theta) - 3
     sweep, values = sweep_of_gloss(fit, n), _values(fit.theta)
     intervals: dict[str, Any] = {
         "alpha": swept_interval(sweep, alpha),
@@ -151,10 +165,11 @@ def _matte(fit: MaterialFit, name: str, pixels: int, n: float | None) -> Materia
         identifiable={"alpha": told, "beta": False, "gamma": False, "n": False},
         chi_square=fit.residuals.chi_square,
         remarks=(
-            *_remarks(fit.residuals, tested),
+            *_remarks(found, tested),
             "no interface reflection was detected: beta, gamma and n are not told by these photographs",
         ),
         lack_of_fit=None if tested is None else tested.record(),
+        texture=None if found.texture is None else found.texture.record(),
         **values,
     )
 
@@ -221,9 +236,9 @@ def _inside(bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
     return bool(bounds[0] > admissible[0] * (1 + 1e-6) and bounds[1] < admissible[1] * (1 - 1e-6))
 
 
-def _remarks(residuals: Residuals, tested: LackOfFit | None) -> list[str]:
+def _remarks(found: Fitted, tested: LackOfFit | None) -> list[str]:
     """What the residuals say of the model."""
-    remarks = []
+    residuals, remarks = found.fit.residuals, []
     if residuals.model_error:
         remarks.append(
             f"the model lacks: residuals are {residuals.scale:.3g} times the noise (χ² per degree of freedom "
@@ -233,6 +248,8 @@ def _remarks(residuals: Residuals, tested: LackOfFit | None) -> list[str]:
         remarks.append(f"{100 * residuals.outliers:.2g} % of the values lie beyond 6 standard deviations")
     if tested is not None and tested.rejected:
         remarks.append(tested.remark())
+    if found.texture is not None and found.texture.per_pixel:
+        remarks.append(found.texture.remark())
     return remarks
 
 

@@ -28,7 +28,8 @@ class MaterialEstimate:
     correlation: between PARAMETERS (4, 4), None where one of them was not estimated.
     identifiable: whether the photographs tell the parameter; where not, its value is a stated choice (see `remarks`).
     chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
-    `LackOfFit.record` gives it; None where there is too little to test.
+    `LackOfFit.record` gives it; texture: whether the body colour varies over the pixels, as `Texture.record` gives it.
+    None where there is too little to tell.
     """
 
     name: str
@@ -48,6 +49,7 @@ class MaterialEstimate:
     element: str = "plane"
     remarks: tuple[str, ...] = field(default=())
     lack_of_fit: Mapping[str, Any] | None = None
+    texture: Mapping[str, Any] | None = None
 
     def reflectance(
         self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None

@@ -22,6 +22,7 @@ START_N = (1.2, 1.7)
 RANKING_STEPS = 6  # the linear fits at the starts are only compared, not kept
 ROUNDS = 30
 DECIDED = 6  # rounds after which the loss stays what it is and no value returns
+SETTLED = 15  # rounds after which the model error stays what it is, too
 STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
 NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 LACK = 1.2  # robust scale beyond which the model lacks: 10 % of gross outliers would raise it to 1.14 only
@@ -46,6 +47,27 @@ class Residuals:
 
 
 @dataclass(frozen=True, eq=False)
+class MaterialObjective(Objective):
+    """The least squares of one material with one body colour, and what its covariance needs."""
+
+    def model(self, theta: Array) -> Array:
+        """Expected values (N, C) at θ (P,)."""
+        return expected(self.seen.sight, theta)
+
+    def jacobian(self, theta: Array) -> Array:
+        """Derivatives of the values by θ (N, C, P), what is fitted beside θ following."""
+        return jacobian(self.seen.sight, theta)
+
+    def within(self, columns: Array) -> Array:
+        """Directions (N, C, Q) in the space of the values, less what is fitted beside θ takes up of them."""
+        return columns
+
+    def own_leverage(self) -> Array:
+        """(N, C) share of a value in its own fit by what is fitted beside θ."""
+        return np.zeros_like(self.seen.values)
+
+
+@dataclass(frozen=True, eq=False)
 class MaterialFit:
     """Estimate θ (P,) of one material with what its intervals need.
 
@@ -54,7 +76,7 @@ class MaterialFit:
     """
 
     theta: Array
-    objective: Objective
+    objective: MaterialObjective
     weight: Array
     curvature: Array
     covariance: Array
@@ -77,7 +99,8 @@ def fit_material(seen: Observations, n: float | None = None, with_interface: boo
     if np.sum(seen.used) < 10 * free.sum():
         raise InputError(f"{np.sum(seen.used)} usable values cannot tell {free.sum()} parameters: give more pixels")
     theta = _start(seen, n, free) if with_interface else _matte_start(seen, n)
-    usable, lacks, change = seen.used, False, np.inf
+    usable, lacks, model_error, change = seen.used, False, 0.0, np.inf
+    signal = np.abs(expected(seen.sight, theta))
     for turn in range(ROUNDS):
         model = expected(seen.sight, theta)
         # decided anew in the first rounds only: a choice between two near equals could otherwise go on for ever
@@ -85,14 +108,18 @@ def fit_material(seen: Observations, n: float | None = None, with_interface: boo
         seen = replace(seen, used=usable & _below_ceiling(seen, model))
         scale = _scale(seen, model)
         lacks = scale > LACK if turn < DECIDED else lacks
-        model_error = _model_error(seen, model) if lacks else 0.0
-        objective = Objective(seen, seen.variance_at(model, model_error), Loss(biweight=not lacks))
+        if turn < SETTLED:
+            # the middle of all rounds: a lobe and the variance that follows it could chase each other for ever
+            signal = np.sqrt(signal * np.abs(model))
+            model_error = _model_error(seen, model, signal) if lacks else 0.0
+        variance = seen.variance_at(model) + (model_error * signal) ** 2
+        objective = MaterialObjective(seen, variance, Loss(biweight=not lacks))
         rows = minimise(objective, theta[None], free)
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
         change = float(moved @ rows.curvature[0][np.ix_(free, free)] @ moved) ** 0.5
-        if change < STANDSTILL and rows.converged[0]:
-            return _with_covariance(objective, theta, free, scale, model_error)
+        if change < (STANDSTILL if rows.converged[0] else STANDSTILL / 10.0):  # steps of rounding never converge
+            return with_covariance(objective, theta, free, scale, model_error)
     raise InputError(f"the fit still moves by {change:.2g} standard errors after {ROUNDS} rounds")
 
 
@@ -101,8 +128,7 @@ def with_colour_error(fit: MaterialFit, error: Array) -> MaterialFit:
 
     An error δ of ln white changes every model value by itself times δ, and the estimate by H⁻¹JᵀW times that.
     """
-    seen = fit.objective.seen
-    pull = np.einsum("ncp,nc->pc", jacobian(seen.sight, fit.theta), fit.weight * expected(seen.sight, fit.theta))
+    pull = np.einsum("ncp,nc->pc", fit.objective.jacobian(fit.theta), fit.weight * fit.objective.model(fit.theta))
     gain = inverse_over(fit.curvature, fit.inside) @ pull
     return replace(fit, covariance=fit.covariance + gain @ error @ gain.T)
 
@@ -157,13 +183,13 @@ def _scale(seen: Observations, model: Array) -> float:
     return float(np.sqrt(np.median(squared[seen.used]) / NORMAL_MEDIAN))
 
 
-def _model_error(seen: Observations, model: Array) -> float:
-    """Relative error of the model that, with the noise, makes the median of the squared residuals a normal one's."""
+def _model_error(seen: Observations, model: Array, signal: Array) -> float:
+    """Error of the model, relative to `signal`, that with the noise gives squared residuals a normal one's median."""
     used = seen.used
-    squared, noise, signal = ((seen.values - model)[used]) ** 2, seen.variance_at(model)[used], model[used] ** 2
+    squared, noise, power = ((seen.values - model)[used]) ** 2, seen.variance_at(model)[used], signal[used] ** 2
 
     def excess(log_error: float) -> float:
-        return float(np.median(squared / (noise + np.exp(2 * log_error) * signal))) - NORMAL_MEDIAN
+        return float(np.median(squared / (noise + np.exp(2 * log_error) * power))) - NORMAL_MEDIAN
 
     low, high = LOG_MODEL_ERROR
     if excess(low) <= 0.0 or excess(high) >= 0.0:
@@ -171,8 +197,8 @@ def _model_error(seen: Observations, model: Array) -> float:
     return float(np.exp(root_scalar(excess, bracket=(low, high)).root))
 
 
-def _with_covariance(
-    objective: Objective, theta: Array, free: NDArray[np.bool_], scale: float, model_error: float
+def with_covariance(
+    objective: MaterialObjective, theta: Array, free: NDArray[np.bool_], scale: float, model_error: float
 ) -> MaterialFit:
     """The fit with weights frozen where they are, and the sandwich covariance A⁻¹BA⁻¹ of the estimate (Huber 1981).
 
@@ -181,13 +207,14 @@ def _with_covariance(
     """
     seen, inside = objective.seen, free & ~at_bound(theta)
     used = seen.used
-    model = expected(seen.sight, theta)
+    model = objective.model(theta)
     deviation = (seen.values - model)[used]
     r = deviation / np.sqrt(objective.variance[used])
-    j = jacobian(seen.sight, theta)[used][:, inside] / np.sqrt(objective.variance[used])[:, None]
+    j = objective.jacobian(theta)[used][:, inside] / np.sqrt(objective.variance[used])[:, None]
     a = np.einsum("m,mp,mq->pq", objective.loss.curvature(r), j, j)
     inverse = np.linalg.pinv(a, hermitian=True)
-    leverage = objective.loss.weight(r) * np.einsum("mp,pq,mq->m", j, inverse, j)
+    own = objective.own_leverage()[used]
+    leverage = objective.loss.weight(r) * np.einsum("mp,pq,mq->m", j, inverse, j) + own
     score = j * (r * objective.loss.weight(r) / np.sqrt(np.maximum(1.0 - leverage, 0.1)))[:, None]
     if model_error:
         tile = np.unique(np.broadcast_to(seen.tile[:, None], used.shape)[used], return_inverse=True)[1]
@@ -199,7 +226,7 @@ def _with_covariance(
     frozen = replace(objective, weights=weights)
     curvature = frozen.at(theta[None])[2][0]
     squared = deviation**2 / seen.variance_at(model)[used]
-    chi_square = float(np.sum(squared) / (squared.size - np.sum(inside)))
+    chi_square = float(np.sum(squared) / (squared.size - np.sum(inside) - np.sum(own)))
     residuals = Residuals(scale, model_error, chi_square, float(np.mean(np.abs(r) > OUTLIER)))
     return MaterialFit(theta, frozen, weights / objective.variance, curvature, covariance, free, inside, residuals)
 

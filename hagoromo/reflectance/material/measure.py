@@ -20,16 +20,17 @@ from hagoromo.files.png import write_png
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.pixels import default_channels
+from hagoromo.reflectance.material.body_map import BodyMap, body_map
+from hagoromo.reflectance.material.clipped import clipped, with_gloss_untold, without_plateaus
 from hagoromo.reflectance.material.estimate import estimate_material
 from hagoromo.reflectance.material.lamp_colour import LampColour, lamp_colour
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material.material_fit import expected
 from hagoromo.reflectance.material.materials_file import write_materials
-from hagoromo.reflectance.material.quantity import theta_of
 from hagoromo.reflectance.material.segment import interior, segment
-from hagoromo.reflectance.observations import Pixels, known_shape, observations, shape
+from hagoromo.reflectance.material.separation import Separation, separated, write_separation
+from hagoromo.reflectance.observations import known_shape, observations, shape
 from hagoromo.reflectance.robust_fit import N_RANGE
-from hagoromo.reflectance.sight import sight
 
 SEED = 0  # of the choice of pixels; the same capture gives the same measurement
 FULL_COLOUR = 5.0  # standard deviations at which a residual's picture is fully red or blue
@@ -43,7 +44,7 @@ class Measurement:
     materials: by falling number of pixels. labels: (h, w) index into materials, −1 unknown. predicted: per photograph
     (h, w, C) values that the materials give, NaN where they say nothing. residuals: per photograph (h, w, C), values −
     predicted in stated standard deviations, NaN where nothing is predicted or the pixel is invalid. normals: (h, w, 3)
-    used. lamp_colour: where it was measured.
+    used. lamp_colour: where it was measured. body: α c_b of every pixel. separation: of the photograph with most gloss.
     """
 
     materials: tuple[MaterialEstimate, ...]
@@ -52,6 +53,8 @@ class Measurement:
     residuals: tuple[NDArray[np.float32], ...]
     normals: NDArray[np.float32]
     lamp_colour: LampColour | None = None
+    body: BodyMap | None = None
+    separation: Separation | None = None
 
 
 def measure(
@@ -70,6 +73,7 @@ def measure(
     """
     tell = progress or (lambda share, step: None)
     _check(capture, labels, n)
+    capture = without_plateaus(capture)
     tell(0.0, "materials")
     labels = segment(capture) if labels is None else np.asarray(labels, np.int64)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
@@ -90,11 +94,12 @@ def measure(
     index[list(found)] = np.arange(len(found))
     labels, materials = index[np.where(labels >= 0, labels, -1)], tuple(found.values())
     tell((len(numbers) + 1) / (len(numbers) + 2), "residuals")
-    predicted = tuple(_predicted(photograph, capture, labels, materials, colour) for photograph in capture.photographs)
+    body = body_map(capture, labels, materials, None if colour is None else colour.value)
+    predicted, separation = _parted(capture, body)
     residuals = tuple(_residual(*pair) for pair in zip(capture.photographs, predicted, strict=True))
     normals = np.where(known_shape(capture)[..., None], np.nan_to_num(shape(capture)[1]), 0.0).astype(np.float32)
     tell(1.0, "")
-    return Measurement(materials, labels, predicted, residuals, normals, colour)
+    return Measurement(materials, labels, predicted, residuals, normals, colour, body, separation)
 
 
 def write_measurement(measurement: Measurement, folder: str | Path, force: bool = False) -> Path:
@@ -116,6 +121,11 @@ def fill_measurement(measurement: Measurement, home: Path) -> None:
     write_png(home / "labels.png", (measurement.labels + 1).astype(np.uint8))
     for i, residual in enumerate(measurement.residuals):
         write_png(home / f"residual_{i:02d}.png", _picture(residual))
+    names = default_channels(measurement.predicted[0].shape[2])
+    if measurement.body is not None:
+        write_exr(home / "body.exr", measurement.body.channels(names))
+    if measurement.separation is not None:
+        write_separation(measurement.separation, names, home)
 
 
 def _check(capture: Capture, labels: NDArray[np.integer] | None, n: float | None) -> None:
@@ -139,25 +149,27 @@ def _material(
     region = known_shape(capture) & interior(labels, number)
     seen = observations(capture, region, None if colour is None else colour.value, SEED)
     error = None if colour is None else colour.relative_covariance
-    return estimate_material(seen, f"material {number + 1}", int(np.sum(labels == number)), n, error)
+    cut = clipped(capture, region)
+    try:
+        found = estimate_material(seen, f"material {number + 1}", int(np.sum(labels == number)), n, error)
+    except InputError as wrong:
+        if cut.hidden > np.sum(seen.used.any(axis=1)):
+            raise InputError(f"{wrong}; {cut.hidden} of its values are clipped: expose shorter") from wrong
+        raise
+    return with_gloss_untold(found, cut)
 
 
-def _predicted(
-    photograph: Photograph,
-    capture: Capture,
-    labels: NDArray[np.integer],
-    materials: tuple[MaterialEstimate, ...],
-    colour: LampColour | None,
-) -> NDArray[np.float32]:
-    """Values (h, w, C) by the materials at every pixel that has one, NaN elsewhere."""
-    values = np.full(photograph.values.shape, np.nan, np.float32)
-    for number, material in enumerate(materials):
-        pixels = Pixels.where(capture, (labels == number) & known_shape(capture))
-        seen = sight(photograph, pixels.points, pixels.normals, None if colour is None else colour.value)
-        body = material.alpha * np.array(material.body_colour)
-        theta = theta_of(body, material.beta, material.gamma, material.n)
-        values[pixels.rows, pixels.columns] = expected(seen, theta)
-    return values
+def _parted(capture: Capture, body: BodyMap) -> tuple[tuple[NDArray[np.float32], ...], Separation]:
+    """What the materials predict for each photograph, NaN where none is, and the parts of the one with most gloss."""
+    predicted, most, shown = [], -1.0, None
+    for number, photograph in enumerate(capture.photographs):
+        parts = body.parts(capture, photograph)
+        predicted.append(parts.sum.astype(np.float32))
+        gloss = float(np.nansum(parts.interface) / max(float(np.nansum(parts.sum)), 1e-300))
+        if gloss > most:
+            most, shown = gloss, (photograph, parts, number)
+    assert shown is not None  # a capture has a photograph
+    return tuple(predicted), separated(*shown)
 
 
 def _residual(photograph: Photograph, predicted: NDArray[np.float32]) -> NDArray[np.float32]:
