@@ -11,6 +11,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from hagoromo.app.progress import progress_bar
 from hagoromo.app.verb import Force, Out, verb, wrote
+from hagoromo.errors import InputError
 
 calibrations = tyro.extras.SubcommandApp()
 
@@ -65,6 +66,7 @@ def calibrate_lamps(
     reference_normal: tuple[float, float, float] | None = None,
     reference_radius: float | None = None,
     mirror: tuple[float, ...] = (),
+    object: Path | None = None,
     transfer: Literal["linear", "srgb"] | None = None,
     force: Force = False,
 ) -> None:
@@ -72,6 +74,7 @@ def calibrate_lamps(
 
     One ball tells directions (far lamps). Several balls, or one in several places, tell positions (near lamps), and
     which lamps are too far for that. A matte reference, or a highlight that is not clipped, tells strength and colour.
+    Where there is no ball, a matte object tells far lamps to some degrees, and their strengths relative to each other.
 
     Args:
         photographs: one per lamp, all from one place: PNG, JPEG, TIFF, RAW or developed EXR.
@@ -88,14 +91,24 @@ def calibrate_lamps(
         reference_radius: of a matte ball [m], where lamps are near.
         mirror: reflectance of the chrome balls, one number or one per channel: strength from the light of highlights
             that are not clipped. Where it is unknown give 1: the lamps' ratios are right.
-        transfer: of 8-bit photographs, where strength is asked for; 16 bits are taken for linear.
+        object: mask of the object itself, in place of a chrome ball: five lamps or more, directions and relative
+            strengths by self-calibration, with errors; the object is taken for convex at its outline.
+        transfer: of 8-bit photographs, where strength or an object is asked for; 16 bits are taken for linear.
     """
     from hagoromo.app.calibrate_lamps import Balls, Matte, calibrate_lamps_to
+    from hagoromo.app.self_calibrate import self_calibrate_to
 
     balls = Balls(mask, moved, radius, camera, mirror)
     matte = Matte(reference, reflectance, reference_normal, reference_radius)
     with progress_bar("calibrate lamps") as progress:
-        lines = calibrate_lamps_to(photographs, out, balls, matte, transfer, force, progress)
+        if object is None:
+            lines = calibrate_lamps_to(photographs, out, balls, matte, transfer, force, progress)
+        elif mask or moved or mirror or reference:
+            raise InputError(
+                "--object stands for itself, without --mask, --moved, --mirror, --reference: leave one out"
+            )
+        else:
+            lines = self_calibrate_to(photographs, object, out, camera, transfer, force, progress)
     print(*lines, sep="\n")
     wrote(out)
 

@@ -1,0 +1,56 @@
+"""`hagoromo calibrate lamps --object`: photographs of any matte object, a lamp each, no ball → lamps.json."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from hagoromo.app.calibrate_lamps import LAMP, read_photographs
+from hagoromo.camera.camera_file import read_camera
+from hagoromo.errors import InputError
+from hagoromo.files.picture import read_picture
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
+from hagoromo.photograph.self_calibration import self_calibrate
+
+SIDES = "a hollow object under lamps mirrored about the line of sight would look the same"
+
+
+def self_calibrate_to(
+    photographs: Sequence[Path],
+    mask: Path,
+    out: Path,
+    camera: Path | None,
+    transfer: Literal["linear", "srgb"] | None,
+    force: bool,
+    progress: Callable[[float, str], None] | None = None,
+) -> list[str]:
+    """Write lamps.json to `out`; gives what was found, in lines."""
+    if len(photographs) == 0:
+        raise InputError("no photograph of the object is given: give one per lamp")
+    with whole_file(out, force) as partial:
+        lens = None if camera is None else read_camera(camera)
+        shown = read_picture(mask)
+        on_object = np.asarray(shown.reshape(*shown.shape[:2], -1)[..., :3].max(axis=2) > 0.5 * shown.max())
+        light = read_photographs(photographs, transfer, linear=True)
+        found = self_calibrate(light, on_object, lens, progress=progress)
+        records = found.records()
+        told = {
+            "convex": found.convex,
+            "ambiguity": SIDES if lens is None else "taken for convex at its outline",
+            "integrability": found.integrability,
+            "condition": found.condition,
+        }
+        lamps = [{key: record[key] for key in LAMP if key in record} for record in records]
+        write_json(partial, {"lamps": lamps, "object": told, "readings": records})
+    lines = []
+    for name, (x, y, z), error in zip(found.names, found.to_lamp, found.standard_error_deg, strict=True):
+        lines.append(f"{name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {error:.1f}°")
+    lines.append(
+        f"the object is taken for convex: {100 * found.convex:.0f} % of its outline turns away"
+        + ("" if lens else f"; {SIDES}")
+    )
+    return [*lines, f"{len(lines) - 1} lamps, condition number of their directions {found.condition:.2f}"]
