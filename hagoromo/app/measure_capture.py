@@ -49,20 +49,20 @@ def measure_capture(
     """
     known = known or Known()
     with whole_folder(out, force) as home:
-        capture = load_capture(folder)
-        for name, (x, y) in moved(capture.photographs).items():
-            warnings.warn(
-                f"{name} stands ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
-                stacklevel=2,
-            )
-        return fill_measured(capture, home, known, progress)
+        return fill_measured(load_capture(folder), home, known, progress)
 
 
 def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress | None = None) -> Measurement:
     """Measure `capture` and write the result to the folder `home`; see `measure_capture`.
 
     points.exr is the shape, given or solved; body.exr, where bodies were measured pixel by pixel, their α c_b.
+    Photographs that moved are told in a warning.
     """
+    for name, (x, y) in moved(capture.photographs).items():
+        warnings.warn(
+            f"{name} stands ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
+            stacklevel=2,
+        )
     if capture.points is not None and capture.normals is not None:
         measured = measure(capture, n=known.n, progress=progress)
     else:

@@ -93,3 +93,14 @@ def test_the_laboratory_is_the_same_every_time(tmp_path):
     one, other = (lab(tmp_path / name, 60) for name in ("one", "other"))
     files = [path.relative_to(one) for path in sorted(one.rglob("*.*"))]
     assert len(files) > 30 and all((one / file).read_bytes() == (other / file).read_bytes() for file in files)
+
+
+def test_the_messages_that_it_lists_are_those_of_the_package():
+    rows = re.findall(
+        r"^\| (.+?) \| .+ \|$", PAGE.read_text(encoding="utf-8").split("## When it is refused")[1], re.MULTILINE
+    )
+    source = "".join(path.read_text(encoding="utf-8") for path in (PAGE.parents[1] / "hagoromo").rglob("*.py"))
+    source = re.sub(r'"\s*\n\s*f?"', "", source)  # messages that go on in the next line
+    for row in rows[1:]:
+        parts = [part.strip() for part in re.split(r"…|\(.*?\)|\d+", row) if len(part.strip()) > 8]
+        assert parts and all(part in source for part in parts), row

@@ -33,7 +33,8 @@ def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
     body = np.where((labels >= 0)[..., None], colours[np.maximum(labels, 0)], 0.0)
     if (folder / "body.exr").is_file():
         layers, _ = read_exr(folder / "body.exr")
-        names = tuple("RGB") if set(layers) == set("RGB") else tuple(sorted(layers))
+        values = {name for name in layers if "." not in name}  # not "error.R" and the like
+        names = tuple("RGB") if values == set("RGB") else tuple(sorted(values))
         body = np.stack([layers[name] for name in names], axis=2).astype(np.float64)
     for name, part in (("normals", normals), ("points", points), ("body", body)):
         if part.shape[:2] != labels.shape or part.shape[2] != (3 if name != "body" else colours.shape[1]):

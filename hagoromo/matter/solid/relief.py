@@ -11,27 +11,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.matter.solid.relief_field import SKIN, STEEPEST, Lattice, ReliefField
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.field_blocks import FieldBlocks
 from hagoromo.volume.header import BoxHeader
 from hagoromo.volume.plan import BoxPlan
 
-EDGE = 3.0  # voxels from outside to full density, measured along the normal
-SKIN = 6.0  # voxels of matter along the normal
 DEPTH = 9.0  # optical depth of the skin: 1e-4 passes, and the mean free path is longer than a step of the march
-STEEPEST = 0.3  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
-SHARPEST = 0.5  # the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
 RIM = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN = 4  # voxels around the surface
@@ -113,15 +108,13 @@ def relief_plan(
     if local[:, 2].min() <= 0.0:
         raise InputError("the relief has points behind the camera: give the camera that saw it")
     voxel = float(local[:, 2].mean() / np.mean(camera.focal))
-    around = _median_around(known, local[:, 2])
-    local *= np.where(local[:, 2] < around - SPIKE * voxel, around / local[:, 2], 1.0)[:, None]
+    local = _without_spikes(known, local, voxel)
     behind = local * (1.0 + SKIN / STEEPEST * voxel / local[:, 2:])  # where the skin of a steep pixel may end
     low = np.minimum(local, behind).min(axis=0) - MARGIN * voxel
     high = np.maximum(local, behind).max(axis=0) + MARGIN * voxel
     low[2] = max(low[2], 0.5 * local[:, 2].min())
-    low[:2] = (
-        np.floor(low[:2] / voxel + camera.principal) - camera.principal
-    ) * voxel  # a voxel has the colour of one pixel
+    # a voxel has the colour of one pixel: their centres coincide at the mean depth
+    low[:2] = (np.floor(low[:2] / voxel + camera.principal) - camera.principal) * voxel
     to_world = camera.camera_to_world.copy()
     to_world[:3, 3] += to_world[:3, :3] @ low
     facing = relief.normals @ pose[:, :3].T
@@ -133,7 +126,7 @@ def relief_plan(
         colour = colour * np.maximum(cosine, 0.0)[..., None]
     places = np.zeros((*known.shape, 3))
     places[known] = local - low
-    field = _Field(known, places, facing, colour, relief.labels, camera, low, voxel)
+    field = ReliefField(known, places, facing, colour, relief.labels, Lattice(camera, low, voxel))
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel))
     header = BoxHeader(
         voxel,
@@ -143,70 +136,15 @@ def relief_plan(
         tuple(smooth_rgb_basis() if basis is None else basis),
         f"relief, {skin.particles}",
     )
-    return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel))
+    return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel, field.occupied))
 
 
-def _median_around(known: NDArray[np.bool_], depth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) median of the depths (n,) of the known pixels around each, within two pixels."""
-    from numpy.lib.stride_tricks import sliding_window_view
+def _without_spikes(known: NDArray[np.bool_], local: NDArray[np.float64], voxel: float) -> NDArray[np.float64]:
+    """`local` (n, 3), known points in the camera's axes, none nearer by a SPIKE than the median within two pixels."""
+    import cv2
 
-    image = np.full((known.shape[0] + 4, known.shape[1] + 4), np.nan)
-    image[2:-2, 2:-2][known] = depth
-    return np.nanmedian(sliding_window_view(image, (5, 5))[known].reshape(-1, 25), axis=1)
-
-
-class _Field:
-    """Density, axis, material and body colour at box coordinates [m], from images of the surface on the device."""
-
-    def __init__(
-        self,
-        known: NDArray[np.bool_],
-        places: NDArray[np.float64],
-        facing: NDArray[np.float64],
-        colour: NDArray[np.float64],
-        labels: NDArray[np.integer],
-        camera: Camera,
-        low: NDArray[np.float64],
-        voxel: float,
-    ) -> None:
-        rows, columns = np.nonzero(known)
-        self.first = int(columns.min()), int(rows.min())
-        crop = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-        self.rows, self.columns = known[crop].shape
-        self.voxel, self.low, self.camera = float(voxel), low.tolist(), camera
-        kinds = arrays()
-
-        def images(values: NDArray) -> list[Any]:
-            return [kinds.Float(values[crop][..., i].astype(np.float32).ravel()) for i in range(values.shape[2])]
-
-        (self.known,) = images(known[..., None])
-        self.place, self.facing, self.colour = images(places), images(facing), images(colour)
-        self.labels = kinds.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
-
-    def __call__(self, p: Any) -> tuple[Any, Any, Any, list[Any]]:
-        kinds = arrays()
-        (ax, ay), (x0, y0) = self.camera.focal, self.camera.principal
-        away = p.z + self.low[2]
-        column = (p.x + self.low[0]) / away * ax + (x0 - self.first[0])
-        row = (p.y + self.low[1]) / away * ay + (y0 - self.first[1])
-        inside = (column >= 0.0) & (row >= 0.0) & (column < self.columns) & (row < self.rows)
-        at = kinds.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns
-        at += kinds.UInt(clip(column, 0.0, self.columns - 1.0))
-        inside &= dr.gather(kinds.Float, self.known, at) > 0.5
-        axis = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.facing))
-        place = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.place))
-        # distance below the plane of the pixel's facet: along its line of sight, no steeper than STEEPEST, and aside
-        ray = (place + kinds.Array3f(*self.low)) / (place.z + self.low[2])
-        deeper = p.z - place.z
-        aside = p - place - ray * deeper
-        cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
-        above, below = ((deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (SHARPEST, STEEPEST))
-        density = _rising(above / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
-        colours = [dr.gather(kinds.Float, part, at) for part in self.colour]
-        return dr.select(inside, density, 0.0), axis, dr.gather(kinds.UInt, self.labels, at), colours
-
-
-def _rising(t: Any) -> Any:
-    """0 below 0, 1 above 1, a smooth cubic between."""
-    t = clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
+    depth = np.full(known.shape, np.inf, np.float32)
+    depth[known] = local[:, 2]
+    around = cv2.medianBlur(depth, 5)[known].astype(np.float64)
+    stands_out = np.isfinite(around) & (local[:, 2] < around - SPIKE * voxel)
+    return local * np.where(stands_out, np.where(stands_out, around, 1.0) / local[:, 2], 1.0)[:, None]

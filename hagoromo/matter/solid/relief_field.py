@@ -1,0 +1,133 @@
+"""Relief field: images of a measured surface → density, axis, material and body colour at points of a volume box.
+
+Every pixel stands for a facet, the plane through its point across its normal; matter is a skin below the facets.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays, clip
+from hagoromo.camera.camera import Camera
+
+EDGE = 3.0  # voxels from outside to full density, measured along the normal
+SKIN = 6.0  # voxels of matter along the normal
+STEEPEST = 0.3  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
+SHARPEST = 0.5  # the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
+FRONT = (0.5 * EDGE + 2.0) / SHARPEST  # voxels before a facet in which there may be matter
+BACK = (SKIN + EDGE + 2.0) / STEEPEST  # voxels behind it
+Array = NDArray[np.float64]
+
+
+class Lattice(NamedTuple):
+    """Where the box lies before the camera: its low corner [m] in the camera's axes, along which it lies; voxel [m]."""
+
+    camera: Camera
+    low: Array
+    voxel: float
+
+
+class ReliefField:
+    """A function of box coordinates [m] for `FieldBlocks`, from images (h, w, …) of the surface on the device.
+
+    known: pixels of the surface. places: their points in box coordinates [m]. facing: normals in the camera's axes.
+    colour: body colours on the box's basis. labels: of the materials.
+    """
+
+    def __init__(
+        self,
+        known: NDArray[np.bool_],
+        places: Array,
+        facing: Array,
+        colour: Array,
+        labels: NDArray[np.integer],
+        lattice: Lattice,
+    ) -> None:
+        rows, columns = np.nonzero(known)
+        self.first = int(columns.min()), int(rows.min())
+        crop = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+        self.rows, self.columns = known[crop].shape
+        self.voxel, self.low, self.camera = float(lattice.voxel), lattice.low.tolist(), lattice.camera
+        kinds = arrays()
+
+        def images(values: NDArray) -> list[Any]:
+            return [kinds.Float(values[crop][..., i].astype(np.float32).ravel()) for i in range(values.shape[2])]
+
+        (self.known,) = images(known[..., None])
+        self.place, self.facing, self.colour = images(places), images(facing), images(colour)
+        self.labels = kinds.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
+        self.levels = _levels(
+            np.where(known, places[..., 2], np.inf)[crop], np.where(known, places[..., 2], -np.inf)[crop]
+        )
+
+    def occupied(self, centre: Any, radius: float) -> Any:
+        """Whether there may be matter in the ball [m] around `centre` (Array3f): never False where there is."""
+        kinds = arrays()
+        # pixels that the ball may cover: of its own size, and as lines of sight part over its depth
+        nearest = max(self.low[2], 1e-9)
+        aside = 1.0 + max(self.camera.width, self.camera.height) / min(self.camera.focal)
+        reach = max(self.camera.focal) * radius * aside / nearest + 1.0
+        level = min(max(math.ceil(math.log2(2.0 * reach)), 0), len(self.levels) - 1)
+        near, far, rows, columns = self.levels[level]
+        column, row = (place / 2**level for place in self._pixel(centre))
+        holds = kinds.Bool(False)
+        for down in (-0.5, 0.5):
+            for right in (-0.5, 0.5):
+                at = kinds.UInt(clip(row + down, 0.0, rows - 1.0)) * columns
+                at += kinds.UInt(clip(column + right, 0.0, columns - 1.0))
+                before = dr.gather(kinds.Float, near, at) - FRONT * self.voxel - radius
+                behind = dr.gather(kinds.Float, far, at) + BACK * self.voxel + radius
+                holds |= (centre.z > before) & (centre.z < behind)
+        return holds
+
+    def _pixel(self, p: Any) -> tuple[Any, Any]:
+        """Column and row (from those of the first pixel) where box coordinates `p` [m] are seen."""
+        (ax, ay), (x0, y0) = self.camera.focal, self.camera.principal
+        away = p.z + self.low[2]
+        column = (p.x + self.low[0]) / away * ax + (x0 - self.first[0])
+        return column, (p.y + self.low[1]) / away * ay + (y0 - self.first[1])
+
+    def __call__(self, p: Any) -> tuple[Any, Any, Any, list[Any]]:
+        """Density, axis, material number and body colour at `p` (Array3f)."""
+        kinds = arrays()
+        column, row = self._pixel(p)
+        inside = (column >= 0.0) & (row >= 0.0) & (column < self.columns) & (row < self.rows)
+        at = kinds.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns
+        at += kinds.UInt(clip(column, 0.0, self.columns - 1.0))
+        inside &= dr.gather(kinds.Float, self.known, at) > 0.5
+        axis = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.facing))
+        place = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.place))
+        # distance below the plane of the pixel's facet: along its line of sight, no steeper than STEEPEST, and aside
+        ray = (place + kinds.Array3f(*self.low)) / (place.z + self.low[2])
+        deeper = p.z - place.z
+        aside = p - place - ray * deeper
+        cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
+        above, below = ((deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (SHARPEST, STEEPEST))
+        density = _rising(above / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
+        colours = [dr.gather(kinds.Float, part, at) for part in self.colour]
+        return dr.select(inside, density, 0.0), axis, dr.gather(kinds.UInt, self.labels, at), colours
+
+
+def _levels(near: Array, far: Array) -> list[tuple[Any, Any, int, int]]:
+    """Least and greatest depth of blocks of 2ⁿ × 2ⁿ pixels, and how many rows and columns of them there are."""
+    kinds, found = arrays().Float, []
+    while True:
+        rows, columns = near.shape
+        found.append((kinds(near.astype(np.float32).ravel()), kinds(far.astype(np.float32).ravel()), rows, columns))
+        if max(near.shape) == 1:
+            return found
+        even = ((0, rows % 2), (0, columns % 2))
+        near, far = np.pad(near, even, constant_values=np.inf), np.pad(far, even, constant_values=-np.inf)
+        shape = near.shape[0] // 2, 2, near.shape[1] // 2, 2
+        near, far = near.reshape(shape).min(axis=(1, 3)), far.reshape(shape).max(axis=(1, 3))
+
+
+def _rising(t: Any) -> Any:
+    """0 below 0, 1 above 1, a smooth cubic between."""
+    t = clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
