@@ -9,7 +9,14 @@ from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.transforms import lamp_from_record
-from tests.inverse.simulated_mirror import degrees_between, mask_of, mirror_photograph, seen_from_afar, seen_through
+from tests.inverse.simulated_mirror import (
+    degrees_between,
+    mask_of,
+    mirror_photograph,
+    seen_from_afar,
+    seen_through,
+    unit,
+)
 
 LENS = {"w": 331, "h": 223, "fl_x": 450.0, "fl_y": 450.0, "cx": 165.0, "cy": 112.0, "k1": 0.0, "k2": 0.0, "p1": 0.0}
 CAMERA = Camera(331, 223, (450.0, 450.0), (165.0, 112.0))
@@ -91,3 +98,27 @@ def test_what_tells_no_lamp_is_refused_in_a_line(shot, refused, tmp_path):
     ]:
         paths = [shot / name for name in photographs]
         assert said in refused("calibrate", "lamps", *paths, *options, "--out", tmp_path / "lamps.json"), said
+
+
+def test_an_object_tells_its_lamps_without_a_ball(tmp_path, capsys, refused):
+    """A matte ball under six lamps, 16 bits; 4° as it is small. What no ball needs is refused beside it."""
+    row, column = np.mgrid[:101, :113] + 0.5
+    x, y = (column - 56) / 47, -(row - 50) / 47
+    normal = np.stack([x, y, np.sqrt(np.maximum(1 - x**2 - y**2, 0))], axis=-1)
+    turn = np.arange(6) * np.pi / 3
+    lamps = unit(np.stack([np.cos(turn) + 0.2, np.sin(turn) + 0.1, np.full(6, 1.3)], axis=-1))
+    on, random = x**2 + y**2 < 0.97, np.random.default_rng(4)
+    for k, lamp in enumerate(lamps):
+        light = np.where(on, 0.7 * np.maximum(normal @ lamp, 0) + random.normal(0, 0.003, on.shape), 0)
+        numbers = np.rint(65535 * np.clip(light, 0, 1)).astype(np.uint16)
+        write_png(tmp_path / f"{k}.png", np.repeat(numbers[..., None], 3, axis=2))
+    write_png(tmp_path / "object.png", np.where(on, 255, 0).astype(np.uint8))
+    paths = [str(tmp_path / f"{k}.png") for k in range(6)]
+    out, mask = str(tmp_path / "lamps.json"), str(tmp_path / "object.png")
+    assert main(["calibrate", "lamps", *paths, "--object", mask, "--out", out]) == 0
+    assert "taken for convex" in capsys.readouterr().out
+    found = [lamp_from_record(lamp, tmp_path, "lamps.json") for lamp in read_json(out)["lamps"]]
+    assert degrees_between([lamp.to_lamp for lamp in found], lamps).max() < 4
+    again = ("--out", tmp_path / "b.json", "--object", mask)
+    assert "--object stands for itself" in refused("calibrate", "lamps", *paths, *again, "--mask", mask)
+    assert "3 photographs do not calibrate" in refused("calibrate", "lamps", *paths[:3], *again)

@@ -78,7 +78,7 @@ def _agreement(folder: str | Path, lamps: Sequence[LampReading]) -> list[tuple[L
         "laboratory": "lights_from_chrome_ball_by_lab.txt",
         "author of the repository": "lights_by_repo_author.txt",
     }
-    theirs = {who: _read_directions(Path(folder) / file) for who, file in files.items()}
+    theirs = {who: read_directions(Path(folder) / file) for who, file in files.items()}
     off = {who: np.degrees(np.arccos(np.clip(_rows_dot(lamps, of), -1.0, 1.0))) for who, of in theirs.items()}
     return [(lamp, {who: float(angles[k]) for who, angles in off.items()}) for k, lamp in enumerate(lamps)]
 
@@ -87,7 +87,8 @@ def _rows_dot(lamps: Sequence[LampReading], directions: Array) -> Array:
     return np.array([lamp.to_lamp @ row for lamp, row in zip(lamps, directions, strict=True)])
 
 
-def _read_directions(path: Path) -> Array:
+def read_directions(path: Path) -> Array:
+    """(12, 3) unit directions of a file of the set."""
     rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
     directions = np.array([[float(number) for number in row] for row in rows if len(row) == 3])
     if directions.shape != (LAMPS, 3):

@@ -1,0 +1,110 @@
+"""The study of lamps on real photographs: how far independent readings of the same lamps agree.
+
+    python -m hagoromo.app.studies.lamps ../shared/data/uw_psm --out lamps_study.json
+
+Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: angles between the chrome ball as we read it (outline from
+the photographs, and from the set's mask), the set's two readings, the shading of its matte ball, and what each object
+tells by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from tyro.conf import Positional
+
+from hagoromo.app.studies.real import read_directions
+from hagoromo.app.studies.uw_psm import LAMPS, OBJECTS, WHOLE, read_lamps
+from hagoromo.files.png import read_png
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
+from hagoromo.photograph.lamps import find_ball, find_highlight, matte_ball, read_lamp, reference_strength
+from hagoromo.photograph.lamps.outline import refined
+from hagoromo.photograph.self_calibration import self_calibrate
+
+Array = NDArray[np.float64]
+FULL = 250  # of 255: clipped, or nearly
+
+
+def lamp_study(folder: str | Path) -> dict[str, Any]:
+    """The record of the study: `readings`, mean and largest angle [°] of each pair, and `objects`."""
+    home = Path(folder)
+    ball, lamps = read_lamps(home)
+    ours = np.array([lamp.to_lamp for lamp in lamps])
+    readings = {
+        "photographs": ours,
+        "mask": _by_mask(home),
+        "laboratory": read_directions(home / "lights_from_chrome_ball_by_lab.txt"),
+        "author of the repository": read_directions(home / "lights_by_repo_author.txt"),
+        "matte ball": _by_shading(home, ours),
+    }
+    pairs = {
+        f"{one} – {other}": _angles(readings[one], readings[other])
+        for i, one in enumerate(readings)
+        for other in list(readings)[i + 1 :]
+    }
+    objects = {}
+    for name in OBJECTS:
+        found = self_calibrate(_light(home, name), _mask(home, name) >= WHOLE)
+        told = {"stated_deg": float(found.standard_error_deg.mean()), "convex": found.convex}
+        within = np.degrees(np.arccos(np.clip(np.sum(found.to_lamp * ours, axis=1), -1.0, 1.0)))
+        told["within_two_errors"] = float(np.mean(within < 2.0 * found.standard_error_deg))
+        objects[name] = {**_angles(found.to_lamp, ours), **told}
+    return {"ball": ball.record(), "readings": pairs, "objects": objects}
+
+
+def _by_mask(home: Path) -> Array:
+    ball = find_ball(read_png(home / "chrome" / "chrome.mask.png"))
+    shown = [read_png(home / "chrome" / f"chrome.{k}.png") for k in range(LAMPS)]
+    return np.array([read_lamp("", find_highlight(photograph, ball), ball).to_lamp for photograph in shown])
+
+
+def _by_shading(home: Path, ours: Array) -> Array:
+    """Directions by Lambert's law on the matte ball; `ours` tell only which pixels are lit."""
+    numbers = [read_png(home / "gray" / f"gray.{k}.png") for k in range(LAMPS)]
+    ball = refined(find_ball(read_png(home / "gray" / "gray.mask.png")), numbers)
+    matte, light = matte_ball(ball, numbers[0].shape, 0.5), _light(home, "gray")
+    told = [reference_strength(light[str(k)], matte, ours[k]).shading for k in range(LAMPS)]
+    return np.array([shading[0] for shading in told if shading is not None])
+
+
+def _light(home: Path, name: str) -> Mapping[str, Array]:
+    numbers = {str(k): read_png(home / name / f"{name}.{k}.png").astype(np.float64) for k in range(LAMPS)}
+    return {k: np.where(n < FULL, n / 255.0, np.nan) for k, n in numbers.items()}
+
+
+def _mask(home: Path, name: str) -> NDArray:
+    mask = read_png(home / name / f"{name}.mask.png")
+    return mask.reshape(*mask.shape[:2], -1)[..., :3].max(axis=2)
+
+
+def _angles(one: Array, other: Array) -> dict[str, float]:
+    cosine = np.sum(one * other, axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
+    angles = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return {"mean_deg": float(angles.mean()), "largest_deg": float(angles.max())}
+
+
+def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
+    """Compare readings of the lamps of the set in FOLDER.
+
+    Args:
+        folder: uw_psm, with a folder per object.
+        out: where to write the record, JSON.
+        force: replace an existing result.
+    """
+    with whole_file(out, force) as partial:
+        record = lamp_study(folder)
+        write_json(partial, record)
+    for what, found in {**record["readings"], **record["objects"]}.items():
+        stated = f", stated {found['stated_deg']:.1f}°" if "stated_deg" in found else ""
+        print(f"{what}: {found['mean_deg']:.2f}° in the mean, {found['largest_deg']:.2f}° at most{stated}")
+    print(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
