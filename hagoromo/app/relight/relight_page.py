@@ -22,6 +22,7 @@ from hagoromo.light.colour import delta_e_2000, srgb_encode
 HEAD = ("photograph", "prediction", "relative rmse", "ΔE00, mean", "ΔE00, 95 %", "PSNR [dB]", "SSIM", "pixels")
 WIDTH = 4.6  # inch, of a map
 DPI = 130
+SHOWN = 95  # percentile of a map that its scale holds
 WIDE = 320  # px, of a small photograph on the page
 
 
@@ -72,7 +73,7 @@ def _photograph(page: Page, one: Relit) -> None:
     shown += [image(_enlarged(view[crop]), PREDICTIONS[key], lossless=True) for key, view in one.predictions.items()]
     page.figure("What was photographed and what was predicted, at one exposure.", *shown)
     differences = {key: (view - one.photograph).mean(axis=2) for key, view in one.predictions.items()}
-    limit = _nice(max(np.percentile(np.abs(d[one.mask]), 98) for d in differences.values()))
+    limit = _nice(max(np.percentile(np.abs(d[one.mask]), SHOWN) for d in differences.values()))
     page.figure(
         "Prediction − photograph, mean of the three channels, in % of white; grey is not compared.",
         *(
@@ -81,7 +82,7 @@ def _photograph(page: Page, one: Relit) -> None:
         ),
     )
     colours = {key: _delta_e(one, key) for key in one.predictions}
-    limit = _nice(max(np.percentile(d[one.mask], 98) for d in colours.values()))
+    limit = _nice(max(np.percentile(d[one.mask], SHOWN) for d in colours.values()))
     page.figure(
         "Colour difference ΔE00 (1 is about what an eye can just tell); grey is not compared.",
         *(_map(colour, one.mask, crop, "magma", (0.0, limit), "ΔE00", key) for key, colour in colours.items()),

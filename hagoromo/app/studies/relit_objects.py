@@ -2,8 +2,8 @@
 
     python -m hagoromo.app.studies.relit_objects ../shared/data/uw_psm --out out/relit
 
-Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: a folder for each object with its capture and what `relight`
-writes, and index.html with the figures of all.
+Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: a folder for each object with its capture and what
+`relight` writes, and index.html with the figures of all.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.capture import save_capture
 
 HELD = (0, 4, 8)  # lamps kept aside, of twelve
+MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
 Progress = Callable[[float, str], None]
 
 
@@ -69,9 +70,7 @@ def _write_index(path: Path, found: dict[str, tuple[Relit, ...]]) -> None:
     for name, relit in found.items():
         for key, text in PREDICTIONS.items():
             figures = [one.compared[key] for one in relit]
-            means = {
-                k: float(np.mean([f[k] for f in figures])) for k in ("relative_rmse", "delta_e_2000", "psnr", "ssim")
-            }
+            means = {k: float(np.mean([f[k] for f in figures])) for k in MEANS}
             link = f'<a href="{name}/relit/report.html">{name}</a>'
             rows.append(
                 [link, text, f"{100 * means['relative_rmse']:.1f} %", f"{means['delta_e_2000']:.2f}",
