@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -98,30 +98,38 @@ def calibrate_lamps_to(
     return [*lines, said]
 
 
-def read_photographs(
-    paths: Sequence[Path], transfer: Literal["linear", "srgb"] | None, linear: bool
-) -> dict[str, NDArray]:
+class Photographs(Mapping[str, NDArray]):
     """Name → stored pixels, or light with NaN where it is clipped: of EXR and RAW, and of all where `linear`.
 
-    A name that two files share is given with its folder. `InputError` for 8 bits that are to be linear without a
-    stated transfer.
+    Each is read when it is asked for, so that one is in memory. A name that two files share is given with its folder.
+    `InputError` for one given twice, and for 8 bits that are to be linear without a stated transfer.
     """
-    names, found = [path.name for path in paths], {}
-    for path in paths:
-        name = path.name if names.count(path.name) == 1 else str(path)
-        if path.suffix.lower() in PICTURES:
+
+    def __init__(self, paths: Sequence[Path], transfer: Literal["linear", "srgb"] | None, linear: bool) -> None:
+        names = [path.name for path in paths]
+        self.paths = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
+        if len(self.paths) < len(paths):
+            raise InputError("a photograph is given twice: give each once")
+        self.transfer: Literal["linear", "srgb"] | None = transfer
+        self.linear = linear
+
+    def __getitem__(self, name: str) -> NDArray:
+        path = self.paths[name]
+        if path.suffix.lower() in PICTURES and not (self.linear and self.transfer):
             numbers = read_picture(path)
-            if not linear:
-                found[name] = numbers
-                continue
-            if numbers.dtype == np.uint8 and transfer is None:
-                raise InputError(f"{path} has 8 bits, seldom linear ones, which strength needs: state --transfer")
-        frame = {"sensor": {}, "exposure_s": None, "iso": None, "transfer": transfer or "linear"}
+            if not self.linear:
+                return numbers
+            if numbers.dtype == np.uint8:
+                raise InputError(f"{path} has 8 bits, seldom linear ones, as are needed here: state --transfer")
+        frame = {"sensor": {}, "exposure_s": None, "iso": None, "transfer": self.transfer or "linear"}
         pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
-        found[name] = np.where(pixels.valid[..., None], pixels.values, np.float32(np.nan))
-    if len(found) < len(paths):
-        raise InputError("a photograph is given twice: give each once")
-    return found
+        return np.where(pixels.valid[..., None], pixels.values, np.float32(np.nan))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.paths)
+
+    def __len__(self) -> int:
+        return len(self.paths)
 
 
 def _read_sets(
@@ -130,14 +138,14 @@ def _read_sets(
     """The photographs for each mask: the same ones, or one set after the other where the ball was moved."""
     count = len(balls.masks)
     if not balls.moved:
-        return [read_photographs(paths, transfer, linear)] * count
+        return [Photographs(paths, transfer, linear)] * count
     if count < 2 or len(paths) % count:
         raise InputError(
             f"a moved ball has a --mask for each place and as many photographs in each: given {count} masks and "
             f"{len(paths)} photographs"
         )
     each = len(paths) // count
-    return [read_photographs(paths[i * each : (i + 1) * each], transfer, linear) for i in range(count)]
+    return [Photographs(paths[i * each : (i + 1) * each], transfer, linear) for i in range(count)]
 
 
 def _found(

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from hagoromo.app.calibrate_lamps import LAMP, read_photographs
+from hagoromo.app.calibrate_lamps import LAMP, Photographs
 from hagoromo.camera.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
@@ -35,7 +35,7 @@ def self_calibrate_to(
         lens = None if camera is None else read_camera(camera)
         shown = read_picture(mask)
         on_object = np.asarray(shown.reshape(*shown.shape[:2], -1)[..., :3].max(axis=2) > 0.5 * shown.max())
-        light = read_photographs(photographs, transfer, linear=True)
+        light = Photographs(photographs, transfer, linear=True)
         found = self_calibrate(light, on_object, lens, progress=progress)
         records = found.records()
         told = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from numpy.typing import NDArray
 
@@ -21,18 +21,24 @@ def calibrate_lamps(
 ) -> tuple[Ball, tuple[LampReading, ...]]:
     """One far lamp per photograph of a chrome ball, and the ball.
 
-    photographs: name → (height, width[, channels]) integers, or light as floats (NaN where clipped). mask: (height,
+    photographs: name → (height, width[, channels]) integers, or light as floats (NaN where clipped); a mapping that
+    reads them one by one needs memory for one. mask: (height,
     width[, channels]), bright on the ball. `InputError` for sizes that differ, a mask that is no whole disc, a ball
     out of focus, or a photograph without a highlight.
     """
     if not photographs:
         raise InputError("no photograph of the chrome ball: give one per lamp")
-    for name, photograph in photographs.items():
-        if photograph.shape[:2] != mask.shape[:2]:
-            raise InputError(f"{name} is {photograph.shape[:2]} pixels and the mask {mask.shape[:2]}: make them fit")
     if camera is not None and (camera.height, camera.width) != mask.shape[:2]:
         raise InputError(f"the camera is {camera.height} × {camera.width} pixels and the mask {mask.shape[:2]}")
-    ball = refined(find_ball(mask, camera), photographs.values())
+
+    def of_one_size() -> Iterator[NDArray]:
+        for name, photograph in photographs.items():
+            size = photograph.shape[:2]
+            if size != mask.shape[:2]:
+                raise InputError(f"{name} is {size} pixels and the mask {mask.shape[:2]}: make them fit")
+            yield photograph
+
+    ball = refined(find_ball(mask, camera), of_one_size())
     check_focus(ball)
     readings = []
     for i, (name, photograph) in enumerate(photographs.items()):

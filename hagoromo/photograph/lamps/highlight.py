@@ -68,9 +68,10 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
 
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
     """
-    light = grey(photograph)
-    whole = photograph.dtype.kind in "ui"
-    on_ball = ball.covers(light.shape)
+    whole, on_ball = photograph.dtype.kind in "ui", ball.covers(photograph.shape)
+    corner = np.array([axis.min() for axis in np.nonzero(on_ball)])
+    about = tuple(slice(axis.min(), axis.max() + 1) for axis in np.nonzero(on_ball))
+    light, on_ball = grey(photograph[about]), on_ball[about]
     known = light[on_ball & np.isfinite(light)]
     if not known.size:
         raise InputError("no pixel of the ball is known: expose shorter")
@@ -87,13 +88,13 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
         raise InputError(f"the highlight covers {pixels} pixels of the ball: expose shorter, focus, or use a mirror")
     weights = np.stack([_weight(light, level * brightest) for level in LEVELS])
     rows, columns = np.nonzero(weights.any(axis=0))
-    points, weights = np.stack([columns, rows], axis=1) + np.float64(0.5), weights[:, rows, columns]
+    points, weights = np.stack([columns, rows], axis=1) + corner[::-1] + np.float64(0.5), weights[:, rows, columns]
     centres = weights @ points / weights.sum(axis=1, keepdims=True)
     (x, y), error = centres[1], float(np.hypot(np.std(centres, axis=0).max(), PIXEL_ERROR / pixels**0.25))
     finer = ellipse_centre(light / brightest, speck)
     if finer is not None:
-        points += np.array([finer.x - x, finer.y - y])
-        x, y, error = finer
+        centre = np.array([finer.x, finer.y]) + corner[::-1]
+        points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
     return Highlight((float(x), float(y)), error, pixels, rival, points, weights)
 
 

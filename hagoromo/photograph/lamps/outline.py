@@ -25,9 +25,7 @@ FOOT = 0.2  # of the change at the edge: where its bump ends
 CLEAR = 6.0  # times the usual change of light beside the ball that its edge stands out by
 ENOUGH = 0.6  # of the sectors must show the edge
 CONSISTENT = 0.5  # px rms off a ball's outline up to which the places found are those of the ball's edge
-EDGE_ERROR = (
-    0.2  # px: systematic error of the radius, of reflections that crowd at the edge: so do parts of uw_psm differ
-)
+EDGE_ERROR = 0.2  # px: systematic error of the radius, of reflections that crowd at the edge
 BLURRED = 0.04  # of the radius: standard deviation of the edge's blur from which the ball is out of focus
 
 
@@ -36,14 +34,13 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
 
     photographs: (height, width[, channels]) each.
     """
-    pictures = [np.nan_to_num(grey(photograph), posinf=0.0, neginf=0.0) for photograph in photographs]
     reach = max(FAR * ball.radius, 3.0 * NEAR)
     steps = np.arange(-reach, 1.5 * reach, STEP)
-    change = np.stack([_changes(ball, picture, steps) for picture in pictures])  # (K, SECTORS, T)
+    change = np.stack([_changes(ball, photograph, steps) for photograph in photographs])  # (K, SECTORS, T)
     usual = np.median(np.abs(change[..., steps > reach]), axis=2, keepdims=True)  # beside the ball
     usual = usual + 1e-12 + 1e-3 * np.abs(change).max()
     energy = np.sum((change / usual) ** 2, axis=0)
-    found, clear = _edges(energy, steps, CLEAR**2 + len(pictures))
+    found, clear = _edges(energy, steps, CLEAR**2 + len(change))
     softness = _softness(change[:, clear], found[clear], steps) if clear.mean() >= ENOUGH else None
     if clear.mean() < ENOUGH:
         return replace(ball, softness=softness)
@@ -70,11 +67,12 @@ def check_focus(ball: Ball) -> None:
         )
 
 
-def _changes(ball: Ball, picture: Array, steps: Array) -> Array:
+def _changes(ball: Ball, photograph: NDArray, steps: Array) -> Array:
     """(SECTORS, T) derivative of the light outwards, at `steps` [px] from the edge."""
     from scipy.ndimage import gaussian_filter1d, map_coordinates
 
     ring = ball.outline(SECTORS * RAYS, 1.0 + steps / ball.radius)  # (T, SECTORS · RAYS, 2)
+    picture = np.nan_to_num(grey(photograph), posinf=0.0, neginf=0.0)
     light = map_coordinates(picture, (ring - 0.5)[..., ::-1].transpose(2, 0, 1), order=1, mode="nearest")
     around = np.roll(light, RAYS // 2, axis=1).reshape(len(steps), SECTORS, RAYS).mean(axis=2)
     return gaussian_filter1d(around, SMOOTH / STEP, axis=0, order=1).T

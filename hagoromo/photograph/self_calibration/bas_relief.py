@@ -28,15 +28,18 @@ class Belief:
     albedo counts.
     """
 
-    alike: float = 0.25
+    alike: float = 0.5
     level: float = 0.25
     entropy: bool = True
 
 
 class Family:
-    """The surfaces and lamps that c₁ and c₂ leave possible; pixels and lamps signed so that the camera sees them."""
+    """The surfaces and lamps that c₁ and c₂ leave possible; pixels and lamps signed so that the camera sees them.
 
-    def __init__(self, found: Factors, first: Array, seed: int = 0) -> None:
+    sample: indices of the pixels whose albedos count, any number of times; None for all.
+    """
+
+    def __init__(self, found: Factors, first: Array, sample: NDArray[np.intp] | None = None) -> None:
         across = np.cross(first[0], first[1])
         sign = 1.0 if np.median(found.pixels @ across) > 0.0 else -1.0
         self.matrix = np.stack([*first, across])
@@ -47,8 +50,9 @@ class Family:
             [pixels @ np.cross(first[1], across), pixels @ np.cross(across, first[0]), pixels @ across], axis=1
         )
         w = self.pixels[:, 2]
-        seen = np.flatnonzero(w > EDGE_ON * np.median(w))
-        seen = np.random.default_rng(seed).choice(seen, min(SAMPLES, len(seen)), replace=False)
+        seen = np.arange(len(w)) if sample is None else sample
+        seen = seen[w[seen] > EDGE_ON * np.median(w)]
+        seen = np.random.default_rng(0).choice(seen, min(SAMPLES, len(seen)), replace=False)
         self.some, self.size = self.pixels[seen], np.log(found.size[seen])
         slope = self.some[:, :2] / self.some[:, 2:]
         self.slope = np.median(slope, axis=0)

@@ -29,8 +29,9 @@ UNTOLD = 0.8  # `first_rows` from which integrability tells nothing
 USABLE = 1.7  # times the best scale's figure up to which another scale is an independent opinion
 DRAWS, TILES = 8, 12  # of the bootstrap; tiles across the object
 ALIKE = 0.1  # standard deviation of ln strength up to which lamps may be taken for alike, whatever the albedo
+FINEST_DEG = 1.0  # what pixels of the outline, half beside the object, leave of the relief at best
 BOUND_SHARE = 1.0 / 3.0  # a bound is taken for three standard errors
-SWEEPS = 15  # of Powell's method, in perspective
+SWEEPS = 10  # of Powell's method, in perspective
 USUAL, NO_ALBEDO = Belief(), Belief(alike=0.05, entropy=False)
 FLIP = np.array([-1.0, -1.0, 1.0])  # convex to concave
 
@@ -82,12 +83,8 @@ def self_calibrate(
     of the object, lamps lie in one plane with it, or its surface tells nothing (flat, or too rough).
     """
     tell = progress or (lambda share, step: None)
-    for name, photograph in photographs.items():
-        if photograph.shape[:2] != mask.shape:
-            raise InputError(f"{name} is {photograph.shape[:2]} pixels and the mask {mask.shape}: make them fit")
-    light = np.stack([np.asarray(p, np.float64).reshape(*mask.shape, -1) for p in photographs.values()])
-    tangent = _tangent(mask.shape, camera)
-    scales = _scales(light.mean(axis=3), mask, tangent, tell)
+    light, on_object, tangent = _reduced(photographs, mask, camera)
+    scales = _scales(light.mean(axis=3), on_object, tangent, tell)
     best = scales[0]
     found = best.solved(USUAL)
     lamps, convex = found.lamps, best.turned_away(found.pixels)
@@ -103,7 +100,7 @@ def self_calibrate(
         draws.append(best.drawn(random).solved(USUAL, found).lamps)
     angle, ratio = (np.hypot(a, b) for a, b in zip(_apart(lamps, opinions), _apart(lamps, draws), strict=True))
     to_lamp = lamps * flip / np.linalg.norm(lamps, axis=1, keepdims=True)
-    strength = np.linalg.norm(lamps, axis=1, keepdims=True) * _colours(light[:, mask])
+    strength = np.linalg.norm(lamps, axis=1, keepdims=True) * _colours(light[:, on_object])
     if camera is not None:
         to_lamp = to_lamp * [1.0, -1.0, -1.0] @ camera.camera_to_world[:3, :3].T
     tell(1.0, "")
@@ -111,7 +108,7 @@ def self_calibrate(
         tuple(photographs),
         to_lamp,
         strength / np.median(strength, axis=0),
-        np.degrees(np.hypot(angle, BOUND_SHARE * best.ratio)),
+        np.hypot(np.degrees(np.hypot(angle, BOUND_SHARE * best.ratio)), FINEST_DEG),
         np.hypot(ratio, BOUND_SHARE * best.ratio),
         max(convex, 1.0 - convex),
         best.ratio,
@@ -130,39 +127,50 @@ class _Solved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Scale:
-    """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and how well those are told."""
+    """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and how well those are told.
+
+    sample: pixels whose albedos count; None for all.
+    """
 
     factors: Factors
     rows: Rows
     first: Array
     ratio: float
     afar: bool
+    sample: NDArray[np.intp] | None = None
+
+    def family(self, first: Array) -> Family:
+        """What c₁ and c₂ leave possible."""
+        return Family(self.factors, first, self.sample)
 
     def solved(self, belief: Belief, start: _Solved | None = None) -> _Solved:
         """The lamps, from `start`, of nearly the same data, where given."""
         first, figures = self.first, None if start is None else start.figures
         if start is not None and not self.afar:
             first = start.first
-        family = Family(self.factors, first)
+        family = self.family(first)
         figures = resolve(family, belief, figures)
         if not self.afar:
             if self.turned_away(family.true(family.third(figures))[1]) < 0.5:
                 first, figures = -first, figures * FLIP
             sweeps = SWEEPS if start is None else 2
-            first, figures = resolve_in_perspective(self.factors, self.rows, first, figures, belief, sweeps)
-            family = Family(self.factors, first)
+            first, figures = resolve_in_perspective(self.family, self.rows, first, figures, belief, sweeps)
+            family = self.family(first)
         return _Solved(*family.true(family.third(figures)), first, figures)
 
     def drawn(self, random: np.random.Generator) -> _Scale:
         """The same with tiles of the object drawn anew."""
-        place = self.rows.place - self.rows.place.min(axis=0)
-        side = max(int(place.max()) // TILES, 1)
-        tile = place[:, 0] // side * (TILES + 2) + place[:, 1] // side
-        order = np.argsort(tile, kind="stable")
-        parts = np.split(order, np.flatnonzero(np.diff(tile[order])) + 1)
-        again = np.concatenate([parts[i] for i in random.integers(0, len(parts), len(parts))])
-        some = self.rows.chosen(again)
-        return _Scale(self.factors, some, _same_sign(first_rows(some)[0], self.first), self.ratio, self.afar)
+        at = np.argwhere(self.factors.mask)
+        corner, side = at.min(axis=0), max(int(np.ptp(at, axis=0).max()) // TILES, 1)
+        drawn = random.poisson(1.0, (2 * TILES + 2, 2 * TILES + 2))  # times that each tile counts
+
+        def again(place: NDArray[np.intp]) -> NDArray[np.intp]:
+            row, column = ((place - corner) // side).T
+            return np.repeat(np.arange(len(place)), drawn[row, column])
+
+        some = self.rows.chosen(again(self.rows.place))
+        first = _same_sign(first_rows(some)[0], self.first)
+        return _Scale(self.factors, some, first, self.ratio, self.afar, again(at))
 
     def turned_away(self, pixels: Array) -> float:
         """Share of the outline's pixels whose normal points out of it."""
@@ -175,21 +183,49 @@ class _Scale:
         return float(np.mean(np.sum(outward * pixels[:, :2], axis=1)[edge] > 0.0)) if edge.any() else 0.5
 
 
+def _reduced(
+    photographs: Mapping[str, NDArray], mask: NDArray[np.bool_], camera: Camera | None
+) -> tuple[Array, NDArray[np.bool_], Array]:
+    """What is about the object, so binned that it has MOST_PIXELS: light (K, h, w, C), mask (h, w), tangent (h, w, 2).
+
+    tangent: x right, y up of the rays (x, y, −1); 0 from afar. One photograph is in memory at a time.
+    """
+    if not mask.any():
+        raise InputError("the mask of the object is black: paint the object white")
+    if camera is not None and (camera.height, camera.width) != mask.shape:
+        size = f"{camera.height} × {camera.width}"
+        raise InputError(f"the camera is {size} pixels and the mask {mask.shape}: make them fit")
+    k = int(np.ceil(np.sqrt(max(mask.sum() / MOST_PIXELS, 1.0))))
+    about = tuple(
+        slice(max(int(at.min()) - 4 * k, 0), int(at.max()) + 4 * k + 1)
+        for at in (np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0)))
+    )
+    light = []
+    for name, photograph in photographs.items():
+        if photograph.shape[:2] != mask.shape:
+            raise InputError(f"{name} is {photograph.shape[:2]} pixels and the mask {mask.shape}: make them fit")
+        light.append(binned(photograph.reshape(*mask.shape, -1)[about], k))
+    on_object = binned(mask[about], k) == 1.0
+    if camera is None:
+        return np.stack(light), on_object, np.zeros((*on_object.shape, 2))
+    row, column = (np.arange(n) * k + 0.5 * k + part.start for n, part in zip(on_object.shape, about, strict=True))
+    rays = camera.unproject(np.stack(np.meshgrid(column, row), axis=-1)) @ camera.world_to_camera[:3, :3].T
+    return np.stack(light), on_object, rays[..., :2] / rays[..., 2:] * [1.0, -1.0]
+
+
 def _scales(light: Array, mask: NDArray[np.bool_], tangent: Array, tell: Callable[[float, str], None]) -> list[_Scale]:
-    """All scales at which the object is large enough, the best told first."""
-    finest = int(np.ceil(np.sqrt(max(mask.sum() / MOST_PIXELS, 1.0))))
+    """All scales of light (K, h, w) at which the object is large enough, the best told first."""
     found: list[_Scale] = []
     for i, k in enumerate(SCALES):
-        tell(0.2 * i, f"shading, {finest * k} × {finest * k} pixels")
-        shine, where = binned(light, mask, finest * k)
+        tell(0.2 * i, "shading")
+        shine, where = np.stack([binned(picture, k) for picture in light]), binned(mask, k) == 1.0
         try:
             factors = factorise(shine, where)
         except InputError:
             if found:
                 break
             raise
-        height, width = where.shape
-        at = tangent[finest * k // 2 :: finest * k, finest * k // 2 :: finest * k][:height, :width]
+        at = binned(tangent, k)
         for step in STEPS:
             lines = rows(factors.image(), step, at)
             if len(lines.along) > 100:
@@ -201,16 +237,6 @@ def _scales(light: Array, mask: NDArray[np.bool_], tangent: Array, tell: Callabl
             "the object's shading does not tell the lamps: it is flat, too rough, or not matte: use a chrome ball"
         )
     return found
-
-
-def _tangent(shape: tuple[int, int], camera: Camera | None) -> Array:
-    """(h, w, 2) x right, y up of the rays (x, y, −1); 0 from afar."""
-    if camera is None:
-        return np.zeros((*shape, 2))
-    if (camera.height, camera.width) != shape:
-        raise InputError(f"the camera is {camera.height} × {camera.width} pixels and the mask {shape}: make them fit")
-    local = camera.pixel_directions() @ camera.world_to_camera[:3, :3].T
-    return local[..., :2] / local[..., 2:] * [1.0, -1.0]
 
 
 def _same_sign(first: Array, like: Array) -> Array:
@@ -234,7 +260,7 @@ def _apart(lamps: Array, others: list[Array]) -> tuple[Array, Array]:
 def _colours(values: Array) -> Array:
     """(K, C) strength of each channel over the lamp's mean, up to a colour that all lamps share."""
     grey = values.mean(axis=2)
-    bright = np.isfinite(grey) & (grey > 0.2 * np.nanmax(grey, axis=0))
+    bright = np.isfinite(grey) & (grey > 0.2 * np.nan_to_num(grey).max(axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(bright[..., None], np.log(values / grey[..., None]), np.nan)
     share = np.where(np.isfinite(share), share, np.nan)

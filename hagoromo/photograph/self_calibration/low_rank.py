@@ -47,12 +47,11 @@ class Factors:
         return whole
 
 
-def binned(light: Array, mask: NDArray[np.bool_], k: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Means over k × k pixels that are all on the object: light (K, h, w), mask (h, w)."""
-    height, width = (n // k for n in mask.shape)
-    parts = light[:, : height * k, : width * k].reshape(-1, height, k, width, k)
-    whole = mask[: height * k, : width * k].reshape(height, k, width, k).all(axis=(1, 3))
-    return parts.mean(axis=(2, 4)), np.asarray(whole)
+def binned(image: NDArray, k: int) -> Array:
+    """Means (h/k, w/k, ...) over k × k pixels of an image (h, w, ...); NaN where one is NaN."""
+    height, width = (n // k for n in image.shape[:2])
+    parts = image[: height * k, : width * k].reshape(height, k, width, k, *image.shape[2:])
+    return np.asarray(parts.mean(axis=(1, 3), dtype=np.float64))
 
 
 def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:

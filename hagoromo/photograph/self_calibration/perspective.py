@@ -6,20 +6,25 @@ In perspective a hollow surface is another one, so the start must be on the righ
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hagoromo.photograph.self_calibration.bas_relief import Belief, Family
 from hagoromo.photograph.self_calibration.integrability import CLIP, Rows
-from hagoromo.photograph.self_calibration.low_rank import MAD, Array, Factors
+from hagoromo.photograph.self_calibration.low_rank import MAD, Array
 
 ALONE = 200.0  # rows whose residuals are independent
-SAMPLES = 3000
+SAMPLES = 2000
 
 
 def resolve_in_perspective(
-    found: Factors, lines: Rows, first: Array, figures: Array, belief: Belief, sweeps: int
+    family_of: Callable[[Array], Family], lines: Rows, first: Array, figures: Array, belief: Belief, sweeps: int
 ) -> tuple[Array, Array]:
-    """c₁ and c₂ (2, 3) and the figures of the bas-relief, from those of a view from afar, by Powell's directions."""
+    """c₁ and c₂ (2, 3) and the figures of the bas-relief, from those of a view from afar, by Powell's directions.
+
+    family_of: c₁ and c₂ → what they leave possible.
+    """
     from scipy.optimize import minimize
 
     count = len(lines.along)
@@ -34,7 +39,7 @@ def resolve_in_perspective(
 
     def cost(moved: Array) -> float:
         pair = rows_at(moved)
-        family = Family(found, pair)
+        family = family_of(pair)
         third = family.third(moved[5:]) @ np.stack([*pair, np.cross(pair[0], pair[1])])
         off = along @ pair.ravel() + beyond @ third
         return ALONE * float(np.log(np.mean(np.log1p((off / scale) ** 2)))) + family.cost(moved[5:], belief)
