@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.body_spectra import write_body_spectra
+from hagoromo.app.measure_large import large_source, solve_large, write_fine
 from hagoromo.app.measure_report import write_measure_report
+from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import whole_folder
@@ -45,11 +47,22 @@ def measure_capture(
 
     With points and normals: `measure`. Without them: normals from four lamps or more, gloss and pixels' body colours
     with them (`solve_normals`), and points.exr, integrated at the object's distance (None: the camera's from the
-    world's origin). `InputError` for a capture that can be measured neither way.
+    world's origin; under near lamps it is where the search for the true one begins). Photographs too large for the
+    memory are read one at a time and solved in tiles; residuals are then those of pixel means.
+    `InputError` for a capture that can be measured neither way.
     """
     known = known or Known()
     with whole_folder(out, force) as home:
-        return fill_measured(load_capture(folder), home, known, progress)
+        source = large_source(folder)
+        if source is None:
+            return fill_measured(load_capture(folder), home, known, progress)
+        distance = _distance(source.photograph(0).camera, known)
+        measured, capture, fine = solve_large(source, home, distance, progress)
+        fill_measurement(measured, home)
+        write_body_spectra(home / "body_spectra.json", capture, measured)
+        write_measure_report(home / "report.html", capture, measured)
+        write_fine(fine, home)
+        return measured
 
 
 def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress | None = None) -> Measurement:
@@ -82,11 +95,7 @@ def _of_unknown_shape(
 ) -> tuple[Measurement, Capture, NDArray[np.float32]]:
     """The measurement, the capture with the shape solved, and the bodies (h, w, C)."""
     camera = capture.photographs[0].camera
-    away = float(np.linalg.norm(camera.position)) if known.distance is None else known.distance
-    if away == 0.0:
-        raise InputError("the camera stands at the world's origin and the capture has no shape: give --distance")
-    if known.n is not None:
-        raise InputError("lamps that solve the normals do not tell what n changes: leave --n out, or give the shape")
+    away = _distance(camera, known)
     if has_near_lamps(capture):
         shape = solve_shape(capture, away, progress=progress)
         found, points = shape.found, shape.surface.points
@@ -95,3 +104,13 @@ def _of_unknown_shape(
         points = points_from_normals(found.normals, camera, away, found.variance)
     measured = measurement_of(capture, found)
     return measured, replace(capture, points=points, normals=found.normals), found.body
+
+
+def _distance(camera: Camera, known: Known) -> float:
+    """About, to the surface [m]; `InputError` where nothing tells, or n is given for a shape that is not known."""
+    away = float(np.linalg.norm(camera.position)) if known.distance is None else known.distance
+    if away == 0.0:
+        raise InputError("the camera stands at the world's origin and the capture has no shape: give --distance")
+    if known.n is not None:
+        raise InputError("lamps that solve the normals do not tell what n changes: leave --n out, or give the shape")
+    return away

@@ -119,13 +119,11 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
     between = _between(points, normals, body, known) if look.interreflection else None
     light = []
     for lamp in rig.lamps:
-        to_lamp, irradiance = lamp.direction_and_irradiance(points)
-        irradiance = irradiance.reshape(len(points), -1) * ~_shadowed(points, lamp, depth)[:, None]
-        weights = _weights(normals, to_lamp, points, look)
-        diffuse = irradiance * weights[0][:, None]
-        value = diffuse * body + irradiance * weights[1][:, None]
+        blocked = _shadowed(points, lamp, depth)
+        value = shaded(truth, lamp, look) * ~blocked[:, None]
         if between is not None:
-            value = value + body * between(diffuse * body)
+            diffuse = shaded(truth, lamp, replace(look, beta=0.0)) * ~blocked[:, None]
+            value = value + body * between(diffuse)
         light.append(value)
     white = float(np.percentile(np.concatenate(light), 98)) / BRIGHT
     gain = FULL_WELL / (2.0**bits - 1.0)
@@ -139,6 +137,16 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
         shot = developed.values, developed.variance, known & developed.valid
         photographs.append(Photograph(*shot, camera, (lamp,), lamp.name))
     return Capture(tuple(photographs), "simulated"), truth
+
+
+def shaded(truth: Truth, lamp: Lamp, look: Look) -> Array:
+    """(P, 3) values of the known points under a lamp that nothing blocks."""
+    known = truth.labels >= 0
+    points, normals = truth.points[known], truth.normals[known]
+    to_lamp, irradiance = lamp.direction_and_irradiance(points)
+    body, interface = _weights(normals, to_lamp, points, look)
+    colour = np.array(look.colours)[truth.labels[known]]
+    return irradiance.reshape(len(points), -1) * (body[:, None] * colour + interface[:, None])
 
 
 def exact(camera: Camera, depth: Depth) -> Truth:

@@ -22,6 +22,7 @@ SHARPEST = 1e-6  # rad²: least variance of a normal
 LEAST_STEP = 2.0  # pixels of depth by which neighbours may miss their normals before they count as parted
 ROUNDS = 3  # of parting where what is told jumps
 GAUGE = 1e-7  # of the median weight: keeps every island of pixels at the mean depth
+ANCHORED = (0.1, 1.0)  # stiffness, round by round, around a coarser surface
 DRAWS = 12  # of the surface's errors, for its variance
 
 
@@ -89,6 +90,30 @@ def surface_from_normals(
     points[rows, columns] = (ray * depth[:, None]) @ camera.camera_to_world[:3, :3].T + camera.position
     errors[rows, columns] = spread * np.sum((ray * depth[:, None]) ** 2, axis=1)
     return Surface(points, errors)
+
+
+def anchored_surface(
+    normals: NDArray[np.floating], camera: Camera, variance: NDArray[np.floating], log_depth: Array, factor: int
+) -> NDArray[np.float32]:
+    """Points (h, w, 3) of the surface with `normals` around a coarser one of ln depth `log_depth` (h, w), NaN
+    where that is unknown.
+
+    The coarser one, of pixels `factor` times as wide, holds what is wider than two of its pixels; its steps part the
+    finer surface too. Errors as `surface_from_normals`.
+    """
+    check_surface(normals, camera, 1.0)
+    known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
+    rows, columns = np.nonzero(known)
+    net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
+    level, sure = log_depth[known], np.isfinite(log_depth[known])
+    # a membrane of stiffness w follows its levels over a length √(w/h) pixels
+    held = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
+    level = np.where(sure, level, level[sure].mean())
+    depth = np.exp(net.settled(level, held, ANCHORED).values)
+    points = np.zeros(normals.shape, np.float32)
+    ray = _rays(camera, rows, columns) * depth[:, None]
+    points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
+    return points
 
 
 def check_surface(normals: NDArray[np.floating], camera: Camera, distance: float) -> None:

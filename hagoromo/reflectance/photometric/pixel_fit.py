@@ -18,6 +18,8 @@ from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 CAUCHY = 2.385  # standard deviations: 95 % efficient on normal errors (Holland and Welsch 1977)
 STEPS = 15
+SETTLED = 1e-4  # of its loss, gain of a step from which on a pixel has settled
+FEW = 2e-4  # share of the pixels that may still be moving at the end
 LONGEST_TURN = 0.3  # rad, of a normal in one step
 WEAKEST = 1e-3  # rad⁻²: curvature that keeps the step of a pixel finite that hardly any lamp lights
 DIMMEST = 0.1  # of its body colour that a step may leave
@@ -61,11 +63,14 @@ def fit_pixels(seen: Views, light: Light, normals: Array, body: Array) -> tuple[
         dr.eval(tried, tried_colour)  # one kernel for the equations, compiled once
         there = data.equations(tried, tried_colour)
         better = there.loss < at.loss
+        moving = better & (at.loss - there.loss > SETTLED * at.loss)
         normal = dr.select(better, tried, normal)
         colour = [dr.select(better, new, old) for new, old in zip(tried_colour, colour, strict=True)]
         at = Equations(*_chosen(better, there, at))
         damping = dr.select(better, dr.fmax(0.2 * damping, 1e-5), 5.0 * damping)
-        dr.eval(normal, colour, damping, *at)
+        dr.eval(normal, colour, damping, moving, *at)
+        if int(dr.count(moving)[0]) <= FEW * len(normals):
+            break
     variance = _variance(at)
     return normal.numpy().T.astype(np.float64), np.array([c.numpy() for c in colour], np.float64), variance.numpy()
 

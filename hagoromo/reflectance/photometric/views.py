@@ -183,8 +183,8 @@ def enough(masks: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
     return np.sum(masks, axis=0) >= max(FEWEST_LAMPS, len(masks) / 2)
 
 
-def check_lamps(photographs: Sequence[Photograph]) -> None:
-    """`InputError` unless the photographs have one lamp each, one camera and size, and are four or more."""
+def check_lamps(photographs: Sequence[Photograph], fewest: int = FEWEST_LAMPS) -> None:
+    """`InputError` unless the photographs have one lamp each, one camera and size, and are `fewest` or more."""
     first = photographs[0]
     for photograph in photographs:
         if len(photograph.lamps) != 1:
@@ -195,7 +195,7 @@ def check_lamps(photographs: Sequence[Photograph]) -> None:
             photograph.camera.matrix, first.camera.matrix, rtol=1e-6
         ):
             raise InputError(f"photograph {photograph.name!r} is of another camera or size: normals need a fixed one")
-    if len(photographs) < FEWEST_LAMPS:
+    if len(photographs) < fewest:
         raise InputError(f"{len(photographs)} photographs cannot tell normals: give {FEWEST_LAMPS} lamps or more")
 
 

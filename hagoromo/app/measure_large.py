@@ -1,0 +1,78 @@
+"""Measure photographs that do not fit the memory: read one at a time, solved tile by tile.
+
+Materials, residuals and the report are those of a small capture of pixel means; normals, points, body colours and
+labels are full size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.record import read_json
+from hagoromo.photograph.capture import TRANSFORMS, Capture, count_absent, load_capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.material.measure import Measurement
+from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
+from hagoromo.reflectance.photometric.tile_store import FolderSource, Source, tile_store
+from hagoromo.reflectance.photometric.tiles import Fine, solve_coarse, solve_tiles
+
+LARGEST = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
+BYTES = 100  # of a value: value, variance, light, model and weights in double precision, and their copies
+STORING, COARSE = 0.3, 0.1  # shares of the work
+Progress = Callable[[float, str], None]
+
+
+def large_source(folder: str | Path) -> FolderSource | None:
+    """The photographs of a capture of unknown shape that needs more than LARGEST bytes; None where it does not."""
+    file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
+    record = read_json(file)
+    frames = record.get("frames")
+    if not isinstance(frames, list) or ("points_path" in record and "normals_path" in record):
+        return None
+    present = tuple(i for i, frame in enumerate(frames) if not count_absent(file, [frame]))
+    if not present:
+        return None
+    first = load_capture(folder, slice(present[0], present[0] + 1)).photographs[0]
+    return FolderSource(Path(folder), present) if needs_tiles(first, len(present)) else None
+
+
+def needs_tiles(photograph: Photograph, count: int) -> bool:
+    """Whether `count` photographs like this are too large to be solved as one."""
+    return BYTES * float(photograph.values.size) * count > LARGEST
+
+
+def solve_large(
+    source: Source, home: Path, distance: float, progress: Progress | None = None
+) -> tuple[Measurement, Capture, Fine]:
+    """The measurement of the small capture of `source`, that capture with its shape, and the full-size maps.
+
+    home: folder for the scratch. distance: about, to the surface [m].
+    """
+    tell = progress or (lambda share, step: None)
+
+    def part(begin: float, length: float) -> Progress:
+        return lambda share, step: tell(begin + length * share, step)
+
+    with tile_store(source, home, part(0.0, STORING)) as store:
+        coarse = solve_coarse(store, distance, progress=part(STORING, COARSE))
+        fine = solve_tiles(store, coarse, part(STORING + COARSE, 1.0 - STORING - COARSE))
+        measured = measurement_of(coarse.capture, coarse.found)
+        small = replace(coarse.capture, points=coarse.surface.points, normals=coarse.found.normals)
+    return measured, small, fine
+
+
+def write_fine(fine: Fine, home: Path) -> None:
+    """The full-size maps: normals.exr, points.exr (with the variances of each), body.exr, labels.png."""
+    normals = dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(fine.normals, 2, 0), strict=True))
+    points = dict(zip(("P.X", "P.Y", "P.Z"), np.moveaxis(fine.points, 2, 0), strict=True))
+    channels = "RGB" if fine.body.shape[2] == 3 else map(str, range(fine.body.shape[2]))
+    write_exr(home / "normals.exr", normals | {"variance": fine.variance})
+    write_exr(home / "points.exr", points | {"variance": fine.depth_variance})
+    write_exr(home / "body.exr", dict(zip(channels, np.moveaxis(fine.body, 2, 0), strict=True)))
+    write_png(home / "labels.png", (fine.labels + 1).astype(np.uint8))
