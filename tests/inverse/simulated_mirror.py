@@ -85,6 +85,26 @@ def mirror_photograph(
     return np.clip(np.rint(noisy), 0, white).astype(np.uint8 if white == 255 else np.uint16)
 
 
+def room_photographs(ball, lamps, seed, half_width=0.05):
+    """8-bit photographs of a ball in a room of lit patches, before a wall that ends behind it."""
+    from scipy.ndimage import gaussian_filter
+
+    random = np.random.default_rng(seed)
+    room = np.full(ball.on.shape, ROOM)
+    for _ in range(8):
+        off = np.arccos(np.clip(ball.mirrored @ unit(random.normal(size=3)), -1, 1))
+        room += random.uniform(0, 0.2) * (off < random.uniform(0.05, 0.5))
+    height = np.linspace(0, 1, len(room))[:, None]
+    wall = random.uniform(0, 0.2) * (height < random.uniform(0.3, 1.5)) + 0.005
+    shown = {}
+    for number, lamp in enumerate(lamps):
+        off = np.arccos(np.clip(ball.mirrored @ lamp, -1, 1))
+        mean = pixels(gaussian_filter(np.where(ball.on, room + LAMP_LIGHT * (off < half_width), wall), BLUR * FINE))
+        noisy = 255 * (mean + random.normal(0, 1, mean.shape) * np.hypot(0.003, 0.01 * np.sqrt(mean)))
+        shown[str(number)] = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return shown
+
+
 def mask_of(ball, kind="smooth"):
     """Of one ball: smooth edges, or pixels that it touches ("wide"), fills ("tight") or half fills ("half")."""
     share = pixels(ball.on.astype(float))

@@ -13,6 +13,7 @@ from tests.inverse.simulated_mirror import (
     degrees_between,
     mask_of,
     mirror_photograph,
+    room_photographs,
     seen_from_afar,
     seen_through,
     unit,
@@ -65,6 +66,21 @@ def test_lamps_are_found_through_a_camera_in_perspective(kind):
         assert off < 0.3 and off < 3 * lamp.standard_error_deg, lamp.name
 
 
+def test_errors_hold_in_rooms_whose_reflections_crowd_at_the_edge():
+    """Eight rooms of lit patches, one of them with an edge that runs along the ball's: 19 of 20 lamps in two errors.
+
+    The mask is half a pixel too wide. Half of the lamps are within 0.3° all the same.
+    """
+    off, within = [], []
+    for seed in range(8):
+        ball = seen_from_afar((201, 207), (104.0 + 0.3 * seed, 99.0), 70.0 + 2 * seed)
+        found = calibrate_lamps(room_photographs(ball, LAMPS[:3], seed), mask_of(ball, "wide"))[1]
+        angles = degrees_between([lamp.to_lamp for lamp in found], LAMPS[:3])
+        off.extend(angles)
+        within.extend(angles < 2 * np.array([lamp.standard_error_deg for lamp in found]))
+    assert np.mean(within) > 0.95 and np.median(off) < 0.3
+
+
 def read_directions(name):
     rows = [line.split() for line in (REAL / name).read_text().split("\n")]
     return np.array([[float(number) for number in row] for row in rows if len(row) == 3])
@@ -74,8 +90,8 @@ def read_directions(name):
 def test_real_chrome_ball_agrees_with_two_independent_readings():
     """From the set's own mask our reading is the laboratory's, but for its errors of about a pixel of the radius: 0.5°.
 
-    The photographs show the ball a pixel beside that mask, (0.5, −1.2) px: 1.3° in every lamp, more than the errors
-    of either. The second reading of the set differs from both by 3° in the mean.
+    The photographs show the ball a pixel beside that mask, (0.5, −1.2) px: 1.3° in every lamp, which its stated error
+    tells of. The second reading of the set differs from both by 3° in the mean.
     """
     photographs = {f"{k}": read_png(REAL / "chrome" / f"chrome.{k}.png") for k in range(12)}
     mask = read_png(REAL / "chrome" / "chrome.mask.png")
@@ -87,9 +103,10 @@ def test_real_chrome_ball_agrees_with_two_independent_readings():
     ours = np.array([lamp.to_lamp for lamp in lamps])
     assert ball.source == "photographs" and 0.5 < np.hypot(*np.subtract(ball.centre, masked.centre)) < 2.0
     assert degrees_between(ours, theirs).max() < 1.6
+    assert (degrees_between(ours, theirs) < 2 * np.array([lamp.standard_error_deg for lamp in lamps])).all()
     others = read_directions("lights_by_repo_author.txt")
     assert degrees_between(ours, others).mean() < degrees_between(theirs, others).mean() < 3.2
-    assert all(lamp.standard_error_deg < 0.3 for lamp in lamps)
+    assert all(lamp.standard_error_deg < 1.2 for lamp in lamps)
 
 
 def test_photographs_that_show_no_lamp_are_refused():

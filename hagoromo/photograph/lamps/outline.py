@@ -26,6 +26,8 @@ CLEAR = 6.0  # times the usual change of light beside the ball that its edge sta
 ENOUGH = 0.6  # of the sectors must show the edge
 CONSISTENT = 0.5  # px rms off a ball's outline up to which the places found are those of the ball's edge
 EDGE_ERROR = 0.2  # px: systematic error of the radius, of reflections that crowd at the edge
+DISPUTED = 0.5  # of the distance to the mask's circle, beyond its pixels' size, that is a standard error
+STRONG = 0.05  # of the strongest change near the edge: the outermost change as strong is the edge
 BLURRED = 0.04  # of the radius: standard deviation of the edge's blur from which the ball is out of focus
 
 
@@ -55,7 +57,11 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     if not better:
         return replace(ball, softness=softness)
     (x, y), (u, v) = finer.centre, ball.centre
-    return replace(finer, softness=softness, from_mask=(x - u, y - v))
+    # which of the two is wrong is not known: one edge of a reflection may look like another of the ball
+    centre = DISPUTED * float(np.hypot(x - u, y - v))
+    radius = DISPUTED * max(abs(finer.radius - ball.radius) - 0.5, 0.0)
+    errors = np.hypot(finer.standard_error, (centre, centre, radius)).tolist()
+    return replace(finer, softness=softness, from_mask=(x - u, y - v), standard_error=tuple(errors))
 
 
 def check_focus(ball: Ball) -> None:
@@ -83,7 +89,7 @@ def _edges(energy: Array, steps: Array, least: float) -> tuple[Array, NDArray[np
     near = np.flatnonzero(np.abs(steps) <= NEAR)
     part = energy[:, near]
     peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] >= part[:, 2:])
-    strong = peak & (part[:, 1:-1] > np.maximum(least, 0.3 * part.max(axis=1, keepdims=True)))
+    strong = peak & (part[:, 1:-1] > np.maximum(least, STRONG * part.max(axis=1, keepdims=True)))
     clear = strong.any(axis=1)
     outermost = near[1:-1][strong.shape[1] - 1 - np.argmax(strong[:, ::-1], axis=1)]
     beside = np.clip(outermost[:, None] + np.arange(-4, 5), 0, len(steps) - 1)  # ± 1 px
