@@ -28,14 +28,20 @@ def rays(photographs_of_balls):
     return list(zip(*found, strict=True))
 
 
-def test_near_lamps_are_placed_from_two_balls_in_one_view_within_their_errors():
+@pytest.fixture(scope="module")
+def seen():
+    """Per lamp, near ones and a far one, the readings of both balls in one view."""
+    pictures = {str(k): mirror_photograph(BALLS, lamp, k, LAMP, position=True) for k, lamp in enumerate(NEAR)}
+    pictures["far"] = mirror_photograph(BALLS, FAR, 9, 0.04)
+    return rays([pictures, pictures])
+
+
+def test_near_lamps_are_placed_from_two_balls_in_one_view_within_their_errors(seen):
     """A lamp is 1.1 m away and the balls stand half a metre apart: 0.3° is 13 mm along the ray, to 2 cm of one aslant.
 
     Mahalanobis' square has three degrees of freedom: 16.3 is passed once in a thousand lamps.
     """
-    pictures = {str(k): mirror_photograph(BALLS, lamp, k, LAMP, position=True) for k, lamp in enumerate(NEAR)}
-    pictures["far"] = mirror_photograph(BALLS, FAR, 9, 0.04)
-    *near, far = (locate_lamp(readings, RADIUS) for readings in rays([pictures, pictures]))
+    *near, far = (locate_lamp(readings, RADIUS) for readings in seen)
     for lamp, truth in zip(near, NEAR, strict=True):
         assert lamp.position is not None and lamp.covariance is not None
         off = lamp.position - truth
@@ -55,9 +61,8 @@ def test_a_near_lamp_is_placed_from_a_ball_that_was_moved():
     assert lamp.position is not None and np.linalg.norm(lamp.position - NEAR[0]) < 0.02
 
 
-def test_balls_that_show_two_lamps_or_lack_a_camera_are_refused():
-    pictures = [{"a": mirror_photograph([ball], NEAR[k], k, LAMP, position=True)} for k, ball in enumerate(BALLS)]
-    readings = rays(pictures)[0]
+def test_balls_that_show_two_lamps_or_lack_a_camera_are_refused(seen):
+    readings = seen[0][0], seen[1][1]
     with pytest.raises(InputError, match="miss each other by"):
         locate_lamp(readings, RADIUS)
     with pytest.raises(InputError, match="two balls"):
