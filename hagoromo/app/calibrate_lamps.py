@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.app.lamp_photographs import Photographs
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.camera_file import read_camera
 from hagoromo.errors import InputError
@@ -30,9 +31,7 @@ from hagoromo.photograph.lamps import (
     matte_card,
     reference_strength,
 )
-from hagoromo.photograph.pixels import default_channels, read_pixels
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 LAMP = ("name", "to_lamp", "position", "intensity")  # of a lamp in a capture's transforms.json
 Progress = Callable[[float, str], None]
 Found = LampReading | LampPlace
@@ -96,40 +95,6 @@ def calibrate_lamps_to(
         every = [ball.record() for ball in chrome]
         write_json(partial, {"lamps": lamps, "ball": shape, "balls": every, "spread": spread, "readings": records})
     return [*lines, said]
-
-
-class Photographs(Mapping[str, NDArray]):
-    """Name → stored pixels, or light with NaN where it is clipped: of EXR and RAW, and of all where `linear`.
-
-    Each is read when it is asked for, so that one is in memory. A name that two files share is given with its folder.
-    `InputError` for one given twice, and for 8 bits that are to be linear without a stated transfer.
-    """
-
-    def __init__(self, paths: Sequence[Path], transfer: Literal["linear", "srgb"] | None, linear: bool) -> None:
-        names = [path.name for path in paths]
-        self.paths = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
-        if len(self.paths) < len(paths):
-            raise InputError("a photograph is given twice: give each once")
-        self.transfer: Literal["linear", "srgb"] | None = transfer
-        self.linear = linear
-
-    def __getitem__(self, name: str) -> NDArray:
-        path = self.paths[name]
-        if path.suffix.lower() in PICTURES and not (self.linear and self.transfer):
-            numbers = read_picture(path)
-            if not self.linear:
-                return numbers
-            if numbers.dtype == np.uint8:
-                raise InputError(f"{path} has 8 bits, seldom linear ones, as are needed here: state --transfer")
-        frame = {"sensor": {}, "exposure_s": None, "iso": None, "transfer": self.transfer or "linear"}
-        pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
-        return np.where(pixels.valid[..., None], pixels.values, np.float32(np.nan))
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.paths)
-
-    def __len__(self) -> int:
-        return len(self.paths)
 
 
 def _read_sets(

@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from hagoromo.app.calibrate_lamps import LAMP, Photographs
+from hagoromo.app.calibrate_lamps import LAMP
+from hagoromo.app.lamp_photographs import Photographs
 from hagoromo.camera.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +18,17 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.photograph.lamps import check_spread
-from hagoromo.photograph.self_calibration.bas_relief import Belief, Family, resolve
-from hagoromo.photograph.self_calibration.integrability import Rows, first_rows, rows
-from hagoromo.photograph.self_calibration.low_rank import Array, Factors, binned, factorise
-from hagoromo.photograph.self_calibration.perspective import resolve_in_perspective
+from hagoromo.photograph.self_calibration.bas_relief import Belief
+from hagoromo.photograph.self_calibration.low_rank import Array, binned
+from hagoromo.photograph.self_calibration.scale import FLIP, scales_of
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
-SCALES, STEPS = (1, 2, 3), (1, 2)  # binning, and pixels to the neighbours that are compared
-UNTOLD = 0.8  # `first_rows` from which integrability tells nothing
 USABLE = 1.7  # times the best scale's figure up to which another scale is an independent opinion
-DRAWS, TILES = 8, 12  # of the bootstrap; tiles across the object
+DRAWS = 8  # of the bootstrap
 ALIKE = 0.1  # standard deviation of ln strength up to which lamps may be taken for alike, whatever the albedo
 FINEST_DEG = 1.0  # what pixels of the outline, half beside the object, leave of the relief at best
 BOUND_SHARE = 1.0 / 3.0  # a bound is taken for three standard errors
-SWEEPS = 10  # of Powell's method, in perspective
 USUAL, NO_ALBEDO = Belief(), Belief(alike=0.05, entropy=False)
-FLIP = np.array([-1.0, -1.0, 1.0])  # convex to concave
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +79,7 @@ def self_calibrate(
     """
     tell = progress or (lambda share, step: None)
     light, on_object, tangent = _reduced(photographs, mask, camera)
-    scales = _scales(light.mean(axis=3), on_object, tangent, tell)
+    scales = scales_of(light.mean(axis=3), on_object, tangent, tell)
     best = scales[0]
     found = best.solved(USUAL)
     lamps, convex = found.lamps, best.turned_away(found.pixels)
@@ -116,73 +111,6 @@ def self_calibrate(
     )
 
 
-class _Solved(NamedTuple):
-    """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), and the figures of the bas-relief."""
-
-    lamps: Array
-    pixels: Array
-    first: Array
-    figures: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Scale:
-    """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and how well those are told.
-
-    sample: pixels whose albedos count; None for all.
-    """
-
-    factors: Factors
-    rows: Rows
-    first: Array
-    ratio: float
-    afar: bool
-    sample: NDArray[np.intp] | None = None
-
-    def family(self, first: Array) -> Family:
-        """What c₁ and c₂ leave possible."""
-        return Family(self.factors, first, self.sample)
-
-    def solved(self, belief: Belief, start: _Solved | None = None) -> _Solved:
-        """The lamps, from `start`, of nearly the same data, where given."""
-        first, figures = self.first, None if start is None else start.figures
-        if start is not None and not self.afar:
-            first = start.first
-        family = self.family(first)
-        figures = resolve(family, belief, figures)
-        if not self.afar:
-            if self.turned_away(family.true(family.third(figures))[1]) < 0.5:
-                first, figures = -first, figures * FLIP
-            sweeps = SWEEPS if start is None else 2
-            first, figures = resolve_in_perspective(self.family, self.rows, first, figures, belief, sweeps)
-            family = self.family(first)
-        return _Solved(*family.true(family.third(figures)), first, figures)
-
-    def drawn(self, random: np.random.Generator) -> _Scale:
-        """The same with tiles of the object drawn anew."""
-        at = np.argwhere(self.factors.mask)
-        corner, side = at.min(axis=0), max(int(np.ptp(at, axis=0).max()) // TILES, 1)
-        drawn = random.poisson(1.0, (2 * TILES + 2, 2 * TILES + 2))  # times that each tile counts
-
-        def again(place: NDArray[np.intp]) -> NDArray[np.intp]:
-            row, column = ((place - corner) // side).T
-            return np.repeat(np.arange(len(place)), drawn[row, column])
-
-        some = self.rows.chosen(again(self.rows.place))
-        first = _same_sign(first_rows(some)[0], self.first)
-        return _Scale(self.factors, some, first, self.ratio, self.afar, again(at))
-
-    def turned_away(self, pixels: Array) -> float:
-        """Share of the outline's pixels whose normal points out of it."""
-        from scipy.ndimage import binary_erosion, gaussian_filter
-
-        mask = self.factors.mask
-        soft = gaussian_filter(mask.astype(np.float64), 3.0)
-        outward = -np.stack([np.gradient(soft, axis=1), -np.gradient(soft, axis=0)], axis=2)[mask]
-        edge = np.logical_not(binary_erosion(mask, iterations=2, border_value=1))[mask]
-        return float(np.mean(np.sum(outward * pixels[:, :2], axis=1)[edge] > 0.0)) if edge.any() else 0.5
-
-
 def _reduced(
     photographs: Mapping[str, NDArray], mask: NDArray[np.bool_], camera: Camera | None
 ) -> tuple[Array, NDArray[np.bool_], Array]:
@@ -211,36 +139,6 @@ def _reduced(
     row, column = (np.arange(n) * k + 0.5 * k + part.start for n, part in zip(on_object.shape, about, strict=True))
     rays = camera.unproject(np.stack(np.meshgrid(column, row), axis=-1)) @ camera.world_to_camera[:3, :3].T
     return np.stack(light), on_object, rays[..., :2] / rays[..., 2:] * [1.0, -1.0]
-
-
-def _scales(light: Array, mask: NDArray[np.bool_], tangent: Array, tell: Callable[[float, str], None]) -> list[_Scale]:
-    """All scales of light (K, h, w) at which the object is large enough, the best told first."""
-    found: list[_Scale] = []
-    for i, k in enumerate(SCALES):
-        tell(0.2 * i, "shading")
-        shine, where = np.stack([binned(picture, k) for picture in light]), binned(mask, k) == 1.0
-        try:
-            factors = factorise(shine, where)
-        except InputError:
-            if found:
-                break
-            raise
-        at = binned(tangent, k)
-        for step in STEPS:
-            lines = rows(factors.image(), step, at)
-            if len(lines.along) > 100:
-                first, ratio = first_rows(lines)
-                found.append(_Scale(factors, lines, first, ratio, not tangent.any()))
-    found.sort(key=lambda scale: scale.ratio)
-    if not found or found[0].ratio > UNTOLD:
-        raise InputError(
-            "the object's shading does not tell the lamps: it is flat, too rough, or not matte: use a chrome ball"
-        )
-    return found
-
-
-def _same_sign(first: Array, like: Array) -> Array:
-    return first if np.sum(first * like) > 0.0 else -first
 
 
 def _apart(lamps: Array, others: list[Array]) -> tuple[Array, Array]:
