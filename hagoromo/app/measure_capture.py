@@ -19,7 +19,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.stillness import moved
-from hagoromo.reflectance.material.measure import Measurement, fill_measurement, measure
+from hagoromo.reflectance.material.measure import Measurement, fill_measurement, measure, with_separation
 from hagoromo.reflectance.photometric.depth import points_from_normals
 from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
 from hagoromo.reflectance.photometric.normals import solve_normals
@@ -80,6 +80,7 @@ def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress
         measured = measure(capture, n=known.n, progress=progress)
     else:
         measured, capture, body = _of_unknown_shape(capture, known, progress)
+        measured = with_separation(capture, measured)
         channels = "RGB" if body.shape[2] == 3 else map(str, range(body.shape[2]))
         write_exr(home / "body.exr", dict(zip(channels, np.moveaxis(body, 2, 0), strict=True)))
     points = np.moveaxis(np.asarray(capture.points), 2, 0)

@@ -18,6 +18,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 from hagoromo.reflectance.material.measure import Measurement
+from hagoromo.reflectance.material.separation import Separation
 
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 
@@ -39,8 +40,10 @@ def write_measure_report(path: Path, capture: Capture, measurement: Measurement)
     remarks = [f"{escape(m.name)}: {escape(remark)}" for m in measurement.materials for remark in m.remarks]
     if remarks:
         page.bullets(remarks)
-    page.section("Photographs, prediction and residual")
     crop = around(measurement.labels >= 0)
+    if measurement.separation is not None:
+        _separation(page, capture, measurement.separation, crop)
+    page.section("Photographs, prediction and residual")
     for photograph, predicted, left in zip(
         capture.photographs, measurement.predicted, measurement.residuals, strict=True
     ):
@@ -52,6 +55,21 @@ def write_measure_report(path: Path, capture: Capture, measurement: Measurement)
             image(residual(left)[crop], "residual", lossless=True),
         )
     path.write_text(page.html(), encoding="utf-8")
+
+
+def _separation(page: Page, capture: Capture, parts: Separation, crop: tuple[slice, slice]) -> None:
+    photograph = capture.photographs[parts.number]
+    page.section(
+        "Body and interface",
+        "The photograph that shows most gloss, parted by colour and by the measured materials, joined by their errors; "
+        "the two parts sum to the photograph.",
+    )
+    page.figure(
+        f"{escape(photograph.name)}: photograph, what the bodies send back, and what the interfaces reflect.",
+        image(_shown(photograph, photograph.values)[crop], "photograph"),
+        image(_shown(photograph, np.nan_to_num(parts.body))[crop], "body"),
+        image(_shown(photograph, np.nan_to_num(parts.interface))[crop], "interface"),
+    )
 
 
 def _rows(material: MaterialEstimate) -> list[list[str]]:

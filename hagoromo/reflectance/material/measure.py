@@ -1,14 +1,14 @@
 """Measure: the reflectance of the materials of a capture whose shape and lamps are known (MODEL §7.3).
 
-Materials by body colour, then α, β, γ, n and body colour of each by robust least squares; every parameter with its
-standard error, its 95 % interval and whether the photographs tell it at all.
+Materials by body colour and gloss, then α, β, γ, n and body colour of each by robust least squares; every parameter
+with its standard error, its 95 % interval and whether the photographs tell it at all.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from hagoromo.photograph.pixels import default_channels
 from hagoromo.reflectance.material.body_map import BodyMap, body_map
 from hagoromo.reflectance.material.clipped import clipped, with_gloss_untold, without_plateaus
 from hagoromo.reflectance.material.estimate import estimate_material
+from hagoromo.reflectance.material.gloss_segment import split_by_gloss
 from hagoromo.reflectance.material.lamp_colour import LampColour, lamp_colour
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import write_materials
@@ -66,16 +67,16 @@ def measure(
 ) -> Measurement:
     """Reflectance of every material of `capture`, whose points and normals are known.
 
-    labels: (h, w) materials 0, 1, …, −1 unknown; found from the body colours when not given. n: refractive index where
-    it is known. colour_from_highlights: measure the colour of the lamps, which the capture then does not know; without
-    it their spectra and the camera's response are trusted (white is 1 where no response is known).
+    labels: (h, w) materials 0, 1, …, −1 unknown; found from body colours and gloss when not given. n: refractive index
+    where it is known. colour_from_highlights: measure the colour of the lamps, which the capture then does not know;
+    without it their spectra and the camera's response are trusted (white is 1 where no response is known).
     Raises `InputError` when the shape or the lamps are missing, no pixel is usable, or a fit does not settle.
     """
     tell = progress or (lambda share, step: None)
     _check(capture, labels, n)
     capture = without_plateaus(capture)
     tell(0.0, "materials")
-    labels = segment(capture) if labels is None else np.asarray(labels, np.int64)
+    labels = split_by_gloss(capture, segment(capture)) if labels is None else np.asarray(labels, np.int64)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
     numbers = [number for number in np.unique(labels) if number >= 0]
     found: dict[int, MaterialEstimate] = {}
@@ -102,6 +103,12 @@ def measure(
     return Measurement(materials, labels, predicted, residuals, normals, colour, body, separation)
 
 
+def with_separation(capture: Capture, measurement: Measurement) -> Measurement:
+    """`measurement` of `capture`, whose shape is known by now, with the separation of its most glossy photograph."""
+    body = body_map(capture, measurement.labels, measurement.materials)
+    return replace(measurement, separation=_parted(capture, body)[1])
+
+
 def write_measurement(measurement: Measurement, folder: str | Path, force: bool = False) -> Path:
     """Write `measurement` to `folder`, whole or not at all; see `fill_measurement`."""
     with whole_folder(folder, force) as home:
@@ -112,6 +119,8 @@ def write_measurement(measurement: Measurement, folder: str | Path, force: bool 
 def fill_measurement(measurement: Measurement, home: Path) -> None:
     """materials.json, normals.exr, labels.png (0 unknown, 1 the first material, …) and a picture of each residual.
 
+    Where they were found: body.exr (α c_b [1/sr] of every pixel and its standard error), and the separation of the
+    photograph NN that shows most gloss, as `write_separation` has it.
     In residual_NN.png white is what the noise allows, red brighter and blue darker than predicted, full at 5 standard
     deviations; grey is unknown.
     """
