@@ -70,7 +70,8 @@ def _plot(path: Path, record: dict[str, Any]) -> None:
     for axis, bench in zip(axes, benches, strict=True):
         rows = [row for row in record["rows"] if row["bench"] == bench]
         levels = list(dict.fromkeys(row["level"] for row in rows))
-        for shift, level, colour in zip((-0.2, 0.0, 0.2), levels, COLOURS, strict=True):
+        for k, level in enumerate(levels):
+            shift, colour = 0.2 * (k - 0.5 * (len(levels) - 1)), COLOURS[k % len(COLOURS)]
             of = [row for row in rows if row["level"] == level]
             share = [100.0 * row["hold"] / row["intervals"] for row in of]
             edges = [[100.0 * edge for edge in chance(row["hold"], row["intervals"])] for row in of]
