@@ -20,7 +20,7 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.stillness import moved
 from hagoromo.reflectance.material.measure import Measurement, fill_measurement, measure, with_separation
-from hagoromo.reflectance.photometric.depth import points_from_normals
+from hagoromo.reflectance.photometric.depth import surface_from_normals
 from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
 from hagoromo.reflectance.photometric.normals import solve_normals
 from hagoromo.reflectance.photometric.shape import has_near_lamps, solve_shape
@@ -68,7 +68,8 @@ def measure_capture(
 def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress | None = None) -> Measurement:
     """Measure `capture` and write the result to the folder `home`; see `measure_capture`.
 
-    points.exr is the shape, given or solved; body.exr, where bodies were measured pixel by pixel, their α c_b.
+    points.exr is the shape, given or solved; where it was solved, body.exr holds the α c_b of each pixel, variance.exr
+    that of the normals' direction [rad²] and of the points' distance [m²].
     Photographs that moved are told in a warning.
     """
     for name, (x, y) in moved(capture.photographs).items():
@@ -79,7 +80,8 @@ def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress
     if capture.points is not None and capture.normals is not None:
         measured = measure(capture, n=known.n, progress=progress)
     else:
-        measured, capture, body = _of_unknown_shape(capture, known, progress)
+        measured, capture, body, variance = _of_unknown_shape(capture, known, progress)
+        write_exr(home / "variance.exr", variance)
         measured = with_separation(capture, measured)
         channels = "RGB" if body.shape[2] == 3 else map(str, range(body.shape[2]))
         write_exr(home / "body.exr", dict(zip(channels, np.moveaxis(body, 2, 0), strict=True)))
@@ -93,18 +95,19 @@ def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress
 
 def _of_unknown_shape(
     capture: Capture, known: Known, progress: Progress | None
-) -> tuple[Measurement, Capture, NDArray[np.float32]]:
-    """The measurement, the capture with the shape solved, and the bodies (h, w, C)."""
+) -> tuple[Measurement, Capture, NDArray[np.float32], dict[str, NDArray[np.float32]]]:
+    """The measurement, the capture with the shape solved, the bodies (h, w, C), the variances of the shape (h, w)."""
     camera = capture.photographs[0].camera
     away = _distance(camera, known)
     if has_near_lamps(capture):
         shape = solve_shape(capture, away, progress=progress)
-        found, points = shape.found, shape.surface.points
+        found, surface = shape.found, shape.surface
     else:
         found = solve_normals(capture, progress=progress)
-        points = points_from_normals(found.normals, camera, away, found.variance)
+        surface = surface_from_normals(found.normals, camera, away, found.variance)
     measured = measurement_of(capture, found)
-    return measured, replace(capture, points=points, normals=found.normals), found.body
+    variance = {"normal": found.variance, "distance": surface.variance}
+    return measured, replace(capture, points=surface.points, normals=found.normals), found.body, variance
 
 
 def _distance(camera: Camera, known: Known) -> float:

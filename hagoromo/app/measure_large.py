@@ -68,11 +68,11 @@ def solve_large(
 
 
 def write_fine(fine: Fine, home: Path) -> None:
-    """The full-size maps: normals.exr, points.exr (with the variances of each), body.exr, labels.png."""
-    normals = dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(fine.normals, 2, 0), strict=True))
-    points = dict(zip(("P.X", "P.Y", "P.Z"), np.moveaxis(fine.points, 2, 0), strict=True))
+    """The full-size maps: normals.exr, points.exr, variance.exr, body.exr, labels.png."""
+    normals, points = np.moveaxis(fine.normals, 2, 0), np.moveaxis(fine.points, 2, 0)
     channels = "RGB" if fine.body.shape[2] == 3 else map(str, range(fine.body.shape[2]))
-    write_exr(home / "normals.exr", normals | {"variance": fine.variance})
-    write_exr(home / "points.exr", points | {"variance": fine.depth_variance})
+    write_exr(home / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), normals, strict=True)))
+    write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), points, strict=True)))
+    write_exr(home / "variance.exr", {"normal": fine.variance, "distance": fine.depth_variance})
     write_exr(home / "body.exr", dict(zip(channels, np.moveaxis(fine.body, 2, 0), strict=True)))
     write_png(home / "labels.png", (fine.labels + 1).astype(np.uint8))
