@@ -1,11 +1,12 @@
-# make setup | demo | test | test-slow | bench | real | spectra | figures | gallery: each sets up what it needs.
+# make setup | demo | test | test-slow | bench | figures | gallery | real | relit | lamps | spectra | coverage | merl:
+# each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup demo test test-slow bench real spectra figures gallery
+.PHONY: setup demo test test-slow bench real relit lamps spectra coverage merl figures gallery
 
 setup: $(READY)
 
@@ -48,10 +49,28 @@ $(PEERS): $(READY)
 real: $(READY)
 	$(BIN)/python -m hagoromo.app.studies.real ../shared/data/uw_psm --out out/real --force
 
+# The same objects as volume boxes under lamps that were kept aside, beside the photographs; a page each.
+relit: $(READY)
+	$(BIN)/python -m hagoromo.app.studies.relit_objects ../shared/data/uw_psm --out out/relit --force
+
+# How far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves.
+lamps: $(READY)
+	$(BIN)/python -m hagoromo.app.studies.lamps ../shared/data/uw_psm --out out/lamps.json --force
+
 # Spectra from camera colours, and cameras' responses, over many cameras (minutes; needs the camera data beside the checkout).
 spectra: $(READY)
 	$(BIN)/python -m hagoromo.app.studies.spectra ../shared/data --out out/spectra --force
 	$(BIN)/python -m hagoromo.app.studies.response_study ../shared/data --out out/response --force
+
+# How often the intervals of materials hold the truth, over 1800 simulations (minutes): docs/coverage.md.
+coverage: $(READY)
+	$(BIN)/python -m hagoromo.app.studies.coverage --out out/coverage --force
+	cp out/coverage/coverage.md docs/ && cp out/coverage/coverage.png docs/figures/
+
+# 80 measured materials, fitted with our model and with GGX + Lambert (minutes; needs the fits beside): docs/merl.md.
+merl: $(READY)
+	$(BIN)/python -m hagoromo.app.studies.merl ../shared/data/merl_fits --out out/merl --force
+	cp out/merl/merl.md docs/ && cp out/merl/merl.png docs/figures/
 
 # The figures of README and docs/figures.md (half an hour; 8 GiB); their EXR files and the report lie in out/figures.
 figures: $(READY)
