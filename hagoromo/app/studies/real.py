@@ -17,7 +17,7 @@ from tyro.conf import Positional
 
 from hagoromo import __version__
 from hagoromo.app.progress import progress_bar
-from hagoromo.app.response_test import response_test
+from hagoromo.app.studies.encoding import encoding_study
 from hagoromo.app.studies.leave_one_out import METHODS
 from hagoromo.app.studies.object_study import study_object
 from hagoromo.app.studies.real_report import write_pictures, write_real_report
@@ -47,7 +47,7 @@ def real_study(
         _, lamps = read_lamps(folder)
         captures = {name: read_object(folder, name, lamps) for name in OBJECTS}
         tell(0.01, "response")
-        response = response_test(captures)
+        response = encoding_study(captures)
         told: dict[str, Unevenness] = {}
         for i, (name, capture) in enumerate(captures.items()):
             tell(0.1 + 0.1 * i / len(captures), f"lamps over {name}")

@@ -1,7 +1,7 @@
 """The photometric-stereo set of the University of Washington as captures: six objects, twelve lamps, a chrome ball.
 
 What the set does not say is assumed, and said here: the camera looks on from afar (a stand-in at 1e5 px focal length),
-a pixel is half a millimetre, the 8 bits are linear in light (`app/response_test.py` tests it), and white is what a
+a pixel is half a millimetre, the 8 bits are linear in light (`app/studies/encoding.py` tests it), and white is what a
 diffuser of albedo WHITE that faces a lamp would give. World axes: x right, y up, z to the camera.
 """
 

@@ -1,4 +1,4 @@
-"""Response test: are photographs of unknown response linear in light? Which exponent explains them best, and sRGB.
+"""Encoding: are photographs of unknown response linear in light? Which exponent explains them best, and sRGB.
 
 Each hypothesis decodes the recorded values; normals, gloss and lamps are then fitted, and the fit is encoded again and
 compared with what was recorded. A body that is flatter than Lambert's law looks like an exponent of its own, so one
@@ -27,7 +27,7 @@ LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
 Progress = Callable[[float, str], None]
 
 
-def response_test(captures: Mapping[str, Capture], progress: Progress | None = None) -> dict[str, Any]:
+def encoding_study(captures: Mapping[str, Capture], progress: Progress | None = None) -> dict[str, Any]:
     """Relative residual of every object under every hypothesis; the exponent that each asks for, their mean and error.
 
     The photographs hold recorded values, 1 at white. Returns {"residuals": {object: {hypothesis: …}}, "exponents":
