@@ -110,6 +110,5 @@ def test_independent_readings_of_real_lamps_agree_to_what_is_stated():
     assert means[4] < 10.0 and means[5] < 16.0
     assert np.mean([found["within_two_errors"] for found in study["objects"].values()]) > 0.95
     readings = study["readings"]
-    assert readings["mask – laboratory"]["largest_deg"] < 0.55
-    assert readings["photographs – laboratory"]["mean_deg"] < 1.5
-    assert readings["photographs – matte ball"]["mean_deg"] < 3.5
+    assert readings["chrome ball – laboratory"]["largest_deg"] < 0.55
+    assert readings["chrome ball – matte ball"]["mean_deg"] < 3.5

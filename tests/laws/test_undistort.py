@@ -23,7 +23,7 @@ def scene(camera: Camera) -> np.ndarray:
 def developed(values: np.ndarray, valid: np.ndarray) -> Development:
     values = values.astype(np.float32)
     native = np.ones(values.shape, bool)
-    return Development(values, 0.01 * values, valid, native, Noise(1.0, 1.0), {}, [], {}, 0.0, 0.0)
+    return Development(values, np.float32(0.01) * values, valid, native, Noise(1.0, 1.0), {}, [], {}, 0.0, 0.0)
 
 
 def test_a_distorted_photograph_becomes_that_of_a_pinhole():

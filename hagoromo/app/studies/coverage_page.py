@@ -39,8 +39,8 @@ def _lines(record: dict[str, Any]) -> list[str]:
         f"{count} materials are drawn for each bench and noise level (body albedo 0.1–0.8 per channel, γ 0.06–0.4 rad, "
         "n 1.3–1.7, β 0.05–1 /sr, or 0.0005–0.05 /sr where the gloss is faint), observed on a ball with shot and read "
         f"noise, and measured. Exact 95 % intervals would be seen to hold in {low:.1f}–{high:.1f} % of as many "
-        "simulations. A parameter that is not told has a wide or one-sided interval, which must hold the truth at least "
-        "as often; one lamp beside the camera cannot tell n, nor β without it.",
+        "simulations. A parameter that is not told has a wide or one-sided interval, which must hold the truth at "
+        "least as often; one lamp beside the camera cannot tell n, nor β without it.",
         "",
         "![Coverage](figures/coverage.png)",
     ]

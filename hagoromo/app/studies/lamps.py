@@ -2,9 +2,8 @@
 
     python -m hagoromo.app.studies.lamps ../shared/data/uw_psm --out lamps_study.json
 
-Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: angles between the chrome ball as we read it (outline from
-the photographs, and from the set's mask), the set's two readings, the shading of its matte ball, and what each object
-tells by itself.
+Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: angles between the chrome ball as we read it, the set's two
+readings, the shading of its matte ball, and what each object tells by itself.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from hagoromo.app.studies.uw_psm import LAMPS, OBJECTS, WHOLE, read_lamps
 from hagoromo.files.png import read_png
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
-from hagoromo.photograph.lamps import find_ball, find_highlight, matte_ball, read_lamp, reference_strength
+from hagoromo.photograph.lamps import find_ball, matte_ball, reference_strength
 from hagoromo.photograph.lamps.outline import refined
 from hagoromo.photograph.self_calibration import self_calibrate
 
@@ -37,8 +36,7 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
     ball, lamps = read_lamps(home)
     ours = np.array([lamp.to_lamp for lamp in lamps])
     readings = {
-        "photographs": ours,
-        "mask": _by_mask(home),
+        "chrome ball": ours,
         "laboratory": read_directions(home / "lights_from_chrome_ball_by_lab.txt"),
         "author of the repository": read_directions(home / "lights_by_repo_author.txt"),
         "matte ball": _by_shading(home, ours),
@@ -56,12 +54,6 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
         told["within_two_errors"] = float(np.mean(within < 2.0 * found.standard_error_deg))
         objects[name] = {**_angles(found.to_lamp, ours), **told}
     return {"ball": ball.record(), "readings": pairs, "objects": objects}
-
-
-def _by_mask(home: Path) -> Array:
-    ball = find_ball(read_png(home / "chrome" / "chrome.mask.png"))
-    shown = [read_png(home / "chrome" / f"chrome.{k}.png") for k in range(LAMPS)]
-    return np.array([read_lamp("", find_highlight(photograph, ball), ball).to_lamp for photograph in shown])
 
 
 def _by_shading(home: Path, ours: Array) -> Array:

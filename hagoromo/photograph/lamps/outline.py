@@ -50,7 +50,7 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     edge = np.stack([ball.outline(SECTORS, 1.0 + found[i] / ball.radius)[i] for i in at])
     finer = fit_ball(edge, ball.camera, EDGE_ERROR, "photographs")
     kept = np.hypot(*(edge - finer.outline(SECTORS)[at]).T) < 3.0 * CONSISTENT
-    if kept.mean() < ENOUGH:
+    if kept.mean() < ENOUGH or not _all_around(at[kept]):
         return replace(ball, softness=softness)
     finer = fit_ball(edge[kept], ball.camera, EDGE_ERROR, "photographs")
     better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
@@ -71,6 +71,11 @@ def check_focus(ball: Ball) -> None:
             f"the ball is out of focus: its edge is blurred by {ball.softness:.1f} px (standard deviation), "
             f"{100 * ball.softness / ball.radius:.0f} % of its radius: focus on the ball"
         )
+
+
+def _all_around(sectors: NDArray[np.intp]) -> bool:
+    """Whether half the sectors of every eighth of the circle are among them: the centre is not told by one side."""
+    return bool((np.bincount(sectors * 8 // SECTORS, minlength=8) >= 0.5 * SECTORS / 8).all())
 
 
 def _changes(ball: Ball, photograph: NDArray, steps: Array) -> Array:
