@@ -1,4 +1,4 @@
-# make setup | demo | test | test-slow | bench | figures | gallery | real | relit | lamps | spectra | coverage | merl:
+# make setup | demo | test | test-slow | bench | figures | gallery | real | relit | lamps | near | spectra | coverage | merl:
 # each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup demo test test-slow bench real relit lamps spectra coverage merl figures gallery
+.PHONY: setup demo test test-slow bench real relit lamps near spectra coverage merl figures gallery
 
 setup: $(READY)
 
@@ -56,6 +56,10 @@ relit: $(READY)
 # How far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves.
 lamps: $(READY)
 	$(BIN)/python -m hagoromo.app.studies.lamps ../shared/data/uw_psm --out out/lamps.json --force
+
+# Normals and depth under near lamps in perspective, simulated, highlights from narrow to wide (minutes).
+near: $(READY)
+	$(BIN)/python -m hagoromo.app.studies.near_lamps --out out/near_lamps.json --leds ../shared/data/near_ps_leds --force
 
 # Spectra from camera colours, and cameras' responses, over many cameras (minutes; needs the camera data beside the checkout).
 spectra: $(READY)
