@@ -17,6 +17,7 @@ import tyro
 
 from hagoromo.app.studies.near_rig import DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
 from hagoromo.reflectance.photometric.normals import least_squares_lambert
 from hagoromo.reflectance.photometric.shape import solve_shape
 
@@ -47,21 +48,28 @@ def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def main(out: Path, leds: Path | None = None, smaller: float = 20.0) -> None:
+def studied(rig: Rig) -> list[dict[str, Any]]:
+    """Every case, printed as it comes."""
+    found = []
+    for (surface, gamma), bits in zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False):
+        found.append(study_case(rig, surface, Look(gamma, interreflection=bits == 8), bits))
+        print({key: round(value, 3) if isinstance(value, float) else value for key, value in found[-1].items()})
+    return found
+
+
+def main(out: Path, leds: Path | None = None, smaller: float = 20.0, force: bool = False) -> None:
     """Run every case and write the table.
 
     Args:
         out: JSON file to write.
         leds: folder near_ps_leds; without it a made-up ring of ten LEDs.
         smaller: how much smaller than the camera's the photographs under `leds` are.
+        force: replace an existing result.
     """
     rig = ring_rig() if leds is None else read_rig(leds, smaller)
-    found = []
-    for (surface, gamma), bits in zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False):
-        found.append(study_case(rig, surface, Look(gamma, interreflection=bits == 8), bits))
-        print({key: round(value, 3) if isinstance(value, float) else value for key, value in found[-1].items()})
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_json(out, {"rig": "ring" if leds is None else "near_ps_leds", "cases": found})
+    with whole_file(out, force) as partial:
+        write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": studied(rig)})
+    print(f"wrote {out}")
 
 
 if __name__ == "__main__":
