@@ -6,6 +6,7 @@ of a cone of rays, and directions are in its world. Lengths on the ball are in i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -176,9 +177,7 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
         axis, angle = turned(fit), float(fit[2])
         centre, radius = camera.project(camera.position + axis), size
     rms = float(np.sqrt(np.mean(deviation(fit) ** 2)))
-    scatter = rms * float(
-        np.sqrt(3.0 / len(edge))
-    )  # neighbouring points of an edge follow each other: every third counts
+    scatter = rms * math.sqrt(3.0 / len(edge))  # neighbouring points of an edge follow each other: every third counts
     errors = (1.414 * scatter, 1.414 * scatter, float(np.hypot(scatter, radius_error)))
     x, y, z = axis.tolist()
     return Ball((float(centre[0]), float(centre[1])), radius, errors, rms, edge, camera, (x, y, z), angle, source)

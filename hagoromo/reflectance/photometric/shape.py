@@ -24,9 +24,7 @@ from hagoromo.reflectance.photometric.prior import Prior
 from hagoromo.reflectance.photometric.views import Array, Views
 
 ROUNDS = 6
-SIMPLE = (
-    2  # rounds in which bodies follow Lambert's law and lamps stand where they are said to: the shape is still wrong
-)
+SIMPLE = 2  # rounds in which bodies are Lambert's and lamps where they are said to be: the shape is still wrong
 SETTLED = 5e-4  # rms change of ln depth from one round to the next that ends them
 STRICT = 1e-3  # scale of what is held still in those rounds
 LONGEST = 0.1  # of ln depth that one round moves a pixel by
