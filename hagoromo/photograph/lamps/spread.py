@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 
@@ -32,8 +32,7 @@ def check_spread(to_lamp: ArrayLike) -> Spread:
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     if len(directions) < FEWEST_LAMPS:
         raise InputError(f"{len(directions)} lamps cannot tell normals: light the object from {FEWEST_LAMPS} or more")
-    values = np.linalg.svd(directions, compute_uv=False)
-    condition = float(values[0] / max(values[2], 1e-12 * values[0]))
+    condition = condition_of(directions)
     widest = float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))))
     if condition > LARGEST_CONDITION:
         raise InputError(
@@ -41,3 +40,9 @@ def check_spread(to_lamp: ArrayLike) -> Spread:
             f"{min(condition, 9999.0):.3g}, {LARGEST_CONDITION:g} at most; {widest:.3g}° apart): move one out of it"
         )
     return Spread(len(directions), condition, widest)
+
+
+def condition_of(directions: NDArray[np.float64]) -> float:
+    """Largest over smallest singular value of `directions` (K, 3), K three or more; 1e12 at most."""
+    values = np.linalg.svd(directions, compute_uv=False)
+    return float(values[0] / max(values[2], 1e-12 * values[0]))

@@ -17,12 +17,12 @@ from hagoromo.camera.response import white
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.lamps.spread import LARGEST_CONDITION, condition_of
 from hagoromo.photograph.photograph import Photograph
 
 Array = NDArray[np.float64]
 
 FEWEST_LAMPS = 4  # three give a Lambertian normal and nothing to judge it by
-COPLANAR = 0.05  # smallest singular value of the lamps' directions over the largest, below which one plane holds them
 UNLIT = 1e-6  # of a lamp's greatest irradiance: behind an LED there is none, and nothing to divide by
 DARK = 3.0  # standard deviations of the sensor's noise: a value below is shadow and says little of the normal
 
@@ -132,8 +132,7 @@ def views(capture: Capture) -> Views:
     points = _points(capture, rows, columns)
     lamps = tuple(photograph.lamps[0] for photograph in photographs)
     seen = views_of(stack, photographs[0].camera, lamps, points, (rows, columns))
-    spread = np.linalg.svd(seen.to_lamp.mean(axis=1), compute_uv=False)
-    if spread[2] < COPLANAR * spread[0]:
+    if condition_of(seen.to_lamp.mean(axis=1)) > LARGEST_CONDITION:
         raise InputError(f"the lamps of capture {capture.name!r} lie in one plane with the scene: move one out of it")
     if not len(seen.rows):
         raise InputError(f"capture {capture.name!r} has no pixel that three lamps light: expose longer")
