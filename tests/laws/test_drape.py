@@ -1,5 +1,8 @@
 """Draped cloth obeys what holds for cloth: it keeps its length, hangs as a chain, lies on bodies and not in them."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -181,6 +184,41 @@ def test_one_seed_one_drape():
     assert np.array_equal(first, again)
     other = settled([cut], ball(), Fabric(), fall._replace(seed=1))[0].points
     assert not np.array_equal(first, other)
+
+
+LITTERED = """
+import gc
+import numpy as np
+from hagoromo.backend import arrays, lookup
+from hagoromo.matter.drape.collider import Collider
+from hagoromo.matter.drape.cut import Cut
+from hagoromo.matter.drape.settle import Fabric, Fall, settled
+
+class Ring:
+    def __init__(self):
+        self.itself, self.numbers = self, lookup(arrays().Float, np.arange(1000.0))
+
+class Nothing(Collider):
+    def distance_and_normal(self, point, layer):  # within the recorded step
+        gc.set_threshold(1)
+        rings = [[] for _ in range(1000)]
+        return super().distance_and_normal(point, layer)
+
+def start(s, t):
+    return np.stack(np.broadcast_arrays(20.0 * s, 20.0 * t, 31.0), axis=-1)
+
+gc.collect()
+gc.set_threshold(10**6)
+for _ in range(100):
+    Ring()  # an array that only the collector frees
+settled([Cut(20.0, 20.0, start)], Nothing([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0), Fabric(), Fall(2.0, 0.02, 1))
+"""
+
+
+def test_litter_of_others_does_not_end_the_simulation():
+    """Arrays that share NumPy's memory, freed by the collector while a step is recorded, once aborted the process."""
+    ended = subprocess.run([sys.executable, "-c", LITTERED], capture_output=True, text=True, timeout=300, check=False)
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_a_hanging_piece_keeps_the_length_of_its_rows_and_opens_to_the_hem():

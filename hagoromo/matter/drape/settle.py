@@ -9,7 +9,7 @@ allowed. Every point gathers its own forces: the same input gives the same bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -20,7 +20,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.drape.collider import Collider
 from hagoromo.matter.drape.contact import Contacts
 from hagoromo.matter.drape.cut import Cut
-from hagoromo.matter.drape.resident import resident
+from hagoromo.matter.drape.resident import frozen, resident
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.springs import mesh_of
 
@@ -107,9 +107,7 @@ def _after(
     }  # fmt: skip
     mesh |= {name: dr.opaque(kinds.Float, value) for name, value in numbers.items()}
     mesh["body"] = collider.values  # a frozen function reads only what is handed to it
-    move: Callable[..., Any] = dr.freeze(
-        lambda place, speed, touching, drag, mesh: _moved(place, speed, touching, drag, mesh, collider)
-    )
+    move = frozen(lambda place, speed, touching, drag, mesh: _moved(place, speed, touching, drag, mesh, collider))
     place = kinds.Array3f(*(resident(kinds.Float, points[:, k].astype(np.float32)) for k in range(3)))
     speed = dr.zeros(kinds.Array3f, len(points))
     turns, every = math.ceil(seconds / step), max(round(TOUCH_EVERY / step), 1)
