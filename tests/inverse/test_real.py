@@ -21,13 +21,17 @@ def test_lamps_agree_with_another_reading_of_the_same_ball():
 
 
 def test_normals_of_a_ball_are_nearer_than_least_squares():
-    """A sphere's normals are known: gloss, shadow and uneven lamps must be worth something over plain least squares."""
+    """A sphere's normals are known: gloss, shadow and uneven lamps must be worth something over plain least squares.
+
+    Within 95 % of the radius (where plain least squares is 5.1° off with the best of the set's readings) 3.5° is the
+    goal set before this was built.
+    """
     found = solve_normals(read_object(DATA, "gray", read_lamps(DATA)[1]))
     truth = sphere_normals(DATA)[found.seen.rows, found.seen.columns]
 
-    def error(normals):
-        return float(np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1, 1))).mean())
+    def errors(normals):
+        return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1, 1)))
 
-    plain, ours = error(least_squares_lambert(found.seen)[0]), error(found.fit.normals)
-    assert ours < plain
-    assert ours < 9.4  # what the literature reaches in the paper's own setting
+    plain, ours = errors(least_squares_lambert(found.seen)[0]), errors(found.fit.normals)
+    assert ours.mean() < plain.mean()
+    assert ours[np.hypot(truth[:, 0], truth[:, 1]) < 0.95].mean() < 3.5

@@ -27,6 +27,7 @@ from hagoromo.reflectance.photometric.views import Array, views
 from hagoromo.reflectance.reflectance import Reflectance
 
 SPHERE = "gray"  # the object whose normals are known
+INNER = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix with the ground
 SAMPLES = 4  # rays a pixel of the relief's picture
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
 BANDS = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
@@ -133,7 +134,9 @@ def _basis_camera() -> Response:
 
 
 def _normal_errors(folder: str | Path, capture: Capture, found: NormalMap) -> dict[str, dict[str, float]]:
-    """Errors of the sphere's normals [°], mean and median over the pixels: least squares, ours alone, ours."""
+    """Errors of the sphere's normals [°]: mean and median over the pixels, mean within INNER of its radius: least squares,
+    ours alone, ours.
+    """
     true, seen = sphere_normals(folder, capture.name), views(capture)
     maps = {
         "Lambert, plain least squares": seen.image(least_squares_lambert(seen)[0]),
@@ -145,5 +148,11 @@ def _normal_errors(folder: str | Path, capture: Capture, found: NormalMap) -> di
     for name, normals in maps.items():
         both = known & (np.linalg.norm(normals, axis=2) > 0.5)
         angle = np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", normals[both], true[both]), -1.0, 1.0)))
-        errors[name] = {"mean": float(angle.mean()), "median": float(np.median(angle)), "pixels": int(both.sum())}
+        inner = np.hypot(*true[both][:, :2].T) < INNER
+        errors[name] = {
+            "mean": float(angle.mean()),
+            "median": float(np.median(angle)),
+            "mean_inner": float(angle[inner].mean()),
+            "pixels": int(both.sum()),
+        }
     return errors

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.app.demo.report_pictures import around
 from hagoromo.app.page import Page, image
 from hagoromo.app.studies.leave_one_out import METHODS, OURS, YARDSTICK
-from hagoromo.app.studies.object_study import SPHERE, ObjectStudy
+from hagoromo.app.studies.object_study import INNER, SPHERE, ObjectStudy
 from hagoromo.files.png import write_png
 
 FULL_COLOUR = 0.25  # of the photograph's 99th percentile: difference that is shown fully red or blue
@@ -104,8 +104,10 @@ def _normals(page: Page, record: Mapping[str, Any]) -> None:
     errors = record["objects"].get(SPHERE, {}).get("normal_errors_deg")
     if errors:
         page.section("Normals", f"<i>{SPHERE}</i> is a sphere: its normals follow from the circle of its mask.")
-        rows = [[name, f"{e['mean']:.2f}°", f"{e['median']:.2f}°", str(e["pixels"])] for name, e in errors.items()]
-        page.table("Error of the sphere's normals.", ("method", "mean", "median", "pixels"), rows)
+        columns = ("mean", "median", "mean_inner")
+        rows = [[name, *(f"{e[key]:.2f}°" for key in columns), str(e["pixels"])] for name, e in errors.items()]
+        inner = f"mean within {100 * INNER:.0f} % of the radius"
+        page.table("Error of the sphere's normals.", ("method", "mean", "median", inner, "pixels"), rows)
 
 
 def _object(page: Page, study: ObjectStudy) -> None:
