@@ -134,9 +134,7 @@ def _basis_camera() -> Response:
 
 
 def _normal_errors(folder: str | Path, capture: Capture, found: NormalMap) -> dict[str, dict[str, float]]:
-    """Errors of the sphere's normals [°]: mean and median over the pixels, mean within INNER of its radius: least squares,
-    ours alone, ours.
-    """
+    """Errors of the sphere's normals [°]: mean and median over its pixels, mean within INNER of its radius."""
     true, seen = sphere_normals(folder, capture.name), views(capture)
     maps = {
         "Lambert, plain least squares": seen.image(least_squares_lambert(seen)[0]),
