@@ -8,7 +8,7 @@ import pytest
 from hagoromo.app.studies.spectra import SKIN, spectra_study
 from hagoromo.app.studies.spectra_bench import CAMERAS, read_bench, read_cameras
 from hagoromo.app.studies.spectra_cases import chart_case, skin_cases, study_case
-from hagoromo.app.studies.spectra_rivals import study_rivals
+from hagoromo.app.studies.spectra_rivals import BOUND, study_rivals
 from hagoromo.errors import InputError
 from hagoromo.reflectance.prior_spectra import read_spectra
 
@@ -28,7 +28,7 @@ def test_chart_under_one_lamp_and_two():
     share their errors between cameras, so their share is known to some 4 %).
     """
     bench, case = read_bench(DATA / CAMERAS, every=4), chart_case(None)
-    rivals = study_rivals(case, bench)
+    rivals = {name: of for name, of in study_rivals(case, bench).items() if name != BOUND}
     for sources, bound in [("D65", 0.9), ("D65 + A", 0.5), ("filters", 0.5)]:
         found = study_case(case, bench, sources)
         assert min(found["coverage"].values()) > 0.9, sources
@@ -41,10 +41,16 @@ def test_chart_under_one_lamp_and_two():
 @with_cameras
 @with_skin
 def test_skin_with_the_prior_of_other_peoples_skin():
-    """Median ΔE00 at most 0.3 under the lamp of the photograph; the class is found where it is not told."""
+    """Median ΔE00 at most 0.3 where the noise allows it; the class is found where it is not told.
+
+    Under FL11 0.3 is out of reach of 0.3 % noise: there it must come up to the best linear estimate, which has learnt
+    the tested people themselves, but for the 3 % that the median of 980 errors is known to.
+    """
     bench, skin = read_bench(DATA / CAMERAS, every=2), read_spectra(DATA / SKIN)
     told, untold = (study_case(case, bench, "D65") for case in skin_cases(skin))
-    assert np.median(told["delta_e"]["D65"]) <= 0.3
+    best = study_rivals(skin_cases(skin)[0], bench)[BOUND]
+    for lamp, errors in told["delta_e"].items():
+        assert np.median(errors) <= max(0.3, 1.03 * np.median(best[lamp])), lamp
     assert min(told["coverage"].values()) > 0.9
     assert untold["probability"]["skin"] > 0.9
 
