@@ -23,6 +23,7 @@ class Shot(NamedTuple):
 
     signal, dark: (height, width[, channels]) [DN], dark a number where there is none. dark_variance: of `dark` [DN²].
     rounding [DN²]; full: where it is clipped; white [DN]; seconds: its exposure, in units of one of them.
+    curve: variance by an estimated transfer [DN²], whose error samples and shots have in common.
     """
 
     signal: NDArray[np.float32]
@@ -32,9 +33,10 @@ class Shot(NamedTuple):
     full: NDArray[np.bool_]
     white: float
     seconds: float
+    curve: NDArray[np.float32] | float = 0.0
 
     def variance(self, rate: NDArray, noise: Noise) -> NDArray[np.float64]:
-        """Variance [DN²] of the signal of a scene of `rate` [DN/s]."""
+        """Variance [DN²] of the signal of a scene of `rate` [DN/s], but for the curve's."""
         expected = np.maximum(rate, 0.0) * self.seconds + np.maximum(self.dark, 0.0)
         return noise.variance(expected, self.rounding) + self.dark_variance
 
@@ -62,10 +64,13 @@ def merge(shots: Sequence[Shot], noise: Noise, mosaic: str) -> Merged:
         seconds += uses[-1] * shot.seconds
     valid = seconds > 0.0
     expected = _smoothed(total, seconds, mosaic)
-    weights = [use * shot.seconds**2 / shot.variance(expected, noise) for use, shot in zip(uses, shots, strict=True)]
+    spread = [shot.variance(expected, noise) + shot.curve for shot in shots]
+    weights = [use * shot.seconds**2 / of for use, shot, of in zip(uses, shots, spread, strict=True)]
     whole = np.where(valid, sum(weights), 1.0)
     rate = sum(w * shot.signal / shot.seconds for w, shot in zip(weights, shots, strict=True)) / whole
     variance = sum(w**2 * shot.variance(rate, noise) / shot.seconds**2 for w, shot in zip(weights, shots, strict=True))
+    common = sum(w * np.sqrt(shot.curve) / shot.seconds for w, shot in zip(weights, shots, strict=True))
+    variance = variance + common**2
     return Merged(rate.astype(np.float32), np.asarray(variance / whole**2, np.float32), np.asarray(valid, np.bool_))
 
 

@@ -176,14 +176,14 @@ def _shots(
 ) -> tuple[list[Shot], NDArray[np.bool_]]:
     """The exposures less their dark frames, and where these are hot."""
     hot = np.zeros(exposures[0].signal.shape, np.bool_)
-    if not calibration.darks:
-        return [Shot(one.signal, 0.0, 0.0, one.rounding, one.full, one.white, one.seconds) for one in exposures], hot
     shots = []
     for one in exposures:
-        dark = dark_master(calibration.darks, one.seconds, noise)
-        hot |= dark.hot
-        signal = one.signal - dark.signal
-        shots.append(Shot(signal, dark.signal, dark.variance, one.rounding, one.full, one.white, one.seconds))
+        signal, dark, variance = one.signal, 0.0, 0.0
+        if calibration.darks:
+            master = dark_master(calibration.darks, one.seconds, noise)
+            hot |= master.hot
+            signal, dark, variance = one.signal - master.signal, master.signal, master.variance
+        shots.append(Shot(signal, dark, variance, one.rounding, one.full, one.white, one.seconds, one.curve))
     return shots, hot
 
 

@@ -43,7 +43,8 @@ class Exposure:
     signal: (height, width) behind a mosaic, else (height, width, channels), float32: DN above black, linear in light.
     rounding: its variance by rounding [DN²], a number or one per sample. full: of the same shape, where the sensor (or
     the file) is clipped. white: signal of the brightest light [DN]. mosaic: as `Sensor`. exif: with the stated figures.
-    unit: signal of the value 1 after a second at ISO 100 [DN]; white where it is None.
+    unit: signal of the value 1 after a second at ISO 100 [DN]; white where it is None. curve: variance of the signal by
+    an estimated transfer [DN²], as `rounding`, but common to all frames.
     """
 
     signal: NDArray[np.float32]
@@ -54,6 +55,7 @@ class Exposure:
     exif: Exif
     name: str = ""
     unit: float | None = None
+    curve: NDArray[np.float32] | float = 0.0
 
     def __post_init__(self) -> None:
         """Check the parts once."""
@@ -130,11 +132,10 @@ def _from_numbers(image: NDArray, path: Path, given: Given) -> Exposure:
     black, white = given.black or 0.0, largest if given.white is None else given.white
     if not 0.0 <= black < white <= largest:
         raise InputError(f"{path}: black {black:g} is to be below white {white:g}, both within 0–{largest} DN")
-    light, rounding = curve.light(numbers)
+    light, rounding, spread = curve.light(numbers)
     floor, ceiling = (float(curve.table[round(level)].mean()) for level in (black, white))
-    return Exposure(
-        light - np.float32(floor), rounding, numbers >= white, ceiling - floor, mosaic, read_exif(path), path.name
-    )
+    signal, full = light - np.float32(floor), numbers >= white
+    return Exposure(signal, rounding, full, ceiling - floor, mosaic, read_exif(path), path.name, curve=spread)
 
 
 def _from_light(image: NDArray, path: Path, given: Given) -> Exposure:

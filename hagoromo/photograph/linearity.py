@@ -54,12 +54,17 @@ def _ratio(short: Shot, long: Shot, noise: Noise) -> Ratio | None:
     low, high = short.signal[told].astype(np.float64), long.signal[told].astype(np.float64)
     if low.size < LEVELS * FEWEST or low.sum() <= 0.0:
         return None
+    curve_high, curve_low = (np.sqrt(np.broadcast_to(shot.curve, told.shape)[told]) for shot in (long, short))
     spread_high = long.variance(long.signal / long.seconds, noise)[told]
     spread_low = short.variance(short.signal / short.seconds, noise)[told]
     parts = np.array_split(np.argsort(level[told]), LEVELS)
     ratios = np.array([high[part].sum() / low[part].sum() for part in parts])
-    shares = [(spread_high[p].sum() / high[p].sum() ** 2, spread_low[p].sum() / low[p].sum() ** 2) for p in parts]
-    errors = ratios * np.sqrt(np.array(shares).sum(axis=1))
+    shares = [
+        (spread_high[p].sum() + curve_high[p].sum() ** 2) / high[p].sum() ** 2
+        + (spread_low[p].sum() + curve_low[p].sum() ** 2) / low[p].sum() ** 2
+        for p in parts
+    ]
+    errors = ratios * np.sqrt(shares)
     bend = float(np.ptp(ratios) / ratios.mean())
     certain = bool(np.ptp(ratios) > CERTAIN * float(np.hypot(*errors[[ratios.argmin(), ratios.argmax()]])))
     weight = 1.0 / errors**2

@@ -1,7 +1,7 @@
 """Transfer: the numbers of a display picture → light, from a stated curve or one estimated from a bracket.
 
 A table gives for every number the light that makes it, per channel, scaled so that the largest number keeps its value.
-Its slope tells how coarse the rounding of a number is in light.
+Its slope tells how coarse the rounding of a number is in light; an estimated one has an error of its own.
 """
 
 from __future__ import annotations
@@ -18,21 +18,29 @@ from hagoromo.files.table import read_table
 from hagoromo.light.colour import srgb_decode
 
 SMOOTHNESS = 50.0  # weight of the curve's second difference (Debevec and Malik's λ), for 8-bit noise of about 1 DN
-SAMPLES = 300  # pixels per photograph that the curve is fitted to
+SAMPLES = (15, 20)  # pixels per photograph that a curve is fitted to, as a picture
+DRAWS = 6  # of such pixels; the curve is the mean of theirs
+SMOOTHER = 4.0  # times SMOOTHNESS: how much the curve then moves tells how much its smoothness has moved it
 FEWEST_SHOTS = 3  # of a bracket; two leave most of the curve to its smoothness
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """table: (levels, 1 or 3), light of every number, never falling, the last as large as its number."""
+    """table: (levels, 1 or 3), light of every number, never falling, the last as large as its number.
+
+    error: (levels, 1 or 3), standard error of that light; None where the curve is exact.
+    """
 
     table: NDArray[np.float64]
+    error: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        """Check the table once."""
+        """Check the tables once."""
         rises = np.diff(self.table, axis=0)
         if self.table.ndim != 2 or not np.isfinite(self.table).all() or (rises < 0.0).any() or not rises.any():
             raise InputError("a transfer curve must rise from its first number to its last: mend it")
+        if self.error is not None and (self.error.shape != self.table.shape or not (self.error >= 0.0).all()):
+            raise InputError("a transfer curve has an error of 0 or more for every number: mend it")
 
     @staticmethod
     def load(source: str | Path, largest: int) -> Transfer:
@@ -49,41 +57,59 @@ class Transfer:
         if "number" not in table or not names or (np.diff(table["number"]) <= 0.0).any():
             raise InputError(f"{source} must have increasing numbers in `number` and their light in `light` or R, G, B")
         light = np.stack([np.interp(number, table["number"], table[name]) for name in names[0]], axis=1)
-        return _scaled(light)
+        return Transfer(_scaled(light))
 
-    def light(self, numbers: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Light of `numbers` (height, width[, channels]) and the variance of their rounding, of the same shape."""
+    def light(self, numbers: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32] | float]:
+        """Light of `numbers` (height, width[, channels]), its variance by rounding and by the curve, of the same shape.
+
+        The curve's part is common to all samples of one number: it does not shrink where they are averaged.
+        """
         at = np.arange(len(self.table) + 1.0) - 0.5
         place = np.clip(at, 0.0, len(self.table) - 1.0)
         columns = [self.table[:, c] for c in range(self.table.shape[1])]
         edges = np.stack([np.interp(place, at[:-1] + 0.5, column) for column in columns], axis=1)
         light, rounding = self.table.astype(np.float32), (np.diff(edges, axis=0) ** 2 / 12.0).astype(np.float32)
-        if self.table.shape[1] == 1:
-            return light[numbers, 0], rounding[numbers, 0]
-        channel = np.arange(3)
-        return light[numbers, channel], rounding[numbers, channel]
+        channel = 0 if self.table.shape[1] == 1 else np.arange(3)
+        curve = 0.0 if self.error is None else (self.error**2).astype(np.float32)[numbers, channel]
+        return light[numbers, channel], rounding[numbers, channel], curve
 
 
-def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[float]) -> Transfer:
-    """The curve of 8-bit photographs (height, width, 3) of one scene at several exposures [s].
+def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[float], seed: int = 0) -> Transfer:
+    """The curve of 8-bit photographs (height, width, 3) of one scene at several exposures [s], with its error.
 
-    Debevec and Malik (1997), "Recovering high dynamic range radiance maps from photographs", by OpenCV. `InputError`
-    for fewer than three exposures or pictures of other shape.
+    Debevec and Malik (1997), "Recovering high dynamic range radiance maps from photographs", by OpenCV, for several
+    draws of pixels: how they differ is the error by chance, how a smoother fit differs from them that by smoothness.
+    `InputError` for fewer than three exposures or pictures of other shape.
     """
-    import cv2
-
     different = len(set(exposures_s))
     if different < FEWEST_SHOTS:
         raise InputError(f"a response is estimated from {FEWEST_SHOTS} exposures or more: given {different} different")
     if any(p.dtype != np.uint8 or p.ndim != 3 or p.shape != photographs[0].shape for p in photographs):
         raise InputError("a response is estimated from 8-bit colour photographs of one size: state it instead")
-    debevec = cv2.createCalibrateDebevec(samples=SAMPLES, lambda_=SMOOTHNESS)
-    curve = debevec.process(list(photographs), np.asarray(exposures_s, np.float32))
-    return _scaled(np.maximum.accumulate(np.asarray(curve, np.float64).reshape(256, 3), axis=0))
+    random, times = np.random.default_rng(seed), np.asarray(exposures_s, np.float32)
+    fits: list[NDArray[np.float64]] = []
+    smoother: list[NDArray[np.float64]] = []
+    for _ in range(DRAWS):
+        pick = random.integers(photographs[0][..., 0].size, size=SAMPLES)
+        chosen = [photograph.reshape(-1, 3)[pick] for photograph in photographs]
+        fits.append(_fitted(chosen, times, SMOOTHNESS))
+        smoother.append(_fitted(chosen, times, SMOOTHER * SMOOTHNESS))
+    table = np.mean(fits, axis=0)
+    chance, smoothness = np.std(fits, axis=0, ddof=1), np.mean(smoother, axis=0) - table
+    return Transfer(table, np.hypot(chance, smoothness))
 
 
-def _scaled(light: NDArray[np.float64]) -> Transfer:
+def _fitted(photographs: Sequence[NDArray], times: NDArray[np.float32], smoothness: float) -> NDArray[np.float64]:
+    """(256, 3) light of every number, from all pixels of the photographs."""
+    import cv2
+
+    debevec = cv2.createCalibrateDebevec(samples=photographs[0][..., 0].size, lambda_=smoothness)
+    curve = np.asarray(debevec.process(list(photographs), times), np.float64).reshape(256, 3)
+    return _scaled(np.maximum.accumulate(curve, axis=0))
+
+
+def _scaled(light: NDArray[np.float64]) -> NDArray[np.float64]:
     last = light[-1:]
     if not (np.isfinite(last) & (last > 0.0)).all():
         raise InputError("a transfer curve must end above 0: mend it")
-    return Transfer(light / last * (len(light) - 1.0))
+    return light / last * (len(light) - 1.0)

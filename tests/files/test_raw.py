@@ -201,7 +201,28 @@ def test_the_curve_is_estimated_from_a_bracket(tmp_path):
     valid = layers["A"] == 1.0
     values, true = np.stack([layers[c] for c in "RGB"], axis=2)[valid], light[valid]
     assert np.abs(values / values.mean() - true / true.mean()).max() < 0.03 * true.max() / true.mean()
+    variance = np.stack([layers[f"variance.{c}"] for c in "RGB"], axis=2)[valid]
+    scale = (values * true).sum() / (true**2).sum()  # the estimate's last number is its unit
+    assert np.mean(np.abs(values - scale * true) < 1.96 * np.sqrt(variance)) > 0.9
     assert main([*command, "--transfer", "linear", "--force", *noise]) == 2
+
+
+@pytest.mark.parametrize(("power", "full_well"), [(1.0, 20_000), (2.2, 2_000)])
+def test_the_error_of_an_estimated_curve_holds_the_truth(power, full_well):
+    """Five noisy exposures through a power law: at least 90 % of the numbers' light within 1.96 standard errors, which
+    are not idle: below 3 % of white. The variance of the light has it, beside that of the rounding.
+    """
+    random = np.random.default_rng(3)
+    light, times = np.exp(random.uniform(np.log(0.002), np.log(2.0), (80, 100, 3))), (0.25, 0.5, 1.0, 2.0, 4.0)
+    caught = [np.clip(random.poisson(light * t * full_well) / full_well, 0.0, 1.0) for t in times]
+    curve = estimate_transfer([np.rint(255.0 * one ** (1.0 / power)).astype(np.uint8) for one in caught], times)
+    assert curve.error is not None
+    true, told = 255.0 * (np.arange(256) / 255.0)[:, None] ** power, np.s_[3:252]
+    assert np.mean(np.abs(curve.table - true)[told] < 1.96 * curve.error[told]) > 0.9
+    assert curve.error.max() < 0.03 * 255.0
+    np.testing.assert_allclose(
+        curve.light(np.full((1, 1, 3), 128, np.uint8))[2][0, 0], curve.error[128] ** 2, rtol=1e-6
+    )
 
 
 def test_sixteen_bits_and_float_are_linear_as_they_are(tmp_path):
