@@ -140,8 +140,7 @@ def calibrate_response(
 
 
 def _pictures(paths: Sequence[Path]) -> dict[str, Any]:
-    """Name → pixels; a name that two files share is given with its folder."""
-    from hagoromo.files.picture import read_picture
+    """Name → pixels, see `by_name`."""
+    from hagoromo.files.picture import by_name, read_picture
 
-    names = [path.name for path in paths]
-    return {path.name if names.count(path.name) == 1 else str(path): read_picture(path) for path in paths}
+    return {name: read_picture(path) for name, path in by_name(paths).items()}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.picture import read_picture
+from hagoromo.files.picture import by_name, read_picture
 from hagoromo.photograph.pixels import default_channels, read_pixels
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -19,15 +19,12 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 class Photographs(Mapping[str, NDArray]):
     """Name → stored pixels, or light with NaN where it is clipped: of EXR and RAW, and of all where `linear`.
 
-    Each is read when it is asked for, so that one is in memory. A name that two files share is given with its folder.
-    `InputError` for one given twice, and for 8 bits that are to be linear without a stated transfer.
+    Each is read when it is asked for, so that one is in memory; names as `by_name`. `InputError` for 8 bits that are to
+    be linear without a stated transfer.
     """
 
     def __init__(self, paths: Sequence[Path], transfer: Literal["linear", "srgb"] | None, linear: bool) -> None:
-        names = [path.name for path in paths]
-        self.paths = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
-        if len(self.paths) < len(paths):
-            raise InputError("a photograph is given twice: give each once")
+        self.paths = by_name(paths)
         self.transfer: Literal["linear", "srgb"] | None = transfer
         self.linear = linear
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,3 +51,12 @@ def picture_size(path: str | Path) -> tuple[int, int]:
     if start.startswith(jpeg.START):
         return jpeg.frame_header(read_bytes(found), found)[:2]
     raise InputError(f"{found} is neither PNG nor JPEG: convert it")
+
+
+def by_name(paths: Sequence[Path]) -> dict[str, Path]:
+    """Name → path; a name that two files share is given with its folder. `InputError` for a file given twice."""
+    names = [path.name for path in paths]
+    found = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
+    if len(found) < len(paths):
+        raise InputError("a photograph is given twice: give each once")
+    return found
