@@ -21,6 +21,7 @@ from hagoromo.app.studies.encoding import encoding_study
 from hagoromo.app.studies.leave_one_out import METHODS
 from hagoromo.app.studies.object_study import study_object
 from hagoromo.app.studies.real_report import write_pictures, write_real_report
+from hagoromo.app.studies.table import print_table
 from hagoromo.app.studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
@@ -106,22 +107,14 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
     """
     with progress_bar("real photographs") as progress:
         record = real_study(folder, out, force=force, progress=progress)
-    _print_table(record)
+    title, columns = "Kept-aside photographs: relative RMSE [%] · PSNR [dB]", ("method", *record["objects"])
+    print_table(title, columns, [_cells(record, method) for method in METHODS])
     print(f"wrote {out / 'report.html'}")
 
 
-def _print_table(record: dict[str, Any]) -> None:
-    """The table of predictions, for a terminal."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="Kept-aside photographs: relative RMSE [%] · PSNR [dB]")
-    for column in ("method", *record["objects"]):
-        table.add_column(column)
-    for method, text in METHODS.items():
-        means = [found["mean"][method] for found in record["objects"].values()]
-        table.add_row(text, *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means))
-    Console().print(table)
+def _cells(record: dict[str, Any], method: str) -> list[str]:
+    means = [found["mean"][method] for found in record["objects"].values()]
+    return [METHODS[method], *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means)]
 
 
 if __name__ == "__main__":

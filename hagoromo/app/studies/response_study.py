@@ -21,6 +21,7 @@ from tyro.conf import Positional
 from hagoromo import __version__
 from hagoromo.app.progress import progress_bar
 from hagoromo.app.studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
+from hagoromo.app.studies.table import print_table
 from hagoromo.camera.calibrate_response import overlap_matrix, solve_response
 from hagoromo.camera.chart import chart_spectra
 from hagoromo.camera.response import Response
@@ -133,26 +134,19 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
     """
     with progress_bar("responses") as progress:
         record = response_study(folder, out, force=force, progress=progress)
-    _print_table(record)
+    title = "Correlation with the true curve, median / 10th percentile, and coverage of 95 % intervals"
+    fits = {"hagoromo": "correlation", "knowing the truth": "correlation_knowing_the_truth"}
+    rows = [[name, fit, *_cells(row, key)] for name, row in record["rows"].items() for fit, key in fits.items()]
+    print_table(title, ("readings", "fit", "R", "G", "B"), rows)
     print(f"wrote {out / 'results.json'}")
 
 
-def _print_table(record: dict[str, Any]) -> None:
-    """The table, for a terminal."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="Correlation with the true curve, median / 10th percentile, and coverage of 95 % intervals")
-    for column in ("readings", "fit", "R", "G", "B"):
-        table.add_column(column)
-    for name, row in record["rows"].items():
-        for fit, key in (("hagoromo", "correlation"), ("knowing the truth", "correlation_knowing_the_truth")):
-            cells = [f"{of['median']:.4f} / {of['p10']:.4f}" for of in row[key].values()]
-            if fit == "hagoromo":
-                shares = row["coverage"].values()
-                cells = [f"{cell} · {100 * share:.0f} %" for cell, share in zip(cells, shares, strict=True)]
-            table.add_row(name, fit, *cells)
-    Console(width=140).print(table)
+def _cells(row: dict[str, Any], key: str) -> list[str]:
+    cells = [f"{of['median']:.4f} / {of['p10']:.4f}" for of in row[key].values()]
+    if key == "correlation":
+        shares = row["coverage"].values()
+        cells = [f"{cell} · {100 * share:.0f} %" for cell, share in zip(cells, shares, strict=True)]
+    return cells
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from hagoromo.app.studies.spectra_cases import Case, chart_case, skin_cases, stu
 from hagoromo.app.studies.spectra_report import write_spectra_report
 from hagoromo.app.studies.spectra_rivals import study_recoveries, study_rivals
 from hagoromo.app.studies.spectra_row import Row, percentiles
+from hagoromo.app.studies.table import print_table
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.reflectance.prior_spectra import read_spectra
@@ -82,25 +83,17 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
     """
     with progress_bar("spectra from colours") as progress:
         record = spectra_study(folder, out, force, progress)
-    _print_table(record)
+    columns = ("case", "photographed under", "method", *TARGETS)
+    print_table("ΔE00, median / 95th percentile, and coverage of 95 % regions", columns, map(_cells, record["rows"]))
     print(f"wrote {out / 'report.html'}")
 
 
-def _print_table(record: dict[str, Any]) -> None:
-    """The table, for a terminal."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="ΔE00, median / 95th percentile, and coverage of 95 % regions")
-    for column in ("case", "photographed under", "method", *TARGETS):
-        table.add_column(column)
-    for row in record["rows"]:
-        cells = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["delta_e_2000"].values()]
-        if "coverage" in row:
-            shares = row["coverage"].values()
-            cells = [f"{cell} · {100 * share:.0f} %" for cell, share in zip(cells, shares, strict=True)]
-        table.add_row(row["case"], row["sources"], row["method"], *cells)
-    Console(width=140).print(table)
+def _cells(row: dict[str, Any]) -> list[str]:
+    cells = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["delta_e_2000"].values()]
+    if "coverage" in row:
+        shares = row["coverage"].values()
+        cells = [f"{cell} · {100 * share:.0f} %" for cell, share in zip(cells, shares, strict=True)]
+    return [row["case"], row["sources"], row["method"], *cells]
 
 
 if __name__ == "__main__":
