@@ -1,11 +1,17 @@
 """Coverage: 95 % intervals of every parameter hold the truth, told or not; the study has the full figures."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy.stats import binom
 
 from hagoromo.app.studies.coverage import simulated, table
-from hagoromo.app.studies.coverage_bench import BENCHES
+from hagoromo.app.studies.coverage_bench import BENCHES, drawn, observed
 from hagoromo.app.studies.coverage_page import chance, write_coverage_page
+from hagoromo.reflectance.material.interval import degrees_of_freedom
+from hagoromo.reflectance.material.material_fit import fit_material
+from hagoromo.reflectance.material.quantity import alpha, coordinate, log_albedo
 
 CASES = (
     ("three lamps", 6_000.0, 20),
@@ -31,3 +37,22 @@ def test_chance_of_a_share_is_that_of_clopper_and_pearson():
     """Their table for 190 of 200: 0.910 to 0.976."""
     np.testing.assert_allclose(chance(190, 200), (0.9100, 0.9758), atol=5e-4)
     assert chance(0, 5)[0] == 0.0 and chance(5, 5)[1] == 1.0
+
+
+def test_degrees_of_freedom_are_those_of_the_variance_they_stand_for():
+    """A variance Σ w r² of normal r has 2 (mean)² / variance degrees of freedom: 10,000 draws tell that to 2 %.
+
+    Σ w itself is the variance of the estimate, which is read off the residuals: within 4 standard deviations of that.
+    """
+    truth = replace(drawn(BENCHES["three lamps"], np.random.default_rng(3)), beta=0.5, gamma=0.3)
+    fit = fit_material(observed(BENCHES["three lamps"], truth, 45_000.0, np.random.default_rng(4)))
+    random, degrees = np.random.default_rng(5), {}
+    for name, quantity in (("alpha", alpha), ("gamma", coordinate(-2)), ("albedo", log_albedo)):
+        gradient = quantity(fit.theta[None])[1][0]
+        share = (fit.influence @ gradient) ** 2
+        variances = np.array([share @ random.standard_normal(share.size) ** 2 for _ in range(10_000)])
+        degrees[name] = degrees_of_freedom(fit, quantity)
+        assert degrees[name] == pytest.approx(2.0 * variances.mean() ** 2 / variances.var(), rel=0.1)
+        spread = 4.0 * (2.0 / degrees[name]) ** 0.5
+        assert share.sum() == pytest.approx(gradient @ fit.covariance @ gradient, rel=spread)
+    assert degrees["gamma"] < degrees["alpha"] / 3

@@ -3,9 +3,10 @@
 β and n pull against each other, and n may be told badly or not at all. So the fit is repeated along n through its
 admissible range, and a value of any quantity q belongs to the 95 % interval when for some n
 
-    Δχ²(n) + (q − q̂(n))² / var(q | n) ≤ 3.84 κ,
+    Δχ²(n) + (q − q̂(n))² / var(q | n) ≤ t² κ,
 
-κ being the variance of the robust estimate over that of the least squares which it is computed with.
+κ being the variance of the robust estimate over that of the least squares which it is computed with. κ is read off the
+residuals, of which few may bear on q (those of the highlight, for γ): t is Student's, of that many degrees of freedom.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.stats import t as student
 
 from hagoromo.reflectance.material.material_fit import MaterialFit, inverse_over
 from hagoromo.reflectance.material.quantity import Quantity, coordinate
@@ -73,7 +75,7 @@ def interval(profile: Profile, quantity: Quantity) -> tuple[float, float]:
     """95 % interval of `quantity`."""
     values, gradients = quantity(profile.theta)
     spread = np.sqrt(np.einsum("kp,kpq,kq->k", gradients, profile.covariance, gradients))
-    limit = CHI_SQUARE_95 * inflation(profile.fit, quantity)
+    limit = allowance(profile.fit, quantity)
     if len(values) == 1:
         return float(values[0] - spread[0] * limit**0.5), float(values[0] + spread[0] * limit**0.5)
     u = _fine(profile.log_n1)
@@ -88,10 +90,22 @@ def interval_of_n(profile: Profile) -> tuple[float, float]:
     fit = profile.fit
     if len(profile.rest) == 1:
         return float(fit.theta[-1]), float(fit.theta[-1])
-    limit = CHI_SQUARE_95 * inflation(fit, coordinate(-1))
+    limit = allowance(fit, coordinate(-1))
     u = _fine(profile.log_n1)
     inside = u[_smooth(profile, profile.rest)(u) <= limit]
     return float(inside[0]), float(inside[-1])
+
+
+def allowance(fit: MaterialFit, quantity: Quantity) -> float:
+    """t² κ: by how much χ² may rise within the 95 % interval of `quantity`."""
+    return float(student.ppf(0.975, degrees_of_freedom(fit, quantity)) ** 2) * inflation(fit, quantity)
+
+
+def degrees_of_freedom(fit: MaterialFit, quantity: Quantity) -> float:
+    """Of the sandwich variance of `quantity`: (Σ w)² / Σ w² of the groups' shares w in it (Satterthwaite 1946)."""
+    gradient = quantity(fit.theta[None])[1][0]
+    share = np.bincount(fit.group, (fit.influence @ gradient) ** 2)
+    return float(share.sum() ** 2 / np.sum(share**2)) if share.any() else np.inf
 
 
 def inflation(fit: MaterialFit, quantity: Quantity) -> float:

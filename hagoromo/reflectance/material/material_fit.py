@@ -73,6 +73,8 @@ class MaterialFit:
 
     objective: the least squares, frozen at the estimate, and its weight W (N, C). curvature: (P, P) JᵀWJ. covariance:
     (P, P), sandwich. free: (P,) coordinates that were estimated. inside: (P,) those of them inside their range.
+    influence: (V, P) on the estimate of each value that was used, by a residual of usual size; group: (V,) values whose
+    residuals the sandwich took for independent have different ones.
     """
 
     theta: Array
@@ -83,6 +85,8 @@ class MaterialFit:
     free: NDArray[np.bool_]
     inside: NDArray[np.bool_]
     residuals: Residuals
+    influence: Array
+    group: NDArray[np.intp]
 
 
 def fit_material(seen: Observations, n: float | None = None, with_interface: bool = True) -> MaterialFit:
@@ -216,10 +220,13 @@ def with_covariance(
     own = objective.own_leverage()[used]
     leverage = objective.loss.weight(r) * np.einsum("mp,pq,mq->m", j, inverse, j) + own
     score = j * (r * objective.loss.weight(r) / np.sqrt(np.maximum(1.0 - leverage, 0.1)))[:, None]
+    group = np.arange(len(score))
     if model_error:
-        tile = np.unique(np.broadcast_to(seen.tile[:, None], used.shape)[used], return_inverse=True)[1]
-        score = np.stack([np.bincount(tile, column) for column in score.T], axis=1)
-    covariance = np.zeros((theta.size, theta.size))
+        group = np.unique(np.broadcast_to(seen.tile[:, None], used.shape)[used], return_inverse=True)[1]
+        score = np.stack([np.bincount(group, column) for column in score.T], axis=1)
+    covariance, influence = np.zeros((theta.size, theta.size)), np.zeros((len(group), theta.size))
+    weight = objective.loss.weight(r)
+    influence[:, inside] = np.sqrt(np.mean((r * weight) ** 2)) * (j * (weight > 0.0)[:, None]) @ inverse
     covariance[np.ix_(inside, inside)] = inverse @ (score.T @ score) @ inverse
     weights = np.zeros_like(seen.values)
     weights[used] = objective.loss.weight(r)
@@ -228,7 +235,9 @@ def with_covariance(
     squared = deviation**2 / seen.variance_at(model)[used]
     chi_square = float(np.sum(squared) / (squared.size - np.sum(inside) - np.sum(own)))
     residuals = Residuals(scale, model_error, chi_square, float(np.mean(np.abs(r) > OUTLIER)))
-    return MaterialFit(theta, frozen, weights / objective.variance, curvature, covariance, free, inside, residuals)
+    return MaterialFit(
+        theta, frozen, weights / objective.variance, curvature, covariance, free, inside, residuals, influence, group
+    )
 
 
 def jacobian(seen: Sight, theta: Array) -> Array:
