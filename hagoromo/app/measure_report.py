@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from hagoromo import __version__
 from hagoromo.app.demo.report_pictures import around, developed, residual
 from hagoromo.app.display import exposure
+from hagoromo.app.gloss_plot import gloss_plot
 from hagoromo.app.page import Page, image
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.material.gloss_map import GlossMap
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.material.separation import Separation
@@ -43,6 +45,8 @@ def write_measure_report(path: Path, capture: Capture, measurement: Measurement)
     crop = around(measurement.labels >= 0)
     if measurement.separation is not None:
         _separation(page, capture, measurement.separation, crop)
+    if measurement.body is not None and measurement.body.gloss is not None:
+        _gloss(page, measurement.body.gloss, crop)
     page.section("Photographs, prediction and residual")
     for photograph, predicted, left in zip(
         capture.photographs, measurement.predicted, measurement.residuals, strict=True
@@ -70,6 +74,16 @@ def _separation(page: Page, capture: Capture, parts: Separation, crop: tuple[sli
         image(_shown(photograph, np.nan_to_num(parts.body))[crop], "body"),
         image(_shown(photograph, np.nan_to_num(parts.interface))[crop], "interface"),
     )
+
+
+def _gloss(page: Page, of: GlossMap, crop: tuple[slice, slice]) -> None:
+    page.section(
+        "Gloss over the surface",
+        "The gloss varies over a material more than noise makes it, so β and γ were measured pixel by pixel. A pixel "
+        "that no lamp shows near its highlight has its material's middle, and the spread over the material as its "
+        "error. gloss.exr has the maps.",
+    )
+    page.figure("β and γ of every pixel above, the standard error of each over its value below.", gloss_plot(of, crop))
 
 
 def _rows(material: MaterialEstimate) -> list[list[str]]:

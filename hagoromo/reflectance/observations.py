@@ -103,6 +103,11 @@ def observations(capture: Capture, region: NDArray[np.bool_], lamp_colour: Array
     per_pixel = len(capture.photographs) * capture.photographs[0].values.shape[2]
     if len(pixels) * per_pixel > MOST_VALUES:
         pixels = pixels[stratified(capture, pixels, MOST_VALUES // per_pixel, seed)]
+    return observed(capture, pixels, lamp_colour)
+
+
+def observed(capture: Capture, pixels: Pixels, lamp_colour: Array | None) -> Observations:
+    """What all photographs say of `pixels`: places lit and seen beyond grazing, valid."""
     most_lamps = max(len(photograph.lamps) for photograph in capture.photographs)
     parts = [_observe(photograph, pixels, most_lamps, lamp_colour) for photograph in capture.photographs]
     values, noise, gain, used, ceiling, tile, pixel, irradiance, *cosines = (

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.material.gloss_map import GlossMap
+from hagoromo.reflectance.material.lobes import Lobes
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.quantity import theta_of
 from hagoromo.reflectance.observations import Pixels, known_shape
@@ -39,13 +41,17 @@ class Parts:
 
 @dataclass(frozen=True, eq=False)
 class BodyMap:
-    """α c_b (h, w, C) [1/sr] and its standard error, NaN where unknown; the materials and their labels (h, w)."""
+    """α c_b (h, w, C) [1/sr] and its standard error, NaN where unknown; the materials and their labels (h, w).
+
+    gloss: of each pixel, where it varies.
+    """
 
     value: Array
     error: Array
     materials: tuple[MaterialEstimate, ...]
     labels: NDArray[np.integer]
     white: Array | None = None
+    gloss: GlossMap | None = None
 
     def parts(self, capture: Capture, photograph: Photograph) -> Parts:
         """What body and interface give in `photograph` of `capture`."""
@@ -55,8 +61,12 @@ class BodyMap:
             seen = sight(photograph, pixels.points, pixels.normals, self.white)
             at = pixels.rows, pixels.columns
             body[at] = self.value[at] * seen.body
-            theta = theta_of(np.zeros(self.value.shape[2]), material.beta, material.gamma, material.n)
-            interface[at] = theta[-3] * seen.interface(theta[-2:-1], theta[-1:])[0][0]
+            if self.gloss is None:
+                theta = theta_of(np.zeros(self.value.shape[2]), material.beta, material.gamma, material.n)
+                interface[at] = theta[-3] * seen.interface(theta[-2:-1], theta[-1:])[0][0]
+            else:
+                strength = self.gloss.beta[at] * ((material.n - 1.0) / (material.n + 1.0)) ** 2
+                interface[at] = strength[:, None] * Lobes(seen, material.n).at(np.log(self.gloss.gamma[at]))[0]
             light[at] = seen.irradiance.sum(axis=1)
         return Parts(body, interface, light)
 
@@ -68,9 +78,16 @@ class BodyMap:
 
 
 def body_map(
-    capture: Capture, labels: NDArray[np.integer], materials: Sequence[MaterialEstimate], white: Array | None = None
+    capture: Capture,
+    labels: NDArray[np.integer],
+    materials: Sequence[MaterialEstimate],
+    white: Array | None = None,
+    gloss: GlossMap | None = None,
 ) -> BodyMap:
-    """The body of every pixel of `materials`; white: (C,) colour of the lamps where it was measured."""
+    """The body of every pixel of `materials`; white: (C,) colour of the lamps where it was measured.
+
+    Where a material's gloss varies, its bodies are those that were solved with it.
+    """
     shape = (*labels.shape, capture.photographs[0].values.shape[2])
     value, error = np.full(shape, np.nan), np.full(shape, np.nan)
     for number, material in enumerate(materials):
@@ -79,11 +96,15 @@ def body_map(
         mean = material.alpha * np.array(material.body_colour)
         value[at] = mean
         error[at] = material.alpha * np.array(material.standard_error.get("body_colour") or np.nan)
-        if material.texture is not None and material.texture["per_pixel"]:
+        if gloss is not None and material.gloss is not None and material.gloss["per_pixel"]:
+            known = np.isfinite(gloss.body_error[at])
+            value[at] = np.where(known, gloss.body[at], mean)
+            error[at] = np.where(known, gloss.body_error[at], error[at])
+        elif material.texture is not None and material.texture["per_pixel"]:
             own, spread = _own(capture, pixels, material, white)
             known = np.isfinite(spread)
             value[at], error[at] = np.where(known, own, mean), np.where(known, spread, error[at])
-    return BodyMap(value, error, tuple(materials), labels, white)
+    return BodyMap(value, error, tuple(materials), labels, white, gloss)
 
 
 def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Array | None) -> tuple[Array, Array]:

@@ -28,8 +28,8 @@ class MaterialEstimate:
     correlation: between PARAMETERS (4, 4), None where one of them was not estimated.
     identifiable: whether the photographs tell the parameter; where not, its value is a stated choice (see `remarks`).
     chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
-    `LackOfFit.record` gives it; texture: whether the body colour varies over the pixels, as `Texture.record` gives it.
-    None where there is too little to tell.
+    `LackOfFit.record` gives it; texture: whether the body colour varies over the pixels, as `Texture.record` gives it;
+    gloss: whether β and γ do, with the standard deviations of ln β and ln γ. None where there is too little to tell.
     """
 
     name: str
@@ -50,6 +50,7 @@ class MaterialEstimate:
     remarks: tuple[str, ...] = field(default=())
     lack_of_fit: Mapping[str, Any] | None = None
     texture: Mapping[str, Any] | None = None
+    gloss: Mapping[str, Any] | None = None
 
     def reflectance(
         self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None

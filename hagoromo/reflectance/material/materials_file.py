@@ -40,7 +40,7 @@ MATERIAL = {
     "identifiable": table,
     "chi_square": number,
     "remarks": (list_of(text), ()),
-    **dict.fromkeys(("lack_of_fit", "texture"), (lambda value: None if value is None else table(value), None)),
+    **dict.fromkeys(("lack_of_fit", "texture", "gloss"), (lambda value: None if value is None else table(value), None)),
 }
 
 

@@ -24,6 +24,7 @@ from hagoromo.photograph.pixels import default_channels
 from hagoromo.reflectance.material.body_map import BodyMap, body_map
 from hagoromo.reflectance.material.clipped import clipped, with_gloss_untold, without_plateaus
 from hagoromo.reflectance.material.estimate import estimate_material
+from hagoromo.reflectance.material.gloss_map import gloss_map
 from hagoromo.reflectance.material.gloss_segment import split_by_gloss
 from hagoromo.reflectance.material.lamp_colour import LampColour, lamp_colour
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -45,7 +46,8 @@ class Measurement:
     materials: by falling number of pixels. labels: (h, w) index into materials, −1 unknown. predicted: per photograph
     (h, w, C) values that the materials give, NaN where they say nothing. residuals: per photograph (h, w, C), values −
     predicted in stated standard deviations, NaN where nothing is predicted or the pixel is invalid. normals: (h, w, 3)
-    used. lamp_colour: where it was measured. body: α c_b of every pixel. separation: of the photograph with most gloss.
+    used. lamp_colour: where it was measured. body: α c_b of every pixel, and its gloss. separation: of the photograph
+    with most gloss.
     """
 
     materials: tuple[MaterialEstimate, ...]
@@ -95,7 +97,9 @@ def measure(
     index[list(found)] = np.arange(len(found))
     labels, materials = index[np.where(labels >= 0, labels, -1)], tuple(found.values())
     tell((len(numbers) + 1) / (len(numbers) + 2), "residuals")
-    body = body_map(capture, labels, materials, None if colour is None else colour.value)
+    white = None if colour is None else colour.value
+    materials, gloss = gloss_map(capture, labels, materials, white)
+    body = body_map(capture, labels, materials, white, gloss)
     predicted, separation = _parted(capture, body)
     residuals = tuple(_residual(*pair) for pair in zip(capture.photographs, predicted, strict=True))
     normals = np.where(known_shape(capture)[..., None], np.nan_to_num(shape(capture)[1]), 0.0).astype(np.float32)
@@ -119,8 +123,9 @@ def write_measurement(measurement: Measurement, folder: str | Path, force: bool 
 def fill_measurement(measurement: Measurement, home: Path) -> None:
     """materials.json, normals.exr, labels.png (0 unknown, 1 the first material, …) and a picture of each residual.
 
-    Where they were found: body.exr (α c_b [1/sr] of every pixel and its standard error), and the separation of the
-    photograph NN that shows most gloss, as `write_separation` has it.
+    Where they were found: body.exr (α c_b [1/sr] of every pixel and its standard error), gloss.exr (β [1/sr] and
+    γ [rad] of every pixel and theirs) where gloss varies over a material, and the separation of the photograph NN that
+    shows most gloss, as `write_separation` has it.
     In residual_NN.png white is what the noise allows, red brighter and blue darker than predicted, full at 5 standard
     deviations; grey is unknown.
     """
@@ -133,6 +138,8 @@ def fill_measurement(measurement: Measurement, home: Path) -> None:
     names = default_channels(measurement.predicted[0].shape[2])
     if measurement.body is not None:
         write_exr(home / "body.exr", measurement.body.channels(names))
+        if measurement.body.gloss is not None:
+            write_exr(home / "gloss.exr", measurement.body.gloss.channels())
     if measurement.separation is not None:
         write_separation(measurement.separation, names, home)
 

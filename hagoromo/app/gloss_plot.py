@@ -1,0 +1,40 @@
+"""The gloss of a surface as pictures: β and γ of every pixel, and how well each is told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hagoromo.app.plots import svg_text
+from hagoromo.reflectance.material.gloss_map import GlossMap
+
+LOWEST, HIGHEST = 2.0, 98.0  # percentiles of the pixels that the colours reach
+
+
+def gloss_plot(of: GlossMap, crop: tuple[slice, slice]) -> str:
+    """SVG: β and γ over the pixels of `crop` (rows, columns), and the relative standard error of each below."""
+    from matplotlib.figure import Figure
+
+    rows, columns = crop
+    height, width = (part.stop - part.start for part in crop)
+    across = 4.2
+    figure = Figure(figsize=(2 * across, 2 * max(0.82 * across * height / width, 1.5)), layout="constrained")
+    extent = (columns.start, columns.stop, rows.stop, rows.start)
+    panels: list[tuple[str, Any, str]] = [
+        ("β [1/sr]", of.beta, "viridis"),
+        ("γ [rad]", of.gamma, "viridis"),
+        ("standard error of β, relative", of.beta_error / of.beta, "magma"),
+        ("standard error of γ, relative", of.gamma_error / of.gamma, "magma"),
+    ]
+    for axes, (title, values, colours) in zip(figure.subplots(2, 2).ravel(), panels, strict=True):
+        shown = values[crop]
+        known = shown[np.isfinite(shown)]
+        low, high = np.percentile(known, (LOWEST, HIGHEST)) if known.size else (0.0, 1.0)
+        drawn = axes.imshow(shown, cmap=colours, vmin=low, vmax=max(high, low + 1e-9), extent=extent)
+        axes.set_title(title, fontsize=9)
+        axes.set_xlabel("column [px]", fontsize=8)
+        axes.set_ylabel("row [px]", fontsize=8)
+        axes.tick_params(labelsize=7)
+        figure.colorbar(drawn, ax=axes, shrink=0.8).ax.tick_params(labelsize=7)
+    return svg_text(figure)
