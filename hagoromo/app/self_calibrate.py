@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.app.calibrate_lamps import LAMP
 from hagoromo.app.lamp_photographs import Photographs
+from hagoromo.camera.camera import Camera
 from hagoromo.camera.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
-from hagoromo.photograph.self_calibration import self_calibrate
+from hagoromo.photograph.self_calibration import SelfCalibration, self_calibrate
+from hagoromo.reflectance.photometric.self_calibrated import refined_lamps
 
 SIDES = "a hollow object under lamps mirrored about the line of sight would look the same"
 
@@ -37,7 +40,7 @@ def self_calibrate_to(
         shown = read_picture(mask)
         on_object = np.asarray(shown.reshape(*shown.shape[:2], -1)[..., :3].max(axis=2) > 0.5 * shown.max())
         light = Photographs(photographs, transfer, linear=True)
-        found = self_calibrate(light, on_object, lens, progress=progress)
+        found = calibrated_by_object(light, on_object, lens, progress)
         records = found.records()
         told = {
             "convex": found.convex,
@@ -55,3 +58,15 @@ def self_calibrate_to(
         + ("" if lens else f"; {SIDES}")
     )
     return [*lines, f"{len(lines) - 1} lamps, condition number of their directions {found.condition:.2f}"]
+
+
+def calibrated_by_object(
+    photographs: Mapping[str, NDArray],
+    mask: NDArray[np.bool_],
+    camera: Camera | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> SelfCalibration:
+    """Lamps by shading alone, then refined together with surface, albedos and gloss."""
+    tell = progress or (lambda share, step: None)
+    start = self_calibrate(photographs, mask, camera, progress=lambda share, step: tell(0.5 * share, step))
+    return refined_lamps(photographs, mask, camera, start, lambda share, step: tell(0.5 + 0.5 * share, step))

@@ -24,7 +24,8 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.lamps import find_ball, matte_ball, reference_strength
 from hagoromo.photograph.lamps.outline import refined
-from hagoromo.photograph.self_calibration import self_calibrate
+from hagoromo.photograph.self_calibration import SelfCalibration, self_calibrate
+from hagoromo.reflectance.photometric.self_calibrated import refined_lamps
 
 Array = NDArray[np.float64]
 FULL = 250  # of 255: clipped, or nearly
@@ -48,12 +49,21 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
     }
     objects = {}
     for name in OBJECTS:
-        found = self_calibrate(_light(home, name), _mask(home, name) >= WHOLE)
-        told = {"stated_deg": float(found.standard_error_deg.mean()), "convex": found.convex}
-        within = np.degrees(np.arccos(np.clip(np.sum(found.to_lamp * ours, axis=1), -1.0, 1.0)))
-        told["within_two_errors"] = float(np.mean(within < 2.0 * found.standard_error_deg))
-        objects[name] = {**_angles(found.to_lamp, ours), **told}
+        light, mask = _light(home, name), _mask(home, name) >= WHOLE
+        shading = self_calibrate(light, mask)
+        objects[name] = _beside(refined_lamps(light, mask, None, shading), ours)
+        objects[name]["by_shading_alone"] = _beside(shading, ours)
     return {"ball": ball.record(), "readings": pairs, "objects": objects}
+
+
+def _beside(found: SelfCalibration, ours: Array) -> dict[str, Any]:
+    within = np.degrees(np.arccos(np.clip(np.sum(found.to_lamp * ours, axis=1), -1.0, 1.0)))
+    return {
+        **_angles(found.to_lamp, ours),
+        "stated_deg": float(found.standard_error_deg.mean()),
+        "within_two_errors": float(np.mean(within < 2.0 * found.standard_error_deg)),
+        "convex": found.convex,
+    }
 
 
 def _by_shading(home: Path, ours: Array) -> Array:
@@ -94,6 +104,8 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
         write_json(partial, record)
     for what, found in {**record["readings"], **record["objects"]}.items():
         stated = f", stated {found['stated_deg']:.1f}°" if "stated_deg" in found else ""
+        if "by_shading_alone" in found:
+            stated += f" (by shading alone {found['by_shading_alone']['mean_deg']:.2f}°)"
         print(f"{what}: {found['mean_deg']:.2f}° in the mean, {found['largest_deg']:.2f}° at most{stated}")
     print(f"wrote {out}")
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.photograph.self_calibration.entropy import entropy
 from hagoromo.photograph.self_calibration.low_rank import MAD, Array, Factors
 
 SAMPLES = 5000  # pixels
 ALONE = 30.0  # pixels' worth of independent albedos: those of neighbours are alike
-BINS, REACH, SMOOTH = 200, 2.5, 1.5  # of the histogram of ln albedo: bins, half width, smoothing in bins
 GRID = (np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, 9), np.linspace(-1.2, 1.5, 10))
 EDGE_ON = 0.02  # of the median: pixels with less of a normal towards the camera are left out
 
@@ -79,7 +79,7 @@ class Family:
         loss += 0.5 * float(np.sum((figures[:2] / belief.level) ** 2)) + 0.05 * float(figures[2]) ** 2
         loss += 1e3 * float(np.sum(np.minimum(height, 0.0) ** 2) / np.mean(height**2))  # lamps stand before the object
         if belief.entropy:
-            loss += ALONE * _entropy(self.size + 0.5 * np.log(np.sum(body**2, axis=1)))
+            loss += ALONE * entropy(self.size + 0.5 * np.log(np.sum(body**2, axis=1)))[0]
         return loss
 
 
@@ -93,13 +93,3 @@ def resolve(family: Family, belief: Belief, start: NDArray | None = None) -> Arr
     simplex = np.asarray(start) + np.vstack([np.zeros((1, 3)), 0.15 * np.eye(3)])
     options = {"initial_simplex": simplex, "maxiter": 400, "xatol": 1e-3, "fatol": 1e-3}
     return np.asarray(minimize(family.cost, start, args=(belief,), method="Nelder-Mead", options=options).x)
-
-
-def _entropy(values: Array) -> float:
-    """Of a smoothed histogram about the median [nat]."""
-    off = np.clip(values - np.median(values), -REACH, REACH)
-    counts = np.histogram(off, BINS, (-REACH, REACH))[0].astype(np.float64)
-    bell = np.exp(-0.5 * (np.arange(-6, 7) / SMOOTH) ** 2)
-    share = np.convolve(counts, bell / bell.sum(), "same")
-    share = share[share > 0.0] / share.sum()
-    return float(-np.sum(share * np.log(share)))

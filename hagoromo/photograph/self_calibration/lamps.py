@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.errors import InputError
 from hagoromo.photograph.lamps import check_spread
 from hagoromo.photograph.self_calibration.bas_relief import Belief
-from hagoromo.photograph.self_calibration.low_rank import Array, binned
+from hagoromo.photograph.self_calibration.colours import colours
+from hagoromo.photograph.self_calibration.low_rank import Array
+from hagoromo.photograph.self_calibration.reduced import reduced
 from hagoromo.photograph.self_calibration.scale import FLIP, scales_of
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
@@ -78,7 +79,7 @@ def self_calibrate(
     of the object, lamps lie in one plane with it, or its surface tells nothing (flat, or too rough).
     """
     tell = progress or (lambda share, step: None)
-    light, on_object, tangent = _reduced(photographs, mask, camera)
+    light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
     scales = scales_of(light.mean(axis=3), on_object, tangent, tell)
     best = scales[0]
     found = best.solved(USUAL)
@@ -95,7 +96,7 @@ def self_calibrate(
         draws.append(best.drawn(random).solved(USUAL, found).lamps)
     angle, ratio = (np.hypot(a, b) for a, b in zip(_apart(lamps, opinions), _apart(lamps, draws), strict=True))
     to_lamp = lamps * flip / np.linalg.norm(lamps, axis=1, keepdims=True)
-    strength = np.linalg.norm(lamps, axis=1, keepdims=True) * _colours(light[:, on_object])
+    strength = np.linalg.norm(lamps, axis=1, keepdims=True) * colours(light[:, on_object])
     if camera is not None:
         to_lamp = to_lamp * [1.0, -1.0, -1.0] @ camera.camera_to_world[:3, :3].T
     tell(1.0, "")
@@ -111,36 +112,6 @@ def self_calibrate(
     )
 
 
-def _reduced(
-    photographs: Mapping[str, NDArray], mask: NDArray[np.bool_], camera: Camera | None
-) -> tuple[Array, NDArray[np.bool_], Array]:
-    """What is about the object, so binned that it has MOST_PIXELS: light (K, h, w, C), mask (h, w), tangent (h, w, 2).
-
-    tangent: x right, y up of the rays (x, y, −1); 0 from afar. One photograph is in memory at a time.
-    """
-    if not mask.any():
-        raise InputError("the mask of the object is black: paint the object white")
-    if camera is not None and (camera.height, camera.width) != mask.shape:
-        size = f"{camera.height} × {camera.width}"
-        raise InputError(f"the camera is {size} pixels and the mask {mask.shape}: make them fit")
-    k = int(np.ceil(np.sqrt(max(mask.sum() / MOST_PIXELS, 1.0))))
-    about = tuple(
-        slice(max(int(at.min()) - 4 * k, 0), int(at.max()) + 4 * k + 1)
-        for at in (np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0)))
-    )
-    light = []
-    for name, photograph in photographs.items():
-        if photograph.shape[:2] != mask.shape:
-            raise InputError(f"{name} is {photograph.shape[:2]} pixels and the mask {mask.shape}: make them fit")
-        light.append(binned(photograph.reshape(*mask.shape, -1)[about], k))
-    on_object = binned(mask[about], k) == 1.0
-    if camera is None:
-        return np.stack(light), on_object, np.zeros((*on_object.shape, 2))
-    row, column = (np.arange(n) * k + 0.5 * k + part.start for n, part in zip(on_object.shape, about, strict=True))
-    rays = camera.unproject(np.stack(np.meshgrid(column, row), axis=-1)) @ camera.world_to_camera[:3, :3].T
-    return np.stack(light), on_object, rays[..., :2] / rays[..., 2:] * [1.0, -1.0]
-
-
 def _apart(lamps: Array, others: list[Array]) -> tuple[Array, Array]:
     """Root mean squares (K,) of the angles [rad] to the lamps of `others`, convex or hollow, and of ln strength."""
     angles, ratios = [np.zeros(len(lamps))], [np.zeros(len(lamps))]
@@ -153,16 +124,3 @@ def _apart(lamps: Array, others: list[Array]) -> tuple[Array, Array]:
         ratios.append(ratio - np.median(ratio))
     count = max(len(others), 1)
     return np.sqrt(np.sum(np.square(angles), axis=0) / count), np.sqrt(np.sum(np.square(ratios), axis=0) / count)
-
-
-def _colours(values: Array) -> Array:
-    """(K, C) strength of each channel over the lamp's mean, up to a colour that all lamps share."""
-    grey = values.mean(axis=2)
-    bright = np.isfinite(grey) & (grey > 0.2 * np.nan_to_num(grey).max(axis=0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(bright[..., None], np.log(values / grey[..., None]), np.nan)
-    share = np.where(np.isfinite(share), share, np.nan)
-    own = share[:, np.isfinite(share).all(axis=(0, 2))]
-    if own.shape[1] < 100:
-        return np.ones((len(values), 1))
-    return np.exp(np.median(own - own.mean(axis=0), axis=1))

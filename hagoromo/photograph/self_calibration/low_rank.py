@@ -54,6 +54,13 @@ def binned(image: NDArray, k: int) -> Array:
     return np.asarray(parts.mean(axis=(1, 3), dtype=np.float64))
 
 
+def lit(values: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """values (K, P) with 0 where clipped, and which of them are lit and not clipped."""
+    shine = np.nan_to_num(values)
+    least = np.maximum(SHADOW * np.sort(shine, axis=0)[-2], FAINT * np.quantile(shine, 0.99))
+    return shine, np.isfinite(values) & (shine > least)
+
+
 def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:
     """The factors of `light` (K, h, w), NaN where clipped, over the object in `mask`.
 
@@ -61,10 +68,7 @@ def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:
     """
     if len(light) < FEWEST_LAMPS:
         raise InputError(f"{len(light)} photographs do not calibrate their lamps: give {FEWEST_LAMPS} lamps or more")
-    values = light[:, mask]
-    shine = np.nan_to_num(values)
-    least = np.maximum(SHADOW * np.sort(shine, axis=0)[-2], FAINT * np.quantile(shine, 0.99))
-    used = np.isfinite(values) & (shine > least)
+    shine, used = lit(light[:, mask])
     told = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(light) // 2)
     if told.sum() < FEWEST_PIXELS:
         raise InputError(

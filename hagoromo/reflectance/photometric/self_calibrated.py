@@ -1,0 +1,134 @@
+"""Lamps from photographs of the object itself, refined: one surface, its albedos, its gloss and the lamps together.
+
+Enters: a self-calibration by shading alone, that takes the body for Lambert's. Leaves: the same with highlights, rough
+bodies and lamps that light the object unevenly accounted for (`joint_surface.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.photograph.lamps import check_spread
+from hagoromo.photograph.self_calibration import SelfCalibration
+from hagoromo.photograph.self_calibration.colours import colours
+from hagoromo.photograph.self_calibration.low_rank import FEWEST_LAMPS, MAD, Array, lit
+from hagoromo.photograph.self_calibration.reduced import reduced
+from hagoromo.reflectance.photometric.fit import FLOOR
+from hagoromo.reflectance.photometric.height_field import height_field
+from hagoromo.reflectance.photometric.joint_surface import Guess, JointSurface, Seen
+from hagoromo.reflectance.photometric.pixel_fit import CAUCHY
+from hagoromo.reflectance.photometric.prior import Prior
+
+MOST_PIXELS = 6000  # of the object
+ROUNDS, STEPS, TRIALS = 3, 13, 6
+DULL = (-1.5, np.log(0.3), 0.0, 0.0)  # row of gloss at the start
+START_ERROR = 0.03  # relative
+SETTLED = 1e-4  # of the cost, and SMALL beside it, that a step gains less than
+SMALL = 3e-3
+KEPT = 1.0 / 3.0  # of the errors that shading states: no law of reflection is a real body's
+IMAGE_AXES = np.array([1.0, -1.0, -1.0])  # x right, y up, z to the camera, from x right, y down, z forward
+
+
+def refined_lamps(
+    photographs: Mapping[str, NDArray],
+    mask: NDArray[np.bool_],
+    camera: Camera | None,
+    start: SelfCalibration,
+    progress: Callable[[float, str], None] | None = None,
+) -> SelfCalibration:
+    """`start`, of the same photographs, mask and camera, with directions, strengths and their errors refined."""
+    tell = progress or (lambda share, step: None)
+    light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
+    turn = np.eye(3) if camera is None else (camera.camera_to_world[:3, :3] * IMAGE_AXES).T
+    values, used = lit(light.mean(axis=3)[:, on_object])
+    told = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(values) // 2)
+    on_surface = on_object.copy()
+    on_surface[on_object] = told
+    strength = np.log(start.strength.mean(axis=1))
+    lamps = start.to_lamp @ turn.T * np.exp(strength - strength.mean())[:, None]
+    fit = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, tell)
+    variance, of_strength = fit.variance()
+    found = np.exp(fit.guess.lamps[:, :1]) * colours(light[:, on_object])
+    to_lamp = fit.guess.to_lamp @ turn
+    tell(1.0, "")
+    return replace(
+        start,
+        to_lamp=to_lamp,
+        strength=found / np.median(found, axis=0),
+        standard_error_deg=np.hypot(np.degrees(np.sqrt(variance)), KEPT * start.standard_error_deg),
+        strength_error=np.hypot(np.sqrt(of_strength), KEPT * start.strength_error),
+        condition=check_spread(to_lamp).condition,
+    )
+
+
+def _fitted(
+    values: Array,
+    used: NDArray[np.bool_],
+    mask: NDArray[np.bool_],
+    tangent: Array,
+    lamps: Array,
+    tell: Callable[[float, str], None],
+) -> JointSurface:
+    """The joint surface over `mask`, from lamps (K, 3) strength times direction."""
+    field = height_field(mask, tangent)
+    at = np.argwhere(mask)
+    place = (at - at.mean(axis=0))[:, ::-1] * [1.0, -1.0] / np.sqrt(len(at) / np.pi)
+    scaled = _by_lambert(values, used, lamps)
+    size = np.linalg.norm(scaled, axis=1)
+    unit = float(np.median(size))
+    length = np.linalg.norm(lamps, axis=1, keepdims=True)
+    guess = Guess(
+        field.through(scaled),
+        np.log(np.maximum(size / unit, 1e-3)),
+        lamps / length,
+        np.column_stack([np.log(length), np.zeros((len(lamps), 2))]),
+        np.array(DULL),
+    )
+    seen, prior = Seen(values / unit, used, place, field, START_ERROR), Prior()
+    step = JointSurface(seen, guess, prior)
+    for i in range(ROUNDS):
+        seen = replace(seen, model_error=_model_error(step))
+        step, damping = JointSurface(seen, step.guess, prior), 1e-2
+        for j in range(STEPS):
+            tell((i + j / STEPS) / ROUNDS, "surface")
+            before = step.cost
+            step, damping = _stepped(step, damping)
+            if before - step.cost < SETTLED * before + SMALL:
+                break
+    return step
+
+
+def _stepped(step: JointSurface, damping: float) -> tuple[JointSurface, float]:
+    """A step that costs less, or the same where there is none."""
+    for _ in range(TRIALS):
+        trial = JointSurface(step.seen, step.moved(damping), step.prior)
+        if trial.cost < step.cost:
+            return trial, max(damping / 6.0, 1e-6)
+        damping *= 6.0
+    return step, damping
+
+
+def _model_error(step: JointSurface) -> float:
+    """Robust relative error of the model."""
+    seen, used = step.seen, step.seen.used
+    relative = (step.deviation / np.maximum(seen.values, seen.values.mean(axis=0)))[used]
+    free = np.sqrt(len(relative) / max(len(relative) - 3.0 * used.shape[1], 1.0))
+    return max(MAD * float(np.median(np.abs(relative))) * float(free), FLOOR)
+
+
+def _by_lambert(values: Array, used: NDArray[np.bool_], lamps: Array) -> Array:
+    """Albedo times normal (P, 3) of each pixel by Lambert's law and Cauchy's weights."""
+    size, weight = values.mean(axis=0), used.astype(np.float64)
+    scaled = np.zeros((values.shape[1], 3))
+    for _ in range(8):
+        square = np.einsum("kp,ki,kj->pij", weight, lamps, lamps, optimize=True) + 1e-6 * np.eye(3)
+        scaled = np.linalg.solve(square, np.einsum("kp,ki->pi", weight * values, lamps)[..., None])[..., 0]
+        off = (values - lamps @ scaled.T) / size
+        scale = MAD * float(np.median(np.abs(off[used])))
+        weight = used / (1.0 + (off / max(CAUCHY * scale, 1e-9)) ** 2)
+    return scaled
