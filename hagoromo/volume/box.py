@@ -28,7 +28,9 @@ class VolumeBox:
     pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m] (σ = τ ρ). materials: one Reflectance
     per material number. basis: spectra that the per-voxel body colours are coefficients of (empty: a material's own).
     texel: micro-structure that the box's chart maps onto a surface; `bricks` then hold shares 0…1 of the `band` of
-    heights [m] instead of densities, and normals instead of axes (see `chart`).
+    heights [m] instead of densities, and normals instead of axes (see `chart`). lift: [m], above 0 for an opaque skin
+    of plane elements that stands for a surface and does not shade itself: whether light reaches a point of it is looked
+    up so far along the point's axis, and twice as far towards the lamp.
     """
 
     bricks: Bricks
@@ -41,12 +43,15 @@ class VolumeBox:
     provenance: dict[str, Any] = field(default_factory=dict)
     texel: Texel | None = None
     band: tuple[float, float] = (0.0, 1.0)
+    lift: float = 0.0
 
     def __post_init__(self) -> None:
         for key in ("voxel_size", "tau"):
             value = getattr(self, key)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"volume box {self.name!r}: {key} is {value}: give a finite number above 0")
+        if not (np.isfinite(self.lift) and self.lift >= 0 and not (self.lift and self.texel)):
+            raise InputError(f"volume box {self.name!r}: lift is {self.lift}: give 0 or more [m], and 0 for a texel")
         if not self.materials:
             raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
         if len(self.materials) > MATERIALS:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
-from hagoromo.files.record import anything, count, list_of, numbers, positive, table, take, text
+from hagoromo.files.record import anything, count, list_of, number, numbers, positive, table, take, text
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.volume.box import VolumeBox
@@ -32,6 +32,7 @@ class BoxHeader:
     provenance: dict[str, Any] = field(default_factory=dict)
     texel: Texel | None = None
     band: tuple[float, float] = (0.0, 1.0)
+    lift: float = 0.0
 
     def box(self, bricks: Bricks) -> VolumeBox:
         """The volume box of this header and `bricks`."""
@@ -40,7 +41,8 @@ class BoxHeader:
     def record(self) -> dict[str, Any]:
         """Plain values, as the attribute `hagoromo` of a box on disk has them."""
         chart = {"texel": self.texel.record(), "band": list(self.band)} if self.texel else {}
-        return chart | {
+        lift = {"lift": self.lift} if self.lift else {}
+        return chart | lift | {
             "format": FORMAT, "voxel_size": self.voxel_size, "tau": self.tau, "name": self.name,
             "pose": self.pose.ravel().tolist(), "materials": [m.record() for m in self.materials],
             "basis": [s.record() for s in self.basis], "provenance": self.provenance,
@@ -59,7 +61,7 @@ def header_from_record(record: Any, where: str) -> BoxHeader:
     spec = {
         "format": count, "voxel_size": positive, "tau": positive, "name": (text, ""), "pose": numbers(16),
         "materials": list_of(anything), "basis": (list_of(anything), []), "provenance": (table, {}),
-        "texel": (table, None), "band": (numbers(2), (0.0, 1.0)),
+        "texel": (table, None), "band": (numbers(2), (0.0, 1.0)), "lift": (number, 0.0),
     }  # fmt: skip
     taken = take(record, spec, where)
     taken.pop("texel")  # its numbers; what they say of arrays is read with these

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from hagoromo.app.cli import main
 from hagoromo.app.relight.relight import relight_capture
 from hagoromo.app.studies.relit_objects import relit_objects
 from hagoromo.files.exr import read_exr
+from hagoromo.files.png import read_png
 from hagoromo.light.colour import delta_e_2000
 
 UW_PSM = Path(__file__).parents[3] / "shared" / "data" / "uw_psm"
@@ -80,16 +82,28 @@ def figures(folder: Path, key: str = "boxes", number: int = 0):
 
 
 def test_volume_boxes_show_what_a_lamp_and_a_spectrum_that_were_not_measured_show(relit):
-    """To 15 % and 4 ΔE00: shadows end within two voxels, and a voxel is a thirtieth of the ball's radius here. Without
-    shadows to draw, on the normals, the median colour under the other spectrum is that of metamers, to 2 ΔE00.
+    """To 12 % and 2.5 ΔE00: the small ball's outline and shadow are 2.5 % of the pixels, and off by a third of white as
+    edges within a pixel of their place are. Without shadows to draw, on the normals, the median colour under the other
+    spectrum is that of metamers, to 2 ΔE00.
     """
     found = figures(relit)
     assert found["pixels"] > 2500
-    assert found["relative_rmse"] < 0.15 and found["delta_e_2000"] < 4.0
+    assert found["relative_rmse"] < 0.12 and found["delta_e_2000"] < 2.5
     layers = [read_exr(relit / f"{name}_00.exr")[0] for name in ("normals", "photograph")]
     a, b = (np.stack([one[c] for c in "RGB"], axis=2) for one in layers)
     lit = (b.max(axis=2) > 0.1) & (a.max(axis=2) > 0.1)
     assert np.median(delta_e_2000(a[lit], b[lit])) < 2.0
+
+
+def test_boxes_are_as_good_as_the_picture_where_no_shadow_falls(relit):
+    """To the 1 % of white that the march is told: matter must not shade itself. But for edges within a pixel."""
+    mask = read_png(relit / "mask_00.png") > 0
+    names = ("photograph", "predicted", "normals")
+    photograph, boxes, normals = (read_exr(relit / f"{name}_00.exr")[0]["G"] for name in names)
+    plain = np.asarray(binary_erosion(mask & (abs(normals - photograph) < 0.1), iterations=2), np.bool_)
+    assert plain.sum() > 2000
+    ours, yardstick = (np.sqrt(np.mean((one - photograph)[plain] ** 2)) for one in (boxes, normals))
+    assert ours < yardstick + 0.01
 
 
 def test_boxes_know_the_shadow_that_the_picture_does_not(relit):
@@ -111,13 +125,13 @@ def test_the_files_are_for_compare(relit, capsys):
 
 
 def test_another_camera_sees_the_boxes_as_it_saw_the_object(capture, tmp_path):
-    """20° aside, under a lamp of the capture: to 20 %, as the edges of the skin come into view."""
+    """20° aside, under a lamp of the capture: to 12 %, as under another lamp."""
     other = photographed(tmp_path, "other", OTHER_EYE, ["left"])
     found = relight_capture(
         photographed(tmp_path, "own", EYE, ["left", "low", "high"]), tmp_path / "relit", against=other
     )
     assert [one.name for one in found] == ["left"] and list(found[0].predictions) == ["boxes"]
-    assert found[0].compared["boxes"]["relative_rmse"] < 0.2 and found[0].mask.sum() > 2000
+    assert found[0].compared["boxes"]["relative_rmse"] < 0.12 and found[0].mask.sum() > 2000
 
 
 def test_what_cannot_be_kept_aside_is_refused(refused, capture, tmp_path):

@@ -1,7 +1,7 @@
 """The verb relight: photographs are kept aside, the others measured, the surface built as volume boxes and rendered.
 
-Everything is done the user's way and stays in the folder: `measured` is what `measure` writes, plane.toml and
-round_NN.toml are recipes for `build`, scene_NN.toml are scenes for `render`, predicted_NN.exr and photograph_NN.exr
+Everything is done the user's way and stays in the folder: `measured` is what `measure` writes, relief.toml
+is a recipe for `build`, scene_NN.toml are scenes for `render`, predicted_NN.exr and photograph_NN.exr
 are for `compare`.
 """
 

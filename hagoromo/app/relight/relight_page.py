@@ -48,8 +48,8 @@ def write_relight_page(path: Path, name: str, measured: int, found: Sequence[Rel
     page.bullets(
         [
             "Light that one part of the surface throws onto another, or that passes under it, is not predicted.",
-            "Where light grazes the surface the boxes are too bright by some per cent of white, over a band of a few "
-            "voxels (a voxel is a pixel of the photographs that were measured); shadows end as softly.",
+            "Shadows that one part throws onto another end a voxel too early, as counted across the surface, and as "
+            "softly (a voxel is a pixel of the photographs that were measured).",
             "The boxes hold what the camera of the measured photographs saw; other views see them end at its edges.",
             "Where the camera's response is not known the values of its channels are shown, and compared, as if they "
             "were linear sRGB.",

@@ -1,16 +1,14 @@
-"""Stage: the measured surface of a capture as recipes of volume boxes, ready for scenes under any lamp."""
+"""Stage: the measured surface of a capture as the recipe of a volume box, ready for scenes under any lamp."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.camera_file import write_views
@@ -20,13 +18,14 @@ from hagoromo.files.table import write_table
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
-from hagoromo.matter.solid.relief import PARTICLES, Relief, Skin
+from hagoromo.matter.solid.relief import Relief
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.reflectance.body_basis import body_basis
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
+RECIPE = "relief.toml"
 SAMPLES = 4  # rays a pixel
 TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
@@ -38,7 +37,7 @@ FAINTEST = 1e-6  # of `dim`: what breaks energy conservation even then is no ref
 class Stage:
     """home: the folder. relief, materials: of the surface. camera: that saw it. spectrum: of the lamps it was measured
     under; None where that, or the camera's response, is not known: what light a channel reads is then all that is, and
-    the basis of body colours stands for the channels. dim: what the reflectances of the recipes are times.
+    the basis of body colours stands for the channels. dim: what the reflectances of the recipe are times.
     """
 
     home: Path
@@ -48,20 +47,12 @@ class Stage:
     spectrum: Spectrum | None
     dim: float
 
-    def middle(self) -> NDArray[np.float64]:
-        """(3,) mean of the surface's points [m]."""
-        return self.relief.points[self.relief.known()].mean(axis=0).astype(np.float64)
-
     def write_scene(self, photograph: Photograph, number: int) -> Path:
-        """The scene of a photograph; its round particles are right for the angle between its lamps and its camera."""
-        middle, camera = self.middle(), photograph.camera
+        """The scene of a photograph."""
+        camera = photograph.camera
         response = basis_camera() if self.spectrum is None else camera.response
         if response is None:
             raise InputError(f"photograph {photograph.name!r} is of a camera of unknown response, the measured are not")
-        to_eye = (camera.position - middle) / np.linalg.norm(camera.position - middle)
-        cosines = [float(lamp.direction_and_irradiance(middle)[0] @ to_eye) for lamp in photograph.lamps]
-        phase = math.degrees(float(np.mean(np.arccos(np.clip(cosines, -1.0, 1.0)))))
-        self.write_recipe(f"round_{number:02d}.toml", "round", phase)
         _write_response(self.home / f"response_{number:02d}.csv", response)
         scene = {
             "camera": {
@@ -70,23 +61,19 @@ class Stage:
                 "world_to_camera": camera.world_to_camera.ravel().tolist(), "response": f"response_{number:02d}.csv",
             },
             "lamp": [self._lamp(lamp, camera.response) for lamp in photograph.lamps],
-            "box": [{"recipe": "plane.toml"}, {"recipe": f"round_{number:02d}.toml"}],
+            "box": [{"recipe": RECIPE}],
             "render": {"samples": SAMPLES, "tolerance": TOLERANCE},
         }  # fmt: skip
         path = self.home / f"scene_{number:02d}.toml"
         path.write_text(_toml(scene), encoding="utf-8")
         return path
 
-    def write_recipe(self, name: str, particles: str, phase: float | None = None) -> None:
-        """A recipe of one half of the surface's skin."""
-        recipe: dict[str, Any] = {
-            "kind": "relief", "measured": "measured", "camera": "camera.json", "particles": particles, "dim": self.dim,
-        }  # fmt: skip
-        if phase is not None:
-            recipe["phase_deg"] = phase
+    def write_recipe(self) -> None:
+        """The recipe of the surface's skin."""
+        recipe: dict[str, Any] = {"kind": "relief", "measured": "measured", "camera": "camera.json", "dim": self.dim}
         if self.spectrum is not None:
             recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
-        (self.home / name).write_text(_toml(recipe), encoding="utf-8")
+        (self.home / RECIPE).write_text(_toml(recipe), encoding="utf-8")
 
     def _lamp(self, lamp: Lamp, response: Response | None) -> dict[str, Any]:
         """The record of a lamp that makes up for `dim`; it reads in the basis's bands as it did in the channels."""
@@ -100,7 +87,7 @@ class Stage:
 
 
 def fill_stage(capture: Capture, home: Path) -> Stage:
-    """Write camera, response and recipes of the surface that stands in home/measured, of `capture`.
+    """Write camera, response and recipe of the surface that stands in home/measured, of `capture`.
 
     `InputError` for photographs of other than three channels.
     """
@@ -118,7 +105,7 @@ def fill_stage(capture: Capture, home: Path) -> Stage:
     write_views(home / "camera.json", {"photograph": camera}, "nerfstudio")
     if spectrum is not None and camera.response is not None:
         _write_response(home / "response.csv", camera.response)
-    stage.write_recipe("plane.toml", "plane")
+    stage.write_recipe()
     return stage
 
 
@@ -150,11 +137,9 @@ def _write_response(path: Path, response: Response) -> None:
 
 
 def _possible(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float) -> bool:
-    """Whether particles of any phase conserve energy."""
+    """Whether the materials conserve energy."""
     try:
-        for material in surface_reflectances(materials, basis, dim):
-            for particles in PARTICLES:
-                Skin(particles, math.radians(135.0)).material(material)  # round ones are brightest for a lamp behind
+        surface_reflectances(materials, basis, dim)
     except InputError:
         return False
     return True

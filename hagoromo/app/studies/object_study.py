@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 from hagoromo.app.studies.leave_one_out import METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
 from hagoromo.app.studies.uw_psm import sphere_normals
 from hagoromo.camera.response import Response, white
-from hagoromo.errors import InputError
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.solid.relief import Relief, Skin, relief_boxes
+from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.measure import Measurement
 from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
 from hagoromo.reflectance.photometric.normals import NormalMap, least_squares_lambert, solve_normals
 from hagoromo.reflectance.photometric.rig import Unevenness, evened, flat_field
 from hagoromo.reflectance.photometric.views import Array, views
-from hagoromo.reflectance.reflectance import Reflectance
 
 SPHERE = "gray"  # the object whose normals are known
 INNER = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix with the ground
@@ -105,24 +103,9 @@ def relief_picture(even: Capture, kept: KeptAside, field: Array) -> NDArray[np.f
     others = Capture(tuple(p for p in even.photographs if p.name != photograph.name), even.name)
     measured = measurement_of(others, kept.found)
     relief = Relief(kept.points, kept.found.normals, kept.found.body, measured.labels)
-    lamps = np.array([p.lamps[0].to_lamp for p in even.photographs])
-    phase = float(np.arccos(np.clip(lamps @ (camera.position / np.linalg.norm(camera.position)), -1.0, 1.0)).mean())
-    materials = [_conserving(m.reflectance(), phase) for m in measured.materials]
-    boxes = relief_boxes(relief, camera, materials, phase, even.name)
-    image = render(Scene(camera, photograph.lamps, boxes), Settings(samples=SAMPLES))
+    box = relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
+    image = render(Scene(camera, photograph.lamps, (box,)), Settings(samples=SAMPLES))
     return image.expose(_basis_camera()) * field[kept.lamp][..., None].astype(np.float32)
-
-
-def _conserving(material: Reflectance, phase: float) -> Reflectance:
-    """`material` with as much gloss as a particle of the relief may have, which needs four times the surface's."""
-    for share in np.linspace(1.0, 0.0, 21):
-        matter = replace(material, beta=float(share) * material.beta)
-        try:
-            Skin("plane", phase).material(matter)
-        except InputError:  # it would give back more light than it receives
-            continue
-        return matter
-    raise InputError(f"{material.name!r} gives back more light than it receives even without gloss: mend the exposure")
 
 
 def _basis_camera() -> Response:

@@ -1,22 +1,20 @@
-"""Kind "relief": one half of the skin of a measured surface; the other half, of the other particles, stands in one
-place with it. measured: the folder of `measure`, with points.exr; camera: file of cameras, whose first view saw it;
-particles: plane or round; phase_deg: angle between lamp and eye for which the round ones are right; dim: all
-reflectances are multiplied by it, lamps are to be as much stronger; response and lamp: of the photographs.
+"""Kind "relief": the skin of a measured surface. measured: the folder of `measure`, with points.exr; camera: file of
+cameras, whose first view saw it; dim: all reflectances are multiplied by it, lamps are to be as much stronger; response
+and lamp: of the photographs.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 from hagoromo.camera.camera_file import read_views
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.record import anything, number, one_of, table, text
+from hagoromo.files.record import anything, number, table, text
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.recipes.recipe import Kind, Recipe
 from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
-from hagoromo.matter.solid.relief import PARTICLES, Skin, relief_plan
+from hagoromo.matter.solid.relief import relief_plan
 from hagoromo.reflectance.body_basis import body_basis
 from hagoromo.volume.plan import BoxPlan
 
@@ -24,12 +22,6 @@ from hagoromo.volume.plan import BoxPlan
 def _dim(value: object) -> float:
     if not 0.0 < number(value) <= 1.0:
         raise ValueError("a number above 0, 1 at most")
-    return number(value)
-
-
-def _phase(value: object) -> float:
-    if not 0.0 <= number(value) < 180.0:
-        raise ValueError("an angle from 0 to below 180°")
     return number(value)
 
 
@@ -42,12 +34,11 @@ def _plan(recipe: Recipe) -> BoxPlan:
     response = None if recipe["response"] is None else Response.load(recipe["response"], recipe.folder)
     basis = body_basis(response, Spectrum.load(recipe["lamp"], recipe.folder))
     reflectances = surface_reflectances(materials, basis, recipe["dim"])
-    skin = Skin(recipe["particles"], math.radians(recipe["phase_deg"]))
-    return relief_plan(replace(relief, body=recipe["dim"] * relief.body), camera, reflectances, skin, basis)
+    return relief_plan(replace(relief, body=recipe["dim"] * relief.body), camera, reflectances, basis)
 
 
 KEYS = {
-    "measured": text, "camera": text, "particles": one_of(*PARTICLES), "phase_deg": (_phase, 45.0), "dim": (_dim, 1.0),
-    "response": (text, None), "lamp": (anything, 1.0), "material": (table, {}),
+    "measured": text, "camera": text, "dim": (_dim, 1.0), "response": (text, None), "lamp": (anything, 1.0),
+    "material": (table, {}),
 }  # fmt: skip
 KIND = Kind("plane", KEYS, _plan)

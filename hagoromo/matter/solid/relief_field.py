@@ -1,6 +1,7 @@
 """Relief field: images of a measured surface → density, axis, material and body colour at points of a volume box.
 
-Every pixel stands for a facet, the plane through its point across its normal; matter is a skin below the facets.
+Every pixel stands for a facet, the plane through its point across its normal; matter is a skin below the facets. Axes
+and colours go over from facet to facet: voxels are not where pixels are, but at the mean depth.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
 
-EDGE = 3.0  # voxels from outside to full density, measured along the normal
-SKIN = 6.0  # voxels of matter along the normal
+EDGE = 2.0  # voxels from outside to full density, measured along the normal
+SKIN = 4.0  # voxels of matter along the normal
 STEEPEST = 0.3  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
 SHARPEST = 0.5  # the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
 FRONT = (0.5 * EDGE + 2.0) / SHARPEST  # voxels before a facet in which there may be matter
+FOLD = 1.0  # voxels by which the point beside a facet may be off its plane: what is farther is no part of its surface
 BACK = (SKIN + EDGE + 2.0) / STEEPEST  # voxels behind it
 Array = NDArray[np.float64]
 
@@ -109,8 +111,32 @@ class ReliefField:
         cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
         above, below = ((deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (SHARPEST, STEEPEST))
         density = _rising(above / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
-        colours = [dr.gather(kinds.Float, part, at) for part in self.colour]
-        return dr.select(inside, density, 0.0), axis, dr.gather(kinds.UInt, self.labels, at), colours
+        colour = [dr.gather(kinds.Float, part, at) for part in self.colour]
+        label = dr.gather(kinds.UInt, self.labels, at)
+        bent, *between = self._between(column, row, place, axis, label)
+        # what is beside the picture has no matter, but its colour is mixed into that of the outermost
+        colour = [dr.select(inside, new, old) for new, old in zip(between, colour, strict=True)]
+        return dr.select(inside, density, 0.0), bent, label, colour
+
+    def _between(self, column: Any, row: Any, place: Any, axis: Any, label: Any) -> tuple[Any, ...]:
+        """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`."""
+        kinds = arrays()
+        left, top = dr.floor(column - 0.5), dr.floor(row - 0.5)
+        found = [kinds.Float(0) for _ in (*self.facing, *self.colour, self.known)]
+        for down in (0.0, 1.0):
+            for right in (0.0, 1.0):
+                at = kinds.UInt(clip(top + down, 0.0, self.rows - 1.0)) * self.columns
+                at += kinds.UInt(clip(left + right, 0.0, self.columns - 1.0))
+                beside = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.place))
+                weight = (1.0 - dr.abs(column - 0.5 - left - right)) * (1.0 - dr.abs(row - 0.5 - top - down))
+                weight *= dr.gather(kinds.Float, self.known, at)
+                together = dr.abs(dr.dot(axis, beside - place)) < FOLD * self.voxel
+                together &= dr.gather(kinds.UInt, self.labels, at) == label
+                weight = dr.select(together, weight, 0.0)
+                parts = zip((*self.facing, *self.colour, self.known), found, strict=True)
+                found = [dr.fma(weight, dr.gather(kinds.Float, part, at), sum_) for part, sum_ in parts]
+        scale = dr.rcp(dr.fmax(found.pop(), 1e-6))  # 0 where nothing is known
+        return dr.normalize(kinds.Array3f(*found[:3]) + 1e-9), *(colour * scale for colour in found[3:])
 
 
 def _levels(near: Array, far: Array) -> list[tuple[Any, Any, int, int]]:
