@@ -11,7 +11,8 @@ from hagoromo.errors import InputError
 from hagoromo.reflectance.material.estimate import estimate_material
 from hagoromo.reflectance.material.goniometer import goniometer, readings
 from hagoromo.reflectance.material.lack_of_fit import LEVEL, lack_of_fit
-from hagoromo.reflectance.material.material_fit import expected, fit_material
+from hagoromo.reflectance.material.material_fit import fit_material
+from hagoromo.reflectance.material.material_objective import expected
 from hagoromo.reflectance.material.quantity import theta_of
 
 BENCH = BENCHES["three lamps"]

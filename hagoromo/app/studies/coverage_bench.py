@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hagoromo.reflectance.material.goniometer import Directions, cosines_of
-from hagoromo.reflectance.material.material_fit import expected
+from hagoromo.reflectance.material.material_objective import expected
 from hagoromo.reflectance.material.quantity import theta_of
 from hagoromo.reflectance.observations import Observations
 from hagoromo.reflectance.reflectance import interface_albedo

@@ -26,7 +26,8 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.reflectance.material.goniometer import cosines_of, goniometer, readings
 from hagoromo.reflectance.material.lack_of_fit import LEVEL, lack_of_fit
-from hagoromo.reflectance.material.material_fit import expected, fit_material
+from hagoromo.reflectance.material.material_fit import fit_material
+from hagoromo.reflectance.material.material_objective import expected
 from hagoromo.reflectance.sight import Array
 
 NOISE = 0.01  # relative, of each reading

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hagoromo.reflectance.material.interval import CHI_SQUARE_95, inflation
-from hagoromo.reflectance.material.material_fit import MaterialFit
 from hagoromo.reflectance.material.quantity import Quantity, albedo_per_strength, alpha
+from hagoromo.reflectance.material.sandwich import MaterialFit
 from hagoromo.reflectance.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.reflectance.sight import Array
 

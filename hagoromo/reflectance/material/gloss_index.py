@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hagoromo.reflectance.material.estimate import PRIOR_N
 from hagoromo.reflectance.material.gloss_law import lack
 from hagoromo.reflectance.material.pixel_gloss import GlossLaw, PixelFit, PixelGloss
+from hagoromo.reflectance.material.uncertainty import RELATIVE_LIMIT
 from hagoromo.reflectance.robust_fit import N_RANGE
 from hagoromo.reflectance.sight import Array
 
 FEWEST_PIXELS = 10  # that tell n
 WELL_TOLD = 0.15  # standard error of ln β and ln γ by the photographs alone, of pixels that are asked for n
 ANY = 1e3  # standard deviation of a law that says nothing
-RELATIVE_LIMIT = 0.25  # largest relative standard error of an n − 1 that counts as told
-PRIOR_N = 1.5  # most dielectrics
 NORMAL_95 = 1.959964
 NODES = 0.15 * np.arange(-3, 4)  # of ln(n − 1), to either side: a parabola through them tells n and its error
 TURNS = 4  # of the search

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import t as student
 
-from hagoromo.reflectance.material.material_fit import MaterialFit, inverse_over
 from hagoromo.reflectance.material.quantity import Quantity, coordinate
+from hagoromo.reflectance.material.sandwich import MaterialFit, inverse_over
 from hagoromo.reflectance.robust_fit import N_RANGE, at_bound, minimise
 from hagoromo.reflectance.sight import Array
 

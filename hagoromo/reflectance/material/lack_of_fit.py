@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 from scipy.stats import norm as normal
 
-from hagoromo.reflectance.material.material_fit import MaterialFit
+from hagoromo.reflectance.material.sandwich import MaterialFit
 from hagoromo.reflectance.sight import Array, Sight
 from hagoromo.reflectance.torrance_sparrow import LN2
 

@@ -14,12 +14,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hagoromo.errors import InputError
-from hagoromo.reflectance.material.material_fit import (
-    LACK,
-    NORMAL_MEDIAN,
-    MaterialFit,
-    with_covariance,
-)
+from hagoromo.reflectance.material.material_fit import LACK, NORMAL_MEDIAN
+from hagoromo.reflectance.material.sandwich import MaterialFit, with_covariance
 from hagoromo.reflectance.material.textured_objective import TexturedObjective
 from hagoromo.reflectance.robust_fit import Loss, minimise
 from hagoromo.reflectance.sight import Array

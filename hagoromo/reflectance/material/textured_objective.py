@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.reflectance.material.material_fit import MaterialObjective
+from hagoromo.reflectance.material.material_objective import MaterialObjective
 from hagoromo.reflectance.sight import Array
 
 
