@@ -160,6 +160,17 @@ def test_n_is_asked_of_the_pixels_not_of_the_drift():
     assert low < N < high and high - low < 0.3
 
 
+def test_wrong_normals_are_no_variation():
+    """Normals off by 1° shift highlights: gloss of each pixel's own follows them, and leaves most of it unexplained."""
+    capture = even(8, 12)
+    true = np.asarray(capture.normals)
+    off = true + np.radians(1.0) * np.random.default_rng(8).standard_normal((SIZE, SIZE, 3))
+    on_ball = np.linalg.norm(true, axis=2, keepdims=True) > 0.5
+    tilted = np.where(on_ball, off / np.linalg.norm(off, axis=2, keepdims=True), 0.0).astype(np.float32)
+    found = gloss_spread(all_of(replace(capture, normals=tilted)), np.log([0.4 / 25, 0.2]), N, is_given=True)
+    assert found is not None and found.chi_square[0] > 2.0 and not found.varies
+
+
 @pytest.mark.slow
 def test_a_lobe_of_another_shape_is_no_variation(monkeypatch):
     """Facets of GGX: pixels seen at other angles have other best Gaussians, but under the same angles all agree."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.reflectance.material.gloss_spread import GlossSpread
+from hagoromo.reflectance.material.gloss_spread import DECISIVE, GlossSpread
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.quantity import log_albedo, theta_of
 
@@ -25,6 +25,12 @@ def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstim
     }
     if spread.follows_angles:
         remark = "pixels differ in gloss as one lobe that is no Gaussian would make them: no maps of it are given"
+        return replace(material, gloss=record, remarks=(*material.remarks, remark))
+    if spread.log_evidence > DECISIVE and not spread.varies:
+        remark = (
+            f"a gloss of each pixel's own would take away {100 * spread.explained:.2g} % of what the model lacks: it "
+            "is not the gloss that varies, and no maps of it are given"
+        )
         return replace(material, gloss=record, remarks=(*material.remarks, remark))
     if not spread.varies:
         return replace(material, gloss=record)

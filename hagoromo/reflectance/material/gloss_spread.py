@@ -20,6 +20,7 @@ from hagoromo.reflectance.sight import Array
 
 FEWEST_PIXELS = 30
 DECISIVE = 5.0  # ln of the odds from which on the gloss is taken to vary
+EXPLAINED = 0.5  # of what one gloss leaves beyond the noise: where less is, it is not the gloss that varies
 WIDEST = 0.7  # standard deviation of ln β F₀ and ln γ that the search begins with: a factor of two
 ROUNDS = 4  # of estimates and law that follow from each other
 TRIMMED = 0.02  # share of the pixels that may be anything: edges, dust
@@ -49,7 +50,13 @@ class GlossSpread:
     @property
     def varies(self) -> bool:
         """Whether the data ask for it."""
-        return self.log_evidence > DECISIVE and not self.follows_angles
+        return self.log_evidence > DECISIVE and self.explained >= EXPLAINED and not self.follows_angles
+
+    @property
+    def explained(self) -> float:
+        """Share of what one gloss leaves beyond the noise that each pixel's own takes away: less for wrong normals."""
+        shared, own = self.chi_square
+        return (shared - own) / max(shared - min(own, 1.0), 1e-9)
 
     @property
     def spread(self) -> Array:
