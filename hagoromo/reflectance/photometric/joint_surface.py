@@ -21,7 +21,7 @@ from hagoromo.reflectance.photometric.shading import Shading, shading, tangents
 from hagoromo.reflectance.photometric.step import EXPONENTS, ROUGHNESSES, WIDTHS
 from hagoromo.reflectance.photometric.views import Array
 
-ALONE = 30.0  # pixels' worth of independent values: errors of the model are alike over parts of an object
+ALONE = 30.0  # pixels' worth of independent values: errors of the model, and albedos, are alike over parts of an object
 ALIKE = 0.1  # scale of ln strength between lamps, worth one lamp: theirs is learnt
 LEVEL = 0.25  # standard deviation of the mean slope of an object
 SADDLE = 0.1  # weight of the chessboard that no slope sees
@@ -32,19 +32,23 @@ OF_LAMP, OF_GLOSS = len(LONGEST), 4
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """values and used (K, P) of the pixels of a height field; place (P, 2), x right, y up, radius 1; model_error."""
+    """values and used (K, P) of the pixels of a height field; place (P, 2), x right, y up, radius 1.
+
+    model_error: (K,) relative, of each photograph. few: pixels' worth of albedos that are taken to be few.
+    """
 
     values: Array
     used: NDArray[np.bool_]
     place: Array
     field: HeightField
-    model_error: float
+    model_error: Array
+    few: float = ALONE
 
     @property
     def precision(self) -> Array:
         """(K, P) inverse variance, as far as pixels are independent; 0 where not used."""
         size = np.maximum(self.values, self.values.mean(axis=0))
-        return self.used * ALONE / len(self.place) / (self.model_error * size) ** 2
+        return self.used * ALONE / len(self.place) / (self.model_error[:, None] * size) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +87,10 @@ class JointSurface:
         mean, scale = prior.gloss.T
         losses = (
             CAUCHY**2 / unit * float(np.sum(np.log1p(squared[seen.used]))),
-            2.0 * ALONE * self.disorder,
+            2.0 * seen.few * self.disorder,
             count * float(np.log(self.spread)) + UNIT * float(guess.lamps[:, 0].mean()) ** 2,
-            float(np.sum((guess.lamps[:, 1:] / prior.slope) ** 2)) + float(np.sum((self.tilt / LEVEL) ** 2)),
+            CAUCHY**2 * float(np.sum(np.log1p((guess.lamps[:, 1:] / prior.slope / CAUCHY) ** 2))),
+            float(np.sum((self.tilt / LEVEL) ** 2)),
             float(np.sum(((guess.gloss - mean) / scale) ** 2)),
             self._held * float(np.sum((seen.field.saddle @ guess.depth) ** 2)),
         )
@@ -152,10 +157,10 @@ class JointSurface:
 
         weight, field = self.weight, self.seen.field
         tilts, albedo, lamps, gloss = self._slopes()
-        few = ALONE / len(self.seen.place) / WIDTH**2  # least curvature of the histogram's bell
+        few = self.seen.few / len(self.seen.place) / WIDTH**2  # least curvature of the histogram's bell
         weighed = weight * albedo
         own = (np.sum(weighed * albedo, axis=0) + few + 1e-9) * (1.0 + damping)
-        pull = np.sum(weighed * self.deviation, axis=0) - ALONE * self.by_albedo
+        pull = np.sum(weighed * self.deviation, axis=0) - self.seen.few * self.by_albedo
         pixels = _Pixels(own, pull, np.sum(weighed * tilts, axis=1), _each(weighed, lamps, gloss))
         outer, push = self._outer(lamps, gloss)
         outer -= pixels.outer.T @ (pixels.outer / own[:, None])
@@ -199,8 +204,10 @@ class JointSurface:
         outer[np.ix_(at, at)] += alike * np.eye(count) + (UNIT / count - alike) / count
         push[at] -= alike * (strength - strength.mean()) + UNIT / count * strength.mean()
         mean, scale = self.prior.gloss.T
-        held = np.r_[np.full(2 * count, self.prior.slope**-2.0), scale**-2.0]
-        away = np.r_[self.guess.lamps[:, 1:].T.ravel(), self.guess.gloss - mean]
+        slope = self.guess.lamps[:, 1:].T.ravel()
+        # Cauchy's: now and then a lamp is near, or shaded by its stand
+        held = np.r_[1.0 / (self.prior.slope**2 + (slope / CAUCHY) ** 2), scale**-2.0]
+        away = np.r_[slope, self.guess.gloss - mean]
         last = np.arange(3 * count, len(push))
         outer[last, last] += held
         push[last] -= held * away

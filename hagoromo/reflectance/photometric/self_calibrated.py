@@ -28,9 +28,11 @@ MOST_PIXELS = 6000  # of the object
 ROUNDS, STEPS, TRIALS = 3, 13, 6
 DULL = (-1.5, np.log(0.3), 0.0, 0.0)  # row of gloss at the start
 START_ERROR = 0.03  # relative
+LEAST = 0.7  # of the median error of all photographs that one's is taken for
 SETTLED = 1e-4  # of the cost, and SMALL beside it, that a step gains less than
 SMALL = 3e-3
 KEPT = 1.0 / 3.0  # of the errors that shading states: no law of reflection is a real body's
+BOUNCE_DEG = 1.5
 IMAGE_AXES = np.array([1.0, -1.0, -1.0])  # x right, y up, z to the camera, from x right, y down, z forward
 
 
@@ -52,7 +54,7 @@ def refined_lamps(
     strength = np.log(start.strength.mean(axis=1))
     lamps = start.to_lamp @ turn.T * np.exp(strength - strength.mean())[:, None]
     fit = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, tell)
-    variance, of_strength = fit.variance()
+    error, of_strength = _errors(fit, start)
     found = np.exp(fit.guess.lamps[:, :1]) * colours(light[:, on_object])
     to_lamp = fit.guess.to_lamp @ turn
     tell(1.0, "")
@@ -60,10 +62,25 @@ def refined_lamps(
         start,
         to_lamp=to_lamp,
         strength=found / np.median(found, axis=0),
-        standard_error_deg=np.hypot(np.degrees(np.sqrt(variance)), KEPT * start.standard_error_deg),
-        strength_error=np.hypot(np.sqrt(of_strength), KEPT * start.strength_error),
+        standard_error_deg=error,
+        strength_error=of_strength,
         condition=check_spread(to_lamp).condition,
     )
+
+
+def _errors(fit: JointSurface, start: SelfCalibration) -> tuple[Array, Array]:
+    """(K,) of directions [°] and of ln strength.
+
+    Beside what the fit's curvature says: how far the lamps move when albedos may be many, a share of what shading
+    states, and what light from other things (6 % of the lamp's, from below) does to simulated objects.
+    """
+    guess, (turns, strengths) = fit.guess, fit.variance()
+    other = _settled(JointSurface(replace(fit.seen, few=0.0), guess, fit.prior)).guess
+    moved = np.degrees(np.arccos(np.clip(np.sum(guess.to_lamp * other.to_lamp, axis=1), -1.0, 1.0)))
+    ratio = other.lamps[:, 0] - guess.lamps[:, 0]
+    directions = [np.degrees(np.sqrt(turns)), moved, KEPT * start.standard_error_deg, np.full(len(moved), BOUNCE_DEG)]
+    lengths = [np.sqrt(strengths), ratio - np.median(ratio), KEPT * start.strength_error]
+    return np.linalg.norm(directions, axis=0), np.linalg.norm(lengths, axis=0)
 
 
 def _fitted(
@@ -89,17 +106,23 @@ def _fitted(
         np.column_stack([np.log(length), np.zeros((len(lamps), 2))]),
         np.array(DULL),
     )
-    seen, prior = Seen(values / unit, used, place, field, START_ERROR), Prior()
+    seen, prior = Seen(values / unit, used, place, field, np.full(len(lamps), START_ERROR)), Prior()
     step = JointSurface(seen, guess, prior)
     for i in range(ROUNDS):
-        seen = replace(seen, model_error=_model_error(step))
-        step, damping = JointSurface(seen, step.guess, prior), 1e-2
-        for j in range(STEPS):
-            tell((i + j / STEPS) / ROUNDS, "surface")
-            before = step.cost
-            step, damping = _stepped(step, damping)
-            if before - step.cost < SETTLED * before + SMALL:
-                break
+        tell(i / (ROUNDS + 1), "surface")
+        step = _settled(JointSurface(replace(seen, model_error=_model_error(step)), step.guess, prior))
+    tell(ROUNDS / (ROUNDS + 1), "errors")
+    return step
+
+
+def _settled(step: JointSurface) -> JointSurface:
+    """Steps from `step` until they gain little."""
+    damping = 1e-2
+    for _ in range(STEPS):
+        before = step.cost
+        step, damping = _stepped(step, damping)
+        if before - step.cost < SETTLED * before + SMALL:
+            break
     return step
 
 
@@ -113,12 +136,17 @@ def _stepped(step: JointSurface, damping: float) -> tuple[JointSurface, float]:
     return step, damping
 
 
-def _model_error(step: JointSurface) -> float:
-    """Robust relative error of the model."""
+def _model_error(step: JointSurface) -> Array:
+    """Robust relative error (K,) of the model in each photograph, not far below that of all."""
     seen, used = step.seen, step.seen.used
-    relative = (step.deviation / np.maximum(seen.values, seen.values.mean(axis=0)))[used]
-    free = np.sqrt(len(relative) / max(len(relative) - 3.0 * used.shape[1], 1.0))
-    return max(MAD * float(np.median(np.abs(relative))) * float(free), FLOOR)
+    relative = np.abs(step.deviation / np.maximum(seen.values, seen.values.mean(axis=0)))
+    free = float(np.sqrt(used.sum() / max(used.sum() - 3.0 * used.shape[1], 1.0)))
+    whole = float(np.median(relative[used]))
+    each = [
+        max(float(np.median(off[own])), LEAST * whole) if own.any() else whole
+        for off, own in zip(relative, used, strict=True)
+    ]
+    return np.maximum(MAD * free * np.array(each), FLOOR)
 
 
 def _by_lambert(values: Array, used: NDArray[np.bool_], lamps: Array) -> Array:
