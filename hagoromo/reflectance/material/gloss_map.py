@@ -34,6 +34,8 @@ class GlossMap:
     """Gloss (h, w), NaN where unknown: β [1/sr] and γ [rad], their standard errors, and α c_b with its own (h, w, C).
 
     Errors are those of a logarithm times the value: the 95 % interval of β is β exp(±1.96 error/β).
+    Those of pixels that are hardly told rest on the law being theirs too: a patch that dims the very gloss it would be
+    told by has intervals that are too narrow.
     """
 
     beta: Array
