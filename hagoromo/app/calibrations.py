@@ -92,7 +92,8 @@ def calibrate_lamps(
         mirror: reflectance of the chrome balls, one number or one per channel: strength from the light of highlights
             that are not clipped. Where it is unknown give 1: the lamps' ratios are right.
         object: mask of the object itself, in place of a chrome ball: five lamps or more, directions and relative
-            strengths by self-calibration, with errors; the object is taken for convex at its outline.
+            strengths by self-calibration, with errors; gloss and roughness of the object are found on the way. The
+            object is taken for convex at its outline.
         transfer: of 8-bit photographs, where strength or an object is asked for; 16 bits are taken for linear.
     """
     from hagoromo.app.calibrate_lamps import Balls, Matte, calibrate_lamps_to
