@@ -21,7 +21,7 @@ from tyro.conf import Positional
 
 import hagoromo
 from hagoromo.app.calibrations import calibrations
-from hagoromo.app.interrupt import termination_as_interrupt
+from hagoromo.app.interrupt import signals_as_interrupt
 from hagoromo.app.progress import progress_bar
 from hagoromo.app.verb import Force, Out, verb, verbs, wrote
 from hagoromo.errors import InputError
@@ -39,10 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments == ["--version"]:
         print(f"hagoromo {hagoromo.__version__}")
         return DONE
-    with warnings.catch_warnings(), termination_as_interrupt():
+    with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
         try:
-            _parsed(arguments)()
+            with signals_as_interrupt():
+                _parsed(arguments)()
         except (InputError, OSError) as error:
             print(f"hagoromo: {_one_line(error)}", file=sys.stderr)
             return BAD_INPUT

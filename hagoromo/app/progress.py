@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from hagoromo.app.interrupt import heed
+
 
 class Progress(Protocol):
     """Told the share done (0–1) and, where it helps, the name of the step at hand."""
@@ -17,9 +19,12 @@ class Progress(Protocol):
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """A function to call with the share done (0–1) and, where it helps, the name of the step at hand."""
+    """A function to call with the share done (0–1) and, where it helps, the name of the step at hand.
+
+    It raises `KeyboardInterrupt` when the verb was interrupted and nobody has heeded it.
+    """
     if not sys.stderr.isatty():
-        yield lambda share, step="": None
+        yield lambda share, step="": heed()
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -32,4 +37,9 @@ def progress_bar(title: str) -> Iterator[Progress]:
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0)
-        yield lambda share, step="": bar.update(task, completed=share, description=f"{title} {step}".strip())
+
+        def shown(share: float, step: str = "") -> None:
+            heed()
+            bar.update(task, completed=share, description=f"{title} {step}".strip())
+
+        yield shown

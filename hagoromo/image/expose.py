@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.camera.sensor import develop_raw, native_channels
 from hagoromo.camera.sensor import expose as raw_exposure
@@ -11,17 +12,20 @@ from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
 from hagoromo.photograph.photograph import Photograph
 
+SMALLEST = 0.05  # share of a picture
+
 
 def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percentile: float = 99.5) -> Photograph:
     """The photograph that the scene's camera takes of `image`: noise, mosaic and bits, developed with its variance.
 
-    The sensor is metered so that the light at `percentile` fills four fifths of its range (100: nothing is clipped).
+    The sensor is metered so that the light at `percentile` fills four fifths of its range (100: nothing is clipped); of
+    a picture that is nearly black, as if SMALLEST of it were lit.
     """
     camera = scene.camera
     if camera.response is None or camera.sensor is None:
         raise InputError(f"camera {camera.name!r} has no response or no sensor: a photograph needs both")
     signal = image.expose(camera.response)
-    sensor = camera.sensor.metered(max(float(np.percentile(signal, percentile)), 1e-30))
+    sensor = camera.sensor.metered(max(_metered(signal, percentile), 1e-30))
     developed = develop_raw(raw_exposure(signal, sensor, seed), sensor)
     return Photograph(
         values=developed.values,
@@ -32,3 +36,11 @@ def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percen
         name=name,
         native=native_channels(sensor, camera.height, camera.width),
     )
+
+
+def _metered(signal: NDArray, percentile: float) -> float:
+    """The light at `percentile`."""
+    lit = signal[signal > 0.0]
+    if not 0 < lit.size < SMALLEST * signal.size:
+        return float(np.percentile(signal, percentile))
+    return float(np.percentile(lit, max(100.0 - (100.0 - percentile) / SMALLEST, 0.0)))
