@@ -19,7 +19,7 @@ MATTE = Reflectance(0.2, 0.1, 0.3, 1.5, Spectrum.constant(1.0))
 
 @pytest.mark.parametrize("focal", [40.0, 90.0, 300.0])
 def test_a_small_object_is_exposed_as_a_large_one_is(focal):
-    """A ball on 0.2, 1 and 10 % of the picture: nothing of it is lost, and its brightest parts fill most of the range."""
+    """A ball on 0.2, 1 and 10 % of the picture: nothing of it is lost, its brightest parts fill most of the range."""
     camera = Camera(201, 151, (focal, focal), (100.0, 75.0), response=Response.load("cie1931"), sensor=SENSOR)
     ball = Surface.sphere((0.0, 0.0, 0.0), 0.1, MATTE, "ball")
     lamp = Lamp(position=(0.3, -1.0, 0.5), spectrum=Spectrum.named("E"))
