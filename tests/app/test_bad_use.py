@@ -94,15 +94,20 @@ def test_an_interrupt_of_a_long_verb_leaves_nothing_behind(tmp_path, scene, numb
     """Ctrl-C (or a polite kill) half a second after the rendering's temporary file appears, in a process of its own."""
     slow = scene("size = [61, 47]", "size = [610, 470]", "[render]\nsamples = 40000\n")
     before = sorted(tmp_path.rglob("*"))
-    code = "import sys; from hagoromo.app.cli import main; sys.exit(main(sys.argv[1:]))"
+    # a suite that was started in the background would hand on that it ignores Ctrl-C
+    heard = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heard}; from hagoromo.app.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, "simulate", str(slow), "--out", str(tmp_path / "capture")]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    for _ in range(600):
-        if sorted(tmp_path.rglob("*")) != before or process.poll() is not None:
-            break
-        time.sleep(0.05)
-    time.sleep(0.5)
-    process.send_signal(number)
-    _, said = process.communicate(timeout=60)
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        for _ in range(600):
+            if sorted(tmp_path.rglob("*")) != before or process.poll() is not None:
+                break
+            time.sleep(0.05)
+        time.sleep(0.5)
+        process.send_signal(number)
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert (process.returncode, said) == (130, "hagoromo: interrupted: nothing was written\n")
     assert sorted(tmp_path.rglob("*")) == before
