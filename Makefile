@@ -47,40 +47,40 @@ $(PEERS): $(READY)
 
 # Real photographs: every one predicted from the eleven others (minutes; needs the uw_psm set beside the checkout).
 real: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.real ../shared/data/uw_psm --out out/real --force
+	$(BIN)/python -m studies.real ../shared/data/uw_psm --out out/real --force
 
 # The same objects as volume boxes under lamps that were kept aside, beside the photographs; a page each.
 relit: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.relit_objects ../shared/data/uw_psm --out out/relit --force
+	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit --force
 
 # How far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves.
 lamps: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.lamps ../shared/data/uw_psm --out out/lamps.json --force
+	$(BIN)/python -m studies.lamps ../shared/data/uw_psm --out out/lamps.json --force
 
 # Normals and depth under near lamps in perspective, simulated, highlights from narrow to wide (minutes).
 near: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.near_lamps --out out/near_lamps.json --leds ../shared/data/near_ps_leds --force
+	$(BIN)/python -m studies.near_lamps --out out/near_lamps.json --leds ../shared/data/near_ps_leds --force
 
 # Spectra from camera colours, and cameras' responses, over many cameras (minutes; needs the camera data beside the checkout).
 spectra: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.spectra ../shared/data --out out/spectra --force
-	$(BIN)/python -m hagoromo.app.studies.response_study ../shared/data --out out/response --force
+	$(BIN)/python -m studies.spectra ../shared/data --out out/spectra --force
+	$(BIN)/python -m studies.response_study ../shared/data --out out/response --force
 
 # How often the intervals of materials hold the truth, over 1800 simulations (minutes): docs/coverage.md.
 coverage: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.coverage --out out/coverage --force
+	$(BIN)/python -m studies.coverage --out out/coverage --force
 	cp out/coverage/coverage.md docs/ && cp out/coverage/coverage.png docs/figures/
 
 # 80 measured materials, fitted with our model and with GGX + Lambert (minutes; needs the fits beside): docs/merl.md.
 merl: $(READY)
-	$(BIN)/python -m hagoromo.app.studies.merl ../shared/data/merl_fits --out out/merl --force
+	$(BIN)/python -m studies.merl ../shared/data/merl_fits --out out/merl --force
 	cp out/merl/merl.md docs/ && cp out/merl/merl.png docs/figures/
 
 # The figures of README and docs/figures.md (half an hour; 8 GiB); their EXR files and the report lie in out/figures.
 figures: $(READY)
 	$(BIN)/hagoromo demo --out out/figures --size full --force
-	$(BIN)/python -m hagoromo.app.demo.plates out/figures docs
+	$(BIN)/python -m hagoromo_figures.demo.plates out/figures docs
 
 # Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
 gallery: $(READY)
-	$(BIN)/python -m hagoromo.app.gallery.gallery examples/recipes --out docs
+	$(BIN)/python -m studies.gallery.gallery examples/recipes --out docs

@@ -21,12 +21,12 @@ from turns import Frame, in_turn, options, record
 
 import hagoromo as hg
 from hagoromo.backend import arrays, opaque_vector
-from hagoromo.image.film import tile_order
-from hagoromo.image.lighting import Attenuation, Lighting, Materials, palette_of
-from hagoromo.image.march import march
 from hagoromo.image.render import Settings
-from hagoromo.image.shadow import brute_attenuation, mapped_attenuation
-from hagoromo.volume.medium import Medium
+from hagoromo.transport.film import tile_order
+from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
+from hagoromo.transport.march import march
+from hagoromo.transport.medium import Medium
+from hagoromo.transport.shadow import brute_attenuation, mapped_attenuation
 
 VOXELS, PIXELS, TAU = 256, 512, 100.0
 LAMPS = ((3.0, 3.0, 3.0), (-3.0, 2.0, 3.0), (0.0, -3.0, 3.0))

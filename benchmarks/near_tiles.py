@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import tyro
 
-from hagoromo.app.studies.near_rig import DISTANCE, Look, Rig, Truth, exact, ring_rig, shaded, waves
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Sensor
+from hagoromo.measurement.surface.tile_store import tile_store
+from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.photometric.tile_store import tile_store
-from hagoromo.reflectance.photometric.tiles import solve_coarse, solve_tiles
+from studies.near_rig import DISTANCE, Look, Rig, Truth, exact, ring_rig, shaded, waves
 
 WIDTH, HEIGHT, REPEAT = 4000, 3000, 8
 WELL = 20_000.0  # electrons

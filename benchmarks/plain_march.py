@@ -8,8 +8,8 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.image.lighting import Lighting
-from hagoromo.volume.medium import Element
+from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.medium import Element
 
 CUT = 1e-3  # transmittance at which rays end
 

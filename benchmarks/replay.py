@@ -16,14 +16,14 @@ import drjit as dr
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.image import lighting as lighting_module
-from hagoromo.image.lighting import Lighting, Materials
-from hagoromo.image.march import CUT, march
-from hagoromo.volume import medium as medium_module
+from hagoromo.transport import lighting as lighting_module
+from hagoromo.transport import medium as medium_module
+from hagoromo.transport.crossing import Crossing, Taken
+from hagoromo.transport.lighting import Lighting, Materials
+from hagoromo.transport.march import CUT, march
+from hagoromo.transport.medium import THINNEST, Medium
 from hagoromo.volume import voxels as voxels_module
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.crossing import Crossing, Taken
-from hagoromo.volume.medium import THINNEST, Medium
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import BRICK, CORNERS, HALF_EXPONENT, PAIRS, STORED, VOXELS
 

@@ -9,9 +9,9 @@ import drjit as dr
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.image.film import tile_place
-from hagoromo.image.march import CUT
-from hagoromo.volume.medium import Medium
+from hagoromo.transport.film import tile_place
+from hagoromo.transport.march import CUT
+from hagoromo.transport.medium import Medium
 
 
 def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera) -> dict[str, int]:

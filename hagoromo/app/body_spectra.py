@@ -11,9 +11,9 @@ from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.known_shape import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material.measure import Measurement
 
 
 def write_body_spectra(path: Path, capture: Capture, measurement: Measurement) -> bool:

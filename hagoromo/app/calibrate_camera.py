@@ -9,8 +9,8 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from hagoromo.app.calibration_plot import residual_plot
-from hagoromo.camera.board import Board
-from hagoromo.camera.calibrate import Calibration, Model, calibrate_camera
+from hagoromo.calibration.camera.board import Board
+from hagoromo.calibration.camera.calibrate_camera import Calibration, Model, calibrate_camera
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file

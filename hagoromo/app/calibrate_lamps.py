@@ -12,13 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.lamp_photographs import Photographs
-from hagoromo.camera.camera import Camera
-from hagoromo.camera.camera_file import read_camera
-from hagoromo.errors import InputError
-from hagoromo.files.picture import read_picture
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_file
-from hagoromo.photograph.lamps import (
+from hagoromo.calibration.lamps import (
     Ball,
     LampPlace,
     LampReading,
@@ -31,6 +25,12 @@ from hagoromo.photograph.lamps import (
     matte_card,
     reference_strength,
 )
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.formats.camera_file import read_camera
+from hagoromo.errors import InputError
+from hagoromo.files.picture import read_picture
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
 
 LAMP = ("name", "to_lamp", "position", "intensity")  # of a lamp in a capture's transforms.json
 Progress = Callable[[float, str], None]

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.plots import panels
-from hagoromo.camera.calibrate_response import ResponseCalibration, calibrate_response, read_pairs
-from hagoromo.camera.chart import chart_spectra
-from hagoromo.camera.chart_response import response_from_chart
+from hagoromo.calibration.response.calibrate_response import ResponseCalibration, calibrate_response, read_pairs
+from hagoromo.calibration.response.chart import chart_spectra
+from hagoromo.calibration.response.chart_response import response_from_chart
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_file
 from hagoromo.light.spectrum import Spectrum
+from hagoromo_figures.demo.plots import panels
 
 DOUBTFUL = 0.03  # relative noise of a reading beyond which it is rather the spectra or the light that are wrong
 COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}

@@ -6,7 +6,7 @@ import io
 
 import numpy as np
 
-from hagoromo.camera.calibrate import Calibration
+from hagoromo.calibration.camera.calibrate_camera import Calibration
 
 MARKED, PLAIN = "#b5341d", "#2f5d9b"
 LONGEST = 0.05  # of the image's width: how long the arrow of a residual of three rms is drawn

@@ -85,7 +85,7 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
     Args:
         size: small takes minutes on two cores; full draws larger pictures.
     """
-    from hagoromo.app.demo.demo import demo
+    from hagoromo_figures.demo.demo import demo
 
     with progress_bar("demo") as progress:
         report = demo(out, size=size, force=force, progress=progress)
@@ -142,8 +142,8 @@ def develop(
         undistort: camera.json of `calibrate camera`, or OpenCV's YAML: the result is as a lens without distortion sees.
     """
     from hagoromo.app.develop import Frames, develop_to, summary
-    from hagoromo.photograph.exposure import Given
-    from hagoromo.photograph.noise import Noise
+    from hagoromo.photograph.development.exposure import Given
+    from hagoromo.photograph.development.noise import Noise
 
     if (gain is None) != (read_noise is None):
         raise InputError("--gain and --read-noise go together: give both or none")
@@ -206,7 +206,7 @@ def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
         recipe: matter TOML.
     """
     from hagoromo.matter.build import build_to
-    from hagoromo.volume.store import look_at_box
+    from hagoromo.volume.store.box_store import look_at_box
 
     with progress_bar("build") as progress:
         build_to(recipe, out, force, progress)

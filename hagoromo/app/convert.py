@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hagoromo.camera.camera_file import Format, read_views, write_views
+from hagoromo.camera.formats.camera_file import Format, read_views, write_views
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import save_capture
 from hagoromo.photograph.gather import gather, size_of_images

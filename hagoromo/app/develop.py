@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from hagoromo.camera.camera_file import read_camera
+from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import write_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.whole import whole_file
-from hagoromo.photograph.develop import Calibration, Development, develop
-from hagoromo.photograph.exposure import Given, read_exposure
-from hagoromo.photograph.noise import Noise
+from hagoromo.photograph.development.develop import Calibration, Development, develop
+from hagoromo.photograph.development.exposure import Given, read_exposure
+from hagoromo.photograph.development.noise import Noise
+from hagoromo.photograph.development.transfer import Transfer, estimate_transfer
+from hagoromo.photograph.development.undistort import undistorted
 from hagoromo.photograph.pixels import ALPHA, NATIVE, VARIANCE, default_channels
-from hagoromo.photograph.transfer import Transfer, estimate_transfer
-from hagoromo.photograph.undistort import undistorted
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.app.plots import svg_text
-from hagoromo.reflectance.material.gloss_map import GlossMap
+from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo_figures.demo.plots import svg_text
 
 LOWEST, HIGHEST = 2.0, 98.0  # percentiles of the pixels that the colours reach
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.camera.calibrate import NAMES
-from hagoromo.camera.camera_file import read_views
-from hagoromo.camera.colmap import find_colmap
-from hagoromo.camera.opencv_file import MATRIX
+from hagoromo.calibration.camera.calibrate_camera import NAMES
+from hagoromo.camera.formats.camera_file import read_views
+from hagoromo.camera.formats.colmap import find_colmap
+from hagoromo.camera.formats.opencv_file import MATRIX
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file
 from hagoromo.files.exif import read_exif
@@ -70,7 +70,7 @@ def _transforms(path: Path) -> Facts:
 
 
 def _box(path: Path) -> Facts:
-    from hagoromo.volume.store import look_at_box
+    from hagoromo.volume.store.box_store import look_at_box
 
     box = look_at_box(path)
     return {

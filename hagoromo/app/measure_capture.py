@@ -17,13 +17,13 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import whole_folder
+from hagoromo.measurement.known_shape import Measurement, fill_measurement, measure, with_separation
+from hagoromo.measurement.normals.gloss_estimate import measurement_of
+from hagoromo.measurement.normals.normals import solve_normals
+from hagoromo.measurement.surface.depth import surface_from_normals
+from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.stillness import moved
-from hagoromo.reflectance.material.measure import Measurement, fill_measurement, measure, with_separation
-from hagoromo.reflectance.photometric.depth import surface_from_normals
-from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
-from hagoromo.reflectance.photometric.normals import solve_normals
-from hagoromo.reflectance.photometric.shape import has_near_lamps, solve_shape
 
 Progress = Callable[[float, str], None]
 

@@ -15,12 +15,12 @@ import numpy as np
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json
+from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.normals.gloss_estimate import measurement_of
+from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_store
+from hagoromo.measurement.surface.tiles import Fine, solve_coarse, solve_tiles
 from hagoromo.photograph.capture import TRANSFORMS, Capture, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.material.measure import Measurement
-from hagoromo.reflectance.photometric.gloss_estimate import measurement_of
-from hagoromo.reflectance.photometric.tile_store import FolderSource, Source, tile_store
-from hagoromo.reflectance.photometric.tiles import Fine, solve_coarse, solve_tiles
 
 LARGEST = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
 BYTES = 100  # of a value: value, variance, light, model and weights in double precision, and their copies

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo import __version__
-from hagoromo.app.demo.report_pictures import around, developed, residual
 from hagoromo.app.display import exposure
 from hagoromo.app.gloss_plot import gloss_plot
 from hagoromo.app.page import Page, image
 from hagoromo.light.colour import srgb_encode
+from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.material.separation import Separation
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.material.gloss_map import GlossMap
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
-from hagoromo.reflectance.material.measure import Measurement
-from hagoromo.reflectance.material.separation import Separation
+from hagoromo_figures.demo.report_pictures import around, developed, residual
 
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from hagoromo.app.calibrate_lamps import LAMP
 from hagoromo.app.lamp_photographs import Photographs
+from hagoromo.calibration.lamps.uncalibrated import SelfCalibration, self_calibrate
+from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.camera_file import read_camera
+from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
-from hagoromo.photograph.self_calibration import SelfCalibration, self_calibrate
-from hagoromo.reflectance.photometric.self_calibrated import refined_lamps
 
 SIDES = "a hollow object under lamps mirrored about the line of sight would look the same"
 

@@ -20,9 +20,9 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.whole import whole_file
-from hagoromo.image.lighting import Palette
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.transport.lighting import Palette
 
 KEY = 0.9  # display value that the brightest half percent of a picture is exposed to
 

@@ -12,11 +12,11 @@ import time
 from collections.abc import Iterator
 
 from hagoromo.errors import InputError
-from hagoromo.image.film import Film
 from hagoromo.image.image import Image
 from hagoromo.image.kept import Kept
 from hagoromo.image.render import Light, Settings, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
+from hagoromo.transport.film import Film
 
 FIRST = 0.1  # s, until the first picture
 RAYS = 1 << 15  # of a first picture, before any has been timed

@@ -12,17 +12,17 @@ import numpy as np
 from hagoromo import __version__
 from hagoromo.backend import arrays, name
 from hagoromo.errors import InputError
-from hagoromo.image.film import Film, Progress
-from hagoromo.image.film import tile_order as tile_order
 from hagoromo.image.image import Image
 from hagoromo.image.kept import Kept
-from hagoromo.image.lighting import Attenuation, Lighting, Materials, palette_of
-from hagoromo.image.march import march
 from hagoromo.image.scene import Scene
-from hagoromo.image.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 from hagoromo.image.surface import Surfaces
-from hagoromo.volume.frames import TOLERANCE
-from hagoromo.volume.medium import Element, Medium
+from hagoromo.transport.film import Film, Progress
+from hagoromo.transport.film import tile_order as tile_order
+from hagoromo.transport.frames import TOLERANCE
+from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
+from hagoromo.transport.march import march
+from hagoromo.transport.medium import Element, Medium
+from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 
 SHADOWS = ("map", "march", "none")
 COARSEST = 32  # texels a side of a shadow map

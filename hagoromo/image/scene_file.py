@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import PRESETS, Camera
-from hagoromo.camera.camera_file import read_camera
+from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import (
@@ -50,7 +50,7 @@ from hagoromo.matter.build import build
 from hagoromo.photograph.transforms import lamp_from_record, sensor_from_record
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import load_box
+from hagoromo.volume.store.box_store import load_box
 
 NOWHERE = (0.0, 0.0, 0.0)
 SCENE = {

@@ -11,7 +11,6 @@ times as thick is opaque). Paths lie in the folder of the recipe.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,12 @@ from hagoromo.errors import described
 from hagoromo.files.record import count, one_of, positive, read_toml, table, take, text
 from hagoromo.files.whole import replaceable_folder
 from hagoromo.matter.fingerprint import fingerprint
-from hagoromo.matter.recipes.recipe import Kind, Recipe
+from hagoromo.matter.recipes.recipe import Recipe
+from hagoromo.matter.registry import kind_names, kind_of
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.build_store import build_box
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.build_store import build_box
+from hagoromo.volume.store.plan import BoxPlan
 
-KINDS = ("skin", "cloth", "knit", "feather", "wing", "solid", "volume", "figure", "relief")
 ALL = {
     "kind": text, "material": table, "name": (text, ""), "seed": (count, 0), "resolution": (positive, 1.0),
 }  # fmt: skip
@@ -67,8 +66,8 @@ def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path
         record, where, folder = read_toml(recipe), str(recipe), Path(recipe).parent
     else:
         record, where, folder = dict(recipe), "recipe", None
-    name = take(record, {"kind": one_of(*KINDS)}, where, strict=False)["kind"]
-    kind: Kind = importlib.import_module(f"hagoromo.matter.recipes.{name}").KIND
+    name = take(record, {"kind": one_of(*kind_names())}, where, strict=False)["kind"]
+    kind = kind_of(name)
     key = take(record, {**ALL, **kind.keys}, where)
     element = kind.element_of(key) if kind.element_of else kind.element
     with described(where):

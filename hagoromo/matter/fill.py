@@ -14,9 +14,9 @@ from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
 from hagoromo.matter.shape import Shape, coverage
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.field_blocks import FieldBlocks
-from hagoromo.volume.header import BoxHeader
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.field_blocks import FieldBlocks
+from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.plan import BoxPlan
 
 MM = 1e-3  # m
 LARGEST = 4096  # voxels a side

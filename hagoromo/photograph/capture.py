@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.nerfstudio import camera_from_record, record_from_camera
+from hagoromo.camera.formats.nerfstudio import camera_from_record, record_from_camera
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError

@@ -18,7 +18,7 @@ from hagoromo.files.png import read_png, write_png
 from hagoromo.files.raw import SUFFIXES as RAW_SUFFIXES
 from hagoromo.files.tiff import read_tiff
 from hagoromo.light.colour import srgb_decode
-from hagoromo.photograph.exposure import Given, read_exposure
+from hagoromo.photograph.development.exposure import Given, read_exposure
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, sensor_from_record
 

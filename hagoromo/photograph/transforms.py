@@ -1,6 +1,6 @@
 """The records that a capture's `transforms.json` has beside nerfstudio's, each to its noun and back: sensor, lamp.
 
-The cameras are read by `hagoromo.camera.nerfstudio`.
+The cameras are read by `hagoromo.camera.formats.nerfstudio`.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.bricks import MATERIALS, Bricks
-from hagoromo.volume.fill_bricks import bricks_from_arrays, bricks_from_field
+from hagoromo.volume.store.fill_bricks import bricks_from_arrays, bricks_from_field
 from hagoromo.volume.texel import Texel
 
 Field = Callable[[Any], tuple[Any, ...]]

@@ -11,13 +11,13 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.lamp_view import view_from
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.lamp_view import view_from
 from hagoromo.volume.box import VolumeBox
 
 WHITE = Spectrum.constant(1.0)

@@ -14,7 +14,7 @@ from hagoromo.files.table import write_table
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import save_box
+from hagoromo.volume.store.box_store import save_box
 
 SCENE = """
 [camera]

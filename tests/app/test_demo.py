@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from hagoromo.app.demo.demo import SIZES, demo
-from hagoromo.app.demo.samples import bench, bench_camera, true_reflectances
 from hagoromo.app.display import srgb_from_camera
 from hagoromo.camera.response import Response, camera_response, white
 from hagoromo.errors import InputError
@@ -20,6 +18,8 @@ from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture
 from hagoromo.reflectance.material.materials_file import read_materials
+from hagoromo_figures.demo.demo import SIZES, demo
+from hagoromo_figures.demo.samples import bench, bench_camera, true_reflectances
 
 
 @pytest.fixture(scope="module")

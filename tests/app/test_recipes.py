@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.gallery.gallery_items import ITEMS
 from hagoromo.matter.build import build
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import load_box
+from hagoromo.volume.store.box_store import load_box
+from studies.gallery.gallery_items import ITEMS
 
 FOLDER = Path(__file__).parents[2] / "examples" / "recipes"
 RECIPES = sorted(path.stem for path in FOLDER.glob("*.toml"))

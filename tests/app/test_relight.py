@@ -9,10 +9,10 @@ from scipy.ndimage import binary_erosion
 
 from hagoromo.app.cli import main
 from hagoromo.app.relight.relight import relight_capture
-from hagoromo.app.studies.relit_objects import relit_objects
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.light.colour import delta_e_2000
+from studies.relit_objects import relit_objects
 
 UW_PSM = Path(__file__).parents[3] / "shared" / "data" / "uw_psm"
 SCENE = """

@@ -14,7 +14,7 @@ from hagoromo.image.scene_file import load_scene
 from hagoromo.matter.build import build
 from hagoromo.photograph.capture import load_capture
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import save_box
+from hagoromo.volume.store.box_store import save_box
 
 SCENE = """
 [camera]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.studies.lab import lab
 from hagoromo.files.exr import read_exr
 from hagoromo.files.record import read_json
+from studies.lab import lab
 
 PAGE = Path(__file__).parents[2] / "docs" / "tutorial.md"
 # Stands for `hagoromo` and `python` on the path: notes its arguments, and what is given on standard input.
@@ -35,7 +35,7 @@ def run(name: str, arguments: list[str], text: str) -> None:
     elif arguments == ["-"]:
         exec(compile(text, str(PAGE), "exec"), {})
     else:
-        assert arguments[:3] == ["-m", "hagoromo.app.studies.lab", "--out"] and arguments[4] == "--width"
+        assert arguments[:3] == ["-m", "studies.lab", "--out"] and arguments[4] == "--width"
         lab(arguments[3], int(arguments[5]))
 
 

@@ -11,7 +11,7 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import load_box, save_box
+from hagoromo.volume.store.box_store import load_box, save_box
 
 GREY = Reflectance(0.2, 0.3, 0.2, 1.5, Spectrum([400, 550, 700], [0.2, 0.9, 0.4]), name="grey")
 

@@ -13,7 +13,7 @@ from hagoromo.files import door
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import load_box, look_at_box, save_box
+from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
 
 GREY = Reflectance(0.2, 0.3, 0.2, 1.5, Spectrum.constant(0.8), name="grey")
 

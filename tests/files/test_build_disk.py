@@ -10,14 +10,14 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume import field_blocks
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.box_group import BoxGroup
-from hagoromo.volume.build_store import build_box
-from hagoromo.volume.field_blocks import FieldBlocks
-from hagoromo.volume.header import BoxHeader
-from hagoromo.volume.plan import BoxPlan
-from hagoromo.volume.store import load_box
+from hagoromo.volume.store import field_blocks
+from hagoromo.volume.store.box_group import BoxGroup
+from hagoromo.volume.store.box_store import load_box
+from hagoromo.volume.store.build_store import build_box
+from hagoromo.volume.store.field_blocks import FieldBlocks
+from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.plan import BoxPlan
 
 GREY = Reflectance(0.2, 0.1, 0.2, 1.5, Spectrum.constant(0.8))
 VOXEL = 0.5  # m

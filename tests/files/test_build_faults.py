@@ -16,9 +16,9 @@ from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build, build_to
 from hagoromo.matter.fingerprint import fingerprint
-from hagoromo.volume import field_blocks
-from hagoromo.volume.box_group import BoxGroup
-from hagoromo.volume.store import load_box
+from hagoromo.volume.store import field_blocks
+from hagoromo.volume.store.box_group import BoxGroup
+from hagoromo.volume.store.box_store import load_box
 
 RECIPE = """
 kind = "solid"
@@ -29,8 +29,8 @@ material = { alpha = 0.2, beta = 0.1, gamma = 0.2, n = 1.5, body_colour = 0.8 }
 SLOW_BUILD = """
 import sys, time
 from hagoromo.app.cli import main
-from hagoromo.volume import field_blocks
-from hagoromo.volume.box_group import BoxGroup
+from hagoromo.volume.store import field_blocks
+from hagoromo.volume.store.box_group import BoxGroup
 field_blocks.AT_ONCE = 1
 write = BoxGroup.write
 BoxGroup.write = lambda *a: (time.sleep(0.3), write(*a))

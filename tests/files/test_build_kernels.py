@@ -9,9 +9,9 @@ import pytest
 from hagoromo.backend import aligned
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume import brick_writer
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import load_box, save_box
+from hagoromo.volume.store import brick_writer
+from hagoromo.volume.store.box_store import load_box, save_box
 
 GREY = Reflectance(0.2, 0.3, 0.2, 1.5, Spectrum.constant(0.8))
 

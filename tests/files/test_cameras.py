@@ -11,8 +11,8 @@ import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.camera_file import read_camera, read_views, write_views
-from hagoromo.camera.colmap import read_points
+from hagoromo.camera.formats.camera_file import read_camera, read_views, write_views
+from hagoromo.camera.formats.colmap import read_points
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png

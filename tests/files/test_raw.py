@@ -18,8 +18,8 @@ from hagoromo.files.raw import read_raw
 from hagoromo.files.table import write_table
 from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.capture import load_capture
-from hagoromo.photograph.exposure import Given, read_exposure
-from hagoromo.photograph.transfer import Transfer, estimate_transfer
+from hagoromo.photograph.development.exposure import Given, read_exposure
+from hagoromo.photograph.development.transfer import Transfer, estimate_transfer
 from tests.inverse.simulated_bracket import FULL, SENSOR, numbers, scene, write_dng
 
 RANDOM = np.random.default_rng(3)

@@ -12,8 +12,8 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build, build_to
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store import load_box
-from hagoromo.volume.zarr_plan import box_from_zarr
+from hagoromo.volume.store.box_store import load_box
+from hagoromo.volume.store.zarr_plan import box_from_zarr
 
 GREY = Reflectance(0.2, 0.1, 0.2, 1.5, Spectrum.constant(0.8))
 SHAPE = (67, 71, 73)

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, shift
 
 from hagoromo.camera.sensor import Sensor, expose
 from hagoromo.files.exif import Exif
-from hagoromo.photograph.exposure import Exposure
+from hagoromo.photograph.development.exposure import Exposure
 
 SENSOR = Sensor(exposure=1.0, full_well=30_000.0, read_noise=6.0, gain=2.1, black_level=512.0, bits=14, mosaic="RGGB")
 WHITE = 2**14 - 1  # DN; the well is full at 512 + 30 000 / 2.1 = 14 797 DN

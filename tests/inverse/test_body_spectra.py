@@ -11,12 +11,12 @@ from hagoromo.camera.response import Response
 from hagoromo.files.record import read_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.known_shape import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material.measure import Measurement
-from hagoromo.reflectance.prior_spectra import WAVELENGTHS, surfaces
-from hagoromo.reflectance.spectrum_estimate import reading_matrix
+from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, surfaces
+from hagoromo.reflectance.spectra.spectrum_estimate import reading_matrix
 
 RESPONSE, LAMP = Response.load("Nikon 5100 (NPL)"), Spectrum.named("D65")
 ERROR = 0.004

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hagoromo.camera.calibrate_response import calibrate_response, overlap_matrix, read_pairs
+from hagoromo.calibration.response.calibrate_response import calibrate_response, overlap_matrix, read_pairs
 from hagoromo.camera.response import Response, camera_response
 from hagoromo.errors import InputError
 from hagoromo.files.table import write_table

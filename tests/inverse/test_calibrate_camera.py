@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hagoromo.app.calibration_plot import residual_plot
-from hagoromo.camera.board import Board
-from hagoromo.camera.calibrate import NAMES, calibrate_camera
+from hagoromo.calibration.camera.board import Board
+from hagoromo.calibration.camera.calibrate_camera import NAMES, calibrate_camera
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.studies.response_study import WAVELENGTHS, chart_under, known_lights, response_study, score
-from hagoromo.app.studies.spectra_bench import CAMERAS, read_cameras
-from hagoromo.camera.calibrate_response import overlap_matrix
-from hagoromo.camera.chart import chart_spectra, read_chart
-from hagoromo.camera.chart_response import response_from_chart
-from hagoromo.camera.positive_curve import fit_positive_curve
+from hagoromo.calibration.response.calibrate_response import overlap_matrix
+from hagoromo.calibration.response.chart import chart_spectra, read_chart
+from hagoromo.calibration.response.chart_response import response_from_chart
+from hagoromo.calibration.response.positive_curve import fit_positive_curve
 from hagoromo.camera.response import Response, camera_response, white
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.table import read_table, write_table
 from hagoromo.light.spectrum import Spectrum
+from studies.response_study import WAVELENGTHS, chart_under, known_lights, response_study, score
+from studies.spectra_bench import CAMERAS, read_cameras
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 with_cameras = pytest.mark.skipif(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hagoromo.camera.board import Board
-from hagoromo.camera.corner_window import LEAST, MOST, corner_windows, next_edge
+from hagoromo.calibration.camera.board import Board
+from hagoromo.calibration.camera.corner_window import LEAST, MOST, corner_windows, next_edge
 from tests.inverse import test_calibrate_camera as simulated
 
 BOARD, TRUE = simulated.BOARD, simulated.TRUE

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from hagoromo.app.studies.coverage import simulated, table
-from hagoromo.app.studies.coverage_bench import BENCHES, drawn, observed
-from hagoromo.app.studies.coverage_page import chance, write_coverage_page
-from hagoromo.reflectance.material.interval import degrees_of_freedom
-from hagoromo.reflectance.material.material_fit import fit_material
-from hagoromo.reflectance.material.quantity import alpha, coordinate, log_albedo
+from hagoromo.measurement.material.interval import degrees_of_freedom
+from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.quantity import alpha, coordinate, log_albedo
+from studies.coverage import simulated, table
+from studies.coverage_bench import BENCHES, drawn, observed
+from studies.coverage_page import chance, write_coverage_page
 
 CASES = (
     ("three lamps", 6_000.0, 20),

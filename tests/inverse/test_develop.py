@@ -10,10 +10,10 @@ from scipy.stats import chi2, norm
 from hagoromo.camera.sensor import Sensor
 from hagoromo.errors import InputError
 from hagoromo.files.exif import Exif
-from hagoromo.photograph.develop import Calibration, Development, develop
-from hagoromo.photograph.exposure import Exposure
-from hagoromo.photograph.master import dark_master
-from hagoromo.photograph.noise import Noise, noise_from_frames, noise_from_pairs
+from hagoromo.photograph.development.develop import Calibration, Development, develop
+from hagoromo.photograph.development.exposure import Exposure
+from hagoromo.photograph.development.master import dark_master
+from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
 from tests.inverse.simulated_bracket import FULL, HEIGHT, SENSOR, WIDTH, scene, shot
 
 TIMES = (0.05, 0.2, 0.8, 3.2)  # s

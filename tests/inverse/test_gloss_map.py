@@ -7,13 +7,13 @@ import pytest
 
 from hagoromo.app.measure_report import write_measure_report
 from hagoromo.files.exr import read_exr
-from hagoromo.reflectance.material.gloss_map import gloss_map
-from hagoromo.reflectance.material.gloss_spread import gloss_spread
-from hagoromo.reflectance.material.lobes import Lobes
+from hagoromo.measurement.gloss.gloss_map import gloss_map
+from hagoromo.measurement.gloss.gloss_spread import gloss_spread
+from hagoromo.measurement.gloss.lobes import Lobes
+from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit
+from hagoromo.measurement.known_shape import measure, write_measurement
+from hagoromo.measurement.observations import Pixels, known_shape, observed
 from hagoromo.reflectance.material.materials_file import read_materials
-from hagoromo.reflectance.material.measure import measure, write_measurement
-from hagoromo.reflectance.material.pixel_gloss import GlossLaw, PixelFit
-from hagoromo.reflectance.observations import Pixels, known_shape, observed
 from tests.inverse.simulated_ball import FULL_WELL, Truth, simulate
 
 SIZE, N = 41, 1.5

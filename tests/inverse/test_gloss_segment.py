@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.reflectance.material.gloss_segment import split_by_gloss
-from hagoromo.reflectance.material.measure import measure
-from hagoromo.reflectance.material.segment import segment
-from hagoromo.reflectance.observations import known_shape
+from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
+from hagoromo.measurement.known_shape import measure
+from hagoromo.measurement.material.segment import segment
+from hagoromo.measurement.observations import known_shape
 from tests.inverse.simulated_ball import LAMPS, Truth, reflected, simulate
 
 RED = Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from hagoromo.app.studies.coverage_bench import BENCHES, PLACES, Truth, ball, drawn, exposed, observed
 from hagoromo.errors import InputError
-from hagoromo.reflectance.material.estimate import estimate_material
-from hagoromo.reflectance.material.goniometer import goniometer, readings
-from hagoromo.reflectance.material.lack_of_fit import LEVEL, lack_of_fit
-from hagoromo.reflectance.material.material_fit import fit_material
-from hagoromo.reflectance.material.material_objective import expected
-from hagoromo.reflectance.material.quantity import theta_of
+from hagoromo.measurement.material.estimate import estimate_material
+from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
+from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.material_objective import expected
+from hagoromo.measurement.material.quantity import theta_of
+from studies.coverage_bench import BENCHES, PLACES, Truth, ball, drawn, exposed, observed
+from studies.goniometer import goniometer, readings
 
 BENCH = BENCHES["three lamps"]
 

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from hagoromo.camera.camera import Camera
-from hagoromo.errors import InputError
-from hagoromo.photograph.lamps import (
+from hagoromo.calibration.lamps import (
     calibrate_lamps,
     find_highlight,
     find_matte_ball,
@@ -13,6 +11,8 @@ from hagoromo.photograph.lamps import (
     matte_card,
     reference_strength,
 )
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
 from tests.inverse.simulated_mirror import (
     degrees_between,
     mask_of,

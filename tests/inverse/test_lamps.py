@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hagoromo.calibration.lamps import calibrate_lamps
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
-from hagoromo.photograph.lamps import calibrate_lamps
 from tests.inverse.simulated_mirror import (
     degrees_between,
     mask_of,

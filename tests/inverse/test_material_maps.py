@@ -7,12 +7,12 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
-from hagoromo.reflectance.material.material_fit import fit_material
+from hagoromo.measurement.known_shape import measure, write_measurement
+from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.textured_objective import TexturedObjective
+from hagoromo.measurement.observations import known_shape, observations
+from hagoromo.measurement.robust_fit import Loss
 from hagoromo.reflectance.material.materials_file import read_materials
-from hagoromo.reflectance.material.measure import measure, write_measurement
-from hagoromo.reflectance.material.textured_objective import TexturedObjective
-from hagoromo.reflectance.observations import known_shape, observations
-from hagoromo.reflectance.robust_fit import Loss
 from tests.inverse.simulated_ball import FULL_WELL, READ_NOISE, Truth, simulate
 
 RED = Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)

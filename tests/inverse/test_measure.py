@@ -14,15 +14,15 @@ from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.known_shape import measure, write_measurement
+from hagoromo.measurement.material.quantity import theta_of
+from hagoromo.measurement.material.segment import segment
+from hagoromo.measurement.observations import Pixels, known_shape, observations
+from hagoromo.measurement.robust_fit import Loss, Objective
+from hagoromo.measurement.sight import sight
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
-from hagoromo.reflectance.material.measure import measure, write_measurement
-from hagoromo.reflectance.material.quantity import theta_of
-from hagoromo.reflectance.material.segment import segment
-from hagoromo.reflectance.observations import Pixels, known_shape, observations
-from hagoromo.reflectance.robust_fit import Loss, Objective
-from hagoromo.reflectance.sight import sight
 from tests.inverse.simulated_ball import LAMPS, Truth, simulate
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hagoromo.reflectance.material.lamp_colour import lamp_colour
-from hagoromo.reflectance.material.measure import measure
+from hagoromo.measurement.known_shape import measure
+from hagoromo.measurement.material.lamp_colour import lamp_colour
 from tests.inverse.simulated_ball import Truth, simulate
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from hagoromo.calibration.lamps import calibrate_lamps, check_spread, locate_lamp
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.photograph.lamps import calibrate_lamps, check_spread, locate_lamp
 from tests.inverse.simulated_mirror import degrees_between, mask_of, mirror_photograph, seen_through, unit
 
 CAMERA = Camera(409, 283, (560.0, 552.0), (201.0, 144.0), (-0.05, 0.01, 0.0, 0.0, 0.0)).look_at(

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hagoromo.app.studies.near_rig import DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
-from hagoromo.reflectance.photometric.shape import Shape, solve_shape
+from hagoromo.measurement.surface.shape import Shape, solve_shape
+from studies.near_rig import DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
 
 LEDS = Path(__file__).resolve().parents[3] / "shared" / "data" / "near_ps_leds"
 GOAL = 1.5  # ° mean error: the goal of the project for this setting

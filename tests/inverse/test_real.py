@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hagoromo.app.studies.uw_psm import read_lamps, read_object, sphere_normals
-from hagoromo.reflectance.photometric.normals import least_squares_lambert, solve_normals
+from hagoromo.measurement.normals.normals import least_squares_lambert, solve_normals
+from studies.uw_psm import read_lamps, read_object, sphere_normals
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "uw_psm"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data/uw_psm is not here")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hagoromo.photograph.self_calibration import self_calibrate
-from hagoromo.photograph.self_calibration.entropy import entropy
-from hagoromo.reflectance.photometric.height_field import height_field
-from hagoromo.reflectance.photometric.self_calibrated import refined_lamps
+from hagoromo.calibration.lamps.uncalibrated import self_calibrate
+from hagoromo.calibration.lamps.uncalibrated.entropy import entropy
+from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
+from hagoromo.measurement.surface.height_field import height_field
 from tests.inverse.simulated_mirror import degrees_between, unit
 from tests.inverse.test_self_calibration import LAMPS, STRENGTH, shaped
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hagoromo.calibration.lamps.uncalibrated import self_calibrate
+from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.photograph.self_calibration import self_calibrate
-from hagoromo.reflectance.photometric.self_calibrated import refined_lamps
 from tests.inverse.simulated_mirror import degrees_between, unit
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "uw_psm"
@@ -106,7 +106,7 @@ def test_independent_readings_of_real_lamps_agree_to_what_is_stated():
     is the worst. Nineteen lamps in twenty are within two stated errors. Shading of the matte ball by Lambert's law,
     which it does not keep, reads 3° beside the chrome ball.
     """
-    from hagoromo.app.studies.lamps import lamp_study
+    from studies.lamps import lamp_study
 
     study = lamp_study(REAL)
     means = sorted(found["mean_deg"] for found in study["objects"].values())

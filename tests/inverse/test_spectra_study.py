@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hagoromo.app.studies.spectra import SKIN, spectra_study
-from hagoromo.app.studies.spectra_bench import CAMERAS, read_bench, read_cameras
-from hagoromo.app.studies.spectra_cases import chart_case, skin_cases, study_case
-from hagoromo.app.studies.spectra_rivals import BOUND, study_rivals
 from hagoromo.errors import InputError
-from hagoromo.reflectance.prior_spectra import read_spectra
+from hagoromo.reflectance.spectra.prior_spectra import read_spectra
+from studies.spectra import SKIN, spectra_study
+from studies.spectra_bench import CAMERAS, read_bench, read_cameras
+from studies.spectra_cases import chart_case, skin_cases, study_case
+from studies.spectra_rivals import BOUND, study_rivals
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 with_cameras = pytest.mark.skipif(

@@ -10,9 +10,14 @@ from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.table import write_table
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.prior_spectra import WAVELENGTHS, apart, read_spectra, surfaces
-from hagoromo.reflectance.reflectance_prior import ReflectancePrior
-from hagoromo.reflectance.spectrum_estimate import Reading, estimate_spectrum, reading_matrix, reflectance_spectrum
+from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, apart, read_spectra, surfaces
+from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
+from hagoromo.reflectance.spectra.spectrum_estimate import (
+    Reading,
+    estimate_spectrum,
+    reading_matrix,
+    reflectance_spectrum,
+)
 
 NOISE = 0.003
 DAYLIGHT, TUNGSTEN = Spectrum.named("D65"), Spectrum.named("A")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from hagoromo.app.studies.uw_psm import read_lamps, read_object
 from hagoromo.camera.camera import Camera
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.stillness import moved
+from studies.uw_psm import read_lamps, read_object
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "uw_psm"
 CAMERA = Camera(211, 163, (300.0, 300.0), (105.5, 81.5))

@@ -7,11 +7,11 @@ import pytest
 
 from hagoromo.app import measure_large
 from hagoromo.app.measure_capture import Known, measure_capture
-from hagoromo.app.studies.near_rig import DISTANCE, Look, ring_rig, simulate, sphere
 from hagoromo.files.exr import read_exr
+from hagoromo.measurement.surface import tile_store as store_module
+from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.photograph.capture import Capture, save_capture
-from hagoromo.reflectance.photometric import tile_store as store_module
-from hagoromo.reflectance.photometric.tile_store import tile_store
+from studies.near_rig import DISTANCE, Look, ring_rig, simulate, sphere
 
 
 @dataclass(frozen=True)

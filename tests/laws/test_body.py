@@ -9,18 +9,18 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.figure.body import arms, bust, feet
-from hagoromo.matter.figure.figure_skin import FINENESS, GRANULES, PLACES, STEEPEST, figure_skin, lips_of, shown
-from hagoromo.matter.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
-from hagoromo.matter.figure.head import head
-from hagoromo.matter.figure.mannequin import trunk
-from hagoromo.matter.figure.pose import PRAYER, WELCOME
-from hagoromo.matter.figure.splat import Strands, along, splat
-from hagoromo.matter.figure.tresses import hair_of
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import SLOPES
 from hagoromo.matter.skin.skin import skin
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo_figures.figure.body import arms, bust, feet
+from hagoromo_figures.figure.figure_skin import FINENESS, GRANULES, PLACES, STEEPEST, figure_skin, lips_of, shown
+from hagoromo_figures.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
+from hagoromo_figures.figure.head import head
+from hagoromo_figures.figure.mannequin import trunk
+from hagoromo_figures.figure.pose import PRAYER, WELCOME
+from hagoromo_figures.figure.splat import Strands, along, splat
+from hagoromo_figures.figure.tresses import hair_of
 
 SKIN = Reflectance(0.3, 0.2, 0.4, 1.4, Spectrum.constant(0.5), element="sphere")
 HAIR = Reflectance(0.3, 0.2, 0.15, 1.55, Spectrum.constant(0.2), element="cylinder")

@@ -7,15 +7,15 @@ import pytest
 from hagoromo import backend
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.image.lighting import Lighting, Materials, palette_of
-from hagoromo.image.march import march
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.march import march
+from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.brick_writer import BrickWriter
-from hagoromo.volume.fill_bricks import candidates
-from hagoromo.volume.medium import Medium
+from hagoromo.volume.store.brick_writer import BrickWriter
+from hagoromo.volume.store.fill_bricks import candidates
 from hagoromo.volume.table import BLOCK, in_table_order, table_of
 from hagoromo.volume.voxels import SMALLEST
 

@@ -18,11 +18,11 @@ from hagoromo.matter.drape.hanging import hanging
 from hagoromo.matter.drape.settle import Fabric, Fall, settled
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
-from hagoromo.matter.figure.garment import garments
-from hagoromo.matter.figure.habit import BUST, STEP
-from hagoromo.matter.figure.mannequin import trunk
-from hagoromo.matter.figure.pose import PRAYER, WELCOME
 from hagoromo.matter.shape import sphere
+from hagoromo_figures.figure.garment import garments
+from hagoromo_figures.figure.habit import BUST, STEP
+from hagoromo_figures.figure.mannequin import trunk
+from hagoromo_figures.figure.pose import PRAYER, WELCOME
 
 BALL = (0.0, 0.0, 15.0), 15.0
 NOTHING = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)

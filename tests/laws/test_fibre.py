@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from hagoromo.backend import arrays
-from hagoromo.image.lighting import Lighting, Materials, palette_of
-from hagoromo.image.march import march
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.march import march
+from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.medium import Medium
 
 WHITE = Spectrum.constant(1.0)
 FIBRE = Reflectance(0.25, 0.2, 0.25, 1.5, WHITE, element="cylinder")

@@ -9,16 +9,16 @@ import pytest
 
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
-from hagoromo.image.lighting import Lighting, Materials, palette_of
-from hagoromo.image.march import march, optical_depth
 from hagoromo.image.render import Settings, render, tile_order
 from hagoromo.image.scene import Scene
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.march import march, optical_depth
+from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.medium import Medium
 
 WHITE = Spectrum.constant(1.0)
 MATTER = Reflectance(0.25, 0.3, 0.2, 1.5, WHITE)

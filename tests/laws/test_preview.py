@@ -9,7 +9,6 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.film import Film, tile_order
 from hagoromo.image.preview import Preview, preview, strides
 from hagoromo.image.render import Light, Settings, render
 from hagoromo.image.scene import Scene
@@ -18,6 +17,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.film import Film, tile_order
 from hagoromo.volume.box import VolumeBox
 
 SETTINGS = Settings(samples=3, seed=2)

@@ -17,8 +17,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.field_blocks import FieldBlocks
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.field_blocks import FieldBlocks
+from hagoromo.volume.store.plan import BoxPlan
 
 CAMERA = Camera(131, 127, (430.0, 430.0), (70.0, 60.0), response=Response.load("cie1931")).look_at(
     (0.02, -0.35, 0.03), (0.0, 0.0, 0.0)

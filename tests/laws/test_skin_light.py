@@ -22,7 +22,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.header import header_from_record, header_of
+from hagoromo.volume.store.header import header_from_record, header_of
 
 EVEN = Spectrum.named("E")
 EYE = Response.load("cie1931")

@@ -9,19 +9,19 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.march import optical_depth
 from hagoromo.image.render import Settings, render
 from hagoromo.image.scene import Scene
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import coverage
-from hagoromo.matter.shell import Chart, shell
-from hagoromo.matter.texture import texel
+from hagoromo.matter.texel.micro_structure import texel
+from hagoromo.matter.texel.shell import Chart, shell
+from hagoromo.matter.texel.texel_match import light_sent, matched
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.medium import Medium
-from hagoromo.volume.store import load_box, look_at_box, save_box
-from hagoromo.volume.texel_match import light_sent, matched
+from hagoromo.transport.march import optical_depth
+from hagoromo.transport.medium import Medium
+from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
 
 WHITE = Spectrum.constant(1.0)
 MATTER = Reflectance(0.2, 0.2, 0.3, 1.5, WHITE, element="cylinder")

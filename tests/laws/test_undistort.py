@@ -7,9 +7,9 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.photograph.develop import Development
-from hagoromo.photograph.noise import Noise
-from hagoromo.photograph.undistort import undistorted
+from hagoromo.photograph.development.develop import Development
+from hagoromo.photograph.development.noise import Noise
+from hagoromo.photograph.development.undistort import undistorted
 
 LENS = Camera(97, 71, (103.0, 101.0), (50.3, 34.1), (-0.25, 0.06, 0.002, -0.001, 0.0))
 

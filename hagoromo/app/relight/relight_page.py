@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo import __version__
-from hagoromo.app.demo.report_pictures import around
 from hagoromo.app.page import Page, image
-from hagoromo.app.plots import panels
 from hagoromo.app.relight.relit import PREDICTIONS, RIM, Relit
 from hagoromo.light.colour import delta_e_2000, srgb_encode
+from hagoromo_figures.demo.plots import panels
+from hagoromo_figures.demo.report_pictures import around
 
 HEAD = ("photograph", "prediction", "relative rmse", "ΔE00, mean", "ΔE00, 95 %", "PSNR [dB]", "SSIM", "pixels")
 WIDTH = 4.6  # inch, of a map

@@ -23,9 +23,9 @@ from hagoromo.image.compare import compare
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
+from hagoromo.measurement.sight import sight
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.body_basis import body_basis
-from hagoromo.reflectance.sight import sight
+from hagoromo.reflectance.spectra.body_basis import body_basis
 
 RIM = 1  # px along the edge of the relief, whose skin a ray may miss there
 BRIGHT = 99.0  # percentile of the photograph's brightest channel that is white on the page and to `compare`

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.camera_file import write_views
+from hagoromo.camera.formats.camera_file import write_views
 from hagoromo.camera.response import Response, white
 from hagoromo.errors import InputError
 from hagoromo.files.table import write_table
@@ -22,8 +22,8 @@ from hagoromo.matter.solid.relief import Relief
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
-from hagoromo.reflectance.body_basis import body_basis
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.spectra.body_basis import body_basis
 
 RECIPE = "relief.toml"
 SAMPLES = 4  # rays a pixel

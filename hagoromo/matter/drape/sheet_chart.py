@@ -12,7 +12,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.matter.drape.sheet import Sheet
-from hagoromo.matter.shell import Chart
+from hagoromo.matter.texel.shell import Chart
 
 DENSE = 0.5  # mm between the points of a sheet that are sought
 TURNS = 3  # of the search for the foot of a point, which closes in by height × curvature each

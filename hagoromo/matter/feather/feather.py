@@ -18,8 +18,8 @@ from hagoromo.matter.feather.vane import Feather, feather_at
 from hagoromo.matter.fill import MM, Fineness, blocks_in
 from hagoromo.matter.shape import Shape
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.header import BoxHeader
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.plan import BoxPlan
 
 FEATHER_FINENESS = Fineness(0.08, 0.03)
 PATCH_FINENESS = Fineness(0.01, 0.03)

@@ -26,7 +26,7 @@ from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import gradient_noise
 from hagoromo.matter.shape import capsule, coverage, unit
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 EXTENT = (-136.0, 14.0, 52.0), (136.0, 82.0, 308.0)
 WING_FINENESS = Fineness(0.2, 0.1)

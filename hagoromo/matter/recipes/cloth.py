@@ -29,7 +29,7 @@ from hagoromo.matter.recipes.laid import LAID, laid
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, with_defaults
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 WEAVES: dict[str, dict[str, Any]] = {
     "plain": {},

@@ -19,7 +19,7 @@ from hagoromo.matter.feather.kinds import FEATHERS
 from hagoromo.matter.feather.marking import PATTERNS
 from hagoromo.matter.feather.vane import Feather
 from hagoromo.matter.recipes.recipe import Kind, Recipe, with_defaults
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 TABLES = "plume", "barbs", "barbules", "down", "marking"
 SPECIAL = {"hooks": count, "pattern": one_of(*PATTERNS)}  # what is no plain number

@@ -11,7 +11,7 @@ from hagoromo.matter.cloth.knit import Knitted
 from hagoromo.matter.recipes.cloth import yarn_of
 from hagoromo.matter.recipes.laid import LAID, laid
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 USUAL = Knitted()
 NUMBERS = "wales_per_cm", "courses_per_cm", "loop_mm", "uneven"

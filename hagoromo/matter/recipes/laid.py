@@ -26,11 +26,11 @@ from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.fill import MM, blocks_in
 from hagoromo.matter.recipes.recipe import Recipe, not_negative
 from hagoromo.matter.shape import coverage, rounded_box
-from hagoromo.matter.shell import shell
-from hagoromo.matter.texture import texel
+from hagoromo.matter.texel.micro_structure import texel
+from hagoromo.matter.texel.shell import shell
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.header import BoxHeader
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.plan import BoxPlan
 
 LAID: dict[str, Any] = {
     "lay": (one_of("flat", "hanging", "ball", "patch"), "flat"),

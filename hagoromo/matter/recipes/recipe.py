@@ -10,7 +10,7 @@ from hagoromo.files.record import inside, number, numbers, positive
 from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 
 class Recipe(NamedTuple):

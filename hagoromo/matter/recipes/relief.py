@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hagoromo.camera.camera_file import read_views
+from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import anything, number, table, text
@@ -15,8 +15,8 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.recipes.recipe import Kind, Recipe
 from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
 from hagoromo.matter.solid.relief import relief_plan
-from hagoromo.reflectance.body_basis import body_basis
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.reflectance.spectra.body_basis import body_basis
+from hagoromo.volume.store.plan import BoxPlan
 
 
 def _dim(value: object) -> float:

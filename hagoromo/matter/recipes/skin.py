@@ -6,7 +6,7 @@ from hagoromo.files.record import positive, table
 from hagoromo.matter.recipes.form import shape_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, not_negative, with_defaults
 from hagoromo.matter.skin.skin import Granules, check_granules, skin_on, skin_patch
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 FROM_0 = "corneum_mm", "scale_deg", "primary_depth_mm", "secondary_depth_mm", "pores_per_cm2", "fade_mm"
 

@@ -6,7 +6,7 @@ from hagoromo.files.record import table
 from hagoromo.matter.recipes.form import form_keys, shape_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys
 from hagoromo.matter.solid.solid import MeshSurface, mesh_solid, solid
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 
 def _plan(recipe: Recipe) -> BoxPlan:

@@ -8,9 +8,9 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import positive, text
 from hagoromo.matter.fill import MM
 from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys
-from hagoromo.volume.header import BoxHeader
-from hagoromo.volume.plan import BoxPlan
-from hagoromo.volume.zarr_plan import ZarrVolume
+from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.plan import BoxPlan
+from hagoromo.volume.store.zarr_plan import ZarrVolume
 
 
 def _plan(recipe: Recipe) -> BoxPlan:

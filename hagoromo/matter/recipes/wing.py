@@ -9,7 +9,7 @@ from __future__ import annotations
 from hagoromo.files.record import table
 from hagoromo.matter.feather.wing import wing_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 
 def _plan(recipe: Recipe) -> BoxPlan:

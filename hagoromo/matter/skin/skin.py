@@ -20,7 +20,7 @@ from hagoromo.matter.noise import cellular_noise, hashed, seed_of, uniform
 from hagoromo.matter.shape import Shape, distance_and_normal, rounded_box, smooth_intersection, sphere, unit
 from hagoromo.matter.skin.skin_lines import Lines, furrows
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 RISE = 0.15  # of a granule over its neighbours, in its diameters
 

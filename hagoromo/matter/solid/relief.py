@@ -18,9 +18,9 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.solid.relief_field import SKIN, STEEPEST, Lattice, ReliefField
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.field_blocks import FieldBlocks
-from hagoromo.volume.header import BoxHeader
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.field_blocks import FieldBlocks
+from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.plan import BoxPlan
 
 DEPTH = 36.0  # optical depth of the skin: what is seen of it lies within a third of a voxel
 RIM = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling

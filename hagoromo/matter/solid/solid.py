@@ -20,7 +20,7 @@ from hagoromo.matter.solid.mesh_rays import MeshRays
 from hagoromo.matter.solid.mesh_repair import repaired
 from hagoromo.matter.solid.mesh_tree import MeshTree
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.plan import BoxPlan
+from hagoromo.volume.store.plan import BoxPlan
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
 BOUNDED = 10.0  # voxels, how far distances are told when bricks are sought: more than half the diagonal of an octant

@@ -12,8 +12,8 @@ from hagoromo.camera.response import Response, response_matrix, white
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.reflectance.reflectance_prior import ReflectancePrior
-from hagoromo.reflectance.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
+from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
+from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
 

@@ -1,0 +1,1 @@
+"""Calibrate a camera: its lens from photographs of a board."""

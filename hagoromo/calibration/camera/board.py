@@ -1,0 +1,120 @@
+"""The board that a camera is calibrated with, chessboard or ChArUco, and its corners in a photograph.
+
+OpenCV finds the corners. It counts image points from the centre of the first pixel and so does everything here; see
+`calibrate` for ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.calibration.camera.corner_window import corner_windows
+from hagoromo.errors import InputError
+
+CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
+BRIGHT = 0.995  # quantile of a linear photograph that is shown white
+FEWEST_CORNERS = 8  # of a ChArUco board seen in part: a pose takes 4, and the fit needs some over
+
+
+class Corners(NamedTuple):
+    """Corners found: points (n, 3) on the board [m], image (n, 2) (x, y) [px, OpenCV's count], both float32."""
+
+    points: NDArray[np.float32]
+    image: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board of squares; `InputError` when its figures make none.
+
+    columns, rows: inner corners (one less than squares). square: side of a square [m]. marker: side of a ChArUco marker
+    [m], 0 for a chessboard. dictionary: OpenCV's name of the markers, such as "5X5_100". window: half side [px] of the
+    sub-pixel search of chessboard corners; None takes that of `corner_windows`, a corner at a time.
+    """
+
+    columns: int
+    rows: int
+    square: float
+    marker: float = 0.0
+    dictionary: str = "4X4_50"
+    window: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check every figure once."""
+        if min(self.columns, self.rows) < 3:
+            raise InputError(f"a board has at least 3x3 inner corners: given {self.columns}x{self.rows}")
+        if not (np.isfinite(self.square) and self.square > 0):
+            raise InputError(f"the side of a square is {self.square} m: give a length above 0")
+        if not 0.0 <= self.marker < self.square:
+            raise InputError(f"the side of a marker is {self.marker} m: it must be below the square's {self.square} m")
+        if self.window is not None and self.window < 1:
+            raise InputError(f"the search window has half a side of {self.window} px: give 1 or more")
+        if self.marker:
+            markers, needed = len(_dictionary(self.dictionary).bytesList), (self.columns + 1) * (self.rows + 1) // 2
+            if markers < needed:
+                raise InputError(f"{self.dictionary} has {markers} markers and the board {needed}: name its dictionary")
+
+    def find(self, photograph: NDArray) -> Corners | None:
+        """The board's corners in a photograph (height, width[, 3]), 8 or 16 bits or float; None when it is not seen."""
+        import cv2
+
+        photograph = _as_shown(photograph)
+        grey = np.asarray(photograph if photograph.ndim == 2 else cv2.cvtColor(photograph[..., :3], cv2.COLOR_RGB2GRAY))
+        return self._find_markers(grey) if self.marker else self._find_squares(grey)
+
+    def __str__(self) -> str:
+        """The board in words."""
+        return f"{'ChArUco ' if self.marker else ''}board of {self.columns}x{self.rows} inner corners"
+
+    def _find_squares(self, grey: NDArray) -> Corners | None:
+        import cv2
+
+        found, corners = cv2.findChessboardCorners(grey, (self.columns, self.rows))
+        if not found:
+            return None
+        windows = corner_windows(corners.reshape(self.rows, self.columns, 2)).ravel()
+        if self.window:
+            windows[:] = self.window
+        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, *CORNER_STEPS)
+        image = np.array(corners, np.float32).reshape(-1, 1, 2)
+        for half in map(int, np.unique(windows)):
+            image[windows == half] = cv2.cornerSubPix(grey, image[windows == half], (half, half), (-1, -1), criteria)
+        row, column = np.mgrid[: self.rows, : self.columns]
+        points = np.stack([column, row, 0 * row], axis=-1).reshape(-1, 3) * self.square
+        return Corners(points.astype(np.float32), image.reshape(-1, 2))
+
+    def _find_markers(self, grey: NDArray) -> Corners | None:
+        import cv2
+
+        squares = (self.columns + 1, self.rows + 1)
+        for legacy in (False, True):  # boards drawn before OpenCV 4.6 begin with a white square where rows are even
+            board = cv2.aruco.CharucoBoard(squares, self.square, self.marker, _dictionary(self.dictionary))
+            board.setLegacyPattern(legacy)
+            image, index, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+            if index is not None and len(index) >= FEWEST_CORNERS and not board.checkCharucoCornersCollinear(index):
+                points = np.asarray(board.getChessboardCorners(), np.float32)[np.asarray(index, np.intp).ravel()]
+                points[:, :2] -= self.square  # from the first inner corner, not from the edge
+                return Corners(points, np.asarray(image, np.float32).reshape(-1, 2))
+        return None
+
+
+def _as_shown(photograph: NDArray) -> NDArray[np.uint8]:
+    """8 bits of a linear photograph, its square root from black to nearly its brightest; 8 bits as they are."""
+    if photograph.dtype == np.uint8:
+        return photograph
+    bright = max(float(np.quantile(photograph, BRIGHT)), 1e-30)
+    return np.rint(255.0 * np.sqrt(np.clip(photograph / bright, 0.0, 1.0))).astype(np.uint8)
+
+
+def _dictionary(name: str) -> Any:
+    import cv2
+
+    number = getattr(cv2.aruco, f"DICT_{name}", None)
+    if number is None:
+        known = sorted(key.removeprefix("DICT_") for key in dir(cv2.aruco) if key.startswith("DICT_") and key.isupper())
+        raise InputError(f"no dictionary of markers is called {name!r}: choose one of {', '.join(known)}")
+    return cv2.aruco.getPredefinedDictionary(number)

@@ -1,0 +1,187 @@
+"""Calibrate a camera: photographs of a board → focal length, principal point, distortion, each with its standard
+deviation.
+
+OpenCV finds the corners and fits the lens (Zhang 2000, "A flexible new technique for camera calibration"); OpenCV
+counts from the centre of the first pixel and we from the image's corner, so all image points move by ½ px.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.calibration.camera.board import Board, Corners
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.lens import COEFFICIENTS
+from hagoromo.errors import InputError
+
+Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitted, the first ones of OpenCV's order
+NAMES = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS)
+FEWEST_BOARDS = 3  # below it the focal length and principal point are not determined by planes (Zhang 2000)
+OTHER_FOCAL = 1.2  # a focal length longer or shorter by this factor must fit worse,
+WORSE = 1.1  # by this factor of the rms; where boards are parallel to one another it does not (Zhang 2000)
+OUTLIER = 3.5  # robust standard deviations of a view's log rms above the median (Iglewicz & Hoaglin 1993)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated camera and how well it is known.
+
+    standard_deviation: of each of `NAMES` that was fitted [px, or 1 for the distortion]. rms: of the corners' residuals
+    [px], each corner's two coordinates taken together. boards: rms per photograph used [px]. skipped: photographs in
+    which no board was found. outliers: photographs used that fit much worse than the others. corners, residuals: per
+    photograph used, (n, 2) image points (x, y) and measured minus predicted [px].
+    """
+
+    camera: Camera
+    standard_deviation: dict[str, float]
+    rms: float
+    boards: dict[str, float]
+    skipped: tuple[str, ...]
+    outliers: tuple[str, ...]
+    corners: dict[str, NDArray[np.float64]]
+    residuals: dict[str, NDArray[np.float64]]
+
+    def record(self) -> dict[str, Any]:
+        """The JSON record: keys of nerfstudio's `transforms.json`, then what is known about them."""
+        camera = self.camera
+        values = (*camera.focal, *camera.principal, *camera.distortion)
+        return {
+            "w": camera.width,
+            "h": camera.height,
+            **dict(zip(NAMES, values, strict=True)),
+            "standard_deviation": self.standard_deviation,
+            "rms_px": self.rms,
+            "boards_rms_px": self.boards,
+            "skipped": list(self.skipped),
+            "outliers": list(self.outliers),
+        }
+
+
+def calibrate_camera(
+    photographs: Mapping[str, NDArray],
+    board: Board,
+    coefficients: Model = 5,
+    square_pixels: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Calibration:
+    """Fit a camera to photographs of a board.
+
+    photographs: name → (height, width) or (height, width, 3), 8 or 16 bits or float. coefficients: how many of the lens
+    are fitted, the others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length.
+    progress: told the name of each photograph as it is searched.
+    `InputError` for photographs of different sizes, fewer than three boards found, boards all parallel to one another
+    or a camera that they do not determine.
+    """
+    _check(photographs)
+    corners: dict[str, Corners] = {}
+    for name, photograph in photographs.items():
+        if progress:
+            progress(name)
+        found = board.find(photograph)
+        if found is not None:
+            corners[name] = found
+    skipped = tuple(name for name in photographs if name not in corners)
+    if len(corners) < FEWEST_BOARDS:
+        raise InputError(
+            f"a {board} was found in {len(corners)} of {len(photographs)} photographs and {FEWEST_BOARDS} are needed: "
+            "check --board, or take more photographs"
+        )
+    height, width = next(iter(photographs.values())).shape[:2]
+    return _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
+
+
+def _check(photographs: Mapping[str, NDArray]) -> None:
+    sizes = {name: photograph.shape[:2] for name, photograph in photographs.items()}
+    first = next(iter(sizes), "")
+    for name, size in sizes.items():
+        if size != sizes[first]:
+            raise InputError(
+                f"photographs of different sizes: {first} is {sizes[first][1]}x{sizes[first][0]} px and {name} "
+                f"{size[1]}x{size[0]}: calibrate each size by itself"
+            )
+
+
+def _flags(coefficients: Model, square_pixels: bool) -> int:
+    import cv2
+
+    fixed = {
+        0: (cv2.CALIB_FIX_K1, cv2.CALIB_FIX_K2, cv2.CALIB_ZERO_TANGENT_DIST, cv2.CALIB_FIX_K3),
+        2: (cv2.CALIB_ZERO_TANGENT_DIST, cv2.CALIB_FIX_K3),
+        4: (cv2.CALIB_FIX_K3,),
+        5: (),
+        8: (cv2.CALIB_RATIONAL_MODEL,),
+    }
+    if coefficients not in fixed:
+        raise InputError(f"a lens of {coefficients} coefficients: choose 0, 2, 4, 5 or 8")
+    return sum(fixed[coefficients]) + (cv2.CALIB_FIX_ASPECT_RATIO if square_pixels else 0)
+
+
+def _fit(corners: Mapping[str, Corners], skipped: tuple[str, ...], size: tuple[int, int], flags: int) -> Calibration:
+    import cv2
+
+    points, image = ([getattr(found, what) for found in corners.values()] for what in ("points", "image"))
+    rms, matrix, distortion, rotations, shifts, deviations, _, errors = cv2.calibrateCameraExtended(
+        points, image, size, np.eye(3), np.zeros(8), flags=flags
+    )
+    deviation = dict(zip(NAMES, map(float, deviations.ravel()), strict=False))
+    if flags & cv2.CALIB_FIX_ASPECT_RATIO:
+        deviation["fl_x"] = deviation["fl_y"]  # OpenCV fits y's and lets x's follow
+    best, *others = (_rms_at(focal, points, image, size, matrix) for focal in (1.0, OTHER_FOCAL, 1.0 / OTHER_FOCAL))
+    if not (np.isfinite([rms, *deviation.values()]).all() and min(others) > WORSE * best):
+        raise InputError(
+            f"the photographs of the board do not determine the camera (a focal length {OTHER_FOCAL:g} times as long "
+            f"or short fits to {min(others):.3g} px, the best to {best:.3g} px): tilt the board more between them"
+        )
+    camera = Camera(
+        *size,
+        focal=(float(matrix[0, 0]), float(matrix[1, 1])),
+        principal=(float(matrix[0, 2]) + 0.5, float(matrix[1, 2]) + 0.5),
+        distortion=tuple(map(float, distortion.ravel()[:8])),
+    )
+    within = camera.unproject(np.concatenate([found.image for found in corners.values()]) + 0.5)
+    if np.isnan(within).any():
+        raise InputError("the fitted lens folds the image over itself within the boards: fit fewer --coefficients")
+    predicted = [
+        cv2.projectPoints(p, r, t, matrix, distortion)[0].reshape(-1, 2)
+        for p, r, t in zip(points, rotations, shifts, strict=True)
+    ]
+    boards = dict(zip(corners, map(float, errors.ravel()), strict=True))
+    return Calibration(
+        camera,
+        {name: spread for name, spread in deviation.items() if spread > 0.0},
+        float(rms),
+        boards,
+        skipped,
+        _outliers(boards, np.array([len(found.image) for found in corners.values()])),
+        {name: found.image.astype(np.float64) + 0.5 for name, found in corners.items()},
+        {
+            name: np.asarray(found.image - at, np.float64)
+            for (name, found), at in zip(corners.items(), predicted, strict=True)
+        },
+    )
+
+
+def _rms_at(factor: float, points: list, image: list, size: tuple[int, int], matrix: NDArray) -> float:
+    """The rms [px] of the best fit of k1 and k2 with `factor` times the focal length of `matrix`.
+
+    Two coefficients, as eight can imitate any focal length.
+    """
+    import cv2
+
+    held = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH | _flags(2, False)
+    other = matrix * [[factor, 1.0, 1.0], [1.0, factor, 1.0], [1.0, 1.0, 1.0]]
+    return float(cv2.calibrateCamera(points, image, size, other, np.zeros(5), flags=held)[0])
+
+
+def _outliers(boards: Mapping[str, float], counts: NDArray) -> tuple[str, ...]:
+    """Photographs whose log rms lies above the median by more than OUTLIER, never less than chance spreads it."""
+    logs = np.log(np.maximum(list(boards.values()), 1e-12))
+    above = logs - np.median(logs)
+    chance = 1.0 / np.sqrt(2.0 * (2.0 * counts - 6.0))  # of the log of an rms over 2n residuals less 6 of the pose
+    spread = np.maximum(1.4826 * np.median(np.abs(above)), chance)  # 1.4826 makes the median one of a normal law
+    return tuple(name for name, far in zip(boards, above / spread, strict=True) if far > OUTLIER)

@@ -1,0 +1,161 @@
+"""Highlight: the lamp's mirror image on the ball, and the direction that it tells.
+
+A mirror ball shows a lamp where its normal halves the angle between eye and lamp (MODEL §7.2). The centre of a lamp as
+wide as a few degrees is not at the centre of its image, so directions are averaged, not pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.calibration.lamps.ball import Array, Ball, grey
+from hagoromo.calibration.lamps.speck import ellipse_centre
+from hagoromo.errors import InputError
+
+LEVELS = (0.3, 0.5, 0.7)  # of the highlight's peak: its centroid is taken at each, the middle one counts
+LARGEST_SHARE = 0.05  # of the ball's disc that a highlight may cover; a wider one has no centre worth the name
+CONTRAST = 3.0  # a highlight is this many times brighter than the 90th percentile of the ball
+DIMMEST = 0.25  # of white: peak of a highlight
+STANDS_OUT = 8.0  # times the 90th percentile, above the median: no highlight in noise does
+PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # px: standard deviation of a place known to the pixel
+TILT = 0.01  # px: of differences
+
+
+@dataclass(frozen=True, eq=False)
+class Highlight:
+    """The lamp's mirror image: centre (x, y) [px], its standard error [px], size [px²], rival's light over its own.
+
+    points: (n, 2) [px] of its pixels above the lowest level, weights: (levels, n) of their light.
+    """
+
+    centre: tuple[float, float]
+    standard_error: float
+    pixels: int
+    rival: float
+    points: Array
+    weights: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LampReading:
+    """A lamp read off a ball: to_lamp (3,) unit, standard error [°] of the direction, what it was read from."""
+
+    name: str
+    to_lamp: Array
+    standard_error_deg: float
+    highlight: Highlight
+    ball: Ball
+
+    def record(self) -> dict[str, Any]:
+        """An entry of lamps.json: the keys of a capture's lamp, then what is known about it."""
+        return {
+            "name": self.name,
+            "to_lamp": self.to_lamp.tolist(),
+            "intensity": 1.0,  # a saturated highlight does not tell
+            "standard_error_deg": self.standard_error_deg,
+            "highlight_px": list(self.highlight.centre),
+            "highlight_standard_error_px": self.highlight.standard_error,
+            "rival": self.highlight.rival,
+        }
+
+
+def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
+    """The lamp's mirror image on the ball: the speck above half the peak that holds most light, by its centroid.
+
+    photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
+    """
+    whole, on_ball = photograph.dtype.kind in "ui", ball.covers(photograph.shape)
+    corner = np.array([axis.min() for axis in np.nonzero(on_ball)])
+    about = tuple(slice(axis.min(), axis.max() + 1) for axis in np.nonzero(on_ball))
+    light, on_ball = grey(photograph[about]), on_ball[about]
+    known = light[on_ball & np.isfinite(light)]
+    if not known.size:
+        raise InputError("no pixel of the ball is known: expose shorter")
+    brightest = float(known.max())
+    white = float(np.iinfo(photograph.dtype).max) if whole else brightest
+    light = np.where(on_ball, np.where(np.isfinite(light), light, brightest), 0.0)
+    median, usual = np.percentile(light[on_ball], [50, 90]).tolist()
+    noise = not whole and brightest - median < STANDS_OUT * (usual - median)  # where white is unknown
+    if noise or brightest < DIMMEST * white or brightest < CONTRAST * usual or brightest <= 0.0:
+        raise InputError(f"no highlight on the ball (peak {brightest:.3g} of {white:g}): light it, or expose longer")
+    speck, rival = _brightest_speck(light, LEVELS[1] * brightest)
+    pixels = int(speck.sum())
+    if pixels > LARGEST_SHARE * on_ball.sum():
+        raise InputError(f"the highlight covers {pixels} pixels of the ball: expose shorter, focus, or use a mirror")
+    weights = np.stack([_weight(light, level * brightest) for level in LEVELS])
+    rows, columns = np.nonzero(weights.any(axis=0))
+    points, weights = np.stack([columns, rows], axis=1) + corner[::-1] + np.float64(0.5), weights[:, rows, columns]
+    centres = weights @ points / weights.sum(axis=1, keepdims=True)
+    (x, y), error = centres[1], float(np.hypot(np.std(centres, axis=0).max(), PIXEL_ERROR / pixels**0.25))
+    finer = ellipse_centre(light / brightest, speck)
+    if finer is not None:
+        centre = np.array([finer.x, finer.y]) + corner[::-1]
+        points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
+    return Highlight((float(x), float(y)), error, pixels, rival, points, weights)
+
+
+def read_lamp(name: str, highlight: Highlight, ball: Ball) -> LampReading:
+    """Direction to the lamp that the ball shows at `highlight`, errors propagated from highlight, centre and radius."""
+    direction = centre_of_lamp(highlight, ball)
+    degrees = np.degrees(np.linalg.norm(slopes(highlight, ball)[1] * figure_errors(highlight, ball)[:, None]))
+    return LampReading(name, direction, float(degrees), highlight, ball)
+
+
+def centre_of_lamp(highlight: Highlight, ball: Ball, off: tuple[float, ...] = (0.0,) * 5) -> Array:
+    """(3,) unit direction of the middle of the lamp: the mean over the solid angle of its image.
+
+    off: errors [px] of the highlight's x, y, the ball's x, y, and its radius.
+    """
+    points, weight = highlight.points + off[:2], highlight.weights[1]
+    mean = (weight * solid_angles(ball, points, off[2:])) @ ball.mirrored(points, off[2:]).to_lamp
+    return mean / np.linalg.norm(mean)
+
+
+def solid_angles(ball: Ball, points: Array, off: tuple[float, ...] = (0.0,) * 3) -> Array:
+    """(n,) [sr] that the mirrored rays of the pixels at `points` (n, 2) span; 4/radius² each in a view from afar."""
+    seen = ball.mirrored(points, off).to_lamp
+    right, down = (ball.mirrored(points + step, off).to_lamp - seen for step in TILT * np.eye(2))
+    return np.linalg.norm(np.cross(right, down), axis=1) / TILT**2
+
+
+def slopes(highlight: Highlight, ball: Ball) -> tuple[Array, Array]:
+    """Slopes (5, 3) per pixel of the place on the ball that shows the lamp [radii], and of the direction to the lamp.
+
+    Of the five figures of `figure_errors`.
+    """
+
+    def place(off: Array) -> Array:
+        shown = ball.mirrored(np.array([highlight.centre]) + off[:2], off[2:])
+        return shown.centre + shown.normal[0]
+
+    steps, zero = TILT * np.eye(5), np.zeros(5)
+    of_place = np.stack([place(step) for step in steps]) - place(zero)
+    of_lamp = np.stack([centre_of_lamp(highlight, ball, tuple(step)) for step in steps]) - centre_of_lamp(
+        highlight, ball
+    )
+    return of_place / TILT, of_lamp / TILT
+
+
+def figure_errors(highlight: Highlight, ball: Ball) -> Array:
+    """(5,) standard errors [px] of the highlight's x, y, the ball's x, y, and its radius."""
+    return np.array([highlight.standard_error] * 2 + [*ball.standard_error])
+
+
+def _weight(light: Array, level: float) -> Array:
+    speck, _ = _brightest_speck(light, level)
+    return np.where(speck, light - 0.5 * level, 0.0)
+
+
+def _brightest_speck(light: Array, level: float) -> tuple[NDArray[np.bool_], float]:
+    """Where the connected speck above `level` is that holds most light, and the next one's light over its own."""
+    from skimage.measure import label
+
+    specks = np.asarray(label(light > level, connectivity=1))
+    sums = np.bincount(specks.ravel(), light.ravel())
+    sums[0] = 0.0
+    order = np.argsort(sums)[::-1]
+    return specks == order[0], float(sums[order[1]] / sums[order[0]])

@@ -1,0 +1,122 @@
+"""Outline: the ball's edge as the photographs show it, finer than a mask, and how sharp it is.
+
+Along rays from the ball's centre the light changes at the edge, for the better or the worse, in one photograph or
+another. Where the change stands out all around, its place replaces the mask's edge; else the mask stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.calibration.lamps.ball import Array, Ball, fit_ball, grey
+from hagoromo.errors import InputError
+
+SECTORS, RAYS = 90, 5  # of the circle, each with the mean of so many profiles
+STEP = 0.25  # px between samples of a profile
+NEAR = 2.5  # px beside the mask's edge within which the photographs' edge is looked for
+FAR = 0.12  # of the radius, beside the edge, that its softness is looked for
+SMOOTH = 0.7  # px: standard deviation of the smoothing of profiles
+NARROWEST = 0.8  # px: standard deviation of the edge of a sharp disc, so sampled and smoothed
+FOOT = 0.2  # of the change at the edge: where its bump ends
+CLEAR = 6.0  # times the usual change of light beside the ball that its edge stands out by
+ENOUGH = 0.6  # of the sectors must show the edge
+CONSISTENT = 0.5  # px rms off a ball's outline up to which the places found are those of the ball's edge
+EDGE_ERROR = 0.2  # px: systematic error of the radius, of reflections that crowd at the edge
+DISPUTED = 0.5  # of the distance to the mask's circle, beyond its pixels' size, that is a standard error
+STRONG = 0.05  # of the strongest change near the edge: the outermost change as strong is the edge
+BLURRED = 0.04  # of the radius: standard deviation of the edge's blur from which the ball is out of focus
+
+
+def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
+    """The ball with its softness and, where they show it better, its outline from `photographs`.
+
+    photographs: (height, width[, channels]) each.
+    """
+    reach = max(FAR * ball.radius, 3.0 * NEAR)
+    steps = np.arange(-reach, 1.5 * reach, STEP)
+    change = np.stack([_changes(ball, photograph, steps) for photograph in photographs])  # (K, SECTORS, T)
+    usual = np.median(np.abs(change[..., steps > reach]), axis=2, keepdims=True)  # beside the ball
+    usual = usual + 1e-12 + 1e-3 * np.abs(change).max()
+    energy = np.sum((change / usual) ** 2, axis=0)
+    found, clear = _edges(energy, steps, CLEAR**2 + len(change))
+    softness = _softness(change[:, clear], found[clear], steps) if clear.mean() >= ENOUGH else None
+    if clear.mean() < ENOUGH:
+        return replace(ball, softness=softness)
+    at = np.flatnonzero(clear)
+    edge = np.stack([ball.outline(SECTORS, 1.0 + found[i] / ball.radius)[i] for i in at])
+    finer = fit_ball(edge, ball.camera, EDGE_ERROR, "photographs")
+    kept = np.hypot(*(edge - finer.outline(SECTORS)[at]).T) < 3.0 * CONSISTENT
+    if kept.mean() < ENOUGH or not _all_around(at[kept]):
+        return replace(ball, softness=softness)
+    finer = fit_ball(edge[kept], ball.camera, EDGE_ERROR, "photographs")
+    better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
+    if not better:
+        return replace(ball, softness=softness)
+    (x, y), (u, v) = finer.centre, ball.centre
+    # which of the two is wrong is not known: one edge of a reflection may look like another of the ball
+    centre = DISPUTED * float(np.hypot(x - u, y - v))
+    radius = DISPUTED * max(abs(finer.radius - ball.radius) - 0.5, 0.0)
+    errors = np.hypot(finer.standard_error, (centre, centre, radius)).tolist()
+    return replace(finer, softness=softness, from_mask=(x - u, y - v), standard_error=tuple(errors))
+
+
+def check_focus(ball: Ball) -> None:
+    """Raise `InputError` when the photographs showed the ball out of focus."""
+    if ball.softness is not None and ball.softness > BLURRED * ball.radius:
+        raise InputError(
+            f"the ball is out of focus: its edge is blurred by {ball.softness:.1f} px (standard deviation), "
+            f"{100 * ball.softness / ball.radius:.0f} % of its radius: focus on the ball"
+        )
+
+
+def _all_around(sectors: NDArray[np.intp]) -> bool:
+    """Whether half the sectors of every eighth of the circle are among them: the centre is not told by one side."""
+    return bool((np.bincount(sectors * 8 // SECTORS, minlength=8) >= 0.5 * SECTORS / 8).all())
+
+
+def _changes(ball: Ball, photograph: NDArray, steps: Array) -> Array:
+    """(SECTORS, T) derivative of the light outwards, at `steps` [px] from the edge."""
+    from scipy.ndimage import gaussian_filter1d, map_coordinates
+
+    ring = ball.outline(SECTORS * RAYS, 1.0 + steps / ball.radius)  # (T, SECTORS · RAYS, 2)
+    picture = np.nan_to_num(grey(photograph), posinf=0.0, neginf=0.0)
+    light = map_coordinates(picture, (ring - 0.5)[..., ::-1].transpose(2, 0, 1), order=1, mode="nearest")
+    around = np.roll(light, RAYS // 2, axis=1).reshape(len(steps), SECTORS, RAYS).mean(axis=2)
+    return gaussian_filter1d(around, SMOOTH / STEP, axis=0, order=1).T
+
+
+def _edges(energy: Array, steps: Array, least: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Place [px] of the outermost strong change near the mask's edge in each sector, and whether there is one."""
+    near = np.flatnonzero(np.abs(steps) <= NEAR)
+    part = energy[:, near]
+    peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] >= part[:, 2:])
+    strong = peak & (part[:, 1:-1] > np.maximum(least, STRONG * part.max(axis=1, keepdims=True)))
+    clear = strong.any(axis=1)
+    outermost = near[1:-1][strong.shape[1] - 1 - np.argmax(strong[:, ::-1], axis=1)]
+    beside = np.clip(outermost[:, None] + np.arange(-4, 5), 0, len(steps) - 1)  # ± 1 px
+    weight = np.take_along_axis(energy, beside, axis=1)
+    return np.sum(weight * steps[beside], axis=1) / np.maximum(weight.sum(axis=1), 1e-30), clear
+
+
+def _softness(change: Array, found: Array, steps: Array) -> float:
+    """Standard deviation [px] of the blur of the edge: that of the mean change across it, beyond a sharp edge's.
+
+    change: (K, sectors, T), found: (sectors,) the edge's place in each.
+    """
+    aligned = np.stack(
+        [
+            [np.interp(steps + place, steps, line, left=0.0, right=0.0) for line in lines]
+            for lines, place in zip(np.moveaxis(change, 1, 0), found, strict=True)
+        ]
+    )
+    middle = np.argmin(np.abs(steps))
+    mean = np.sum(aligned * np.sign(aligned[..., middle, None]), axis=(0, 1))
+    below = np.flatnonzero(mean < FOOT * mean[middle])
+    low = below[below < middle].max(initial=-1)
+    high = below[below > middle].min(initial=len(steps))
+    bump, at = mean[low + 1 : high], steps[low + 1 : high]
+    return float(np.sqrt(max(np.average((at - np.average(at, weights=bump)) ** 2, weights=bump) - NARROWEST**2, 0.0)))

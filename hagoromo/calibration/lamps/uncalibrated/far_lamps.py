@@ -1,0 +1,126 @@
+"""Far lamps from photographs of an object of unknown shape: low rank, integrability, then the bas-relief ambiguity.
+
+The scale at which integrability is judged is the one at which it holds best. What is stated as error is how far the
+lamps move when tiles of the object are drawn anew, when it is judged at other scales, and, of lamps that seem alike,
+when albedo is left out of account, beside a third of the bound on how far integrability's own residual tilts them
+(Wedin 1972): the model is wrong for every real object, by more than its noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.calibration.lamps import check_spread
+from hagoromo.calibration.lamps.uncalibrated.bas_relief import Belief
+from hagoromo.calibration.lamps.uncalibrated.colours import colours
+from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
+from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
+from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
+from hagoromo.camera.camera import Camera
+
+MOST_PIXELS = 40_000  # of the object at the finest scale
+USABLE = 1.7  # times the best scale's figure up to which another scale is an independent opinion
+DRAWS = 8  # of the bootstrap
+ALIKE = 0.1  # standard deviation of ln strength up to which lamps may be taken for alike, whatever the albedo
+FINEST_DEG = 1.0  # what pixels of the outline, half beside the object, leave of the relief at best
+BOUND_SHARE = 1.0 / 3.0  # a bound is taken for three standard errors
+USUAL, NO_ALBEDO = Belief(), Belief(alike=0.05, entropy=False)
+
+
+@dataclass(frozen=True, eq=False)
+class SelfCalibration:
+    """to_lamp (K, 3) unit; strength (K,) or (K, C), median 1 in each channel; standard errors [°] and of ln strength.
+
+    convex: share of the outline that the surface turns away at, as closed objects do; 0.5 tells nothing, and the
+    hollow surface under lamps mirrored about the line of sight is as good. integrability: 0, well told, to 1.
+    condition: of the directions. Axes: x right, y up, z to the camera; with a camera, world.
+    """
+
+    names: tuple[str, ...]
+    to_lamp: Array
+    strength: Array
+    standard_error_deg: Array
+    strength_error: Array
+    convex: float
+    integrability: float
+    condition: float
+
+    def records(self) -> list[dict[str, Any]]:
+        """Entries of lamps.json."""
+        return [
+            {
+                "name": name,
+                "to_lamp": self.to_lamp[k].tolist(),
+                "intensity": self.strength[k].tolist(),
+                "standard_error_deg": float(self.standard_error_deg[k]),
+                "intensity_relative_error": float(self.strength_error[k]),
+                "intensity_from": "the object, relative",
+            }
+            for k, name in enumerate(self.names)
+        ]
+
+
+def self_calibrate(
+    photographs: Mapping[str, NDArray],
+    mask: NDArray[np.bool_],
+    camera: Camera | None = None,
+    seed: int = 0,
+    progress: Callable[[float, str], None] | None = None,
+) -> SelfCalibration:
+    """One far lamp per photograph of an object.
+
+    photographs: name → (height, width, channels), linear, NaN where clipped. mask: (height, width), the object, best
+    within its outline against the background. camera: None for a view from afar. `InputError` where too little is seen
+    of the object, lamps lie in one plane with it, or its surface tells nothing (flat, or too rough).
+    """
+    tell = progress or (lambda share, step: None)
+    light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
+    scales = scales_of(light.mean(axis=3), on_object, tangent, tell)
+    best = scales[0]
+    found = best.solved(USUAL)
+    lamps, convex = found.lamps, best.turned_away(found.pixels)
+    flip = FLIP if convex < 0.5 else np.ones(3)
+    opinions = [scale.solved(USUAL).lamps for scale in scales[1:] if scale.ratio < USABLE * best.ratio]
+    own = np.log(np.linalg.norm(lamps, axis=1))
+    if np.std(own) < ALIKE:
+        opinions.append(best.solved(NO_ALBEDO).lamps)
+    random = np.random.default_rng(seed)
+    draws = []
+    for i in range(DRAWS):
+        tell(0.6 + 0.4 * i / DRAWS, "errors")
+        draws.append(best.drawn(random).solved(USUAL, found).lamps)
+    angle, ratio = (np.hypot(a, b) for a, b in zip(_apart(lamps, opinions), _apart(lamps, draws), strict=True))
+    to_lamp = lamps * flip / np.linalg.norm(lamps, axis=1, keepdims=True)
+    strength = np.linalg.norm(lamps, axis=1, keepdims=True) * colours(light[:, on_object])
+    if camera is not None:
+        to_lamp = to_lamp * [1.0, -1.0, -1.0] @ camera.camera_to_world[:3, :3].T
+    tell(1.0, "")
+    return SelfCalibration(
+        tuple(photographs),
+        to_lamp,
+        strength / np.median(strength, axis=0),
+        np.hypot(np.degrees(np.hypot(angle, BOUND_SHARE * best.ratio)), FINEST_DEG),
+        np.hypot(ratio, BOUND_SHARE * best.ratio),
+        max(convex, 1.0 - convex),
+        best.ratio,
+        check_spread(to_lamp).condition,
+    )
+
+
+def _apart(lamps: Array, others: list[Array]) -> tuple[Array, Array]:
+    """Root mean squares (K,) of the angles [rad] to the lamps of `others`, convex or hollow, and of ln strength."""
+    angles, ratios = [np.zeros(len(lamps))], [np.zeros(len(lamps))]
+    length = np.linalg.norm(lamps, axis=1)
+    for other in others:
+        own = np.linalg.norm(other, axis=1)
+        cosines = [np.sum(lamps * other * way, axis=1) / length / own for way in (np.ones(3), FLIP)]
+        angles.append(np.arccos(np.clip(max(cosines, key=np.sum), -1.0, 1.0)))
+        ratio = np.log(own / length)
+        ratios.append(ratio - np.median(ratio))
+    count = max(len(others), 1)
+    return np.sqrt(np.sum(np.square(angles), axis=0) / count), np.sqrt(np.sum(np.square(ratios), axis=0) / count)

@@ -1,0 +1,120 @@
+"""Scale: photographs of an object at one binning, and one step between pixels that are compared; what they tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.calibration.lamps.uncalibrated.bas_relief import Belief, Family, resolve
+from hagoromo.calibration.lamps.uncalibrated.integrability import Rows, first_rows, rows
+from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
+from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
+from hagoromo.errors import InputError
+
+SCALES, STEPS = (1, 2, 3), (1, 2)  # binning, and pixels to the neighbours that are compared
+FEWEST_ROWS = 100  # of integrability
+UNTOLD = 0.8  # `first_rows` from which integrability tells nothing
+TILES = 12  # across the object, drawn anew for errors
+SWEEPS, FEWER = 10, 2  # of Powell's method, in perspective: from afar, and from a neighbour
+FLIP = np.array([-1.0, -1.0, 1.0])  # convex to hollow
+
+
+class Solved(NamedTuple):
+    """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), and the figures of the bas-relief."""
+
+    lamps: Array
+    pixels: Array
+    first: Array
+    figures: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and how well those are told.
+
+    sample: pixels whose albedos count; None for all.
+    """
+
+    factors: Factors
+    rows: Rows
+    first: Array
+    ratio: float
+    afar: bool
+    sample: NDArray[np.intp] | None = None
+
+    def family(self, first: Array) -> Family:
+        """What c₁ and c₂ leave possible."""
+        return Family(self.factors, first, self.sample)
+
+    def solved(self, belief: Belief, start: Solved | None = None) -> Solved:
+        """The lamps, from `start`, of nearly the same data, where given."""
+        first, figures = self.first, None if start is None else start.figures
+        if start is not None and not self.afar:
+            first = start.first
+        family = self.family(first)
+        figures = resolve(family, belief, figures)
+        if not self.afar:
+            if self.turned_away(family.true(family.third(figures))[1]) < 0.5:
+                first, figures = -first, figures * FLIP
+            sweeps = SWEEPS if start is None else FEWER
+            first, figures = resolve_in_perspective(self.family, self.rows, first, figures, belief, sweeps)
+            family = self.family(first)
+        return Solved(*family.true(family.third(figures)), first, figures)
+
+    def drawn(self, random: np.random.Generator) -> Scale:
+        """The same with tiles of the object drawn anew."""
+        at = np.argwhere(self.factors.mask)
+        corner, side = at.min(axis=0), max(int(np.ptp(at, axis=0).max()) // TILES, 1)
+        drawn = random.poisson(1.0, (2 * TILES + 2, 2 * TILES + 2))  # times that each tile counts
+
+        def again(place: NDArray[np.intp]) -> NDArray[np.intp]:
+            row, column = ((place - corner) // side).T
+            return np.repeat(np.arange(len(place)), drawn[row, column])
+
+        some = self.rows.chosen(again(self.rows.place))
+        first = _same_sign(first_rows(some)[0], self.first)
+        return Scale(self.factors, some, first, self.ratio, self.afar, again(at))
+
+    def turned_away(self, pixels: Array) -> float:
+        """Share of the outline's pixels whose normal points out of it."""
+        from scipy.ndimage import binary_erosion, gaussian_filter
+
+        mask = self.factors.mask
+        soft = gaussian_filter(mask.astype(np.float64), 3.0)
+        outward = -np.stack([np.gradient(soft, axis=1), -np.gradient(soft, axis=0)], axis=2)[mask]
+        edge = np.logical_not(binary_erosion(mask, iterations=2, border_value=1))[mask]
+        return float(np.mean(np.sum(outward * pixels[:, :2], axis=1)[edge] > 0.0)) if edge.any() else 0.5
+
+
+def scales_of(light: Array, mask: NDArray[np.bool_], tangent: Array, tell: Callable[[float, str], None]) -> list[Scale]:
+    """All scales of light (K, h, w) at which the object is large enough, the best told first."""
+    found: list[Scale] = []
+    for i, k in enumerate(SCALES):
+        tell(0.2 * i, "shading")
+        shine, where = np.stack([binned(picture, k) for picture in light]), binned(mask, k) == 1.0
+        try:
+            factors = factorise(shine, where)
+        except InputError:
+            if found:
+                break
+            raise
+        at = binned(tangent, k)
+        for step in STEPS:
+            lines = rows(factors.image(), step, at)
+            if len(lines.along) > FEWEST_ROWS:
+                first, ratio = first_rows(lines)
+                found.append(Scale(factors, lines, first, ratio, not tangent.any()))
+    found.sort(key=lambda scale: scale.ratio)
+    if not found or found[0].ratio > UNTOLD:
+        raise InputError(
+            "the object's shading does not tell the lamps: it is flat, too rough, or not matte: use a chrome ball"
+        )
+    return found
+
+
+def _same_sign(first: Array, like: Array) -> Array:
+    return first if np.sum(first * like) > 0.0 else -first

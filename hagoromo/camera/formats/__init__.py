@@ -1,0 +1,1 @@
+"""Files of cameras that other programs write: nerfstudio, COLMAP, OpenCV, Middlebury."""

@@ -1,0 +1,88 @@
+"""Files of cameras of any format that is known, each told by its name and its keys: views, image file → camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.formats.colmap import read_colmap, write_colmap
+from hagoromo.camera.formats.middlebury import read_middlebury, write_middlebury
+from hagoromo.camera.formats.nerfstudio import read_transforms, write_transforms
+from hagoromo.camera.formats.opencv_file import MATRIX, only_lens, read_opencv, write_opencv
+from hagoromo.camera.lens import COEFFICIENTS
+from hagoromo.errors import InputError
+from hagoromo.files.door import existing_file
+from hagoromo.files.record import count, number, read_json, take
+from hagoromo.files.whole import whole_file, whole_folder
+
+Format = Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"]
+BY_SUFFIX: dict[str, Format] = {
+    "": "colmap",
+    ".yml": "opencv",
+    ".yaml": "opencv",
+    ".json": "nerfstudio",
+    ".txt": "middlebury",
+}
+SMALL = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS[:4])  # every record of a camera has these
+
+
+def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
+    """The views in a file or folder: OpenCV, COLMAP, nerfstudio, Middlebury, or what `calibrate camera` wrote.
+
+    size: (width, height) [px] of the images, for a format that does not tell it. A camera without image is named "".
+    """
+    path = Path(path)
+    if path.is_dir():
+        return read_transforms(path / "transforms.json") if (path / "transforms.json").is_file() else read_colmap(path)
+    suffix = existing_file(path).suffix.lower()
+    if suffix in (".bin", ".txt") and path.stem in ("cameras", "images", "points3D"):
+        return read_colmap(path.parent)
+    if suffix == ".txt":
+        return read_middlebury(path, size)
+    if suffix in (".yml", ".yaml"):
+        return read_opencv(path, size)
+    if suffix != ".json":
+        raise InputError(f"{path} is no file of cameras: give .json, .yml, _par.txt or a folder of COLMAP's")
+    record = read_json(path)
+    if isinstance(record, dict) and any(key in record for key in MATRIX):
+        return read_opencv(path, size)
+    return read_transforms(path) if isinstance(record, dict) and "frames" in record else {"": _calibrated(path)}
+
+
+def read_camera(path: str | Path) -> Camera:
+    """The one camera in a file of cameras, at the world's origin; `InputError` when it holds several."""
+    lens = only_lens(read_views(path), str(path))
+    return Camera(lens.width, lens.height, lens.focal, lens.principal, lens.distortion, name=Path(path).stem)
+
+
+def write_views(path: str | Path, views: Mapping[str, Camera], kind: Format | None = None, force: bool = False) -> None:
+    """Write views, whole or not at all.
+
+    kind: the format; None takes that of the suffix (`BY_SUFFIX`; none is a folder of COLMAP's).
+    """
+    kind = kind or BY_SUFFIX.get(Path(path).suffix.lower())
+    if kind is None:
+        raise InputError(
+            f"{path} has no suffix of a format of cameras: give one of {', '.join(filter(None, BY_SUFFIX))}"
+        )
+    if kind in ("colmap", "colmap-text"):
+        with whole_folder(path, force) as folder:
+            write_colmap(folder, views, text=kind == "colmap-text")
+        return
+    write = {"opencv": write_opencv, "nerfstudio": write_transforms, "middlebury": write_middlebury}[kind]
+    with whole_file(path, force) as partial:
+        write(partial, views)
+
+
+def _calibrated(path: Path) -> Camera:
+    """The camera of a record as `Calibration.record` makes it, of which the last coefficients may be left out."""
+    later = dict.fromkeys(COEFFICIENTS[4:], (number, 0.0))
+    k = take(
+        read_json(path), {"w": count, "h": count, **dict.fromkeys(SMALL, number), **later}, str(path), strict=False
+    )
+    distortion = tuple(k[name] for name in COEFFICIENTS)
+    return Camera(k["w"], k["h"], (k["fl_x"], k["fl_y"]), (k["cx"], k["cy"]), distortion).with_pose(np.eye(4))

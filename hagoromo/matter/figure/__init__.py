@@ -1,1 +1,0 @@
-"""Figure: an angel and a nun: bodies, hair and garments."""

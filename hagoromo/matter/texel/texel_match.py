@@ -1,0 +1,214 @@
+"""Match: the coarse levels of a texel brought to pass and send back the light that the finest one does.
+
+Means over cells do not show how matter hides itself: yarns hide what is behind them, gaps let light through, and light
+goes with the exponential of the density. So the densities of a level are scaled until a flat layer of it passes as much
+light as one of the finest level, and the light of every population until it sends back as much: means over PAIRS of
+directions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays, lookup
+from hagoromo.errors import InputError
+from hagoromo.reflectance.element import element_weights
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.chart import OnSurface
+from hagoromo.transport.medium import THINNEST
+from hagoromo.transport.textures import STEPS, Textures
+from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
+
+PAIRS = 128  # of directions to the eye and to a lamp
+STEEPEST = math.cos(math.radians(75))  # least cosine between them and the normal
+BEHIND = 4  # every so many pairs have the lamp on the other side of the layer
+SIDE = 12  # rays a side of a period, for each pair
+PART = 0.35  # optical depth of a step, at most
+DRAWN = 0.01  # how strongly scales are drawn to one factor for all directions
+LEAST, MOST = 1e-3, 10.0  # factors on densities that are looked for
+FAR = 1e3  # m
+SEED = 1
+
+
+class Rays:
+    """SIDE² rays through a layer for each of PAIRS directions to the eye, (u, v, normal), and to a lamp; fixed."""
+
+    def __init__(self) -> None:
+        kinds, rng = arrays(), np.random.default_rng(SEED)
+        eye, lamp = _directions(rng), _directions(rng)
+        self.front = np.arange(PAIRS) % BEHIND > 0
+        lamp[~self.front, 2] *= -1.0
+        nothing = dr.zeros(kinds.Float, PAIRS)
+        features = light_features(_vectors(eye), _vectors(lamp))
+        front = np.stack([np.array(value + nothing) for value in features] + [np.zeros(PAIRS)], axis=1)
+        self.features = np.where(self.front[:, None], front, np.eye(SCALES)[-1])  # of `LightScale`
+        lanes = PAIRS * SIDE**2
+        cell, jitter = np.arange(SIDE**2), rng.random((2, PAIRS, SIDE**2))
+        self.to_eye, self.to_lamp = (_vectors(np.repeat(d, SIDE**2, axis=0)) for d in (eye, lamp))
+        self.u, self.v = (
+            lookup(kinds.Float, ((place + part) / SIDE).astype(np.float32))
+            for place, part in zip((cell % SIDE, cell // SIDE), jitter, strict=True)
+        )
+        self.tile = lookup(kinds.Int, rng.integers(0, 1 << 12, lanes).astype(np.int32))
+
+
+def matched(texel: Texel, tau: float, materials: Sequence[Reflectance]) -> Texel:
+    """The texel with its coarse levels matched to the finest; tau [1/m], one material per population."""
+    if len(materials) != texel.populations:
+        raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
+    rays, count = Rays(), len(texel.levels)
+    textures = _textures(texel)
+    depths = [tau * np.array(_through(Layer(textures, rays, texel, k, tau))[0]) for k in range(count)]
+    passed = float(np.exp(-depths[0]).mean())
+    factors = [1.0, *(_factor(depth, passed) for depth in depths[1:])]
+    levels = [_denser(level, factor) for level, factor in zip(texel.levels, factors, strict=True)]
+    texel = replace(texel, levels=tuple(levels))
+    textures = _textures(texel)
+    sent = [_sent(Layer(textures, rays, texel, k, tau, materials)) for k in range(count)]
+    scales = [unscaled(texel.populations), *(_scale(rays, light, sent[0]) for light in sent[1:])]
+    levels = [replace(level, scale=scale) for level, scale in zip(levels, scales, strict=True)]
+    return replace(texel, levels=tuple(levels))
+
+
+def light_sent(texel: Texel, level: int, tau: float, materials: Sequence[Reflectance]) -> NDArray[np.float64]:
+    """Light that a flat layer of one level sends back for each of PAIRS, per population, body and interface [1/sr].
+
+    (PAIRS, populations, 2), per unit of irradiance on a plane that faces the lamp.
+    """
+    rays = Rays()
+    sent = _sent(Layer(_textures(texel), rays, texel, level, tau, materials))
+    scales = texel.levels[level].scale.astype(float)
+    return sent * np.maximum(np.einsum("rf,pcf->rpc", rays.features, scales), 0.0)
+
+
+class Layer:
+    """A flat layer of one level of a texel, and the rays through it."""
+
+    def __init__(
+        self,
+        textures: Textures,
+        rays: Rays,
+        texel: Texel,
+        level: int,
+        tau: float,
+        materials: Sequence[Reflectance] = (),
+    ) -> None:
+        kinds = arrays()
+        self.textures, self.rays, self.tau, self.materials = textures, rays, tau, tuple(materials)
+        self.box, self.row = kinds.UInt(0), dr.opaque(kinds.UInt, level)
+        self.lattice = textures.lattice(self.box, self.row)
+        densest = float(texel.levels[level].density.astype(np.float32).sum(axis=0).max())
+        step = min(float(texel.edges[level]) / STEPS, PART / (tau * max(densest, 1e-3)))
+        length = (texel.top - texel.bottom) / dr.abs(rays.to_eye.z)
+        self.steps = dr.ceil(length / step)
+        self.part = length / self.steps
+        start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
+        self.face = OnSurface(rays.tile, kinds.Int(0), rays.u, rays.v, start, kinds.Float(1))
+        self.per_metre = 1.0 / texel.period[0], 1.0 / texel.period[1]
+        dr.eval(self.lattice, self.steps, self.part, start)
+
+    def place(self, on: Any) -> OnSurface:
+        """Where the rays are `on` [m] behind the layer's face."""
+        return self.face.moved(-on, self.rays.to_eye, self.per_metre)
+
+    def light(self, here: OnSurface) -> list[Any]:
+        """Density times what the elements of a place send back: body and interface of every population."""
+        way = self.rays.to_lamp
+        depth, _ = self.textures.through(self.box, self.row, here, way, FAR, self.tau)
+        arrived, found = dr.exp(-depth), []
+        densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
+        for density, axis, m in zip(densities, axes, self.materials, strict=True):
+            unit = dr.normalize(axis + 1e-9)
+            weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n)
+            found += [density * arrived * weights.body, density * arrived * weights.interface]
+        return found
+
+
+@dr.syntax
+def _through(layer: Layer) -> tuple[Any, list[Any]]:
+    """∫ ρ ds [m] along the rays, and the light that the layer's materials send back: body and interface of each."""
+    kinds, count, tau = arrays(), dr.width(layer.rays.u), layer.tau
+    k, passed = dr.zeros(kinds.Float, count), dr.zeros(kinds.Float, count)
+    sent = [dr.zeros(kinds.Float, count) for _ in range(2 * len(layer.materials))]
+    while k < layer.steps:
+        here = layer.place((k + 0.5) * layer.part)
+        density = layer.textures.density(layer.lattice, here)
+        depth = tau * density * layer.part
+        if depth > THINNEST:
+            if dr.hint(len(layer.materials) > 0, mode="scalar"):
+                gain = dr.exp(-tau * passed) * (1.0 - dr.exp(-depth)) / density
+                sent = _added(sent, gain, layer.light(here))
+            passed += density * layer.part
+        k += 1.0
+    return passed, sent
+
+
+def _sent(layer: Layer) -> NDArray[np.float64]:
+    """(PAIRS, populations, 2): see `light_sent`, without the scale of the level."""
+    light = np.stack([np.array(values, np.float64) for values in _through(layer)[1]])
+    return light.reshape(len(layer.materials), 2, PAIRS, -1).mean(axis=-1).transpose(2, 0, 1)
+
+
+def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
+    """Numbers of `LightScale`, (populations, 2, SCALES), that bring the light `sent` nearest to that `wanted`.
+
+    Least squares over the pairs, drawn a little to one factor for all.
+    """
+    found = unscaled(sent.shape[1])
+    for k, c in np.ndindex(found.shape[:2]):
+        light, aim = sent[:, k, c], wanted[:, k, c]
+        for here, columns in ((rays.front, slice(0, SCALES - 1)), (~rays.front, slice(SCALES - 1, SCALES))):
+            if light[here].sum() <= 0.0:
+                continue
+            mean = aim[here].sum() / light[here].sum()
+            rows = (rays.features[here] * light[here, None])[:, columns]
+            most = max(float(np.linalg.norm(rows)), 1e-30)
+            start = mean * (np.arange(rows.shape[1]) == 0)
+            drawn = np.concatenate([rows, DRAWN * most * np.eye(rows.shape[1])])
+            rest = np.concatenate([aim[here] - rows @ start, np.zeros(rows.shape[1])])
+            found[k, c, columns] = start + np.linalg.lstsq(drawn, rest, rcond=None)[0]
+    return found
+
+
+def _textures(texel: Texel) -> Textures:
+    return Textures([(texel, (texel.bottom, texel.top), 1.0)])
+
+
+def _factor(depth: NDArray, passed: float) -> float:
+    """By what to multiply optical depths so that `passed` of the light is left, on the mean."""
+    from scipy.optimize import root_scalar
+
+    def excess(logarithm: float) -> float:
+        return float(np.exp(-math.exp(logarithm) * depth).mean()) - passed
+
+    low, high = math.log(LEAST), math.log(MOST)
+    if excess(low) * excess(high) >= 0.0:
+        return 1.0
+    return math.exp(root_scalar(excess, bracket=(low, high)).root)
+
+
+def _denser(level: Level, factor: float) -> Level:
+    return replace(level, density=(level.density.astype(np.float32) * factor).astype(np.float16))
+
+
+def _added(old: list[Any], gain: Any, new: list[Any]) -> list[Any]:
+    return [dr.fma(gain, light, sum_) for sum_, light in zip(old, new, strict=True)]
+
+
+def _directions(rng: np.random.Generator) -> NDArray[np.float64]:
+    """PAIRS unit vectors above the layer, even over the cosine with the normal."""
+    turn, cosine = 2.0 * math.pi * rng.random(PAIRS), STEEPEST + (1.0 - STEEPEST) * rng.random(PAIRS)
+    sine = np.sqrt(1.0 - cosine**2)
+    return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1)
+
+
+def _vectors(rows: NDArray[np.float64]) -> Any:
+    kinds = arrays()
+    return kinds.Array3f(*(lookup(kinds.Float, rows[:, k].astype(np.float32)) for k in range(3)))

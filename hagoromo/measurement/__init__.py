@@ -1,0 +1,1 @@
+"""Measurement: photographs and known lamps → materials, gloss, normals and surface, each with its uncertainty."""

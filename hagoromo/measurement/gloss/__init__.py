@@ -1,0 +1,1 @@
+"""Gloss that varies over a surface: its patches, maps and intervals."""

@@ -1,0 +1,86 @@
+"""What an estimate of a material says of gloss that varies over its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hagoromo.measurement.gloss.gloss_spread import DECISIVE, GlossSpread
+from hagoromo.measurement.material.quantity import log_albedo, theta_of
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+
+NORMAL_95 = 1.959964
+
+
+def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstimate:
+    """`material` with the record of its gloss; where that varies, with the middle of it for β, γ, n, and a remark."""
+    by_beta, by_gamma = spread.spread.tolist()
+    record: dict[str, Any] = {
+        "per_pixel": spread.varies,
+        "variation": {"beta": by_beta, "gamma": by_gamma},
+        "log_evidence": spread.log_evidence,
+        "chi_square": {"shared": spread.chi_square[0], "per_pixel": spread.chi_square[1]},
+    }
+    if spread.follows_angles:
+        remark = "pixels differ in gloss as one lobe that is no Gaussian would make them: no maps of it are given"
+        return replace(material, gloss=record, remarks=(*material.remarks, remark))
+    if spread.log_evidence > DECISIVE and not spread.varies:
+        remark = (
+            f"a gloss of each pixel's own would take away {100 * spread.explained:.2g} % of what the model lacks: it "
+            "is not the gloss that varies, and no maps of it are given"
+        )
+        return replace(material, gloss=record, remarks=(*material.remarks, remark))
+    if not spread.varies:
+        return replace(material, gloss=record)
+    remark = (
+        f"the gloss varies from pixel to pixel (β by {100 * by_beta:.2g} %, γ by {100 * by_gamma:.2g} %, ln odds "
+        f"{spread.log_evidence:.3g}): it was measured pixel by pixel, beta and gamma are its geometric means"
+    )
+    return replace(_with_middle(material, spread), gloss=record, remarks=(*material.remarks, remark))
+
+
+def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstimate:
+    """β, γ, n and specular albedo of the law's mean: what one gloss for pixels that differ gives is none of them."""
+    n, told = spread.n, spread.index.variance > 0.0
+    beta, gamma = (np.exp(spread.law.mean) * (spread.beta_per_strength, 1.0)).tolist()
+    of_albedo, by = log_albedo(theta_of(np.ones(len(material.body_colour)), beta, gamma, n)[None])
+    value = {"beta": beta, "gamma": gamma, "n": n, "specular_albedo": float(np.exp(of_albedo[0]))}
+    covariance = np.zeros((3, 3))  # of ln β F₀, ln γ, ln(n − 1)
+    covariance[:2, :2], covariance[2, 2] = spread.covariance, spread.index.variance
+    slopes = np.array([[1.0, 0.0, -4.0 / (n + 1.0)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, *by[0, -2:]]])
+    covariance = slopes @ covariance @ slopes.T
+    relative = np.sqrt(np.diag(covariance))
+    error, interval = dict(material.standard_error), dict(material.interval_95)
+    if spread.index.interval is not None:
+        interval["n"] = spread.index.interval
+        error["n"] = (n - 1.0) * float(relative[2]) if told else None
+    for i, key in ((0, "beta"), (1, "gamma"), (3, "specular_albedo")):
+        ends = value[key] * np.exp(NORMAL_95 * relative[i] * np.array([-1.0, 1.0]))
+        error[key], interval[key] = value[key] * float(relative[i]), tuple(ends.tolist())
+    if not told:  # β holds for the n that was chosen alone: over all n in its interval it goes with 1/F₀
+        strength = np.array([((m + 1.0) / (m - 1.0)) ** 2 for m in interval["n"]]) / spread.beta_per_strength
+        interval["beta"] = (interval["beta"][0] * strength.min(), interval["beta"][1] * strength.max())
+    identifiable = dict(material.identifiable) | {"beta": told, "gamma": True, "n": told}
+    if spread.index.interval is None:
+        identifiable = dict(material.identifiable)
+    return replace(
+        material,
+        standard_error=error,
+        interval_95=interval,
+        correlation=_correlation(covariance[:3, :3]),
+        identifiable=identifiable,
+        **value,
+    )
+
+
+def _correlation(covariance: np.ndarray) -> tuple[tuple[float | None, ...], ...]:
+    """Of β, γ and n in the order of PARAMETERS; α was not estimated with them."""
+    spread = np.sqrt(np.diag(covariance))
+    rows: list[list[float | None]] = [[1.0, None, None, None]]
+    for i in range(3):
+        known = [bool(spread[i] * spread[j] > 0.0) for j in range(3)]
+        values = [float(covariance[i, j] / (spread[i] * spread[j])) if known[j] else None for j in range(3)]
+        rows.append([None, *values])
+    return tuple(tuple(row) for row in rows)

@@ -1,0 +1,159 @@
+"""From the fit of a material to its estimate: intervals, what is identifiable, and what is said where it is not.
+
+The interface term must be detected first: χ² must fall by more than noise lets it over all γ and n. Where it is not,
+β, γ and n are unknown, and where it is, n may be.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
+from hagoromo.measurement.material.albedo_variation import Texture, find_texture
+from hagoromo.measurement.material.interval import inflation, profile_over_n
+from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
+from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.quantity import alpha, body_colour, coordinate
+from hagoromo.measurement.material.sandwich import MaterialFit, with_colour_error
+from hagoromo.measurement.material.uncertainty import (
+    correlation_of,
+    errors_of,
+    identifiable_of,
+    intervals_of,
+    tells,
+    values_at,
+)
+from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE, minimise
+from hagoromo.measurement.sight import Array
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+
+DETECTION = 21.1  # fall of χ² that noise reaches with probability 1e-4 for three parameters
+PRIOR_N = 1.5  # most dielectrics, plastic, skin and fibre among them: 1.3–1.7
+
+
+def estimate_material(
+    seen: Observations, name: str, pixels: int, n: float | None = None, white_error: Array | None = None
+) -> MaterialEstimate:
+    """α, β, γ, n and body colour of what is `seen`.
+
+    n: refractive index where it is known. white_error: (C, C) covariance of ln white, where that was estimated.
+    `InputError` that names the material when there is too little to fit or the fit does not settle.
+    """
+    error = np.zeros((seen.channels, seen.channels)) if white_error is None else white_error
+    try:
+        found = _fitted(seen, error, n)
+        if _detected(found.fit):
+            return _glossy(seen, found, name, pixels, error)
+        return _matte(_fitted(seen, error, n, with_interface=False), name, pixels, n)
+    except InputError as wrong:
+        raise InputError(f"{name}: {wrong}") from wrong
+
+
+class Fitted(NamedTuple):
+    """A fit, with one body colour or each pixel's own, and what was found of the latter."""
+
+    fit: MaterialFit
+    texture: Texture | None
+
+
+def _fitted(seen: Observations, error: Array, n: float | None, with_interface: bool = True) -> Fitted:
+    fit, texture = find_texture(fit_material(seen, n, with_interface))
+    return Fitted(with_colour_error(fit, error), texture)
+
+
+def _detected(fit: MaterialFit) -> bool:
+    """Whether χ² falls by more than DETECTION, in units of what noise does, when the interface term is added."""
+    c = len(fit.theta) - 3
+    if fit.theta[c] <= 0.0:
+        return False
+    without = np.where(np.arange(c + 3) == c, 0.0, fit.theta)[None]
+    cost = minimise(fit.objective, without, np.arange(c + 3) < c).cost[0]
+    fall = 2.0 * (cost - fit.objective.at(fit.theta[None])[0][0])
+    return bool(fall > DETECTION * inflation(fit, coordinate(c)))
+
+
+def _glossy(seen: Observations, found: Fitted, name: str, pixels: int, error: Array) -> MaterialEstimate:
+    """Estimate with the interface term: n estimated, given, or unknown and then chosen."""
+    fit = found.fit
+    intervals = intervals_of(profile_over_n(fit))
+    identifiable = identifiable_of(fit, intervals)
+    tested = lack_of_fit(fit)
+    remarks, values, covered = _remarks(found, tested), values_at(fit.theta), fit
+    if not fit.free[-1]:
+        remarks.append(f"n = {values['n']:.4g} was given, not measured")
+    elif not identifiable["n"]:
+        chosen = float(np.clip(PRIOR_N, *intervals["n"]))
+        values, covered = values_at(_fitted(seen, error, chosen).fit.theta), None
+        remarks.append(f"n is not told by these photographs: {chosen:.3g} was chosen, the intervals hold for all n")
+    unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
+    if unknown:
+        remarks.append(f"not told by these photographs: {', '.join(unknown)}")
+    return MaterialEstimate(
+        name,
+        pixels,
+        interface_colour=(1.0,) * seen.channels,
+        standard_error=errors_of(covered, values, intervals),
+        interval_95=intervals,
+        correlation=correlation_of(fit),
+        identifiable=identifiable,
+        chi_square=fit.residuals.chi_square,
+        remarks=tuple(remarks),
+        lack_of_fit=None if tested is None else tested.record(),
+        texture=None if found.texture is None else found.texture.record(),
+        **values,
+    )
+
+
+def _matte(found: Fitted, name: str, pixels: int, n: float | None) -> MaterialEstimate:
+    """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded."""
+    fit, c = found.fit, len(found.fit.theta) - 3
+    sweep, values = sweep_of_gloss(fit, n), values_at(fit.theta)
+    intervals: dict[str, Any] = {
+        "alpha": swept_interval(sweep, alpha),
+        "beta": (0.0, math.inf),
+        "gamma": GAMMA_RANGE,
+        "n": N_RANGE if n is None else (n, n),
+        "specular_albedo": (0.0, min(swept_interval(sweep, albedo)[1], 1.0)),
+        "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
+    }
+    told = tells(values["alpha"], intervals["alpha"], (0.0, math.inf))
+    tested = lack_of_fit(fit)
+    return MaterialEstimate(
+        name,
+        pixels,
+        interface_colour=(1.0,) * c,
+        standard_error=errors_of(fit, values, intervals) | dict.fromkeys(("beta", "gamma", "n", "specular_albedo")),
+        interval_95=intervals,
+        correlation=correlation_of(fit),
+        identifiable={"alpha": told, "beta": False, "gamma": False, "n": False},
+        chi_square=fit.residuals.chi_square,
+        remarks=(
+            *_remarks(found, tested),
+            "no interface reflection was detected: beta, gamma and n are not told by these photographs",
+        ),
+        lack_of_fit=None if tested is None else tested.record(),
+        texture=None if found.texture is None else found.texture.record(),
+        **values,
+    )
+
+
+def _remarks(found: Fitted, tested: LackOfFit | None) -> list[str]:
+    """What the residuals say of the model."""
+    residuals, remarks = found.fit.residuals, []
+    if residuals.model_error:
+        remarks.append(
+            f"the model lacks: residuals are {residuals.scale:.3g} times the noise (χ² per degree of freedom "
+            f"{residuals.chi_square:.3g}); a model error of {100 * residuals.model_error:.2g} % joined the variance"
+        )
+    if residuals.outliers > 0.001:
+        remarks.append(f"{100 * residuals.outliers:.2g} % of the values lie beyond 6 standard deviations")
+    if tested is not None and tested.rejected:
+        remarks.append(tested.remark())
+    if found.texture is not None and found.texture.per_pixel:
+        remarks.append(found.texture.remark())
+    return remarks

@@ -1,0 +1,127 @@
+"""Intervals of a material's parameters by profile likelihood over the refractive index.
+
+β and n pull against each other, and n may be told badly or not at all. So the fit is repeated along n through its
+admissible range, and a value of any quantity q belongs to the 95 % interval when for some n
+
+    Δχ²(n) + (q − q̂(n))² / var(q | n) ≤ t² κ,
+
+κ being the variance of the robust estimate over that of the least squares which it is computed with. κ is read off the
+residuals, of which few may bear on q (those of the highlight, for γ): t is Student's, of that many degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.stats import t as student
+
+from hagoromo.measurement.material.quantity import Quantity, coordinate
+from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over
+from hagoromo.measurement.robust_fit import N_RANGE, at_bound, minimise
+from hagoromo.measurement.sight import Array
+
+CHI_SQUARE_95 = 3.841458820694124  # 0.95 quantile of χ² with one degree of freedom
+NODES = np.array([-4.5, -3.5, -2.7, -2.0, -1.4, -0.9, -0.4, 0.0, 0.4, 0.9, 1.4, 2.0, 2.7, 3.5, 4.5])  # standard errors
+COARSE = 13  # points through the whole range of n
+FINE = 48  # points read off the profile between two nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The fit at K values of ln(n − 1): rest (K,) is Δχ², theta (K, P), covariance (K, P, P) at n held."""
+
+    fit: MaterialFit
+    rest: Array
+    theta: Array
+    covariance: Array
+
+    @property
+    def log_n1(self) -> Array:
+        """(K,) ln(n − 1), increasing."""
+        return self.theta[:, -1]
+
+
+def profile_over_n(fit: MaterialFit) -> Profile:
+    """Profile of `fit` along n; one point where n was given."""
+    others = fit.free & (np.arange(fit.theta.size) < fit.theta.size - 1)
+    starts = fit.theta[None]
+    if fit.free[-1]:
+        nodes = _nodes(fit)
+        starts = fit.theta + (nodes - fit.theta[-1])[:, None] * _along_n(fit)
+        starts[:, -1] = nodes
+    rows = minimise(fit.objective, starts, others)
+    pairs = zip(rows.curvature, rows.theta, strict=True)
+    covariance = np.stack([inverse_over(curvature, others & ~at_bound(theta)) for curvature, theta in pairs])
+    best = fit.objective.at(fit.theta[None])[0][0]
+    return Profile(fit, np.maximum(2.0 * (rows.cost - best), 0.0), rows.theta, covariance)
+
+
+def _nodes(fit: MaterialFit) -> Array:
+    """Values of ln(n − 1): near the estimate by its standard error, and through the whole range."""
+    low, high = np.log(np.subtract(N_RANGE, 1.0))
+    near = fit.theta[-1] + np.sqrt(fit.covariance[-1, -1]) * NODES
+    return np.unique(np.concatenate([np.clip(near, low, high), np.linspace(low, high, COARSE)]))
+
+
+def _along_n(fit: MaterialFit) -> Array:
+    """dθ/dln(n − 1) along the profile (P,), at the estimate; 0 where n is at the end of its range."""
+    inverse = inverse_over(fit.curvature, fit.inside)
+    return inverse[:, -1] / inverse[-1, -1] if fit.inside[-1] else np.zeros_like(fit.theta)
+
+
+def interval(profile: Profile, quantity: Quantity) -> tuple[float, float]:
+    """95 % interval of `quantity`."""
+    values, gradients = quantity(profile.theta)
+    spread = np.sqrt(np.einsum("kp,kpq,kq->k", gradients, profile.covariance, gradients))
+    limit = allowance(profile.fit, quantity)
+    if len(values) == 1:
+        return float(values[0] - spread[0] * limit**0.5), float(values[0] + spread[0] * limit**0.5)
+    u = _fine(profile.log_n1)
+    rest, value, spread = (_smooth(profile, q)(u) for q in (profile.rest, values, spread))
+    inside = rest <= limit
+    reach = spread[inside] * np.sqrt(limit - rest[inside])
+    return float(np.min(value[inside] - reach)), float(np.max(value[inside] + reach))
+
+
+def interval_of_n(profile: Profile) -> tuple[float, float]:
+    """95 % interval of ln(n − 1), cut off at the admissible range."""
+    fit = profile.fit
+    if len(profile.rest) == 1:
+        return float(fit.theta[-1]), float(fit.theta[-1])
+    limit = allowance(fit, coordinate(-1))
+    u = _fine(profile.log_n1)
+    inside = u[_smooth(profile, profile.rest)(u) <= limit]
+    return float(inside[0]), float(inside[-1])
+
+
+def allowance(fit: MaterialFit, quantity: Quantity) -> float:
+    """t² κ: by how much χ² may rise within the 95 % interval of `quantity`."""
+    return float(student.ppf(0.975, degrees_of_freedom(fit, quantity)) ** 2) * inflation(fit, quantity)
+
+
+def degrees_of_freedom(fit: MaterialFit, quantity: Quantity) -> float:
+    """Of the sandwich variance of `quantity`: (Σ w)² / Σ w² of the groups' shares w in it (Satterthwaite 1946)."""
+    gradient = quantity(fit.theta[None])[1][0]
+    share = np.bincount(fit.group, (fit.influence @ gradient) ** 2)
+    return float(share.sum() ** 2 / np.sum(share**2)) if share.any() else np.inf
+
+
+def inflation(fit: MaterialFit, quantity: Quantity) -> float:
+    """κ: variance of the robust estimate of `quantity` over its variance in the frozen least squares.
+
+    Where the estimate is at the end of its range, so that neither has a variance, κ is that of β F₀.
+    """
+    gradient = quantity(fit.theta[None])[1][0] * fit.inside
+    if not gradient.any():
+        gradient = np.eye(len(fit.theta))[-3]
+    return float(gradient @ fit.covariance @ gradient / (gradient @ inverse_over(fit.curvature, fit.inside) @ gradient))
+
+
+def _fine(nodes: Array) -> Array:
+    return np.interp(np.arange((len(nodes) - 1) * FINE + 1) / FINE, np.arange(len(nodes)), nodes)
+
+
+def _smooth(profile: Profile, values: Array) -> PchipInterpolator:
+    return PchipInterpolator(profile.log_n1, values)

@@ -1,0 +1,175 @@
+"""Lack of fit: whether the residuals of a material's fit still depend on the angles, as they must not.
+
+Two kinds of test, the least p-value of which counts, times their number (Bonferroni):
+* The model is opened where it is a choice: the facet density of eq. (4) may have another peak, other flanks or heavier
+  tails than a Gaussian, and the body may follow squares of cosθ_i and cosθ_r instead of Lambert's law. If the model is
+  right, the gradient of the fit by those freedoms is noise. Its variance is taken from the residuals, summed over each
+  pixel (score test, Rao 1948, with the variance of White 1982).
+* Ordered by φ, θ_i or θ_r, the signs of the residuals change as often as by chance (runs test, Wald & Wolfowitz 1940).
+Neither a misjudged noise level nor a pixel's own shade sounds the alarm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import f as f_distribution
+from scipy.stats import norm as normal
+
+from hagoromo.measurement.material.sandwich import MaterialFit
+from hagoromo.measurement.sight import Array, Sight
+from hagoromo.reflectance.torrance_sparrow import LN2
+
+LEVEL = 1e-4  # rate of false alarms that is stated: a capture has several materials
+FLAT = np.log(1e3)  # ln γ at which every facet density is 1
+FEWEST = 10.0  # pixels, effective number, that a freedom must rest on
+FEWEST_SIGNS = 20
+LOBE = 4.0  # γ, up to which the highlight reaches
+BODY = tuple(f"the body is not Lambert's: it varies with {of} beside the model" for of in ("θ_i", "θ_i", "θ_r", "θ_r"))
+FACETS = tuple(f"the facets are not Gaussian: their density has {what}" for what in ("another peak", "other flanks",
+               "other tails", "other far tails"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Test of the model's shape over the angles.
+
+    p_value: chance of as much where the model is right, by the test that says most: `statistic` is its F with `degrees`
+    (freedoms, pixels − freedoms) of freedom, or the z of too few runs among `degrees` (0, values). rejected: p_value
+    below LEVEL. rms: relative size of what the model misses, root mean square over the values. where: in words.
+    """
+
+    statistic: float
+    degrees: tuple[int, int]
+    p_value: float
+    rejected: bool
+    rms: float
+    where: str
+
+    def record(self) -> dict[str, Any]:
+        """As materials.json has it."""
+        return asdict(self) | {"degrees": list(self.degrees), "level": LEVEL}
+
+    def remark(self) -> str:
+        """One line for people."""
+        freedoms, rest = self.degrees
+        figure = f"F({freedoms}, {rest}) = {self.statistic:.3g}" if freedoms else f"z = {self.statistic:.3g} of {rest}"
+        return (
+            f"lack of fit: {self.where}; this is no dichromatic Torrance–Sparrow reflectance, the model misses "
+            f"{100 * self.rms:.2g} % of the values rms ({figure}, p {_p_text(self.p_value)}, level {LEVEL:g})"
+        )
+
+
+class Verdict(NamedTuple):
+    """What one of the tests says: see `LackOfFit`."""
+
+    p_value: float
+    statistic: float
+    degrees: tuple[int, int]
+    where: str
+
+
+def lack_of_fit(fit: MaterialFit) -> LackOfFit | None:
+    """The tests for `fit`; None where too few pixels could carry any."""
+    model = fit.objective.model(fit.theta)
+    deviation = np.where(fit.objective.seen.used, fit.objective.seen.values - model, 0.0)
+    scored, rms = _score(fit, model, deviation)
+    verdicts = [*scored, *_runs(fit, deviation)]
+    if not verdicts:
+        return None
+    worst = min(verdicts, key=lambda verdict: verdict.p_value)
+    p_value = min(len(verdicts) * worst.p_value, 1.0)
+    return LackOfFit(worst.statistic, worst.degrees, p_value, p_value < LEVEL, rms, worst.where)
+
+
+def _score(fit: MaterialFit, model: Array, deviation: Array) -> tuple[list[Verdict], float]:
+    """The score test, if enough pixels carry it, and the relative size of what the freedoms would add."""
+    seen, objective = fit.objective.seen, fit.objective
+    freedoms, names = _freedoms(fit)
+    slope = np.where(seen.used, objective.loss.curvature(deviation / np.sqrt(objective.variance)), 0.0)
+    slope = slope / objective.variance
+    freedoms = objective.within(freedoms)
+    j = objective.jacobian(fit.theta)[..., fit.free]  # one held at its bound is no news of the model's shape
+    # what the fit takes up of a freedom has no gradient: it is taken off
+    inner = np.einsum("nc,ncp,ncq->pq", slope, j, j)
+    freedoms = freedoms - j @ (np.linalg.pinv(inner, hermitian=True) @ np.einsum("nc,ncp,ncq->pq", slope, j, freedoms))
+    scores = np.einsum("nc,nc,ncq->nq", fit.weight, deviation, freedoms)
+    pixel = np.unique(seen.pixel, return_inverse=True)[1]
+    scores = np.stack([np.bincount(pixel, column) for column in scores.T], axis=1)
+    power = scores**2
+    kept = power.sum(axis=0) ** 2 >= FEWEST * np.maximum((power**2).sum(axis=0), 1e-300)
+    pixels = int(np.sum(power.any(axis=1)))
+    if not kept.any() or pixels <= 3 * kept.sum():
+        return [], fit.residuals.model_error
+    scores, freedoms = scores[:, kept], freedoms[..., kept]
+    total, spread = scores.sum(axis=0), scores.T @ scores
+    scale = 1.0 / np.sqrt(np.diag(spread))
+    quadratic = float(total * scale @ np.linalg.pinv(spread * np.outer(scale, scale), hermitian=True) @ (total * scale))
+    # Hotelling's T² of scores whose mean is 0 under the model
+    q, m = len(total), pixels - len(total)
+    statistic = quadratic / q * m / max(pixels - quadratic, 1e-9 * pixels)
+    curvature = np.einsum("nc,ncp,ncq->pq", fit.weight, freedoms, freedoms)
+    missed = np.where(seen.used, freedoms @ (np.linalg.pinv(curvature, rcond=1e-9, hermitian=True) @ total), 0.0)
+    rms = float(np.sqrt(np.sum(missed**2) / np.sum(np.where(seen.used, model, 0.0) ** 2)))
+    where = [name for name, k in zip(names, kept, strict=True) if k][int(np.argmax(np.abs(total * scale)))]
+    return [Verdict(float(f_distribution.sf(statistic, q, m)), statistic, (q, m), where)], rms
+
+
+def _runs(fit: MaterialFit, deviation: Array) -> list[Verdict]:
+    """Runs tests of the residuals' signs, their channels taken together, along φ, φ of the lobe alone, θ_i and θ_r."""
+    seen = fit.objective.seen
+    pull = fit.weight * deviation * seen.sight.body
+    _, first, pixel = np.unique(seen.pixel, return_index=True, return_inverse=True)
+    of_pixel = np.asarray(np.bincount(pixel, pull.sum(axis=1)), np.float64)
+    of_pixel[np.abs(of_pixel) < 1e-9 * np.bincount(pixel, np.abs(pull).sum(axis=1))] = 0.0  # has a body of its own
+    at, phi = seen.sight.cosines, seen.sight.least_half_angle
+    lobe = phi < LOBE * np.exp(fit.theta[-2]) if fit.theta[-3] > 0.0 else np.zeros(len(phi), bool)
+    each = pull.sum(axis=1)
+    orders = (
+        ("φ", phi, each),
+        ("φ in the highlight", phi, np.where(lobe, each, 0.0)),
+        ("θ_i", at.incidence.max(axis=1), each),
+        ("θ_r", at.view[first, 0], of_pixel),  # a pixel's photographs share it: their residuals may be alike
+    )
+    return [verdict for order in orders if (verdict := _too_few_runs(*order)) is not None]
+
+
+def _too_few_runs(name: str, key: Array, pull: Array) -> Verdict | None:
+    """The runs test of the signs of `pull` in the order of `key`; None for fewer than FEWEST_SIGNS."""
+    chosen = pull != 0.0
+    count = int(chosen.sum())
+    if count < FEWEST_SIGNS:
+        return None
+    ordered = pull[chosen][np.argsort(key[chosen], kind="stable")] > 0.0
+    more = int(ordered.sum())
+    middle = 2.0 * more * (count - more) / count
+    spread = np.sqrt(max(middle * (middle - 1.0) / (count - 1.0), 1e-9))
+    z = (middle - float(np.sum(ordered[1:] != ordered[:-1]))) / spread
+    return Verdict(float(normal.sf(z)), z, (0, count), f"residuals of one sign follow each other along {name}")
+
+
+def _freedoms(fit: MaterialFit) -> tuple[Array, list[str]]:
+    """Derivatives (N, C, Q) of the values by each freedom, and what is missed where the fit pulls at it."""
+    seen, theta = fit.objective.seen.sight, fit.theta
+    incidence, view = seen.cosines.incidence, seen.cosines.view
+    tilts = np.stack([cosine**power for cosine in (incidence, view) for power in (1, 2)], axis=-1)
+    shape = (*seen.body.shape, -1)
+    columns, names = theta[:-3, None] * _spread(seen, tilts).body.reshape(shape), [*BODY]
+    if theta[-3] > 0.0 and fit.free[-2]:
+        u = (np.arccos(np.clip(seen.cosines.half, -1.0, 1.0)) / np.exp(theta[-2])) ** 2  # (φ/γ)²
+        shapes = np.stack([u**2 * np.exp(-2 * LN2 * u), u**2 * np.exp(-LN2 * u), (1 + u) ** -2, (1 + u) ** -1], axis=-1)
+        facets = _spread(seen, shapes).interface(np.array([FLAT]), theta[-1:])[0][0]
+        columns, names = np.concatenate([columns, theta[-3] * facets.reshape(shape)], axis=2), [*names, *FACETS]
+    return columns, names
+
+
+def _spread(seen: Sight, factors: Array) -> Sight:
+    """`seen` with C·Q channels: the irradiance (N, L, C) times each of `factors` (N, L, Q)."""
+    many = seen.irradiance[..., None] * factors[:, :, None, :]
+    return replace(seen, irradiance=many.reshape(*many.shape[:2], -1))
+
+
+def _p_text(p_value: float) -> str:
+    return "< 1e-15" if p_value < 1e-15 else f"= {p_value:.2g}"

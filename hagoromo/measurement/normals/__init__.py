@@ -1,0 +1,1 @@
+"""Normals: photometric stereo with gloss and uneven lamps."""

@@ -1,0 +1,217 @@
+"""Views: what one camera in one place saw of every pixel of an object, a lamp at a time, as plain arrays.
+
+Enters: a Capture. Leaves: values over the irradiance that faces the lamp, with variance and directions, for the
+estimates that take pixels and lamps together (normals, unevenness of lamps, prediction under a lamp kept aside).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.response import white
+from hagoromo.errors import InputError
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_spread import LARGEST_CONDITION, condition_of
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+
+Array = NDArray[np.float64]
+
+FEWEST_LAMPS = 4  # three give a Lambertian normal and nothing to judge it by
+UNLIT = 1e-6  # of a lamp's greatest irradiance: behind an LED there is none, and nothing to divide by
+DARK = 3.0  # standard deviations of the sensor's noise: a value below is shadow and says little of the normal
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """K lamps, C channels, P pixels.
+
+    values, variance: (K, C, P) radiance over irradiance facing the lamp [1/sr, up to the unit of the lamps], and the
+    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid and above the dark. to_lamp: (K, P, 3),
+    to_eye: (P, 3) unit, world axes. points: (P, 3) [m] that this is so for, anywhere on their rays for far lamps.
+    rows, columns: (P,) pixels of an image of `shape` (h, w). lamps: the K lamps. eye: (3,) [m] where the camera
+    stands; axis: (3,) unit, where it looks.
+    """
+
+    values: Array
+    variance: Array
+    light: Array
+    used: NDArray[np.bool_]
+    to_lamp: Array
+    to_eye: Array
+    points: Array
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    shape: tuple[int, int]
+    lamps: tuple[Lamp, ...]
+    eye: Array
+    axis: Array
+
+    @property
+    def place(self) -> Array:
+        """(P, 2) where the pixels are in the image, from their middle, in radii of a disc of as many pixels."""
+        at = np.stack([self.columns, self.rows], axis=1).astype(np.float64)
+        return (at - at.mean(axis=0)) / np.sqrt(len(at) / np.pi)
+
+    def pixels(self, chosen: NDArray) -> Views:
+        """The views of some pixels."""
+        return replace(
+            self,
+            values=self.values[..., chosen],
+            variance=self.variance[..., chosen],
+            light=self.light[..., chosen],
+            used=self.used[:, chosen],
+            to_lamp=self.to_lamp[:, chosen],
+            to_eye=self.to_eye[chosen],
+            points=self.points[chosen],
+            rows=self.rows[chosen],
+            columns=self.columns[chosen],
+        )
+
+    def farther(self, times: float) -> Array:
+        """(P, 3) the points, `times` as far from the eye."""
+        return self.eye + times * (self.points - self.eye)
+
+    def under(self, lamps: tuple[Lamp, ...], times: float = 1.0) -> Views:
+        """The same photographs, if taken under `lamps`, moved from the stated ones, a surface `times` as far."""
+        points, to_lamp, ratios = self.farther(times), [], []
+        for lamp, stated in zip(lamps, self.lamps, strict=True):
+            direction, after = lamp.direction_and_irradiance(points)
+            before = stated.direction_and_irradiance(self.points)[1]
+            least = UNLIT * before.max()
+            to_lamp.append(direction)
+            ratios.append((np.maximum(after, least) / np.maximum(before, least)).reshape(len(points), -1).T)
+        ratio = np.stack(ratios)
+        return replace(
+            self,
+            values=self.values / ratio,
+            variance=self.variance / ratio**2,
+            light=self.light * ratio,
+            to_lamp=np.stack(to_lamp),
+            points=points,
+            lamps=lamps,
+        )
+
+    def image(self, pixels: NDArray, unknown: float = 0.0) -> NDArray:
+        """(h, w, ...) image of (P, ...) values of the pixels."""
+        whole = np.full((*self.shape, *pixels.shape[1:]), unknown, pixels.dtype)
+        whole[self.rows, self.columns] = pixels
+        return whole
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """What K photographs hold of P pixels, lamp by lamp: values, variance (K, P, C) and valid (K, P)."""
+
+    values: NDArray[np.floating]
+    variance: NDArray[np.floating]
+    valid: NDArray[np.bool_]
+
+
+def views(capture: Capture) -> Views:
+    """The views of a capture: pixels that most of its photographs have valid and three see above the dark.
+
+    Near lamps need `capture.points`. `InputError` when the photographs differ in camera or size, have other than one
+    lamp each, too few lamps, or lamps in one plane with the scene, between which normals cannot be told.
+    """
+    photographs = capture.photographs
+    check_lamps(photographs)
+    rows, columns = np.nonzero(enough([photograph.mask for photograph in photographs]))
+    if not len(rows):
+        raise InputError(f"capture {capture.name!r} has no pixel that {FEWEST_LAMPS} photographs have valid")
+    stack = Stack(
+        np.stack([photograph.values[rows, columns] for photograph in photographs]),
+        np.stack([photograph.variance[rows, columns] for photograph in photographs]),
+        np.stack([photograph.mask[rows, columns] for photograph in photographs]),
+    )
+    points = _points(capture, rows, columns)
+    lamps = tuple(photograph.lamps[0] for photograph in photographs)
+    seen = views_of(stack, photographs[0].camera, lamps, points, (rows, columns))
+    if condition_of(seen.to_lamp.mean(axis=1)) > LARGEST_CONDITION:
+        raise InputError(f"the lamps of capture {capture.name!r} lie in one plane with the scene: move one out of it")
+    if not len(seen.rows):
+        raise InputError(f"capture {capture.name!r} has no pixel that three lamps light: expose longer")
+    return seen
+
+
+def views_of(
+    stack: Stack,
+    camera: Camera,
+    lamps: tuple[Lamp, ...],
+    points: Array,
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]],
+) -> Views:
+    """The views of some `pixels` (rows, columns) of one camera, of surface `points` (P, 3), that three lamps light."""
+    values, variance, lights, used, to_lamp = [], [], [], [], []
+    for k, lamp in enumerate(lamps):
+        value, noise = (part[k].astype(np.float64) for part in (stack.values, stack.variance))
+        direction, light = _light(lamp, camera, value.shape[1], points)
+        used.append(stack.valid[k] & (value.mean(axis=1) > DARK * np.sqrt(noise.mean(axis=1))))
+        values.append((value / light).T)
+        variance.append((noise / light**2).T)
+        lights.append(light.T)
+        to_lamp.append(direction)
+    to_eye = camera.position - points
+    to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
+    bright = np.stack(used)
+    seen = Views(
+        values=np.stack(values),
+        variance=np.stack(variance),
+        light=np.stack(lights),
+        used=bright,
+        to_lamp=np.stack(to_lamp),
+        to_eye=to_eye,
+        points=points,
+        rows=pixels[0],
+        columns=pixels[1],
+        shape=(camera.height, camera.width),
+        lamps=lamps,
+        eye=camera.position,
+        axis=camera.camera_to_world[:3, 2],
+    )
+    return seen.pixels(bright.sum(axis=0) >= 3)
+
+
+def enough(masks: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Where most of the photographs, and four, are valid."""
+    return np.sum(masks, axis=0) >= max(FEWEST_LAMPS, len(masks) / 2)
+
+
+def check_lamps(photographs: Sequence[Photograph], fewest: int = FEWEST_LAMPS) -> None:
+    """`InputError` unless the photographs have one lamp each, one camera and size, and are `fewest` or more."""
+    first = photographs[0]
+    for photograph in photographs:
+        if len(photograph.lamps) != 1:
+            raise InputError(
+                f"photograph {photograph.name!r} has {len(photograph.lamps)} lamps: normals need one lamp each"
+            )
+        if photograph.values.shape != first.values.shape or not np.allclose(
+            photograph.camera.matrix, first.camera.matrix, rtol=1e-6
+        ):
+            raise InputError(f"photograph {photograph.name!r} is of another camera or size: normals need a fixed one")
+    if len(photographs) < fewest:
+        raise InputError(f"{len(photographs)} photographs cannot tell normals: give {FEWEST_LAMPS} lamps or more")
+
+
+def _light(lamp: Lamp, camera: Camera, channels: int, points: Array) -> tuple[Array, Array]:
+    """Directions to the lamp (P, 3) and its irradiance (P, C) as the channels see it."""
+    direction, irradiance = lamp.direction_and_irradiance(points)
+    scale = np.ones(channels) if camera.response is None else white(lamp.spectrum, camera.response)
+    light = (irradiance if irradiance.ndim == 2 else irradiance[:, None]) * scale
+    return direction, np.maximum(light, UNLIT * light.max())
+
+
+def _points(capture: Capture, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+    """(P, 3) [m] where the pixels are; anywhere on their rays for far lamps."""
+    if capture.points is not None:
+        return capture.points[rows, columns].astype(np.float64)
+    for photograph in capture.photographs:
+        if photograph.lamps[0].position is not None:
+            raise InputError(f"capture {capture.name!r} has near lamps and no points: give points_path, if rough")
+    camera = capture.photographs[0].camera
+    return camera.position + camera.pixel_directions()[rows, columns]

@@ -1,0 +1,158 @@
+"""Depth: normals → the surface that has them, by weighted least squares over neighbouring pixels (MODEL §7.3).
+
+With v = (x', y', 1) the ray of a pixel in the camera's frame and u = ln depth, a surface of normal n has
+∂u/∂x = −n·∂v/∂x / n·v, in perspective as in a view from afar. Normals leave the scale of each connected part open:
+the mean depth is given, or near lamps tell the depth itself (`DepthTold`), and with it where parts stand before others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.measurement.normals.views import Array
+from hagoromo.measurement.surface.graph import FAR, SOFT, graph, parted_by
+
+STEEPEST = 0.05  # least |n·v|/|v|: beyond 87° a slope is that of the edge, not of the surface
+SHARPEST = 1e-6  # rad²: least variance of a normal
+LEAST_STEP = 2.0  # pixels of depth by which neighbours may miss their normals before they count as parted
+ROUNDS = 3  # of parting where what is told jumps
+GAUGE = 1e-7  # of the median weight: keeps every island of pixels at the mean depth
+ANCHORED = (0.1, 1.0)  # stiffness, round by round, around a coarser surface
+DRAWS = 12  # of the surface's errors, for its variance
+
+
+@dataclass(frozen=True, eq=False)
+class DepthTold:
+    """What near lamps tell of the depth: ln depth (h, w) and the inverse of its variance (h, w), 0 where nothing."""
+
+    log_depth: Array
+    precision: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """points (h, w, 3) [m], world, 0 where unknown; variance (h, w) [m²] of their distance, inf where unknown.
+
+    Where no lamp tells the depth, the variance is that of the shape, its mean depth taken for known.
+    """
+
+    points: NDArray[np.float32]
+    variance: NDArray[np.float32]
+
+
+def points_from_normals(
+    normals: NDArray[np.floating],
+    camera: Camera,
+    distance: float,
+    variance: NDArray[np.floating] | None = None,
+) -> NDArray[np.float32]:
+    """The points of `surface_from_normals`."""
+    return surface_from_normals(normals, camera, distance, variance, draws=0).points
+
+
+def surface_from_normals(
+    normals: NDArray[np.floating],
+    camera: Camera,
+    distance: float,
+    variance: NDArray[np.floating] | None = None,
+    told: DepthTold | None = None,
+    draws: int = DRAWS,
+) -> Surface:
+    """The surface with `normals` (h, w, 3), world, 0 where unknown (points then too).
+
+    distance: mean depth along the camera's axis [m], of each connected part, unless `told`. variance: (h, w) of the
+    normals [rad²]. Where neighbours' depths would have to jump to fit the rest they are parted (Cauchy's loss), and
+    where what is told jumps. `InputError` when the lens is distorted, sizes differ, no normal is known or the distance
+    is none.
+    """
+    check_surface(normals, camera, distance)
+    known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
+    rows, columns = np.nonzero(known)
+    net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
+    level, held = np.full(len(rows), np.log(distance)), np.full(len(rows), GAUGE * net.typical)
+    if told is not None:
+        level, held = _held(told, known, level, held)
+        net = parted_by(net, level, held, ROUNDS)
+    solved = net.settled(level, held) if told is None else net.settled(level, held, SOFT, FAR)
+    depth = np.exp(solved.values)
+    spread = (
+        solved.variance(held if told is not None else 0.0 * held, draws, seed=0)
+        if draws
+        else np.full(len(rows), np.inf)
+    )
+    points, errors = np.zeros(normals.shape, np.float32), np.full(known.shape, np.inf, np.float32)
+    ray = _rays(camera, rows, columns)
+    points[rows, columns] = (ray * depth[:, None]) @ camera.camera_to_world[:3, :3].T + camera.position
+    errors[rows, columns] = spread * np.sum((ray * depth[:, None]) ** 2, axis=1)
+    return Surface(points, errors)
+
+
+def anchored_surface(
+    normals: NDArray[np.floating], camera: Camera, variance: NDArray[np.floating], log_depth: Array, factor: int
+) -> NDArray[np.float32]:
+    """Points (h, w, 3) of the surface with `normals` around a coarser one of ln depth `log_depth` (h, w), NaN
+    where that is unknown.
+
+    The coarser one, of pixels `factor` times as wide, holds what is wider than two of its pixels; its steps part the
+    finer surface too. Errors as `surface_from_normals`.
+    """
+    check_surface(normals, camera, 1.0)
+    known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
+    rows, columns = np.nonzero(known)
+    net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
+    level, sure = log_depth[known], np.isfinite(log_depth[known])
+    # a membrane of stiffness w follows its levels over a length √(w/h) pixels
+    held = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
+    level = np.where(sure, level, level[sure].mean())
+    depth = np.exp(net.settled(level, held, ANCHORED).values)
+    points = np.zeros(normals.shape, np.float32)
+    ray = _rays(camera, rows, columns) * depth[:, None]
+    points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
+    return points
+
+
+def check_surface(normals: NDArray[np.floating], camera: Camera, distance: float) -> None:
+    """`InputError` unless the normals fit the camera, some are known, and the distance is one."""
+    if any(camera.distortion):
+        raise InputError("depth needs photographs without lens distortion: undistort them first")
+    if normals.shape != (camera.height, camera.width, 3):
+        raise InputError(f"normals of shape {normals.shape} for a camera of {camera.width} × {camera.height} pixels")
+    if not (np.isfinite(distance) and distance > 0.0):
+        raise InputError(f"the distance of the surface is {distance} m: give a length above 0")
+    if not (np.linalg.norm(normals, axis=2) > 0.5).any():
+        raise InputError("no normal is known: there is no surface to integrate")
+
+
+def _slopes(
+    normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_], variance: NDArray[np.floating] | None
+) -> tuple[Array, Array]:
+    """∂u/∂(x, y) per pixel (h, w, 2) and the variance of each (h, w)."""
+    rows, columns = np.nonzero(known)
+    ray = _rays(camera, rows, columns)
+    n = normals[rows, columns].astype(np.float64) @ camera.world_to_camera[:3, :3].T
+    towards = np.minimum(np.einsum("pi,pi->p", n, ray), -STEEPEST)
+    slopes, errors = np.zeros((*known.shape, 2)), np.zeros(known.shape)
+    slopes[rows, columns] = -n[:, :2] / camera.focal / towards[:, None]
+    # the slope's error is that of the angle over cos²; `variance` is the sum over the two turns
+    of_angle = 1e-4 if variance is None else np.maximum(variance[rows, columns], SHARPEST)
+    errors[rows, columns] = 0.5 * of_angle / towards**4 / float(np.mean(camera.focal)) ** 2
+    return slopes, errors
+
+
+def _held(told: DepthTold, known: NDArray[np.bool_], level: Array, held: Array) -> tuple[Array, Array]:
+    """Level and weight of each known pixel by what is told and by the mean depth."""
+    weight = told.precision[known]
+    both = weight + held
+    return (weight * told.log_depth[known] + held * level) / both, both
+
+
+def _rays(camera: Camera, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+    """(P, 3) rays of depth 1 in the camera's frame."""
+    x = (columns + 0.5 - camera.principal[0]) / camera.focal[0]
+    y = (rows + 0.5 - camera.principal[1]) / camera.focal[1]
+    return np.stack([x, y, np.ones_like(x)], axis=1).astype(np.float64)

@@ -1,0 +1,190 @@
+"""Tile store: photographs too many to be held at once, read once each, kept on disk as all lamps of a square of pixels.
+
+Enters: photographs, one at a time, and a scratch folder. Leaves: the tiles, and a small capture of means over squares
+of pixels, which fits the memory. The scratch is removed at the end, on failure and on Ctrl-C too.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.normals.views import Stack, check_lamps, enough
+from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.photograph import Photograph
+
+SIDE = 192  # pixels of a tile's side: all lamps of one in a few hundred megabytes
+COARSE_PIXELS = 30_000  # at most, of the small capture
+Progress = Callable[[float, str], None]
+
+
+class Source(Protocol):
+    """Photographs that are made or read when they are asked for."""
+
+    @property
+    def count(self) -> int:
+        """How many photographs there are."""
+        ...
+
+    def photograph(self, number: int) -> Photograph:
+        """The photograph of that number."""
+        ...
+
+
+@dataclass(frozen=True)
+class FolderSource:
+    """The photographs of a capture folder, its `frames` that have an image, read one at a time."""
+
+    folder: Path
+    frames: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """How many photographs there are."""
+        return len(self.frames)
+
+    def photograph(self, number: int) -> Photograph:
+        """The photograph of that number."""
+        frame = self.frames[number]
+        return load_capture(self.folder, slice(frame, frame + 1)).photographs[0]
+
+
+@dataclass(frozen=True, eq=False)
+class TileStore:
+    """The file `path` holds (tiles, K, 2, C, SIDE, SIDE) halves: values and standard deviations over `scale` (K,).
+
+    Deviations are 0 where invalid. coarse: the capture of means over `factor` × `factor` pixels.
+    """
+
+    path: Path
+    channels: int
+    scale: NDArray[np.float64]
+    camera: Camera
+    lamps: tuple[Lamp, ...]
+    coarse: Capture
+    factor: int
+
+    @property
+    def count(self) -> int:
+        """Number of tiles."""
+        return -(-self.camera.height // SIDE) * -(-self.camera.width // SIDE)
+
+    def place(self, tile: int) -> tuple[slice, slice]:
+        """Rows and columns of a tile."""
+        across = -(-self.camera.width // SIDE)
+        row, column = SIDE * (tile // across), SIDE * (tile % across)
+        return (
+            slice(row, min(row + SIDE, self.camera.height)),
+            slice(column, min(column + SIDE, self.camera.width)),
+        )
+
+    def stack(self, tile: int) -> tuple[Stack, NDArray[np.intp], NDArray[np.intp]]:
+        """What the photographs hold of the pixels that most of them have valid, with their rows and columns."""
+        rows, columns = self.place(tile)
+        h, w = rows.stop - rows.start, columns.stop - columns.start
+        shape = (len(self.lamps), 2, self.channels, SIDE, SIDE)
+        size = int(np.prod(shape))
+        # read, not mapped: pages of a mapped file count as memory that is held
+        numbers = np.fromfile(self.path, np.float16, size, offset=2 * size * tile).reshape(shape)[..., :h, :w]
+        at = np.nonzero(enough(list(numbers[:, 1, 0] > 0)))
+        whole = numbers[..., at[0], at[1]].astype(np.float32)  # (K, 2, C, P)
+        whole = np.moveaxis(whole * self.scale[:, None, None, None].astype(np.float32), 3, 2)
+        stack = Stack(whole[:, 0], np.maximum(whole[:, 1], 1e-18) ** 2, whole[:, 1, :, 0] > 0)
+        return stack, at[0] + rows.start, at[1] + columns.start
+
+
+@contextmanager
+def tile_store(source: Source, beside: Path, progress: Progress | None = None) -> Iterator[TileStore]:
+    """The tiles of `source` in a scratch folder within `beside`, which is removed when the block ends.
+
+    `InputError` when the photographs do not go together (see `views.check_lamps`) or the disk is too small.
+    """
+    tell, first = progress or (lambda share, step: None), source.photograph(0)
+    height, width, channels = first.values.shape
+    tiles = -(-height // SIDE) * -(-width // SIDE)
+    needed = 2.0 * tiles * source.count * 2 * channels * SIDE**2
+    free = shutil.disk_usage(beside).free
+    if needed > 0.95 * free:
+        raise InputError(
+            f"{source.count} photographs of {width} × {height} px need {needed / 1e9:.0f} GB of scratch in {beside}, "
+            f"which has {free / 1e9:.0f} GB free: write to another disk"
+        )
+    factor = max(int(np.ceil(np.sqrt(height * width / COARSE_PIXELS))), 1)
+    with tempfile.TemporaryDirectory(prefix=".tiles-", dir=beside) as scratch:
+        path, scale, coarse, lamps = Path(scratch) / "tiles", np.ones(source.count), [], []
+        path.touch()
+        for k in range(source.count):
+            tell(k / source.count, f"photograph {k + 1} of {source.count}")
+            photograph = first if k == 0 else source.photograph(k)
+            check_lamps([first, photograph], fewest=1)
+            scale[k] = _write(path, (k, source.count), photograph)
+            coarse.append(_binned(photograph, factor))
+            lamps.append(photograph.lamps[0])
+        small = Capture(tuple(coarse), "coarse")
+        yield TileStore(path, channels, scale, first.camera, tuple(lamps), small, factor)
+
+
+def _write(path: Path, number: tuple[int, int], photograph: Photograph) -> float:
+    """Put photograph k of K into the file, `number` being (k, K); the scale of its numbers."""
+    height, width, channels = photograph.values.shape
+    mask = np.asarray(photograph.mask)
+    scale = max(float(np.max(photograph.values, where=mask[..., None], initial=0.0)), 1e-30)
+    block, tile = np.zeros((2, channels, SIDE, SIDE), np.float16), 0
+    with path.open("r+b") as file:
+        for row in range(0, height, SIDE):
+            for column in range(0, width, SIDE):
+                at = np.s_[row : row + SIDE, column : column + SIDE]
+                valid, (h, w) = mask[at][..., None], mask[at].shape
+                values = np.where(valid, photograph.values[at], 0.0) / scale
+                deviation = np.sqrt(np.where(valid, photograph.variance[at], 0.0)) / scale
+                # a deviation that rounds to 0 would pass for invalid
+                deviation = np.where(valid, np.maximum(deviation, 1e-6), 0.0)
+                block[:] = 0.0
+                for part, image in enumerate((values, deviation)):
+                    block[part, :, :h, :w] = np.moveaxis(image, 2, 0)
+                file.seek(block.nbytes * (tile * number[1] + number[0]))
+                file.write(block.tobytes())
+                tile += 1
+    return scale
+
+
+def _binned(photograph: Photograph, factor: int) -> Photograph:
+    """Means over squares of `factor` pixels, valid where all of them are; what is left over at the edges is cut off."""
+    import cv2
+
+    camera = photograph.camera
+    height, width = camera.height // factor, camera.width // factor
+
+    def means(image: NDArray) -> NDArray[np.float32]:
+        cut = np.ascontiguousarray(image[: height * factor, : width * factor], np.float32)
+        small = cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(small, np.float32).reshape(height, width, -1)
+
+    mask = means(photograph.mask)[..., 0] > 1.0 - 1e-4
+    values = np.where(mask[..., None], means(np.nan_to_num(photograph.values)), 0.0)
+    variance = np.where(mask[..., None], means(np.nan_to_num(photograph.variance)) / factor**2, 1.0)
+    return Photograph(values, variance, mask, coarser(camera, factor), photograph.lamps, photograph.name)
+
+
+def coarser(camera: Camera, factor: int) -> Camera:
+    """The camera whose pixels are squares of `factor` pixels of `camera`."""
+    sensor = None if camera.sensor is None else replace(camera.sensor, mosaic="").binned(factor)
+    return replace(
+        camera,
+        width=camera.width // factor,
+        height=camera.height // factor,
+        focal=(camera.focal[0] / factor, camera.focal[1] / factor),
+        principal=(camera.principal[0] / factor, camera.principal[1] / factor),
+        sensor=sensor,
+    )

@@ -1,0 +1,1 @@
+"""Development: exposures of one view → linear camera colours with their variance."""

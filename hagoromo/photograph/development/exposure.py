@@ -1,0 +1,169 @@
+"""Exposure: one shot as linear numbers of the sensor above black, read from RAW, TIFF, PNG, EXR or JPEG."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.sensor import MOSAICS
+from hagoromo.errors import InputError
+from hagoromo.files import raw
+from hagoromo.files.exif import Exif, read_exif
+from hagoromo.files.exr import read_exr
+from hagoromo.files.picture import read_picture
+from hagoromo.files.tiff import read_tiff
+from hagoromo.photograph.development.transfer import Transfer
+
+PICTURES, TIFFS, EXRS = (".png", ".jpg", ".jpeg"), (".tif", ".tiff"), (".exr",)
+LINEAR_ROUNDING = 1.0 / 12.0  # DN²: variance of rounding to whole numbers
+
+
+class Given(NamedTuple):
+    """What a user states of files that do not tell it themselves; None where the file is to tell.
+
+    black, white [DN]; mosaic of a one-channel image; transfer: "linear", "srgb", a CSV or a curve; exposure_s [s]; iso.
+    """
+
+    black: float | None = None
+    white: float | None = None
+    mosaic: str | None = None
+    transfer: str | Path | Transfer | None = None
+    exposure_s: float | None = None
+    iso: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """One shot.
+
+    signal: (height, width) behind a mosaic, else (height, width, channels), float32: DN above black, linear in light.
+    rounding: its variance by rounding [DN²], a number or one per sample. full: of the same shape, where the sensor (or
+    the file) is clipped. white: signal of the brightest light [DN]. mosaic: as `Sensor`. exif: with the stated figures.
+    unit: signal of the value 1 after a second at ISO 100 [DN]; white where it is None. curve: variance of the signal by
+    an estimated transfer [DN²], as `rounding`, but common to all frames.
+    """
+
+    signal: NDArray[np.float32]
+    rounding: NDArray[np.float32] | float
+    full: NDArray[np.bool_]
+    white: float
+    mosaic: str
+    exif: Exif
+    name: str = ""
+    unit: float | None = None
+    curve: NDArray[np.float32] | float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parts once."""
+        if self.signal.ndim != (2 if self.mosaic else 3):
+            raise InputError(f"{self.name} of shape {self.signal.shape} has no mosaic {self.mosaic!r}: state another")
+        if not np.isfinite(self.signal).all():
+            raise InputError(f"{self.name} holds numbers that are not finite: mend them")
+        if not self.white > 0.0:
+            raise InputError(f"{self.name}: white is {self.white:g} DN above black: state --black below --white")
+
+    @property
+    def seconds(self) -> float:
+        """Exposure time [s]; 1 where nothing tells it."""
+        return self.exif.exposure_s or 1.0
+
+    @property
+    def iso(self) -> float:
+        """ISO speed; 100 where nothing tells it."""
+        return self.exif.iso or 100.0
+
+
+def read_exposure(path: str | Path, given: Given = Given()) -> Exposure:  # noqa: B008 - a tuple of None
+    """The shot at `path`. `InputError` for a file of no known kind, or 8 bits without a stated transfer."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in raw.SUFFIXES:
+        exposure = _from_raw(path, given)
+    elif suffix in EXRS:
+        exposure = _from_light(_exr(path), path, given)
+    elif suffix in (*TIFFS, *PICTURES):
+        image = (read_tiff if suffix in TIFFS else read_picture)(path)
+        exposure = (_from_light if image.dtype.kind == "f" else _from_numbers)(image, path, given)
+    else:
+        known = ", ".join((*raw.SUFFIXES[:2], *TIFFS, *PICTURES, *EXRS))
+        raise InputError(f"{path} is no photograph of a known kind: give RAW or one of {known}")
+    exif = exposure.exif
+    return replace(
+        exposure,
+        exif=replace(exif, exposure_s=given.exposure_s or exif.exposure_s, iso=given.iso or exif.iso),
+        name=path.name,
+    )
+
+
+def planes(samples: NDArray, mosaic: str) -> list[NDArray]:
+    """The samples of one colour (of one of both greens) as (rows, columns) views: four of a mosaic, else channels."""
+    if mosaic:
+        return [samples[row::2, column::2] for row in (0, 1) for column in (0, 1)]
+    return [samples[..., channel] for channel in range(samples.shape[2])]
+
+
+def _from_raw(path: Path, given: Given) -> Exposure:
+    shot = raw.read_raw(path)
+    numbers, white = shot.numbers, given.white or shot.white
+    black = shot.black if given.black is None else np.full((2, 2), given.black)
+    height, width = numbers.shape[:2]
+    floor = np.tile(black, (height // 2 + 1, width // 2 + 1))[:height, :width].astype(np.float32)
+    signal = numbers.astype(np.float32) - (floor if shot.mosaic else floor[..., None])
+    return Exposure(signal, LINEAR_ROUNDING, numbers >= white, white - float(black.max()), shot.mosaic, shot.exif)
+
+
+def _from_numbers(image: NDArray, path: Path, given: Given) -> Exposure:
+    """8 or 16 bits; alpha is left out."""
+    largest = int(np.iinfo(image.dtype).max)
+    mosaic = given.mosaic or ""
+    if mosaic not in MOSAICS:
+        raise InputError(f"mosaic {mosaic!r} is unknown: choose one of {', '.join(filter(None, MOSAICS))}")
+    numbers = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
+    transfer = given.transfer if given.transfer is not None else "linear" if largest > 255 else None
+    if transfer is None:
+        raise InputError(f"{path} has 8 bits, seldom linear ones: state --transfer linear, srgb, estimate or a CSV")
+    curve = transfer if isinstance(transfer, Transfer) else Transfer.load(transfer, largest)
+    if curve.table.shape[1] not in (1, numbers.shape[2] if numbers.ndim == 3 else 1):
+        raise InputError(f"{path} has one channel and its transfer three: give a curve of one")
+    black, white = given.black or 0.0, largest if given.white is None else given.white
+    if not 0.0 <= black < white <= largest:
+        raise InputError(f"{path}: black {black:g} is to be below white {white:g}, both within 0–{largest} DN")
+    light, rounding, spread = curve.light(numbers)
+    floor, ceiling = (float(curve.table[round(level)].mean()) for level in (black, white))
+    signal, full = light - np.float32(floor), numbers >= white
+    return Exposure(signal, rounding, full, ceiling - floor, mosaic, read_exif(path), path.name, curve=spread)
+
+
+def _from_light(image: NDArray, path: Path, given: Given) -> Exposure:
+    """Linear values without rounding, which keep their unit; nothing is clipped unless `white` is stated."""
+    mosaic = given.mosaic or ""
+    values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
+    black = given.black or 0.0
+    white = given.white if given.white is not None else max(float(values.max(initial=0.0)), 1e-30) + black
+    full = values >= given.white if given.white is not None else np.zeros(values.shape, np.bool_)
+    signal = values.astype(np.float32) - np.float32(black)
+    unit = 1.0 if given.white is None else None
+    return Exposure(signal, 0.0, full, white - black, mosaic, read_exif(path), path.name, unit)
+
+
+def _exr(path: Path) -> NDArray[np.float32]:
+    layers, _ = read_exr(path)
+    for names in (("R", "G", "B"), ("Y",)):
+        if set(names) <= set(layers):
+            return np.stack([layers[name] for name in names], axis=2)[..., : len(names)]
+    raise InputError(f"{path} has the channels {', '.join(layers)}: R, G and B, or Y, are developed")
+
+
+def alike(exposures: Any, what: str) -> None:
+    """Raise `InputError` unless all exposures are of one size and mosaic."""
+    first = exposures[0]
+    for other in exposures[1:]:
+        if other.signal.shape != first.signal.shape or other.mosaic != first.mosaic:
+            raise InputError(
+                f"{what} of different kinds: {first.name} is {first.signal.shape} {first.mosaic}, {other.name} "
+                f"{other.signal.shape} {other.mosaic}"
+            )

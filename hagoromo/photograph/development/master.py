@@ -1,0 +1,86 @@
+"""Masters: dark frames → the dark signal of every sample and the hot ones; flat frames → the share of light it gets."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.photograph.development.exposure import Exposure, alike, planes
+from hagoromo.photograph.development.noise import MAD_OF_NORMAL, Noise
+
+HOT = 8.0  # robust standard deviations of the dark signal over the median of its colour
+SAME_TIME = 1.1  # factor between exposures up to which a dark frame is of one's own
+LEAST_SHARE = 0.2  # of the light, below which a flat field tells nothing
+
+
+class Dark(NamedTuple):
+    """signal [DN] of no light and the variance of its mean, hot where it stands out, all of a sample's shape."""
+
+    signal: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    hot: NDArray[np.bool_]
+
+
+class Flat(NamedTuple):
+    """share of light of every sample over the mean of its colour, its variance, and where it is usable."""
+
+    share: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    usable: NDArray[np.bool_]
+
+
+def dark_master(frames: Sequence[Exposure], seconds: float, noise: Noise) -> Dark:
+    """The mean of those dark frames that are exposed as long as the photograph, `seconds`, or most nearly so."""
+    alike(frames, "dark frames")
+    off = [abs(np.log(frame.seconds / seconds)) for frame in frames]
+    chosen = [frame for frame, far in zip(frames, off, strict=True) if far <= min(off) + np.log(SAME_TIME)]
+    if min(off) > np.log(SAME_TIME):
+        warnings.warn(
+            f"no dark frame is exposed {seconds:g} s: {chosen[0].name} ({chosen[0].seconds:g} s) stands in",
+            stacklevel=2,
+        )
+    signal = np.mean([frame.signal for frame in chosen], axis=0)
+    variance = noise.variance(signal, chosen[0].rounding) / len(chosen)
+    hot = np.zeros(signal.shape, np.bool_)
+    for values, marked in zip(planes(signal, chosen[0].mosaic), planes(hot, chosen[0].mosaic), strict=True):
+        above = values - np.median(values)
+        marked[:] = above > HOT * max(np.median(np.abs(above)) / MAD_OF_NORMAL, np.sqrt(float(np.median(variance))))
+    return Dark(signal.astype(np.float32), variance.astype(np.float32), hot)
+
+
+def flat_master(frames: Sequence[Exposure], darks: Sequence[Exposure], noise: Noise) -> Flat:
+    """The mean of photographs of an evenly lit white field, dark frames (any or none) subtracted, colour by colour."""
+    alike(frames, "flat fields")
+    dark = dark_master(darks, frames[0].seconds, noise).signal if darks else np.float32(0.0)
+    signal = np.mean([frame.signal for frame in frames], axis=0) - dark
+    variance = noise.variance(signal, frames[0].rounding) / len(frames)
+    usable = ~np.any([frame.full for frame in frames], axis=0)
+    share, spread = np.ones_like(signal), np.zeros_like(variance)
+    for parts in zip(*(planes(a, frames[0].mosaic) for a in (signal, variance, usable, share, spread)), strict=True):
+        light, noisy, fine, out, error = parts
+        level = float(light[fine].mean()) if fine.any() else 0.0
+        if level <= 0.0:
+            raise InputError(f"the flat field {frames[0].name} is clipped or dark: expose it for half of white")
+        out[:], error[:] = light / level, noisy / level**2
+    usable &= share > LEAST_SHARE
+    return Flat(share.astype(np.float32), np.asarray(spread, np.float32), usable)
+
+
+def odd_samples(signal: NDArray, variance: NDArray, valid: NDArray[np.bool_], mosaic: str) -> NDArray[np.bool_]:
+    """Samples that stand alone above all their neighbours of one colour: hot, though no dark frame tells.
+
+    Four times the brightest neighbour and ten standard deviations above it; a lens spreads even a star wider.
+    """
+    from scipy.ndimage import maximum_filter
+
+    around = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.bool_)
+    odd = np.zeros(signal.shape, np.bool_)
+    for values, spread, fine, out in zip(*(planes(a, mosaic) for a in (signal, variance, valid, odd)), strict=True):
+        brightest = maximum_filter(np.where(fine, values, np.inf), footprint=around, mode="nearest")
+        out[:] = fine & (values > 4.0 * brightest) & (values - brightest > 10.0 * np.sqrt(spread))
+    return odd

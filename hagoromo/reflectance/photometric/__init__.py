@@ -1,1 +1,0 @@
-"""Photometric: normals, shape and gloss from photographs of one camera under many lamps."""

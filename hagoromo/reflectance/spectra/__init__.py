@@ -1,0 +1,1 @@
+"""Reflectance spectra from camera colours, and the priors that they are learnt from."""

@@ -1,0 +1,262 @@
+"""Crossing: rays through volume boxes, and the order in which they meet the samples of each.
+
+A ray holds as many boxes at once (slots) as may overlap one another; a box that it has left makes room for the next.
+With no more boxes than slots none is ever exchanged, and the rays are worked out once, before the march.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import drjit as dr
+
+from hagoromo.backend import arrays
+from hagoromo.transport.frames import Frame, Frames
+
+COARSE = 2.0  # times FINE: optical depth from which a sample is taken in parts
+MOST_PARTS = 32
+CLEAR = 0.8  # share of a distance without matter that is passed at once: between voxels it is told by interpolation
+EDGE = 1e-3  # the last interpolation cell ends this much before the last voxel centre [voxel]
+Cone = tuple[Any, Any]  # width of a ray at its origin [m], and by how much it widens per metre
+
+
+@dataclass
+class Ray:
+    """A ray on one box's lattice, with what a sample must know of the box."""
+
+    box: Any
+    origin: Any
+    direction: Any
+    near: Any
+    far: Any
+    end: Any  # number of samples
+    step: Any
+    last: Any
+    tau: Any
+    row: Any
+    layer: Any
+    first: Any
+    level: Any  # row of the level of its texel, see `Textures`
+
+
+@dataclass
+class Taken:
+    """How far rays are: the next sample in each slot, and which part of how many of it comes next.
+
+    Where boxes are exchanged, also the rays in the slots, and the last box that was let in.
+    """
+
+    numbers: list[Any]
+    part: Any
+    parts: Any
+    rays: list[Ray]
+    entered: Any
+    box: Any
+
+
+@dataclass
+class Step:
+    """A sample: the box it lies in, its middle and length [m], and where it is on the lattice of the box.
+
+    Kernels carry it through every branch: it has no field that can be had elsewhere.
+    """
+
+    slot: Any
+    box: Any
+    tau: Any  # extinction per unit of density [1/m]
+    distance: Any
+    length: Any
+    place: Any  # lattice coordinates, inside [0, n−1)
+    brick: Any  # ≥ 0: number of its brick; < 0: how far the next one is, see `BrickTable`
+    level: Any  # row of the level of its texel, see `Textures`
+
+    def centroid(self, depth: Any) -> Any:
+        """Distance [m] of the centroid of exp(−σs) over the sample: its middle in thin matter, its front in dense."""
+        thick = dr.fmax(depth, 1e-2)
+        share = dr.select(depth > 1e-2, 1.0 / thick - 1.0 / (dr.exp(thick) - 1.0), 0.5 - depth / 12.0)
+        return dr.fma(self.length, share - 0.5, self.distance)
+
+
+class Crossing:
+    """Rays on the lattices of all boxes."""
+
+    def __init__(self, frames: Frames, rays: tuple[Any, Any, Any, Any], phase: Any, stride: float, cone: Cone) -> None:
+        """`rays`: origin, direction (Array3f), near and far [m]; `phase`, `stride`, `cone`: see `Medium.cross`."""
+        self.frames, self.phase, self.stride, self.cone = frames, phase, stride, cone
+        self.origin, self.direction, self.near, self.far = rays
+        self.exchanged = frames.count > frames.slots
+        self.rays = [] if self.exchanged else [self.ray(arrays().UInt(k)) for k in range(frames.count)]
+
+    def start(self) -> Taken:
+        """Before the first sample of every box."""
+        kinds = arrays()
+        rays = dr.width(self.direction, self.origin)
+        numbers = [dr.zeros(kinds.UInt, rays) for _ in range(min(self.frames.slots, self.frames.count))]
+        taken = Taken(numbers, dr.zeros(kinds.UInt, rays), dr.ones(kinds.UInt, rays), [], kinds.Float(0), kinds.UInt(0))
+        if self.exchanged:
+            taken.entered, taken.box = dr.full(kinds.Float, -dr.inf, rays), dr.zeros(kinds.UInt, rays)
+            nothing = self.ray(dr.zeros(kinds.UInt, rays))
+            nothing.end = dr.zeros(kinds.UInt, rays)
+            taken.rays = [nothing] * self.frames.slots
+            for _ in numbers:
+                taken = self.exchange(taken)
+        return taken
+
+    def unfinished(self, taken: Taken) -> Any:
+        """Whether a sample is left in any slot."""
+        rays = self._rays(taken)
+        left = taken.numbers[0] < rays[0].end
+        for number, ray in zip(taken.numbers[1:], rays[1:], strict=True):
+            left |= number < ray.end
+        return left
+
+    def nearest(self, taken: Taken) -> tuple[Any, Any, Any, Ray]:
+        """Slot, distance of the middle, length and ray of the sample next in depth."""
+        rays = self._rays(taken)
+        slot, ray = arrays().UInt(0), rays[0]
+        distance, length = self._sample(ray, taken.numbers[0])
+        for k in range(1, len(rays)):
+            other, other_length = self._sample(rays[k], taken.numbers[k])
+            first = other < distance
+            slot = dr.select(first, k, slot)
+            distance, length = dr.select(first, other, distance), dr.select(first, other_length, length)
+            ray = _select(first, rays[k], ray)
+        return slot, distance, length, ray
+
+    def leave(self, step: Step, taken: Taken) -> Taken:
+        """On to the first sample beyond the empty bricks (or blocks) around the one that the sample lies in."""
+        kinds = arrays()
+        number, ray = self._in_slot(step.slot, taken)
+        reach, size = ((-step.brick) >> 1) - 1, dr.select((step.brick & 1) == 1, 6, kinds.Int(3))
+        cell = kinds.Array3i(step.place) >> size
+        face = dr.select(ray.direction > 0.0, cell + 1 + reach, cell - reach) << size
+        distance = dr.min((kinds.Array3f(face) - ray.origin) / ray.direction)
+        samples = dr.ceil((distance - ray.near) / ray.step + (self.phase - 0.5))
+        number = dr.maximum(number + 1, kinds.UInt(dr.fmax(samples, 0.0)))
+        return self._at(step, number, taken, kinds.UInt(0), kinds.UInt(1))
+
+    def on(self, step: Step, taken: Taken) -> Taken:
+        """On to the next whole sample."""
+        number, _ = self._in_slot(step.slot, taken)
+        return self._at(step, number + 1, taken, arrays().UInt(0), arrays().UInt(1))
+
+    def after(self, step: Step, depth: Any, clear: Any, taken: Taken) -> Taken:
+        """On from a sample of optical depth `depth`: again in parts, to its next part, or to the next sample.
+
+        clear: distance [m] around it in which there is no matter, if that is known.
+        """
+        UInt = arrays().UInt
+        number, ray = self._in_slot(step.slot, taken)
+        whole = dr.ceil(depth * arrays().Float(taken.parts) / self.frames.fine)
+        parts = dr.maximum(UInt(dr.fmin(whole, MOST_PARTS)), 1)
+        again, last = self.too_coarse(taken, depth), taken.part + 1 >= taken.parts
+        part = dr.select(again | last, UInt(0), taken.part + 1)
+        following = number + 1
+        if clear is not None:
+            following = number + dr.maximum(UInt(CLEAR * clear / ray.step), 1)
+        number = dr.select(last & ~again, following, number)
+        return self._at(step, number, taken, part, dr.select(again | last, parts, taken.parts))
+
+    def too_coarse(self, taken: Taken, depth: Any) -> Any:
+        """Whether the next sample, of optical depth `depth`, is to be taken again in (more) parts."""
+        return (depth > COARSE * self.frames.fine) & (taken.part == 0) & (taken.parts < MOST_PARTS)
+
+    def exchange(self, taken: Taken) -> Taken:
+        """Let the box that the ray enters next into a slot whose box it has left, if there is one."""
+        if not self.exchanged:
+            return taken
+        slot, free = arrays().UInt(0), taken.numbers[0] >= taken.rays[0].end
+        for k in range(1, len(taken.rays)):
+            also = ~free & (taken.numbers[k] >= taken.rays[k].end)
+            slot, free = dr.select(also, k, slot), free | also
+
+        def entered(state: Taken, slot: Any) -> Taken:
+            box, when = next_box(self, state.entered, state.box)
+            found = box < self.frames.boxes
+            ray = self.ray(dr.select(found, box, 0))
+            ray.end = dr.select(found, ray.end, 0)
+            here = [slot == k for k in range(len(state.rays))]
+            numbers = [dr.select(h, 0, number) for h, number in zip(here, state.numbers, strict=True)]
+            rays = [_select(h, ray, old) for h, old in zip(here, state.rays, strict=True)]
+            return Taken(numbers, state.part, state.parts, rays, when, box)
+
+        open_ = free & (taken.box < self.frames.boxes)
+        return dr.if_stmt((taken, slot), open_, entered, lambda state, slot: state)
+
+    def ray(self, box: Any) -> Ray:
+        """The ray on the lattice of box number `box` (UInt); without samples where it misses the box."""
+        kinds, frame = arrays(), self.frames.frame(box)
+        start, along, enter, leave = self.span(frame)
+        level, step = arrays().UInt(0), frame.step
+        if textures := self.frames.textures:
+            width, spread = self.cone
+            row, finest = textures.level(box, dr.fma(spread, dr.fmax(enter, 0.0), width), self.phase)
+            textured = textures.textured(box)
+            level, step = dr.select(textured, row, level), dr.select(textured, finest, step)
+        step = step * self.stride
+        samples = dr.ceil((leave - enter) / step + (self.phase - EDGE))
+        met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
+        end = kinds.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
+        return Ray(
+            box, start, along, enter, leave, end,
+            step, frame.last, frame.tau, frame.row, frame.layer, frame.first, level,
+        )  # fmt: skip
+
+    def span(self, frame: Frame) -> tuple[Any, Any, Any, Any]:
+        """Origin and direction on a lattice, and the distances [m] where the ray enters and leaves it."""
+        kinds, (x, y, z) = arrays(), frame.columns
+        start = self.origin.x * x + self.origin.y * y + self.origin.z * z + frame.shift
+        along = self.direction.x * x + self.direction.y * y + self.direction.z * z
+        along = dr.select(dr.abs(along) < 1e-9, 1e-9, along)  # a ray within a lattice plane: no 0/0 below
+        faces = (-0.5 - start) / along, (frame.last + 0.5 - start) / along
+        enter = dr.fmax(dr.max(kinds.Array3f(*map(dr.fmin, *faces))), self.near)
+        leave = dr.fmin(dr.min(kinds.Array3f(*map(dr.fmax, *faces))), self.far)
+        return start, along, enter, leave
+
+    def _rays(self, taken: Taken) -> list[Ray]:
+        """The rays in the slots."""
+        return taken.rays if self.exchanged else self.rays
+
+    def _in_slot(self, slot: Any, taken: Taken) -> tuple[Any, Ray]:
+        """Number of the next sample, and ray, of a slot."""
+        rays = self._rays(taken)
+        number, ray = taken.numbers[0], rays[0]
+        for k in range(1, len(rays)):
+            number, ray = dr.select(slot == k, taken.numbers[k], number), _select(slot == k, rays[k], ray)
+        return number, ray
+
+    def _at(self, step: Step, number: Any, taken: Taken, part: Any, parts: Any) -> Taken:
+        """Where the ray is once the slot of `step` stands at `number`."""
+        numbers = [number]
+        if len(taken.numbers) > 1:
+            numbers = [dr.select(step.slot == k, number, old) for k, old in enumerate(taken.numbers)]
+        return Taken(numbers, part, parts, taken.rays, taken.entered, taken.box)
+
+    def _sample(self, ray: Ray, number: Any) -> tuple[Any, Any]:
+        """Middle and length of a sample; behind all others once the box is done. The first and last may be shorter."""
+        before = arrays().Float(number) - self.phase
+        begin = dr.fma(dr.fmax(before, 0.0), ray.step, ray.near)
+        length = dr.fmin(dr.fma(before + 1.0, ray.step, ray.near), ray.far) - begin
+        middle = dr.fma(length, 0.5, begin)
+        return (middle if self.frames.slots == 1 else dr.select(number < ray.end, middle, math.inf)), length
+
+
+@dr.syntax
+def next_box(crossing: Crossing, entered: Any, last: Any) -> tuple[Any, Any]:
+    """Number of the box that rays enter next after box `last`, which they `entered` [m]; the count of boxes if none."""
+    kinds = arrays()
+    k, box, when = kinds.UInt(0), kinds.UInt(crossing.frames.boxes), kinds.Float(dr.inf)
+    while k < crossing.frames.boxes:
+        _, _, enter, leave = crossing.span(crossing.frames.frame(k))
+        later = (enter > entered) | ((enter == entered) & (k > last))
+        found = later & (leave > enter) & dr.isfinite(leave) & (enter < when)
+        box, when = dr.select(found, k, box), dr.select(found, enter, when)
+        k += 1
+    return box, when
+
+
+def _select(mask: Any, yes: Any, no: Any) -> Any:
+    """`dr.select` through the fields of a record."""
+    return type(yes)(*(dr.select(mask, getattr(yes, f.name), getattr(no, f.name)) for f in fields(yes)))

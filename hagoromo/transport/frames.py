@@ -1,0 +1,93 @@
+"""Frames: the volume boxes of a scene as rows of numbers that kernels read, and how finely they are walked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, lookup, opaque_vector
+from hagoromo.transport.textures import Textures
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.table import blocks_shape
+
+TOLERANCE = 0.04  # of a picture: root mean square over its mean, where there is matter; half-voxel steps
+STEPS, FINE = 2.0, 0.35  # per voxel, and optical depth of a part of a step, at that tolerance
+WIDTH = 26  # floats of a box's row: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
+
+
+@dataclass
+class Frame:
+    """A box as numbers that kernels read: another pose or voxel size does not compile anew."""
+
+    columns: list[Any]  # lattice_from_world: directions
+    shift: Any  # and offset
+    last: Any  # nx−1, ny−1, nz−1
+    tau: Any
+    step: Any  # [m]
+    row: Any  # blocks along x
+    layer: Any  # blocks along x times along y
+    first: Any  # where its table starts
+
+
+class Frames:
+    """The frames of all boxes; `slots` is how many of them a ray may be in at once."""
+
+    def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
+        """Errors of a march go with the square of its steps: `tolerance` (see TOLERANCE) sets them for all boxes."""
+        kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
+        self.textures: Textures | None = None
+        if any(box.texel for box in boxes):
+            self.textures = Textures([(box.texel, box.band, box.voxel_size) for box in boxes], finer)
+        self.fine = dr.opaque(kinds.Float, FINE * finer)
+        self.count, self.slots = len(boxes), most_at_once(boxes)
+        floats = np.zeros((len(boxes), WIDTH), np.float32)
+        whole = np.zeros((len(boxes), 3), np.int32)
+        for row, numbers, box, start in zip(floats, whole, boxes, starts, strict=True):
+            row[:12] = box.lattice_from_world[:3].T.ravel()
+            row[12:15] = np.array(box.bricks.shape[::-1]) - 1
+            row[15:17] = box.tau, box.voxel_size / STEPS * finer
+            row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
+            _, my, mx = blocks_shape(box.bricks.lattice)
+            numbers[:] = mx, mx * my, start
+        self.floats, self.whole = lookup(kinds.Float, floats), lookup(kinds.Int, whole)
+        self.boxes = dr.opaque(kinds.UInt, len(boxes))
+        self.only: tuple[Frame, list[Any]] | None = None
+        if self.count == 1:  # numbers common to all rays cost no reads
+            x, y, z, shift, last = (opaque_vector(floats[0, k : k + 3]) for k in range(0, 15, 3))
+            tau, step = (dr.opaque(kinds.Float, float(v)) for v in floats[0, 15:17])
+            row, layer, first = (dr.opaque(kinds.Int, int(v)) for v in whole[0])
+            rotation = [opaque_vector(floats[0, k : k + 3]) for k in (17, 20, 23)]
+            self.only = Frame([x, y, z], shift, last, tau, step, row, layer, first), rotation
+        dr.eval(self.floats, self.whole)
+
+    def frame(self, box: Any) -> Frame:
+        """The frame of box number `box` (UInt)."""
+        if self.only:
+            return self.only[0]
+        kinds = arrays()
+        x, y, z, shift, last = (self._vector(box, k) for k in range(0, 15, 3))
+        tau, step = (dr.gather(kinds.Float, self.floats, box * WIDTH + k) for k in (15, 16))
+        row, layer, first = (dr.gather(kinds.Int, self.whole, box * 3 + k) for k in range(3))
+        return Frame([x, y, z], shift, last, tau, step, row, layer, first)
+
+    def rotation(self, box: Any) -> list[Any]:
+        """Axes of box number `box` in the world."""
+        return self.only[1] if self.only else [self._vector(box, k) for k in (17, 20, 23)]
+
+    def _vector(self, box: Any, first: int) -> Any:
+        kinds = arrays()
+        return kinds.Array3f(*(dr.gather(kinds.Float, self.floats, box * WIDTH + first + k) for k in range(3)))
+
+
+def most_at_once(boxes: Sequence[VolumeBox]) -> int:
+    """A bound on how many boxes share a point: the most whose upright bounds meet those of one of them."""
+    corners = np.stack([box.corners() for box in boxes])
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    touch = 1e-6 * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))
+    meet = ((low[:, None] + touch < high[None]) & (low[None] + touch < high[:, None])).all(axis=-1)
+    return int(meet.sum(axis=1).max())

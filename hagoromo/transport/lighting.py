@@ -1,0 +1,219 @@
+"""Lighting: lamps, materials and colours of a scene on the device, and the light that matter sends to the eye.
+
+f = w_d c_b(λ) + w_s e with purely geometric weights, so light is kept as weights: one channel for every group of lamps
+with one spectrum and every colour of the palette (MODEL §5). Exposing through a camera happens afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, lookup, opaque_vector
+from hagoromo.errors import InputError
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body, sphere_table
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
+from hagoromo.transport.medium import Element
+
+SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
+# (lamp, point, to_lamp, distance, where in a texel the point is if it is in one) → transmittance 0…1
+Attenuation = Callable[[int, Any, Any, Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class Palette:
+    """The distinct spectra of a scene's body colours, interface colours and lamps."""
+
+    bodies: tuple[Spectrum, ...]
+    interfaces: tuple[Spectrum, ...]
+    lamps: tuple[Spectrum, ...]
+
+    @property
+    def colours(self) -> tuple[Spectrum, ...]:
+        """Bodies, then interfaces: the channels of one lamp group, in order."""
+        return self.bodies + self.interfaces
+
+    @property
+    def channels(self) -> int:
+        """Number of weights of a pixel."""
+        return len(self.lamps) * len(self.colours)
+
+
+class Materials:
+    """Reflectances as rows that kernels read: alpha, beta, gamma, n, element, then coefficients on the palette."""
+
+    def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
+        kinds, self.palette, self.count = arrays(), palette, len(reflectances)
+        self.elements = tuple(sorted({r.element for r in reflectances}))
+        rows = np.array([_row(r, palette) for r in reflectances], np.float32)
+        self.width = rows.shape[1]
+        self.rows = lookup(kinds.Float, rows)
+        tables = [sphere_table(r.gamma, SPHERE_ENTRIES) for r in reflectances if r.element == "sphere"]
+        self.spheres = lookup(kinds.Float, np.concatenate(tables)) if tables else None
+        order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
+        self.sphere_of = lookup(kinds.UInt, np.maximum(order, 0).astype(np.uint32))
+        dr.eval(self.rows, self.spheres, self.sphere_of)
+
+    def read(self, material: Any, entry: int) -> Any:
+        """One entry of the row of `material` (UInt)."""
+        return dr.gather(arrays().Float, self.rows, material * self.width + entry)
+
+    def coefficients(self, material: Any) -> list[Any]:
+        """Coefficients of a material's body and interface colours on the palette."""
+        return [self.read(material, 5 + j) for j in range(len(self.palette.colours))]
+
+    def weights(self, material: Any, axis: Any, to_lamp: Any, to_eye: Any) -> Weights:
+        """Body and interface weights of f for the element of `material` [1/sr]."""
+        alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
+        chosen: Weights | None = None
+        for name in self.elements:
+            weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n)
+            if chosen is None:
+                chosen = weights
+            else:
+                here = element == ELEMENTS.index(name)
+                chosen = Weights(*(dr.select(here, new, old) for new, old in zip(weights, chosen, strict=True)))
+        assert chosen is not None
+        return chosen
+
+    def _element(
+        self, name: str, material: Any, axis: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any
+    ) -> Weights:
+        """As `element_weights`, with the sphere's facets from its table."""
+        if name != "sphere":
+            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n)
+        cos_phase = dr.dot(to_lamp, to_eye)
+        mirror = beta * fresnel(cos_deviation(cos_phase), n)
+        return Weights(alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))
+
+    def _sphere(self, material: Any, cos_phase: Any) -> Any:
+        """Linear look-up of the sphere's facets at χ = arccos(L·V)."""
+        kinds = arrays()
+        at = dr.acos(dr.fmin(dr.fmax(cos_phase, -1.0), 1.0)) * ((SPHERE_ENTRIES - 1) / math.pi)
+        first = dr.minimum(kinds.UInt(at), SPHERE_ENTRIES - 2)
+        start = dr.gather(kinds.UInt, self.sphere_of, material) * SPHERE_ENTRIES + first
+        low, high = (dr.gather(kinds.Float, self.spheres, start + k) for k in (0, 1))
+        return dr.fma(at - kinds.Float(first), high - low, low)
+
+
+class Lighting:
+    """Lamps as kernels read them; `attenuation` says how much of a lamp's light arrives at a point."""
+
+    def __init__(
+        self,
+        lamps: Sequence[Lamp],
+        materials: Materials,
+        attenuation: Attenuation | None = None,
+        bases: Sequence[Sequence[Spectrum]] = (),
+    ) -> None:
+        """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none)."""
+        kinds, self.materials, self.attenuation = arrays(), materials, attenuation
+        bodies = materials.palette.bodies
+        self.painted = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
+        self.lamps: list[tuple[Any, Any, bool, int]] = []
+        for lamp in lamps:
+            if not isinstance(lamp.intensity, (int, float)):
+                raise InputError(f"lamp {lamp.name!r} has an intensity per channel: rendering needs one and a spectrum")
+            if lamp.axis is not None:
+                raise InputError(f"lamp {lamp.name!r} has an axis: rendering knows lamps that shine alike all around")
+            place = lamp.position if lamp.position is not None else lamp.to_lamp
+            assert place is not None
+            where = opaque_vector(place)
+            group = position_of(lamp.spectrum, materials.palette.lamps)
+            self.lamps.append((where, dr.opaque(kinds.Float, float(lamp.intensity)), lamp.position is not None, group))
+
+    def paint(self, coefficients: list[Any], box: Any, colour: Any) -> list[Any]:
+        """Coefficients on the palette, with the body colour of the voxel where the box has one."""
+        painted = list(coefficients)
+        for number, places in self.painted.items():
+            here = box == number
+            for j in range(len(self.materials.palette.bodies)):
+                found = colour[places.index(j)] if j in places else 0.0
+                painted[j] = dr.select(here, found, painted[j])
+        return painted
+
+    def reflected(
+        self, point: Any, to_eye: Any, elements: list[Element], coefficients: list[list[Any]], within: Any = None
+    ) -> list[Any]:
+        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel.
+
+        coefficients: of every element, on the palette. within: where in a texel the point is, if it is in one.
+        """
+        palette = self.materials.palette
+        channels: list[Any] = [arrays().Float(0)] * palette.channels
+        eye = within.frame.inwards(to_eye) if within else None
+        for number, (where, intensity, near, group) in enumerate(self.lamps):
+            to_lamp, distance, irradiance = where, math.inf, intensity
+            if near:
+                offset = where - point
+                squared = dr.squared_norm(offset)
+                inverse = dr.rsqrt(squared)
+                to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
+            ways = (eye, within.frame.inwards(to_lamp)) if within else ()
+            weights, lit = [], arrays().Bool(False)
+            for element in elements:
+                body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
+                lit |= body + interface > 0.0
+                if element.scales:
+                    scales = [scale.at(*ways) for scale in element.scales]
+                    body, interface = (
+                        dr.select(within.textured, light * scale, light)
+                        for light, scale in zip((body, interface), scales, strict=True)
+                    )
+                weights.append((body * element.share, interface * element.share))
+            clear = elements[0].lit_at(point, to_lamp)
+            irradiance = irradiance * self._passed(number, lit, clear, to_lamp, distance, within)
+            for (body, interface), share in zip(weights, coefficients, strict=True):
+                for j in range(len(palette.colours)):
+                    weight = (body if j < len(palette.bodies) else interface) * share[j]
+                    k = group * len(palette.colours) + j
+                    channels[k] = dr.fma(irradiance, weight, channels[k])
+        return channels
+
+    def _passed(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
+        """Share of a lamp's light that arrives; looked up only where matter is turned towards the lamp (`lit`)."""
+        attenuation = self.attenuation
+        if attenuation is None:
+            return 1.0
+        return dr.if_stmt(
+            args=(point, to_lamp, arrays().Float(distance), within),
+            cond=lit,
+            true_fn=lambda point, to_lamp, distance, within: attenuation(lamp, point, to_lamp, distance, within),
+            false_fn=lambda point, to_lamp, distance, within: arrays().Float(0),
+        )
+
+
+def palette_of(reflectances: Sequence[Reflectance], bases: Sequence[Spectrum], lamps: Sequence[Spectrum]) -> Palette:
+    """The distinct spectra of some reflectances, further body colours and lamps."""
+    bodies = [r.body_colour for r in reflectances]
+    return Palette(distinct([*bodies, *bases]), distinct([r.interface_colour for r in reflectances]), distinct(lamps))
+
+
+def distinct(spectra: Sequence[Spectrum]) -> tuple[Spectrum, ...]:
+    """Spectra without repeats, in order."""
+    return tuple({_key(s): s for s in reversed(spectra)}[key] for key in dict.fromkeys(_key(s) for s in spectra))
+
+
+def position_of(spectrum: Spectrum, among: Sequence[Spectrum]) -> int:
+    """Where a spectrum stands in a palette."""
+    return [_key(s) for s in among].index(_key(spectrum))
+
+
+def _key(spectrum: Spectrum) -> tuple[bytes, bytes]:
+    return spectrum.wavelengths.tobytes(), spectrum.values.tobytes()
+
+
+def _row(r: Reflectance, palette: Palette) -> list[float]:
+    body = [float(j == position_of(r.body_colour, palette.bodies)) for j in range(len(palette.bodies))]
+    interface = [
+        float(j == position_of(r.interface_colour, palette.interfaces)) for j in range(len(palette.interfaces))
+    ]
+    return [r.alpha, r.beta, r.gamma, r.n, ELEMENTS.index(r.element), *body, *interface]

@@ -1,0 +1,243 @@
+"""Medium: the volume boxes of a scene as kernels see them, and the order in which a ray meets their samples.
+
+Every box is walked on samples of its own, half a voxel apart; where boxes overlap the sample next in depth goes
+first, so extinctions add. A sample of more than a certain optical depth is taken in parts instead.
+
+    crossing = medium.cross(origin, direction, near, far)
+    taken = crossing.start()
+    while crossing.unfinished(taken):
+        step = medium.next(crossing, taken)                # the next sample in depth, and the brick it lies in
+        if step.brick < 0:  taken = crossing.leave(step, taken)      # to the end of the empty space around
+        else:               density, clear = medium.density(step)
+                            depth = step.tau * density * step.length
+                            if ~crossing.too_coarse(taken, depth):  ...
+                            taken = crossing.after(step, depth, clear, taken)
+        taken = crossing.exchange(taken)                   # the next box, where one has been left
+
+Grids are held here, in a plain object, so that loops do not take them into their state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, clip, lookup
+from hagoromo.transport.chart import OnSurface, SurfaceFrame, place_on_surface, surface_frame
+from hagoromo.transport.crossing import EDGE, Cone, Crossing, Step, Taken
+from hagoromo.transport.frames import TOLERANCE, Frames
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
+from hagoromo.volume.table import BLOCK, BRICKS
+from hagoromo.volume.texel import LightScale
+from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
+
+THINNEST = 1e-6  # optical depth of a step below which it holds no matter
+ABSENT = -(2**31)  # shift of a box that has no such grid
+ALONG = 2.0  # lifts, towards the lamp
+
+
+@dataclass
+class Element:
+    """Elements of a sample: unit axis in the world, material, share of the sample, scales of body and interface.
+
+    lift: of an opaque skin, see `VolumeBox` [m]; None where no box has any.
+    """
+
+    axis: Any
+    material: Any
+    share: Any = 1.0
+    scales: tuple[LightScale, LightScale] | None = None
+    lift: Any = None
+
+    def lit_at(self, point: Any, to_lamp: Any) -> Any:
+        """Where the light that reaches the element at `point` is looked for: clear of its own skin.
+
+        Along the axis, so that a grazing lamp sees it, and towards the lamp, which moves no shadow of what is farther.
+        """
+        return point if self.lift is None else dr.fma(self.axis + ALONG * to_lamp, self.lift, point)
+
+
+@dataclass
+class Within:
+    """Where a sample is in a texel; meaningless where `textured` is false."""
+
+    textured: Any
+    box: Any
+    level: Any
+    tau: Any
+    here: OnSurface
+    frame: SurfaceFrame
+
+
+class Medium:
+    """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
+
+    def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = TOLERANCE) -> None:
+        kinds, self.boxes = arrays(), tuple(boxes)
+        for name in ("density", "axis", "colour", "material", "chart"):
+            in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
+        bricks = list({id(box.bricks): box.bricks for box in self.boxes}.values())
+        coarse, fine, first = _tables(bricks)
+        self.coarse, self.fine = lookup(kinds.Int, coarse), lookup(kinds.Int, fine)
+        self.voxels: Voxels = PackedVoxels(bricks[0].density.values, bricks[0].axis.values)
+        self.colours, self.colour_shift = self._optional("colour")
+        self.charts, self.chart_shift = self._optional("chart")
+        self.materials, self.material_shift = self._optional("material")
+        counts = np.cumsum([0, *(len(box.materials) for box in self.boxes)])
+        self.first_material = lookup(kinds.UInt, counts[:-1].astype(np.uint32))
+        starts = [first[bricks.index(box.bricks)] for box in self.boxes]
+        self.frames = Frames(self.boxes, starts, tolerance)
+        self.textures = self.frames.textures
+        lifts = np.array([box.lift for box in self.boxes], np.float32)
+        self.lifts = lookup(kinds.Float, lifts) if lifts.any() else None
+        self.tolerance = dr.opaque(kinds.Float, tolerance / TOLERANCE)  # in units of the usual one
+        dr.eval(self.coarse, self.fine)
+
+    def cross(
+        self,
+        origin: Any,
+        direction: Any,
+        near: Any,
+        far: Any,
+        phase: Any = 0.0,
+        stride: float = 1.0,
+        cone: Cone = (0.0, 0.0),
+    ) -> Crossing:
+        """Where rays (world, direction unit) are inside each box between the distances `near` and `far` [m].
+
+        phase: part of a step, 0…1, by which the first one is shortened; pictures averaged over it show no rings.
+        stride: length of a step in usual ones. cone: how wide rays are, at their origin [m] and more so per metre: it
+        decides the levels of texels.
+        """
+        return Crossing(self.frames, (origin, direction, near, far), phase, stride, cone)
+
+    def next(self, crossing: Crossing, taken: Taken) -> Step:
+        """The sample next in depth over all boxes."""
+        kinds = arrays()
+        slot, distance, length, ray = crossing.nearest(taken)
+        whole = length
+        length = length / kinds.Float(taken.parts)
+        distance = dr.fma(kinds.Float(taken.part) + 0.5, length, dr.fma(whole, -0.5, distance))
+        place = dr.fma(ray.direction, distance, ray.origin)
+        place = type(place)(*(clip(place[k], 0.0, ray.last[k] - EDGE) for k in range(3)))
+        cell = kinds.Array3i(place) >> 3
+        block, inner = cell >> 3, cell & (BLOCK - 1)
+        outer = dr.gather(
+            kinds.Int, self.coarse, kinds.UInt(ray.first + block.z * ray.layer + block.y * ray.row + block.x)
+        )
+        place_in_block = (inner.z * BLOCK + inner.y) * BLOCK + inner.x
+        held = outer >= 0
+        brick = dr.gather(kinds.Int, self.fine, kinds.UInt(outer * BRICKS + place_in_block), held)
+        return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
+
+    def density(self, step: Step) -> tuple[Any, Any]:
+        """Density at a sample in a kept brick; distance [m] around it in which there is surely none, where known."""
+        density = self.voxels.density(arrays().UInt(step.brick), step.place)
+        textures = self.textures
+        if textures is None:
+            return density, None
+
+        def looked_up(step: Step, share: Any) -> tuple[Any, Any]:
+            clear = textures.clear(step.box, share)
+            return dr.if_stmt(
+                (step,), clear > 0.0,
+                lambda step: arrays().Float(0),
+                lambda step: textures.density(textures.lattice(step.box, step.level), self._charted(step)[0]),
+            ), clear  # fmt: skip
+
+        nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
+        return dr.if_stmt((step, density), textures.textured(step.box), looked_up, nothing)
+
+    def elements(self, step: Step) -> tuple[list[Element], Within | None]:
+        """What the matter of a sample in a kept brick is made of, and where in a texel it is, if boxes have some."""
+        lift = None if self.lifts is None else dr.gather(arrays().Float, self.lifts, step.box)
+        plain = Element(self.axis(step), self.material(step), lift=lift)
+        textures = self.textures
+        if textures is None:
+            return [plain], None
+        textured = textures.textured(step.box)
+        here, along_u, normal = self._charted(step)
+        frame = surface_frame(self._in_world(step.box, along_u), self._in_world(step.box, normal))
+        lattice = textures.lattice(step.box, step.level)
+        found, each = [], textures.densities(lattice, here)
+        scale = dr.rcp(dr.fmax(sum(each), 1e-9))
+        scales = textures.scales(step.level)
+        for k, axis in enumerate(textures.axes(lattice, here)):
+            axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
+            share = dr.select(textured, each[k] * scale, float(k == 0))
+            material = plain.material + dr.select(textured, k, arrays().UInt(0))
+            found.append(Element(axis, material, share, scales[k], lift))
+        return found, Within(textured, step.box, step.level, step.tau, here, frame)
+
+    def through(self, within: Within, to_lamp: Any, stop: Any) -> tuple[Any, Any]:
+        """Optical depth of the texel between a sample and where light comes in, and the way to there [m]."""
+        assert self.textures is not None
+        way = within.frame.inwards(to_lamp)
+        return self.textures.through(within.box, within.level, within.here, way, stop, within.tau)
+
+    def _charted(self, step: Step) -> tuple[OnSurface, Any, Any]:
+        """Where a sample in a kept brick of a box with a chart is on its surface, tangent along u and normal."""
+        assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
+        bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
+        return place_on_surface(self.charts, self.voxels, bricks, step.place, self.textures.laid(step.box))
+
+    def axis(self, step: Step) -> Any:
+        """Unit axis, in the world, at a sample in a kept brick."""
+        axis = self.voxels.axis(arrays().UInt(step.brick), step.place)
+        return dr.normalize(self._in_world(step.box, axis) + 1e-9)
+
+    def colour(self, step: Step) -> Any:
+        """Coefficients of the body colour at a sample in a kept brick of a box that has them."""
+        assert self.colours is not None
+        return packets(self.colours, self._brick_in(self.colour_shift, step), step.place)
+
+    def material(self, step: Step) -> Any:
+        """Number of the sample's material in the row of all boxes' materials, that of the nearest voxel."""
+        UInt = arrays().UInt
+        first = dr.gather(UInt, self.first_material, step.box)
+        if self.materials is None:
+            return first
+        start, part = corner(self._brick_in(self.material_shift, step), step.place)
+        nearest = dr.select(part > 0.5, arrays().Array3u(1), arrays().Array3u(0))
+        offset = (nearest.z * STORED + nearest.y) * STORED + nearest.x
+        has = dr.gather(arrays().Int, self.material_shift, step.box) != ABSENT
+        return first + UInt(dr.gather(arrays().UInt8, self.materials, start + offset, has))
+
+    def _in_world(self, box: Any, vector: Any) -> Any:
+        """A vector in box axes as one in the world."""
+        x, y, z = self.frames.rotation(box)
+        return vector.x * x + vector.y * y + vector.z * z
+
+    def _brick_in(self, shift: Any, step: Step) -> Any:
+        """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
+        kinds = arrays()
+        shift = dr.gather(kinds.Int, shift, step.box)
+        return kinds.UInt(dr.select(shift == ABSENT, 0, step.brick + shift))
+
+    def _optional(self, name: str) -> tuple[Any, Any]:
+        """A grid that some boxes have (None: no box), and per box how its brick numbers differ there."""
+        grids: list[Grid | None] = [getattr(box.bricks, name) for box in self.boxes]
+        values = next((grid.values for grid in grids if grid is not None), None)
+        shifts = [
+            ABSENT if grid is None else grid.first - box.bricks.density.first
+            for grid, box in zip(grids, self.boxes, strict=True)
+        ]
+        return values, lookup(arrays().Int, np.array(shifts, np.int32))
+
+
+def _tables(bricks: list[Bricks]) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Tables of several lattices as one, brick numbers counted in their common pool; where each coarse one starts."""
+    coarse, fine, first, blocks = [], [], [0], 0
+    for part in bricks:
+        table = part.table
+        coarse.append(np.where(table.coarse >= 0, table.coarse + blocks, table.coarse).ravel())
+        fine.append(np.where(table.fine >= 0, table.fine + part.density.first, table.fine).ravel())
+        blocks += len(table.fine)
+        first.append(first[-1] + table.coarse.size)
+    fine.append(np.full(1, -BRICK, np.int32))  # a table without blocks is never read, but must not be empty
+    return np.concatenate(coarse), np.concatenate(fine), first[:-1]

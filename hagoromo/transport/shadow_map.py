@@ -1,0 +1,206 @@
+"""Deep shadow maps: transmittance from every lamp through all volume boxes (Lokovic & Veach 2000).
+
+Each ray of a square grid of rays from a lamp keeps up to KNOTS knots (distance, optical depth). Between them optical
+depth is linear, to a stated error of the transmittance; between three rays transmittance is. A ray is GROUPS packets of
+four knots, the last of one being the first of the next, after a packet with the distances where they part: a look-up
+reads two packets a ray, whatever the matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import arrays, check_entries, clip
+from hagoromo.files.door import check_memory
+from hagoromo.light.lamp import Lamp
+from hagoromo.transport.crossing import Cone
+from hagoromo.transport.film import TILE, tile_place
+from hagoromo.transport.lamp_view import view_from
+from hagoromo.transport.medium import THINNEST, Medium
+from hagoromo.transport.textures import HIDDEN
+
+GROUPS = 5
+KNOTS = 3 * GROUPS + 1
+WORDS = 4 * (GROUPS + 1)  # of 32 bits, of a ray
+TOLERANCE = 0.003  # of transmittance, between knots; it doubles with each knot that a ray needs beyond EASY
+EASY = 10
+LOOSEST = 2.0  # optical depth that a knot may be off, at most
+GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
+DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
+UNUSED = 0xFFFF  # a knot beyond all places, of no depth
+LAST_TICK = float(UNUSED - 1)
+
+
+@dataclass
+class Fan:
+    """The straight lines from a ray's last knot that pass all points since, to within `spare`."""
+
+    knots: Any  # laid so far
+    at: Any  # distance of the last one [m]
+    depth: Any  # and its optical depth
+    low: Any  # slopes of the lines [1/m]
+    high: Any
+    spare: Any  # optical depth
+    rises: Any  # ∫ x y dx and ∫ x² dx over the points (x, y) seen from the knot: the best slope is their ratio
+    runs: Any
+
+    def to(self, distance: Any, depth: Any) -> tuple[Any, Any]:
+        """Slopes of the lines that pass a further point, too; none, if the first is above the second."""
+        inverse = dr.rcp(dr.fmax(distance - self.at, 1e-9))  # parts of overlapping boxes may end at one distance
+        rise = depth - self.depth
+        return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
+
+    def best(self, distance: Any) -> Any:
+        """Optical depth at a distance on the line that passes the points with the least square error."""
+        slope = clip(self.rises / dr.fmax(self.runs, 1e-30), self.low, self.high)
+        return dr.fma(slope, distance - self.at, self.depth)
+
+
+class ShadowMaps:
+    """Transmittance from the lamps through all boxes, each on a square of `resolution` rays a side."""
+
+    def __init__(self, medium: Medium, lamps: Sequence[Lamp], resolution: int) -> None:
+        kinds, side = arrays(), max(TILE)
+        resolution = -(-resolution // side) * side  # whole tiles
+        what = f"{len(lamps)} shadow maps of {resolution}² texels"
+        check_entries(len(lamps) * resolution**2 * WORDS, what)
+        check_memory(4 * WORDS * len(lamps) * resolution**2, what)
+        corners = np.concatenate([box.corners() for box in medium.boxes])
+        self.views = [view_from(lamp, corners) for lamp in lamps]
+        self.size = dr.opaque(kinds.UInt, resolution)
+        self.words = dr.full(kinds.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
+        lane, each = dr.arange(kinds.UInt, len(lamps) * resolution**2), self.size * self.size
+        lamp, lane = lane // each, lane % each
+        column, row = tile_place(lane, self.size)
+        a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
+        target = Target(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
+        origin, direction = self.views[0].ray(a, b)
+        cone = self.views[0].cone(self.size)
+        for number, view in enumerate(self.views[1:], 1):
+            here = lamp == number
+            origin, direction = (
+                dr.select(here, n, o) for n, o in zip(view.ray(a, b), (origin, direction), strict=True)
+            )
+            target.near, target.scale = (
+                dr.select(here, n, o) for n, o in zip(view.ticks(), (target.near, target.scale), strict=True)
+            )
+            cone = tuple(dr.select(here, n, o) for n, o in zip(view.cone(self.size), cone, strict=True))
+        lay_knots(medium, origin, direction, target, cone)
+        dr.eval(self.words)
+
+    def look(self, lamp: int, point: Any) -> tuple[Any, Any]:
+        """Share of a lamp's light, 0…1, that arrives at `point` (Array3f, world), and by how much the three rays around
+        it differ in that.
+        """
+        kinds, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
+        a, b, distance = view.place(point)
+        near, scale = view.ticks()
+        tick = clip((distance - near) * scale, 0.0, LAST_TICK)
+        a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
+        column, row = kinds.UInt(a), kinds.UInt(b)
+        a, b = a - kinds.Float(column), b - kinds.Float(row)
+        begin = (lamp * self.size + row) * self.size + column
+        side = dr.select(a > b, 1, self.size)  # the triangle of the square that the point is in
+        first, second, last = (dr.exp(-self._depth(ray, tick)) for ray in (begin, begin + side, begin + self.size + 1))
+        passed = dr.fma(dr.fmin(a, b), last - second, dr.fma(dr.fmax(a, b), second - first, first))
+        most, least = dr.fmax(dr.fmax(first, second), last), dr.fmin(dr.fmin(first, second), last)
+        return passed, most - least
+
+    def width(self, lamp: int, point: Any) -> Any:
+        """Distance [m] between the rays of a map at `point`."""
+        view = self.views[lamp]
+        width, spread = view.cone(self.size)
+        return dr.fma(spread, view.place(point)[2], width)
+
+    def _depth(self, ray: Any, tick: Any) -> Any:
+        """Optical depth of one ray at a distance [ticks]."""
+        kinds = arrays()
+        packet, parting = ray * (GROUPS + 1), kinds.UInt(tick)
+        header = dr.gather(kinds.Array4u, self.words, packet)
+        for k in range(GROUPS - 1):
+            packet += dr.select(parting >= header[k], kinds.UInt(1), 0)
+        first, second, third, last = dr.gather(kinds.Array4u, self.words, packet + 1)
+        beyond, far_beyond = parting >= (second & UNUSED), parting >= (third & UNUSED)
+        begin = dr.select(far_beyond, third, dr.select(beyond, second, first))
+        end = dr.select(far_beyond, last, dr.select(beyond, third, second))
+        before, begin = kinds.Float(begin >> 16), kinds.Float(begin & UNUSED)
+        after, end = kinds.Float(end >> 16), kinds.Float(end & UNUSED)
+        part = clip((tick - begin) / dr.fmax(end - begin, 1.0), 0.0, 1.0)
+        part = dr.select(end == float(UNUSED), 0.0, part)
+        return dr.fma(part, after - before, before) * (1.0 / DEPTHS)
+
+
+class Target:
+    """Where the knots of rays go: their numbers, and how their distances become ticks. Held out of a loop's state."""
+
+    def __init__(self, words: Any, ray: Any, near: Any, scale: Any) -> None:
+        self.words, self.ray, self.near, self.scale = words, ray, near, scale
+
+    def lay(self, knot: Any, distance: Any, depth: Any) -> None:
+        """Write knot number `knot` of every ray."""
+        kinds = arrays()
+        tick = kinds.UInt(clip((distance - self.near) * self.scale + 0.5, 0.0, LAST_TICK))
+        word = tick | (kinds.UInt(dr.fmin(depth * DEPTHS + 0.5, float(UNUSED))) << 16)
+        group, place = knot // 3, knot % 3
+        start = self.ray * WORDS + 4 * group
+        dr.scatter(self.words, word, start + 4 + place, group < GROUPS)
+        shared = (place == 0) & (knot > 0)  # it ends one group and begins the next
+        dr.scatter(self.words, word, start + 3, shared)
+        dr.scatter(self.words, tick, self.ray * WORDS + group - 1, shared & (group < GROUPS))
+
+
+@dr.syntax
+def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone: Cone) -> None:
+    """March every ray once through the boxes and lay its knots into `target`."""
+    kinds, count = arrays(), dr.width(target.ray)
+    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf), cone=cone)
+    taken = crossing.start()
+    nothing = dr.zeros(kinds.Float, count)
+    depth, reached = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
+    fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
+    while crossing.unfinished(taken) & (depth < HIDDEN):
+        step = medium.next(crossing, taken)
+        if step.brick < 0:
+            taken = crossing.leave(step, taken)
+        else:
+            density, clear = medium.density(step)
+            met = step.tau * density * step.length
+            if (met > THINNEST) & ~crossing.too_coarse(taken, met):
+                begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), reached)
+                if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
+                    far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
+                    if far_side:
+                        target.lay(fan.knots, reached, depth)
+                    if far_side | (reached < 0.0):
+                        number = dr.select(far_side, fan.knots + 1, fan.knots)
+                        target.lay(number, begin, depth)
+                        fan = fan_from(number + 1, begin, depth)
+                end = dr.fmax(dr.fma(step.length, 0.5, step.distance), reached)
+                depth += met
+                low, high = fan.to(end, depth)
+                if low > high:  # no line passes all points: the knot is where the last one did
+                    knot = fan.best(reached)
+                    target.lay(fan.knots, reached, knot)
+                    fan = fan_from(fan.knots + 1, reached, knot)
+                    low, high = fan.to(end, depth)
+                x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, met, depth) - fan.depth
+                fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
+                fan.low, fan.high, reached = low, high, end
+            taken = crossing.after(step, met, clear, taken)
+        taken = crossing.exchange(taken)
+        # here, not after the loop: to write once more what a loop has written would run the loop twice
+        if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < HIDDEN)):
+            target.lay(fan.knots, reached, fan.best(reached))
+
+
+def fan_from(knots: Any, at: Any, depth: Any) -> Fan:
+    """All lines from a knot: the last one of `knots`."""
+    kinds = arrays()
+    many = kinds.Float(1 << (dr.maximum(knots, EASY) - EASY))
+    spare = dr.select(knots < KNOTS - 1, dr.fmin(TOLERANCE * many * dr.exp(depth), LOOSEST), dr.inf)
+    return Fan(knots, at, depth, kinds.Float(0), kinds.Float(dr.inf), spare, kinds.Float(0), kinds.Float(0))

@@ -1,0 +1,242 @@
+"""Textures: the texels of a scene's boxes on the device, and how kernels look matter up in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays, check_entries, clip, lookup
+from hagoromo.files.door import check_memory
+from hagoromo.transport.chart import ONE, Laid, OnSurface
+from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
+from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, lerp, packed_axis
+
+STEPS = 2.0  # per shortest edge of a cell
+WITHIN = 2.0  # steps of a ray from the eye, that a step to a lamp within the texel is long
+HIDDEN = 6.5  # optical depth at which a lamp counts as hidden: exp(−6.5) = 1.5e-3 of its light
+FARTHEST = 6.0  # thicknesses that light comes through a texel at most: beyond, the surface is not flat
+MOST_STEPS = 64.0
+DOUBT = 0.35  # voxels by which heights may be off where sheets are close
+EDGE = 1e-3  # the last cell along the height ends this much before its last node [cell]
+
+
+@dataclass
+class Corner:
+    """The first node around a place, and where the place is between the eight, along (u, v, h)."""
+
+    node: Any
+    part: Any
+
+
+@dataclass
+class Lattice:
+    """A level as kernels read it: where it starts, nodes along u, h and v, cells of a period along u; its texel."""
+
+    offset: Any
+    across: Any
+    high: Any
+    deep: Any
+    cells: Any
+    variants: Any
+    populations: Any
+    bottom: Any
+    inverse: Any  # of the height [1/m]
+
+    @property
+    def nodes(self) -> Any:
+        """Of one population."""
+        return self.deep * self.across * self.high
+
+    def corner(self, here: OnSurface) -> Corner:
+        """The node, u and v being counted through the variant that stands there."""
+        kinds = arrays()
+        variant = (_mixed(here.tile_u, here.tile_v) >> 16) * self.variants >> 16
+        u, v = here.u * kinds.Float(self.cells), here.v * kinds.Float(self.deep - 1)
+        h = clip((here.height - self.bottom) * self.inverse, 0.0, 1.0) * (kinds.Float(self.high - 1) - EDGE)
+        column, row = dr.minimum(kinds.UInt(u), self.cells - 1), dr.minimum(kinds.UInt(v), self.deep - 2)
+        node = kinds.UInt(h)
+        part = kinds.Array3f(u - kinds.Float(column), v - kinds.Float(row), h - kinds.Float(node))
+        return Corner(self.offset + (row * self.across + variant * self.cells + column) * self.high + node, part)
+
+
+class Textures:
+    """Rows of numbers per box and per level, and the pools of all levels."""
+
+    def __init__(self, laid: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0) -> None:
+        """laid: the texel of every box, its band of heights and its voxel [m]. finer: factor on the length of steps."""
+        kinds = arrays()
+        texels = list({id(texel): texel for texel, *_ in laid if texel}.values())
+        levels = [level for texel in texels for level in texel.levels]
+        count = sum(_entries(level) for level in levels)
+        check_entries(count, "the texels of all boxes together")
+        check_memory(8 * count, "the texels of all boxes together")
+        first = np.cumsum([0, *(len(texel.levels) for texel in texels)])
+        places = {id(texel): int(start) for texel, start in zip(texels, first, strict=False)}
+        offsets = np.cumsum([0, *map(_entries, levels)])
+        rows = [_level_row(texel, level) for texel in texels for level in texel.levels]
+        words = np.array([(offset, *row) for offset, row in zip(offsets, rows, strict=False)], np.uint32)
+        self.rows = lookup(kinds.UInt, words)
+        edges = np.concatenate([texel.edges for texel in texels])
+        self.steps = lookup(kinds.Float, (edges / STEPS * finer).astype(np.float32))
+        self.populations = max(texel.populations for texel in texels)
+        scale = np.zeros((len(levels), self.populations, 2, SCALES), np.float32)
+        for row, level in zip(scale, levels, strict=True):
+            row[: len(level.scale)] = level.scale
+        self.scale = lookup(kinds.Float, scale)
+        whole, floats = np.zeros((len(laid), 4), np.uint32), np.ones((len(laid), 8), np.float32)
+        for numbers, row, (texel, band, voxel) in zip(whole, floats, laid, strict=True):
+            if texel:
+                numbers[:] = places[id(texel)], len(texel.levels), texel.variants, texel.populations
+                row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
+                row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
+        self.whole, self.floats = lookup(kinds.UInt, whole), lookup(kinds.Float, floats)
+        self.densities_pool = lookup(kinds.UInt, np.concatenate([_pairs(level) for level in levels]))
+        self.axes_pool = dr.concat([_axes(level) for level in levels])
+        dr.eval(self.rows, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
+
+    def textured(self, box: Any) -> Any:
+        """Whether box number `box` has a texel."""
+        return dr.gather(arrays().UInt, self.whole, box * 4 + 1) > 0
+
+    def level(self, box: Any, footprint: Any, dither: Any) -> tuple[Any, Any]:
+        """Row of the level whose cells are as wide as `footprint` [m], and its step [m].
+
+        dither: 0…1, by which the level tends to the next coarser one.
+        """
+        kinds = arrays()
+        first, count, _, _ = dr.gather(kinds.Array4u, self.whole, box)
+        finest = dr.gather(kinds.Float, self.floats, box * 8 + 6)
+        octave = dr.fmax(dr.log2(dr.fmax(footprint * finest, 1e-6)) + dither, 0.0)
+        row = first + dr.minimum(kinds.UInt(octave), dr.maximum(count, 1) - 1)
+        return row, dr.gather(kinds.Float, self.steps, row)
+
+    def clear(self, box: Any, share: Any) -> Any:
+        """How far a share of the band [0…1] is from matter [m] at least; 0 where it may be in it."""
+        kinds = arrays()
+        bottom, inverse, low, span = dr.gather(kinds.Array4f, self.floats, 2 * box)
+        height, voxel = dr.fma(share, span, low), dr.gather(kinds.Float, self.floats, box * 8 + 7)
+        outside = dr.fmax(bottom - height, height - bottom - dr.rcp(inverse))
+        return dr.fmax(dr.fma(voxel, -DOUBT, outside), 0.0)
+
+    def laid(self, box: Any) -> Laid:
+        """How the texel lies on the chart of a box."""
+        _, _, low, span = dr.gather(arrays().Array4f, self.floats, 2 * box)
+        per_u, per_v, _, voxel = dr.gather(arrays().Array4f, self.floats, 2 * box + 1)
+        return Laid(per_u * ONE, per_v * ONE, voxel, low, span)
+
+    def lattice(self, box: Any, level: Any) -> Lattice:
+        """What look-ups in one level have in common."""
+        kinds = arrays()
+        offset, across, high, packed = dr.gather(kinds.Array4u, self.rows, level)
+        _, _, variants, populations = dr.gather(kinds.Array4u, self.whole, box)
+        bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
+        return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
+
+    def density(self, lattice: Lattice, here: OnSurface) -> Any:
+        """Density of all populations together; 0 above and below the texel."""
+        within = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
+        density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
+        return dr.select(within, density, 0.0)
+
+    def densities(self, lattice: Lattice, here: OnSurface) -> list[Any]:
+        """Density of every population."""
+        found = []
+        for k in range(self.populations):
+            number = dr.select(lattice.populations > k, arrays().UInt(k + 1), 0)
+            value = self._density(lattice, lattice.corner(here), number) * here.presence
+            found.append(dr.select(number > 0, value, 0.0))
+        return found
+
+    def axes(self, lattice: Lattice, here: OnSurface) -> list[Any]:
+        """Axis of every population along (u, v, normal), not normalised."""
+        corner = lattice.corner(here)
+        steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
+        found = []
+        for k in range(self.populations):
+            start = corner.node + dr.select(lattice.populations > k, (k + 1) * lattice.nodes, 0)
+            words = [dr.gather(arrays().Int, self.axes_pool, start + step) for step in steps]
+            found.append(axis_between(words, corner.part))
+        return found
+
+    def scales(self, level: Any) -> list[tuple[LightScale, LightScale]]:
+        """Scales of the light, body and interface, that every population sends back."""
+        first = 2 * SCALES * self.populations * level
+        numbers = [dr.gather(arrays().Float, self.scale, first + k) for k in range(2 * SCALES * self.populations)]
+        each = [LightScale(numbers[k : k + SCALES]) for k in range(0, len(numbers), SCALES)]
+        return list(zip(each[::2], each[1::2], strict=True))
+
+    def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any, tau: Any) -> tuple[Any, Any]:
+        """Optical depth along a straight `way` (along u, v, normal; unit) out of the texel, and its length [m].
+
+        It ends at `stop` [m] if that is nearer, and is not followed beyond HIDDEN. The surface is taken as flat.
+        """
+        kinds, lattice = arrays(), self.lattice(box, level)
+        per_metre = [dr.gather(kinds.Float, self.floats, box * 8 + k) for k in (4, 5)]
+        thickness = dr.rcp(lattice.inverse)
+        rising = way.z > 0
+        room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
+        reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, FARTHEST * thickness))
+        step = WITHIN * dr.gather(kinds.Float, self.steps, level)
+        count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_STEPS)
+        length = reach / count
+        enough = HIDDEN / (tau * length)
+
+        def one(k: Any, passed: Any) -> tuple[Any, Any]:
+            there = here.moved((k + 0.5) * length, way, per_metre)
+            return k + 1.0, passed + self.density(lattice, there)
+
+        start = kinds.Float(0), kinds.Float(0)
+        _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
+        return tau * passed * length, reach
+
+    def _density(self, lattice: Lattice, corner: Corner, number: Any) -> Any:
+        """Density of the population before `number`, of all together for 0."""
+        rows, next_v = [], lattice.across * lattice.high
+        start = corner.node + number * lattice.nodes
+        for step in (0, lattice.high, next_v, next_v + lattice.high):
+            pair = dr.gather(arrays().UInt, self.densities_pool, start + step)
+            rows.append(lerp(half_value(pair << 13), half_value(pair >> 3), corner.part.z))
+        low, high = lerp(rows[0], rows[1], corner.part.x), lerp(rows[2], rows[3], corner.part.x)
+        return lerp(low, high, corner.part.y) * HALF_EXPONENT
+
+
+def _mixed(u: Any, v: Any) -> Any:
+    """A random UInt for every pair of whole numbers (finalizer of MurmurHash3, Appleby 2011)."""
+    UInt = arrays().UInt
+    word = UInt(u) * 0x9E3779B1 + UInt(v) * 0x85EBCA77
+    word = (word ^ (word >> 16)) * 0x85EBCA6B
+    word = (word ^ (word >> 13)) * 0xC2B2AE35
+    return word ^ (word >> 16)
+
+
+def _level_row(texel: Texel, level: Level) -> tuple[int, int, int]:
+    """Nodes along u, nodes along h, and nodes along v with cells of a period along u above them."""
+    v, u, h = level.nodes
+    check_entries(max(v, u // texel.variants) << 16, "a side of a texel")
+    return u, h, v | (texel.cells(level)[0] << 16)
+
+
+def _entries(level: Level) -> int:
+    """Of a level in the pools: all populations together, then each."""
+    return level.density.size // len(level.density) * (len(level.density) + 1)
+
+
+def _pairs(level: Level) -> NDArray[np.uint32]:
+    """Densities as halves, each with the next above it."""
+    total = level.density.astype(np.float32).sum(axis=0, keepdims=True).astype(np.float16)
+    density = np.concatenate([total, level.density])
+    halves = np.where(density < SMALLEST, np.float16(0), density).view(np.uint16).astype(np.uint32)
+    above = np.concatenate([halves[..., 1:], np.zeros_like(halves[..., :1])], axis=-1)
+    return (halves | above << np.uint32(16)).ravel().astype(np.uint32)
+
+
+def _axes(level: Level) -> Any:
+    """Packed axes; none of all populations together."""
+    kinds = arrays()
+    axis = np.concatenate([np.zeros_like(level.axis[:1]), level.axis])
+    return packed_axis(kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, axis))))

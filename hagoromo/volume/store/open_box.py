@@ -1,0 +1,73 @@
+"""Open box: a volume box on disk whose header and index are read and checked, and whose voxels are not read yet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
+from hagoromo.volume.bricks import table_shape
+from hagoromo.volume.store.blocks import SIDE, runs
+from hagoromo.volume.store.header import BoxHeader, header_from_record
+from hagoromo.volume.store.read_bricks import occupied_places
+from hagoromo.volume.store.zarr_blocks import ZarrBlocks
+from hagoromo.volume.table import BLOCK, in_table_order
+
+ARRAYS = ("density", "axis", "body_colour", "material", "bricks")
+
+
+class OpenBox(NamedTuple):
+    """The Zarr group in `folder`: header, voxels, kept bricks (n, 3) in table order, and all its arrays by name."""
+
+    folder: Path
+    header: BoxHeader
+    source: ZarrBlocks
+    places: NDArray[np.int32]
+    arrays: dict[str, ZarrArray]
+
+
+def open_box(path: str | Path) -> OpenBox:
+    """The box in the Zarr group at `path`; `InputError` when it is missing, damaged or foreign."""
+    folder = Path(path)
+    if not (folder / "zarr.json").is_file():
+        raise InputError(f"{folder} is no volume box: give a Zarr v3 group that `hagoromo build` wrote")
+    attributes, found = open_arrays(folder, ARRAYS)
+    header = header_from_record(attributes.get("hagoromo"), str(folder))
+    if "density" not in found or ("bricks" in found and "axis" not in found):
+        raise InputError(f"{folder} lacks the array {'axis' if 'density' in found else 'density'!r}: it is damaged")
+    others = {name: array for name, array in found.items() if name not in ("density", "bricks")}
+    source = ZarrBlocks(found["density"], others)
+    if source.colours not in (0, max(len(header.basis), 1)):
+        raise InputError(f"{folder}: body_colour has {source.colours} components, basis {len(header.basis)} spectra")
+    places = _stored_places(found["bricks"], source) if "bricks" in found else occupied_places(source)
+    return OpenBox(folder, header, source, places, found)
+
+
+def _stored_places(bricks: ZarrArray, source: ZarrBlocks) -> NDArray[np.int32]:
+    """The kept bricks that `bricks` names, (n, 3) in table order; every block that holds some has its chunks."""
+    lattice = table_shape(source.shape)
+    if bricks.shape != lattice:
+        raise InputError(f"{bricks.where} is {bricks.shape}: density {source.shape} needs {lattice}")
+    found = [np.zeros((0, 3), np.int64)]
+    for index in bricks.files:
+        low = tuple(k * size for k, size in zip(index, bricks.grid, strict=True))
+        high = tuple(min(a + size, n) for a, size, n in zip(low, bricks.grid, lattice, strict=True))
+        found.append(np.argwhere(bricks.read(low, high)) + low)
+    places = in_table_order(np.concatenate(found), lattice)
+    blocks = runs(places // BLOCK)[0].tolist()
+    for array in (source.density, *source.others.values()):
+        if array.grid[:3] == tuple(min(SIDE, n) for n in source.shape):
+            _check_chunks(array, blocks)
+    return places
+
+
+def _check_chunks(array: ZarrArray, blocks: list[list[int]]) -> None:
+    for block in blocks:
+        index = (*block, *(0 for _ in array.shape[3:]))
+        if index not in array.files:
+            key = array.array.metadata.encode_chunk_key(index)
+            raise InputError(f"{array.where}/{key} is missing, and `bricks` says that it holds matter: build it again")

@@ -1,0 +1,56 @@
+"""Seal: a digest by which what was made of Zarr arrays knows that these are still the same.
+
+It covers the metadata of each array, and of each chunk file its place, size and last bytes. Chunks that end in the
+checksum of their content (`SEALED`) are so covered whole, and no more than the tail of a file is read.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import blake2b
+from pathlib import Path
+
+from hagoromo.errors import InputError
+from hagoromo.files.zarr_arrays import ZarrArray
+from hagoromo.volume.store.zarr_blocks import THREADS
+
+SEALED = {"name": "zstd", "configuration": {"level": 0, "checksum": True}}  # the codec of arrays that are sealed
+TAIL = 4  # bytes of the checksum
+TOGETHER = 64  # files that a thread reads at a time
+
+
+def seal(arrays: Iterable[ZarrArray]) -> str:
+    """The seal of the arrays, in hexadecimal digits.
+
+    Noticed: any change by a program that writes chunks with the codec of the array, and a chunk lost, added, cut or
+    grown. Not noticed: bytes changed inside a chunk file whose length and end stay as they were.
+    """
+    digest = blake2b(digest_size=16)
+    with ThreadPoolExecutor(THREADS) as threads:
+        for array in sorted(arrays, key=lambda array: array.where):
+            folder = Path(array.where)
+            files = [file for _, file in sorted(array.files.items())]
+            batches = [files[k : k + TOGETHER] for k in range(0, len(files), TOGETHER)]
+            try:
+                digest.update(folder.name.encode() + blake2b((folder / "zarr.json").read_bytes()).digest())
+                digest.update(repr(sorted(array.files)).encode())
+                for ends in threads.map(_ends, batches):
+                    digest.update(ends)
+            except OSError as error:
+                raise InputError(f"{folder} cannot be read: {error}") from error
+    return digest.hexdigest()
+
+
+def _ends(paths: Sequence[str]) -> bytes:
+    """Sizes and last bytes of files."""
+    ends = []
+    for path in paths:
+        file = os.open(path, os.O_RDONLY)
+        try:
+            size = os.lseek(file, 0, os.SEEK_END)
+            ends.append(size.to_bytes(8) + os.pread(file, TAIL, max(size - TAIL, 0)))
+        finally:
+            os.close(file)
+    return b"".join(ends)

@@ -1,0 +1,151 @@
+"""Demo: the paper end to end: simulated photographs → measurement → volume boxes → figures 6–8 → report.html."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from hagoromo import __version__, backend
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_folder
+from hagoromo.image.image import Image, read_image
+from hagoromo.image.render import Settings, render
+from hagoromo.image.simulate import seen_shape, simulate
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.known_shape import fill_measurement, measure
+from hagoromo.photograph.capture import load_capture, save_capture
+from hagoromo_figures.demo.figures import FIGURES, Cast
+from hagoromo_figures.demo.measurement import coverage, named, rightly_labelled, rows
+from hagoromo_figures.demo.relit import relit
+from hagoromo_figures.demo.report import Report, write_report
+from hagoromo_figures.demo.samples import FOCAL_MM, LAMP, PRESET, bench, bench_camera, true_reflectances
+
+LAMPS_MEASURED = 3  # of the bench's lamps; the last is kept aside
+PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large the demo is: binning and rays a pixel of capture and figures; resolution of the figures, and which."""
+
+    capture_binning: int
+    capture_samples: int
+    figure_binning: int
+    figure_samples: int
+    resolution: float
+    figures: tuple[str, ...] = tuple(FIGURES)
+    seed: int = 1
+
+
+SIZES = {
+    "tiny": Size(
+        capture_binning=8,
+        capture_samples=1,
+        figure_binning=16,
+        figure_samples=1,
+        resolution=0.4,
+        figures=("figure_7_skin",),
+    ),
+    "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=0.5),
+    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=4, resolution=1.0),
+}
+SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.68, "report": 0.02}  # of the time
+
+
+@dataclass
+class Stages:
+    """Tells progress by stage and keeps how long each took [s]."""
+
+    tell: Progress
+    seconds: dict[str, float] = field(default_factory=dict)
+    done: float = 0.0
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Progress]:
+        """A function to call with the share of this stage done (0–1) and the step at hand."""
+        start, share = time.perf_counter(), SHARES[name]
+        self.tell(self.done, name)
+        yield lambda part, step="": self.tell(self.done + share * min(part, 1.0), f"{name}: {step}" if step else name)
+        self.done += share
+        self.seconds[name] = time.perf_counter() - start
+
+
+def demo(out: str | Path, size: str = "small", force: bool = False, progress: Progress | None = None) -> Path:
+    """Run the paper into the folder `out`, whole or not at all; the path of its report.html.
+
+    size: small (minutes on two cores) or full (larger pictures, finer boxes). progress: told the share done and the
+    stage. The same size gives the same numbers. `InputError` for an unknown size or an existing folder without `force`.
+    """
+    if size not in SIZES:
+        raise InputError(f"size is {size!r}: give one of small, full")
+    stages = Stages(progress or (lambda share, step: None))
+    with whole_folder(out, force) as home:
+        _run(home, size, SIZES[size], stages)
+    stages.tell(1.0, "")
+    return Path(out) / "report.html"
+
+
+def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
+    camera = bench_camera(size.capture_binning)
+    response, lamp = camera.response, Spectrum.named(LAMP)
+    assert response is not None
+    truth = true_reflectances(camera)
+    samples = bench(truth, camera)
+    settings = Settings(samples=size.capture_samples, seed=size.seed)
+    with stages.stage("capture") as tell:
+        save_capture(simulate(samples, settings, "samples", tell, percentile=100.0), home / "capture")
+        surface = seen_shape(samples).surface
+    with stages.stage("measurement") as tell:
+        capture = load_capture(home / "capture", frames=slice(0, LAMPS_MEASURED))
+        measurement = named(measure(capture, progress=tell), surface, list(truth))
+        (home / "measure").mkdir()
+        fill_measurement(measurement, home / "measure")
+        table = rows(measurement.materials, truth, response, lamp)
+        found = {material.name: material.reflectance(response, lamp) for material in measurement.materials}
+    with stages.stage("relit view"):
+        aside = load_capture(home / "capture", frames=slice(LAMPS_MEASURED, None)).photographs[0]
+        view = relit(samples, found, aside, surface >= 0, settings)
+        view.write(home / "relit")
+    with stages.stage("figures") as tell:
+        figures = _figures(home, found, size, tell)
+    with stages.stage("report"):
+        record = {
+            "hagoromo": __version__,
+            "backend": backend.name(),
+            "versions": {package: version(package) for package in PACKAGES},
+            "size": {"name": name, **asdict(size)},
+            "table": [row.record() for row in table],
+            "coverage": coverage(table),
+            "rightly_labelled": rightly_labelled(measurement, surface, list(truth)),
+            "relit": {"measured": view.measured, "ideal": view.ideal},
+            "seconds": {key: round(value, 2) for key, value in stages.seconds.items()},
+        }
+        write_json(home / "results.json", record)
+        report = Report(record, capture, aside, measurement, table, truth, found, view, figures)
+        write_report(home / "report.html", report)
+
+
+def _figures(home: Path, found: dict[str, Any], size: Size, tell: Progress) -> dict[str, Image]:
+    """Render every figure to EXR and PNG; they are given back as read from their files."""
+    camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
+    (home / "figures").mkdir()
+    cast = Cast(found, size.resolution, size.seed)
+    for k, figure in enumerate(size.figures):
+
+        def told(share: float, step: str, k: int = k, figure: str = figure) -> None:
+            tell((k + share) / len(size.figures), f"{figure.replace('_', ' ')}, {step}")
+
+        told(0.0, "boxes")
+        scene = cast.scene(figure, camera, lambda share, told=told: told(0.5 * share, "boxes"))
+        settings = Settings(samples=size.figure_samples, seed=size.seed)
+        image = render(scene, settings, lambda share, told=told: told(0.5 + 0.5 * share, "rays"))
+        image.write(home / "figures" / f"{figure}.exr", camera.response)
+    return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in size.figures}

@@ -1,0 +1,101 @@
+"""The demo's measurement held against the truth: which material is which, and how often the intervals hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.response import Response, camera_response, white
+from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.known_shape import Measurement
+from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.reflectance import Reflectance
+
+COVERAGE = 0.95
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter of one material: truth, estimate, 95 % interval, and whether the photographs tell it."""
+
+    material: str
+    parameter: str
+    true: float
+    estimate: float
+    low: float
+    high: float
+    identifiable: bool
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval holds the truth."""
+        return self.low <= self.true <= self.high
+
+    def record(self) -> dict[str, Any]:
+        """Plain figures."""
+        return asdict(self) | {"inside": self.inside}
+
+
+def named(measurement: Measurement, surface: NDArray[np.integer], names: Sequence[str]) -> Measurement:
+    """`measurement` with each material called after the sample that most of its pixels lie on (for reading only).
+
+    surface: (height, width) index into `names`, −1 for none. `InputError` when two materials lie on one sample.
+    """
+    found = []
+    for number, material in enumerate(measurement.materials):
+        here = surface[(measurement.labels == number) & (surface >= 0)]
+        found.append(replace(material, name=names[int(np.bincount(here, minlength=len(names)).argmax())]))
+    if sorted(material.name for material in found) != sorted(names):
+        seen = ", ".join(material.name for material in found)
+        raise InputError(f"the samples are {', '.join(names)} and the materials found lie on {seen}: light them better")
+    return replace(measurement, materials=tuple(found))
+
+
+def rightly_labelled(measurement: Measurement, surface: NDArray[np.integer], names: Sequence[str]) -> float:
+    """Share of the labelled pixels whose label is that of the sample they lie on."""
+    number = np.array([names.index(material.name) for material in measurement.materials])
+    known = (measurement.labels >= 0) & (surface >= 0)
+    return float(np.mean(number[measurement.labels[known]] == surface[known]))
+
+
+def rows(
+    materials: Sequence[MaterialEstimate], truth: Mapping[str, Reflectance], response: Response, lamp: Spectrum
+) -> list[Row]:
+    """Every parameter beside its truth, expressed as the estimate expresses it: body colours have mean 1."""
+    found = []
+    for material in sorted(materials, key=lambda one: list(truth).index(one.name)):
+        true = truth[material.name]
+        colour = camera_response(true.body_colour, lamp, response) / white(lamp, response)
+        values = {key: getattr(true, key) for key in PARAMETERS} | {"alpha": true.alpha * float(colour.mean())}
+        for key in PARAMETERS:
+            low, high = material.interval_95[key]
+            told = material.identifiable[key]
+            found.append(Row(material.name, key, values[key], getattr(material, key), low, high, told))
+        told, share = material.identifiable["alpha"], colour / colour.mean()
+        for k, channel in enumerate(response.channels):
+            low, high = material.interval_95["body_colour"][k]
+            found.append(Row(material.name, f"c_{channel}", float(share[k]), material.body_colour[k], low, high, told))
+    return found
+
+
+def coverage(table: Sequence[Row]) -> dict[str, Any]:
+    """How many intervals of identifiable parameters hold the truth, and how likely so few would be if all were right.
+
+    likelihood: P(at most that many inside) for independent intervals of COVERAGE; those of one material are not quite.
+    """
+    from scipy.stats import binom
+
+    told = [row for row in table if row.identifiable]
+    inside = sum(row.inside for row in told)
+    return {
+        "intervals": len(table),
+        "identifiable": len(told),
+        "inside": inside,
+        "expected": COVERAGE * len(told),
+        "likelihood": float(binom.cdf(inside, len(told), COVERAGE)),
+    }

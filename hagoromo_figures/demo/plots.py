@@ -1,0 +1,94 @@
+"""Plots of the demo's report, drawn by matplotlib without a window, as SVG text."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.light.spectrum import Spectrum
+from hagoromo_figures.demo.measurement import Row
+
+COLOURS = {"skin": "#b5651d", "cloth": "#2f5d9b", "feather": "#8a8a8a", "dielectric": "#3b7d5a"}
+SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
+WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
+
+
+def measured_against_true(rows: Sequence[Row]) -> str:
+    """One panel a parameter: (estimate − true)/true [%] with the 95 % interval, per material."""
+    figure, axes = panels(len(SYMBOLS), 10.0, 2.7)
+    for axis, (key, label) in zip(axes, SYMBOLS.items(), strict=True):
+        shown = [row for row in rows if row.parameter == key]
+        for place, row in enumerate(shown):
+            low, middle, high = (100.0 * (value / row.true - 1.0) for value in (row.low, row.estimate, row.high))
+            style = {"color": COLOURS.get(row.material, "black"), "capsize": 4, "marker": "o", "markersize": 4.5}
+            fill = {} if row.identifiable else {"markerfacecolor": "white"}
+            axis.errorbar(place, middle, [[max(middle - low, 0.0)], [max(high - middle, 0.0)]], **style, **fill)
+            below = {"xycoords": ("data", "axes fraction"), "ha": "center", "fontsize": 7.5, "color": "#555"}
+            axis.annotate(f"{row.true:.3g}", (place, 0.02), **below)
+        axis.axhline(0.0, color="#999", linewidth=0.8, zorder=0)
+        axis.set_xticks(range(len(shown)), [row.material for row in shown], fontsize=8, rotation=20)
+        axis.set_xlim(-0.6, len(shown) - 0.4)
+        axis.margins(y=0.25)
+        axis.set_title(label, fontsize=10)
+    axes[0].set_ylabel("estimate − true [% of true]", fontsize=9)
+    return svg_text(figure)
+
+
+def spectra(true: Mapping[str, Spectrum], recovered: Mapping[str, Spectrum]) -> str:
+    """Albedo spectra π α c_b(λ): true (line) and recovered from three channels (dashed)."""
+    figure, (axis,) = panels(1, 6.4, 3.4)
+    for name, spectrum in true.items():
+        axis.plot(WAVELENGTHS, spectrum.at(WAVELENGTHS), color=COLOURS.get(name), label=name)
+        axis.plot(WAVELENGTHS, recovered[name].at(WAVELENGTHS), color=COLOURS.get(name), linestyle="--")
+    axis.set_xlim(400.0, 700.0)
+    axis.set_ylim(bottom=0.0)
+    axis.set_xlabel("wavelength [nm]", fontsize=9)
+    axis.set_ylabel("body albedo π α c_b", fontsize=9)
+    axis.plot([], [], color="#777", label="true")
+    axis.plot([], [], color="#777", linestyle="--", label="recovered")
+    axis.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return svg_text(figure)
+
+
+def residual_histogram(residuals: NDArray) -> str:
+    """Histogram of standardised residuals beside the standard normal law, on a logarithmic axis."""
+    figure, (axis,) = panels(1, 5.2, 3.4)
+    edges = np.linspace(-6.0, 6.0, 97)
+    density = np.histogram(np.clip(residuals, -6.0, 6.0), edges)[0] / residuals.size / np.diff(edges)
+    axis.stairs(density, edges, fill=True, color="#9db7d5", label=f"{residuals.size:,} values".replace(",", " "))
+    at = np.linspace(-6.0, 6.0, 401)
+    axis.plot(at, np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi), color="#222", linewidth=1.2, label="normal law")
+    axis.set_yscale("log")
+    axis.set_ylim(1e-6, 1.0)
+    axis.set_xlim(-6.0, 6.0)
+    axis.set_xlabel("residual [stated standard deviations]", fontsize=9)
+    axis.set_ylabel("density", fontsize=9)
+    axis.legend(fontsize=8, frameon=False, loc="upper right")
+    return svg_text(figure)
+
+
+def panels(count: int, width: float, height: float):
+    """A figure of its own, apart from pyplot's global state, with `count` axes side by side [inch]."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(1, count, squeeze=False)[0]
+    for axis in axes:
+        axis.tick_params(labelsize=8)
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def svg_text(figure) -> str:
+    """The figure as an <svg> element, the same text every time."""
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.hashsalt": "hagoromo", "svg.fonttype": "none"}):
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
+    return re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)

@@ -1,0 +1,67 @@
+"""Pictures of the report: photographs as people see them, labels, residuals, and the residuals that were fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.app.display import exposure, shown, srgb_from_camera
+from hagoromo.camera.response import Response
+from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.material.segment import interior
+from hagoromo.measurement.observations import Pixels, known_shape, native
+from hagoromo.measurement.sight import sight
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo_figures.demo.plots import COLOURS
+
+FULL_COLOUR = 5.0  # standard deviations at which a residual is fully red or blue
+UNKNOWN = (235, 235, 232)
+
+
+def response_of(photograph: Photograph) -> Response:
+    """The response of its camera, which the demo's captures always know."""
+    assert photograph.camera.response is not None
+    return photograph.camera.response
+
+
+def developed(photograph: Photograph, values: NDArray | None = None) -> NDArray[np.uint8]:
+    """sRGB of the photograph, or of other `values` that are shown at the photograph's exposure."""
+    matrix = srgb_from_camera(response_of(photograph), photograph.lamps[0].spectrum)
+    scale = exposure(photograph.values @ matrix.T)
+    return shown(photograph.values if values is None else np.nan_to_num(values), matrix, scale)
+
+
+def around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Rows and columns of what is true, with a twelfth of its height around it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    edge = (rows[-1] - rows[0]) // 12 + 1
+    return slice(max(rows[0] - edge, 0), rows[-1] + edge), slice(max(columns[0] - edge, 0), columns[-1] + edge)
+
+
+def labels(measurement: Measurement) -> NDArray[np.uint8]:
+    """Labels in the colours of the plots."""
+    colours = [COLOURS.get(material.name, "#000000") for material in measurement.materials]
+    table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours] + [UNKNOWN], np.uint8)
+    return table[measurement.labels]
+
+
+def residual(standardised: NDArray) -> NDArray[np.uint8]:
+    """Mean residual of the channels of (height, width, channels): white at 0, red above, blue below, grey unknown."""
+    mean = standardised.mean(axis=2)
+    strength = np.clip(np.nan_to_num(mean) / FULL_COLOUR, -1.0, 1.0)
+    fading = 1.0 - np.abs(strength)
+    picture = np.stack([np.where(strength > 0, 1.0, fading), fading, np.where(strength < 0, 1.0, fading)], axis=2)
+    return np.where(np.isnan(mean)[..., None], np.array(UNKNOWN, np.uint8), np.rint(255.0 * picture).astype(np.uint8))
+
+
+def fitted_residuals(capture: Capture, measurement: Measurement) -> NDArray:
+    """Residuals (n,) that were open to the fit: measured by the sensor itself, lit and seen beyond grazing, inside."""
+    inside = [interior(measurement.labels, number) for number in range(len(measurement.materials))]
+    pixels, found = Pixels.where(capture, known_shape(capture) & np.any(inside, axis=0)), []
+    for photograph, standardised in zip(capture.photographs, measurement.residuals, strict=True):
+        used = sight(photograph, pixels.points, pixels.normals).fit_to_use
+        at = pixels.rows[used], pixels.columns[used]
+        values, own = standardised[at], native(photograph)[at]
+        found.append(values[own & np.isfinite(values)])
+    return np.concatenate(found)

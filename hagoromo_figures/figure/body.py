@@ -1,0 +1,78 @@
+"""Body: what a standing figure may show of its skin, as one solid after the joints of a pose. All in mm.
+
+Head, neck and collar, forearms with hands, and bare feet with their shins. What clothes cover lies a little inside the
+`mannequin` that they were draped over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_union
+from hagoromo_figures.figure.foot import ANKLE, foot
+from hagoromo_figures.figure.hand import FOLDED, OPEN, Gesture, frame, framed, hand
+from hagoromo_figures.figure.head import head
+from hagoromo_figures.figure.pose import PRAYER, WELCOME, Pose
+
+
+class Hold(NamedTuple):
+    """How the hands are held: gesture, where the palms turn, how far the wrists are nearer together than the joints."""
+
+    gesture: Gesture
+    palm: tuple[float, float, float]
+    closer: float = 0.0
+
+
+HOLDS: Mapping[Pose, Hold] = {PRAYER: Hold(FOLDED, (-1.0, 0.0, 0.0), 3.3), WELCOME: Hold(OPEN, (-0.3, -0.6, 0.7))}
+STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
+CUT = 196.0  # height below which a chest is never seen
+BARE = 60.0  # height above which legs are never seen
+
+
+def body(point: Any, pose: Pose = PRAYER) -> Any:
+    """All the skin that may be seen."""
+    solid = dr.fmin(bust(point, pose), arms(point, pose))
+    return dr.fmin(solid, feet(point, pose))
+
+
+def bust(point: Any, pose: Pose) -> Any:
+    """Head, neck with its slanting muscles, collarbones and the top of the chest."""
+    p = mirrored(point, 0.5)
+    x, y, z = pose.neck
+    solid = capsule(point, (x, y + 1.0, z - 10.0), (x, y - 1.6, z + 15.0), 6.6, 6.1)
+    strap = capsule(p, (5.9, y + 0.2, z + 12.0), (1.5, y - 6.6, z - 9.6), 1.5, 0.8)
+    solid = smooth_union(solid, strap, 2.2)
+    slope = capsule(p, (2.5, y + 3.4, z + 7.0), (13.0, y + 1.6, z - 7.4), 4.2, 4.6)
+    solid = smooth_union(solid, slope, 4.0)
+    shoulders = capsule(p, (0.0, y + 1.6, z - 8.5), pose.shoulder, 5.6, 6.4)
+    chest = smooth_union(ellipsoid(point, (0.0, y - 0.3, z - 29.0), (19.0, 13.6, 22.4)), shoulders, 8.0)
+    collarbone = capsule(p, (1.9, y - 6.3, z - 9.9), (15.0, y - 3.4, z - 7.0), 0.9, 0.9)
+    chest = smooth_union(smooth_union(chest, collarbone, 2.2), solid, 6.0)
+    return smooth_union(dr.fmax(chest, CUT - point.z), head(placed(point, pose.head, pose.nod)), 3.0)
+
+
+def arms(point: Any, pose: Pose) -> Any:
+    """Both forearms and hands."""
+    p = mirrored(point)
+    hold = HOLDS[pose]
+    wrist = (pose.wrist[0] - hold.closer, pose.wrist[1], pose.wrist[2])
+    axes = frame(wrist, (pose.fingertip[0] - 0.1 * hold.closer, *pose.fingertip[1:]), hold.palm)
+    fore = capsule(p, pose.elbow, wrist, 4.6, 2.8)
+    return smooth_union(fore, hand(framed(p, wrist, axes), hold.gesture), 2.0)
+
+
+def feet(point: Any, pose: Pose) -> Any:
+    """Both feet, and the shins up to BARE."""
+    both = []
+    for side, step in ((1.0, (0.0, 0.0, 0.0)), (-1.0, STEP)):
+        p = type(point)(side * (point.x - step[0]), point.y - step[1], point.z)
+        forward = np.subtract(pose.toe, pose.ankle) * (1.0, 1.0, 0.0)
+        forward /= np.linalg.norm(forward)
+        axes = np.stack([np.cross(forward, (0.0, 0.0, -1.0)), forward, (0.0, 0.0, 1.0)])
+        knee = axes @ (np.array(pose.knee) - np.array(pose.ankle)) + (0.0, 0.0, ANKLE)
+        both.append(foot(framed(p, (pose.ankle[0], pose.ankle[1], 0.0), axes), knee))
+    return dr.fmax(dr.fmin(*both), point.z - BARE)

@@ -1,0 +1,1 @@
+"""Studies: each is run from the root of the repository, as python -m studies.NAME."""

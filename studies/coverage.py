@@ -1,0 +1,98 @@
+"""The study of coverage: how often the 95 % intervals of a material's parameters hold the truth.
+
+    python -m studies.coverage --out out/coverage
+
+Enters: nothing. Leaves: results.json, coverage.md and coverage.png, which belong to docs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from hagoromo import __version__
+from hagoromo.app.progress import progress_bar
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_folder
+from hagoromo.measurement.material.estimate import estimate_material
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
+from studies.coverage_page import write_coverage_page
+
+SIMULATIONS = 200
+QUANTITIES = ("alpha", "beta", "gamma", "n", "specular_albedo", "body_colour")
+Progress = Callable[[float, str], None]
+
+
+def coverage_study(
+    out: str | Path, simulations: int = SIMULATIONS, force: bool = False, progress: Progress | None = None
+) -> dict[str, Any]:
+    """The whole study, written to the folder `out`; gives the record of results.json."""
+    tell = progress or (lambda share, step: None)
+    rows, cases = [], [(bench, level) for bench in BENCHES for level in FULL_WELLS]
+    with whole_folder(out, force) as home:
+        for i, (bench, level) in enumerate(cases):
+            found = []
+            for k in range(simulations):
+                tell((i + k / simulations) / len(cases), f"{bench}, {level}")
+                found.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
+            rows += [{"bench": bench, "level": level, **row} for row in table(found)]
+        record = {"hagoromo": __version__, "simulations": simulations, "rows": rows}
+        write_json(home / "results.json", record)
+        write_coverage_page(home, record)
+        tell(1.0, "")
+    return record
+
+
+def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tuple[Truth, MaterialEstimate]:
+    """One material drawn, observed and estimated."""
+    truth = drawn(bench, random)
+    return truth, estimate_material(observed(bench, truth, full_well, random), "material", 1)
+
+
+def table(found: list[tuple[Truth, MaterialEstimate]]) -> list[dict[str, Any]]:
+    """Per quantity: how many intervals there are and hold the truth, lie above and below it, and are told.
+
+    told_width: median width of the intervals of those that are told, relative to the truth.
+    """
+    rows = []
+    for key in QUANTITIES:
+        true = np.array([np.atleast_1d(truth.values()[key]) for truth, _ in found])
+        bounds = np.array([np.atleast_2d(estimate.interval_95[key]) for _, estimate in found])
+        told = np.array([estimate.identifiable.get(key, True) for _, estimate in found])
+        low, high = bounds[..., 0], bounds[..., 1]
+        width = ((high - low) / true)[told & np.isfinite(high).all(axis=1)]
+        rows.append({
+            "quantity": key,
+            "intervals": int(true.size),
+            "hold": int(np.sum((low <= true) & (true <= high))),
+            "above": int(np.sum(low > true)),
+            "below": int(np.sum(high < true)),
+            "told": int(told.sum()),
+            "told_width": float(np.median(width)) if width.size else None,
+        })  # fmt: skip
+    return rows
+
+
+def main(out: Path, simulations: int = SIMULATIONS, force: bool = False) -> None:
+    """Simulate and measure.
+
+    Args:
+        out: where to write results.json, coverage.md and coverage.png.
+        simulations: of each bench at each noise level.
+        force: replace an existing result.
+    """
+    with progress_bar("coverage") as progress:
+        record = coverage_study(out, simulations, force, progress)
+    for row in record["rows"]:
+        share = 100.0 * row["hold"] / row["intervals"]
+        print(f"{row['bench']}, {row['level']}: {row['quantity']} {share:.1f} %")
+    print(f"wrote {out / 'coverage.md'}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,112 @@
+"""The bench of the coverage study: materials drawn at random, and what a camera reads off a ball made of them.
+
+No picture is rendered: the ball's visible places are drawn as a camera far away sees them, each under each lamp alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hagoromo.measurement.material.material_objective import expected
+from hagoromo.measurement.material.quantity import theta_of
+from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.sight import Array, Sight
+from hagoromo.reflectance.reflectance import interface_albedo
+from studies.goniometer import Directions, cosines_of
+
+PLACES = 400  # of the ball that the camera sees
+METERED = 0.8  # of the full well, the brightest value
+READ_NOISE = 10.0  # electrons
+FULL_WELLS = {"45,000 electrons": 45_000.0, "6,000 electrons": 6_000.0, "1,000 electrons": 1_000.0}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What is drawn and how it is lit. betas: range of β [1/sr], log-uniform. azimuths: of the lamps [°], from the eye.
+
+    Three lamps at phase angles of 35° to 130° tell n, as the Fresnel term grows 2 to 5 times over them; one lamp beside
+    the camera does not; faint gloss is below the noise for many of the materials.
+    """
+
+    betas: tuple[float, float]
+    azimuths: tuple[float, ...]
+
+
+BENCHES = {
+    "three lamps": Bench((0.05, 1.0), (35.0, 80.0, 130.0)),
+    "one lamp": Bench((0.05, 1.0), (20.0,)),
+    "three lamps, faint gloss": Bench((0.0005, 0.05), (35.0, 80.0, 130.0)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Parameters of a material; alpha_body (3,): α c_b."""
+
+    alpha_body: Array
+    beta: float
+    gamma: float
+    n: float
+
+    def values(self) -> dict[str, float | Array]:
+        """By the names of `MaterialEstimate`; body colours have mean 1."""
+        mean = float(self.alpha_body.mean())
+        return {
+            "alpha": mean,
+            "beta": self.beta,
+            "gamma": self.gamma,
+            "n": self.n,
+            "specular_albedo": self.beta * float(interface_albedo(self.gamma, self.n)[0]),
+            "body_colour": self.alpha_body / mean,
+        }
+
+
+def drawn(bench: Bench, random: np.random.Generator) -> Truth:
+    """A material of realistic ranges: body albedo 0.1–0.8 per channel, γ 0.06–0.4 rad, n 1.3–1.7."""
+    return Truth(
+        random.uniform(0.1, 0.8, 3) / np.pi,
+        float(np.exp(random.uniform(*np.log(bench.betas)))),
+        float(np.exp(random.uniform(*np.log([0.06, 0.4])))),
+        float(random.uniform(1.3, 1.7)),
+    )
+
+
+def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> Observations:
+    """Noisy values with shot and read noise; the variance that they state is that of the noisy electrons."""
+    seen = ball(bench.azimuths)
+    clean = expected(seen, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
+    return exposed(seen, clean, full_well, random)
+
+
+def exposed(seen: Sight, clean: Array, full_well: float, random: np.random.Generator) -> Observations:
+    """What a sensor makes of values `clean` (N, C), the brightest of which fills METERED of its well."""
+    per_unit = METERED * full_well / clean.max()
+    electrons = random.poisson(clean * per_unit) + random.normal(0.0, READ_NOISE, clean.shape)
+    variance = np.maximum(electrons, 0.0) + 1.0 + READ_NOISE**2
+    used = np.broadcast_to(seen.fit_to_use[:, None], clean.shape)
+    gain, ceiling = np.full(clean.shape, 1.0 / per_unit), np.full(clean.shape, np.inf)
+    place = np.arange(len(clean))
+    return Observations(electrons / per_unit, variance / per_unit**2, gain, used, seen, ceiling, place, place % PLACES)
+
+
+def ball(azimuths: tuple[float, ...]) -> Sight:
+    """PLACES of a ball, evenly over the disc that the eye at +z sees, under each far lamp in turn."""
+    number = np.arange(PLACES) + 0.5
+    radius, turn = np.sqrt(number / PLACES), np.pi * (1.0 + 5.0**0.5) * number  # sunflower: even and without rows
+    normal = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - radius**2)], axis=1)
+    angle = np.radians(azimuths)
+    lamps = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    to_lamp = np.repeat(lamps, PLACES, axis=0)
+    normals = np.tile(normal, (len(lamps), 1))
+    at = Directions(*(_local(normals, way) for way in (to_lamp, np.broadcast_to((0.0, 0.0, 1.0), normals.shape))))
+    return Sight(cosines_of(at), np.ones((len(normals), 1, 3)))
+
+
+def _local(normals: Array, directions: Array) -> Array:
+    """`directions` (N, 3) in axes whose +z is the normal (N, 3)."""
+    aside = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    axes = np.stack([aside, np.cross(normals, aside), normals], axis=1)
+    return np.einsum("nij,nj->ni", axes, directions)

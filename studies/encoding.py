@@ -1,0 +1,76 @@
+"""Encoding: are photographs of unknown response linear in light? Which exponent explains them best, and sRGB.
+
+Each hypothesis decodes the recorded values; normals, gloss and lamps are then fitted, and the fit is encoded again and
+compared with what was recorded. A body that is flatter than Lambert's law looks like an exponent of its own, so one
+object says little: the response is what all of them share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.light.colour import srgb_decode
+from hagoromo.measurement.normals.normals import robust_lambert, solve_fit
+from hagoromo.measurement.normals.photometric_model import predicted
+from hagoromo.measurement.normals.photometric_prior import Prior
+from hagoromo.measurement.normals.views import Array, Views, views
+from hagoromo.photograph.capture import Capture
+
+EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
+PIXELS = 2000  # of each object that are fitted
+LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
+Progress = Callable[[float, str], None]
+
+
+def encoding_study(captures: Mapping[str, Capture], progress: Progress | None = None) -> dict[str, Any]:
+    """Relative residual of every object under every hypothesis; the exponent that each asks for, their mean and error.
+
+    The photographs hold recorded values, 1 at white. Returns {"residuals": {object: {hypothesis: …}}, "exponents":
+    {object: …}, "mean", "standard_error"}, the exponents those of light = recorded^exponent.
+    """
+    residuals: dict[str, dict[str, float]] = {}
+    for i, (name, capture) in enumerate(captures.items()):
+        if progress:
+            progress(i / len(captures), name)
+        seen = views(capture)
+        count = len(seen.rows)
+        seen = seen.pixels(np.sort(np.random.default_rng(0).choice(count, min(PIXELS, count), replace=False)))
+        recorded = seen.values * seen.light
+        powers = {f"{power:g}": _residual(seen, recorded, recorded**power, 1.0 / power) for power in EXPONENTS}
+        residuals[name] = powers | {"sRGB": _residual(seen, recorded, srgb_decode(255.0 * recorded), None)}
+    wanted = {name: _lowest({k: v for k, v in of.items() if k != "sRGB"}) for name, of in residuals.items()}
+    values = np.array(list(wanted.values()))
+    error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
+    return {"residuals": residuals, "exponents": wanted, "mean": float(values.mean()), "standard_error": error}
+
+
+def _residual(seen: Views, recorded: Array, light: Array, back: float | None) -> float:
+    """Median relative residual in recorded values, where `light` is what they stand for; back: exponent, or sRGB."""
+    slope = np.maximum(light, 1e-4) / np.maximum(recorded, 1e-4)
+    decoded = replace(seen, values=light / seen.light, variance=seen.variance * slope**2)
+    normals, body = robust_lambert(decoded)
+    labels = np.zeros(seen.shape, np.int64)
+    decoded, fit = solve_fit(decoded, labels, normals, body, LAMBERT)
+    model = fit.evenness(decoded.place)[:, None] * predicted(fit, decoded.to_lamp, seen.to_eye) * decoded.light
+    encoded = _srgb_encoded(model) if back is None else model**back
+    size = np.maximum(recorded, recorded.mean(axis=0))
+    return float(np.median((np.abs(encoded - recorded) / size)[np.broadcast_to(seen.used[:, None], size.shape)]))
+
+
+def _srgb_encoded(light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """sRGB's display values 0…1 of linear light (IEC 61966-2-1)."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def _lowest(residuals: Mapping[str, float]) -> float:
+    """The exponent of the least residual: the vertex of a parabola in logarithms through the three lowest points."""
+    at, height = np.log([float(key) for key in residuals]), np.log(list(residuals.values()))
+    middle = int(np.clip(np.argmin(height), 1, len(at) - 2))
+    a, b, _ = np.polyfit(at[middle - 1 : middle + 2], height[middle - 1 : middle + 2], 2)
+    vertex = -b / (2.0 * a) if a > 0.0 else at[np.argmin(height)]
+    return float(np.exp(np.clip(vertex, at[0], at[-1])))

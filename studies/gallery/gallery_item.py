@@ -1,0 +1,76 @@
+"""Gallery item: one recipe built, photographed in its views and lit from eight sides; its figures as JSON.
+
+    python -m studies.gallery.gallery_item examples/recipes linen docs/figures/gallery
+
+Writes NAME_whole.jpg, NAME_10_mm.jpg, NAME_1_mm.jpg, NAME_lamps.jpg and NAME.json.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo import backend
+from hagoromo.files.record import read_toml, write_json
+from hagoromo.matter.build import build
+from hagoromo.volume.box import VolumeBox
+from studies.gallery.gallery_items import ITEMS, Item
+from studies.gallery.gallery_view import around, near, whole
+
+QUALITY = 86  # of JPEG
+RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes in which the system tells memory
+MIB = 2**20
+
+
+def make(recipes: Path, name: str, out: Path) -> None:
+    """All pictures and figures of one item."""
+    item = ITEMS[name]
+    box, cost = _built(recipes, item, item.whole or {})
+    write_json(out / f"{name}.json", cost)
+    _write(out / f"{name}_whole.jpg", whole(box))
+    _write(out / f"{name}_lamps.jpg", around(box))
+    for view, field_mm, change in (("10_mm", 10.0, item.centimetre), ("1_mm", 1.0, item.millimetre)):
+        if change is not None:
+            box, _ = _built(recipes, item, change)
+            _write(out / f"{name}_{view}.jpg", near(box, field_mm))
+
+
+def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[VolumeBox, dict[str, Any]]:
+    """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
+    record = read_toml(recipes / f"{item.recipe}.toml")
+    for key, value in change.items():
+        record[key] = record[key] | value if isinstance(value, dict) and key in record else value
+    before, start, busy = _peak(), time.perf_counter(), time.process_time()
+    box = build(record)
+    cost = {
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {backend.name()}",
+        "seconds": round(time.perf_counter() - start, 1), "core_seconds": round(time.process_time() - busy, 1),
+        "before_mib": round(before), "peak_mib": round(_peak()), "bricks": len(box.bricks.places),
+        "voxel_mm": round(1e3 * box.voxel_size, 4), "voxels": list(box.bricks.shape[::-1]),
+    }  # fmt: skip
+    texel = getattr(box, "texel", None)
+    if texel is not None:
+        cost["texel_mib"] = round(texel.bytes / MIB, 1)
+    return box, cost
+
+
+def _peak() -> float:
+    """Most memory that this process has held so far [MiB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * RSS_UNIT / MIB
+
+
+def _write(path: Path, picture: np.ndarray) -> None:
+    import cv2
+
+    cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+if __name__ == "__main__":
+    make(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]))

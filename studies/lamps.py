@@ -1,0 +1,114 @@
+"""The study of lamps on real photographs: how far independent readings of the same lamps agree.
+
+    python -m studies.lamps ../shared/data/uw_psm --out lamps_study.json
+
+Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: angles between the chrome ball as we read it, the set's two
+readings, the shading of its matte ball, and what each object tells by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from tyro.conf import Positional
+
+from hagoromo.calibration.lamps import find_ball, matte_ball, reference_strength
+from hagoromo.calibration.lamps.outline import refined
+from hagoromo.calibration.lamps.uncalibrated import SelfCalibration, self_calibrate
+from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
+from hagoromo.files.png import read_png
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
+from studies.real import read_directions
+from studies.uw_psm import LAMPS, OBJECTS, WHOLE, read_lamps
+
+Array = NDArray[np.float64]
+FULL = 250  # of 255: clipped, or nearly
+
+
+def lamp_study(folder: str | Path) -> dict[str, Any]:
+    """The record of the study: `readings`, mean and largest angle [°] of each pair, and `objects`."""
+    home = Path(folder)
+    ball, lamps = read_lamps(home)
+    ours = np.array([lamp.to_lamp for lamp in lamps])
+    readings = {
+        "chrome ball": ours,
+        "laboratory": read_directions(home / "lights_from_chrome_ball_by_lab.txt"),
+        "author of the repository": read_directions(home / "lights_by_repo_author.txt"),
+        "matte ball": _by_shading(home, ours),
+    }
+    pairs = {
+        f"{one} – {other}": _angles(readings[one], readings[other])
+        for i, one in enumerate(readings)
+        for other in list(readings)[i + 1 :]
+    }
+    objects = {}
+    for name in OBJECTS:
+        light, mask = _light(home, name), _mask(home, name) >= WHOLE
+        shading = self_calibrate(light, mask)
+        objects[name] = _beside(refined_lamps(light, mask, None, shading), ours)
+        objects[name]["by_shading_alone"] = _beside(shading, ours)
+    return {"ball": ball.record(), "readings": pairs, "objects": objects}
+
+
+def _beside(found: SelfCalibration, ours: Array) -> dict[str, Any]:
+    within = np.degrees(np.arccos(np.clip(np.sum(found.to_lamp * ours, axis=1), -1.0, 1.0)))
+    return {
+        **_angles(found.to_lamp, ours),
+        "stated_deg": float(found.standard_error_deg.mean()),
+        "within_two_errors": float(np.mean(within < 2.0 * found.standard_error_deg)),
+        "convex": found.convex,
+    }
+
+
+def _by_shading(home: Path, ours: Array) -> Array:
+    """Directions by Lambert's law on the matte ball; `ours` tell only which pixels are lit."""
+    numbers = [read_png(home / "gray" / f"gray.{k}.png") for k in range(LAMPS)]
+    ball = refined(find_ball(read_png(home / "gray" / "gray.mask.png")), numbers)
+    matte, light = matte_ball(ball, numbers[0].shape, 0.5), _light(home, "gray")
+    told = [reference_strength(light[str(k)], matte, ours[k]).shading for k in range(LAMPS)]
+    return np.array([shading[0] for shading in told if shading is not None])
+
+
+def _light(home: Path, name: str) -> Mapping[str, Array]:
+    numbers = {str(k): read_png(home / name / f"{name}.{k}.png").astype(np.float64) for k in range(LAMPS)}
+    return {k: np.where(n < FULL, n / 255.0, np.nan) for k, n in numbers.items()}
+
+
+def _mask(home: Path, name: str) -> NDArray:
+    mask = read_png(home / name / f"{name}.mask.png")
+    return mask.reshape(*mask.shape[:2], -1)[..., :3].max(axis=2)
+
+
+def _angles(one: Array, other: Array) -> dict[str, float]:
+    cosine = np.sum(one * other, axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
+    angles = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return {"mean_deg": float(angles.mean()), "largest_deg": float(angles.max())}
+
+
+def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
+    """Compare readings of the lamps of the set in FOLDER.
+
+    Args:
+        folder: uw_psm, with a folder per object.
+        out: where to write the record, JSON.
+        force: replace an existing result.
+    """
+    with whole_file(out, force) as partial:
+        record = lamp_study(folder)
+        write_json(partial, record)
+    for what, found in {**record["readings"], **record["objects"]}.items():
+        stated = f", stated {found['stated_deg']:.1f}°" if "stated_deg" in found else ""
+        if "by_shading_alone" in found:
+            stated += f" (by shading alone {found['by_shading_alone']['mean_deg']:.2f}°)"
+        print(f"{what}: {found['mean_deg']:.2f}° in the mean, {found['largest_deg']:.2f}° at most{stated}")
+    print(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,89 @@
+"""Leave one lamp out: everything solved anew without one photograph, which is then predicted and compared.
+
+Plain least squares of Lambert's law runs through the same protocol, and once more with the lamps evened out and with
+the neighbours' disagreement added, to show what each step is worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit, solve_normals
+from hagoromo.measurement.normals.views import Array, Views, views
+from hagoromo.measurement.surface.depth import points_from_normals
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+from studies.cast_shadow import lit_share
+from studies.predicted_photograph import disagreement, forecast
+
+METHODS = {
+    "lambert": "Lambert, plain least squares",
+    "lambert_even": "the same, lamps evened out",
+    "lambert_neighbours": "the same, and the neighbours' disagreement",
+    "model": "ours: robust normals, gloss; attached shadows",
+    "model_shadows": "ours, and cast shadows of the integrated surface",
+    "ours": "ours, and the neighbours' disagreement",
+}
+YARDSTICK, OURS = "lambert", "ours"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptAside:
+    """One lamp kept aside: its number, the photograph, predictions (h, w, C) by method in the photograph's values.
+
+    found, points (h, w, 3): normals and surface solved without it.
+    """
+
+    lamp: int
+    photograph: Photograph
+    predictions: Mapping[str, NDArray[np.float64]]
+    found: NormalMap
+    points: NDArray[np.float32]
+
+
+def score(photograph: Photograph, prediction: NDArray[np.floating]) -> tuple[float, float]:
+    """Relative RMSE and PSNR [dB, peak 1] of a prediction (h, w, C), over all valid pixels of the object."""
+    true = photograph.values[photograph.mask].astype(np.float64)
+    rmse = float(np.sqrt(np.mean((prediction[photograph.mask] - true) ** 2)))
+    return rmse / float(np.sqrt(np.mean(true**2))), -20.0 * float(np.log10(rmse))
+
+
+def keep_aside(capture: Capture, even: Capture, field: Array, lamp: int) -> KeptAside:
+    """Predict photograph `lamp` of `capture` from the others.
+
+    even: the capture with the lamps that other objects told, flat-fielded by `field` (K, h, w).
+    """
+    photograph, camera = capture.photographs[lamp], capture.photographs[lamp].camera
+    stated, to_lamp = (np.asarray(one.photographs[lamp].lamps[0].to_lamp) for one in (capture, even))
+    plain, others = views(_without(capture, lamp)), views(_without(even, lamp))
+    distance = float(np.linalg.norm(camera.position))
+    found = solve_normals(_without(even, lamp))
+    points = points_from_normals(found.normals, camera, distance, found.variance)
+    lambert, lambert_even = least_squares_fit(plain), least_squares_fit(others)
+    own, seen = forecast(found.fit, found.seen, to_lamp), found.seen
+    lit = lit_share(points, camera, to_lamp)[seen.rows, seen.columns]
+    flat = field[lamp][seen.rows, seen.columns]
+    yardstick = forecast(lambert_even, others, to_lamp)
+    values = {
+        "lambert_even": flat * yardstick,
+        "lambert_neighbours": flat * np.maximum(yardstick + disagreement(lambert_even, others, to_lamp), 0.0),
+        "model": flat * own,
+        "model_shadows": flat * own * lit,
+        "ours": flat * np.maximum(own + disagreement(found.fit, seen, to_lamp), 0.0),
+    }
+    predictions = {method: _image(seen, value) for method, value in values.items()}
+    predictions["lambert"] = _image(plain, forecast(lambert, plain, stated))
+    return KeptAside(lamp, photograph, predictions, found, points)
+
+
+def _image(seen: Views, values: Array) -> NDArray[np.float64]:
+    """(h, w, C) in the photograph's values; 0 where the photographs show nothing."""
+    return seen.image((values * seen.light[0]).T)
+
+
+def _without(capture: Capture, lamp: int) -> Capture:
+    return replace(capture, photographs=tuple(p for k, p in enumerate(capture.photographs) if k != lamp))

@@ -1,0 +1,150 @@
+"""The study of MERL: 80 measured materials, read by a goniometer, fitted with Torrance–Sparrow and with GGX + Lambert.
+
+    python -m studies.merl ../shared/data/merl_fits --out out/merl
+
+Enters: a folder with merl_sgd.json and merl_abc.json. Leaves: results.json, merl.md and merl.png, which belong to docs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from tyro.conf import Positional
+
+from hagoromo import __version__
+from hagoromo.app.progress import progress_bar
+from hagoromo.errors import InputError
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_folder
+from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
+from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.material_objective import expected
+from hagoromo.measurement.sight import Array
+from studies.goniometer import cosines_of, goniometer, readings
+from studies.merl_page import write_merl_page
+from studies.merl_rival import fit_ggx
+from studies.merl_truth import Truth, read_truths
+
+NOISE = 0.01  # relative, of each reading
+SEED = 0
+METHODS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One material: median relative error over directions and channels of each method, and what our result says.
+
+    rejected: lack of fit told. p_value: of that test. model_error: relative, that the fit itself states.
+    """
+
+    truth: str
+    material: str
+    error: dict[str, float]
+    rejected: bool
+    p_value: float
+    model_error: float
+
+
+def merl_study(
+    folder: str | Path, out: str | Path, force: bool = False, progress: Progress | None = None
+) -> dict[str, Any]:
+    """The whole study, written to the folder `out`; gives the record of results.json."""
+    tell = progress or (lambda share, step: None)
+    rows = []
+    with whole_folder(out, force) as home:
+        cases = [(kind, name, of) for kind, named in read_truths(folder).items() for name, of in named.items()]
+        for i, (kind, name, truth) in enumerate(cases):
+            tell(i / len(cases), name)
+            rows.append(study(kind, name, truth, np.random.default_rng([SEED, i])))
+        record = {
+            "hagoromo": __version__,
+            "noise": NOISE,
+            "level": LEVEL,
+            "directions": len(goniometer().to_lamp),
+            "summary": {kind: summary([row for row in rows if row.truth == kind]) for kind in {c[0]: 0 for c in cases}},
+            "rows": [asdict(row) for row in rows],
+        }
+        write_json(home / "results.json", record)
+        write_merl_page(home, record)
+        tell(1.0, "")
+    return record
+
+
+def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Row:
+    """One material read and fitted by every method."""
+    at = goniometer()
+    flat = cosines_of(at)
+    clean = truth(flat)
+    values = clean * (1.0 + NOISE * random.standard_normal(clean.shape))
+    seen = readings(at, values, (NOISE * values) ** 2)
+    used = np.asarray(seen.used.all(axis=1))
+    colours = {
+        method: fit_ggx(flat, values, used, coloured)
+        for method, coloured in zip(METHODS[1:], (False, True), strict=True)
+    }
+    try:
+        fit = fit_material(seen)
+    except InputError as refused:
+        raise InputError(f"{name}: {refused}") from refused
+    tested = lack_of_fit(fit)
+    models = {METHODS[0]: expected(seen.sight, fit.theta), **colours}
+    error = {method: _median_error(model, clean, used) for method, model in models.items()}
+    rejected, p_value = (tested.rejected, tested.p_value) if tested else (False, 1.0)
+    return Row(kind, name, error, rejected, p_value, fit.residuals.model_error)
+
+
+def summary(rows: list[Row]) -> dict[str, Any]:
+    """Median, quartiles and worst over the materials, of each method; the share that our result calls ill fitted."""
+    errors = {method: np.array([row.error[method] for row in rows]) for method in METHODS}
+    figures = {
+        method: {
+            "quartile_1": float(np.percentile(of, 25)),
+            "median": float(np.median(of)),
+            "quartile_3": float(np.percentile(of, 75)),
+            "worst": float(of.max()),
+            "worst_material": rows[int(of.argmax())].material,
+        }
+        for method, of in errors.items()
+    }
+    off = errors[METHODS[0]] > 3.0 * NOISE
+    told = np.array([row.rejected for row in rows])
+    return {
+        "materials": len(rows),
+        "error": figures,
+        "rejected": int(told.sum()),
+        "off": int(off.sum()),
+        "off_and_told": int((off & told).sum()),
+        "ours_better": int(np.sum(errors[METHODS[0]] < errors[METHODS[1]])),
+    }
+
+
+def _median_error(model: Array, clean: Array, used: np.ndarray) -> float:
+    return float(np.median(np.abs(model - clean)[used] / clean[used]))
+
+
+def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
+    """Study the published fits of MERL in FOLDER.
+
+    Args:
+        folder: with merl_sgd.json and merl_abc.json.
+        out: where to write results.json, merl.md and merl.png.
+        force: replace an existing result.
+    """
+    with progress_bar("MERL") as progress:
+        record = merl_study(folder, out, force, progress)
+    for kind, of in record["summary"].items():
+        for method, figures in of["error"].items():
+            low, middle, high, worst = (100 * figures[key] for key in ("quartile_1", "median", "quartile_3", "worst"))
+            print(f"{kind}, {method}: {low:.1f} / {middle:.1f} / {high:.1f} %, worst {worst:.0f} %")
+        print(f"{kind}: {of['rejected']} of {of['materials']} told as ill fitted")
+    print(f"wrote {out / 'merl.md'}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,74 @@
+"""The 80 measured materials of MERL as published fits: what the files hold, and the reflectance that they stand for.
+
+Two fits of each: shifted-gamma facets with an own lobe per channel (Bagher, Soler & Holzschuch 2012) and the ABC
+microfacets (Löw, Kronander, Ynnerman & Unger 2012). Reflectances are times cosθ_i, as eq. (2) has them [1/sr].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.files.record import number, numbers, positive, read_json, take, text
+from hagoromo.measurement.sight import Array
+from hagoromo.reflectance.torrance_sparrow import Cosines
+
+three = numbers(3)
+SGD = {
+    "name": text, "rhoD": three, "rhoS": three, "alpha": three, "p": three, "f0": three, "f1": three, "kap": three,
+    "lambda": three, "c": three, "k": three, "theta0": three,
+}  # fmt: skip
+ABC = {"name": text, "kD": three, "A": three, "B": positive, "C": number, "ior": positive}
+
+Truth = Callable[[Cosines], Array]
+
+
+def read_truths(folder: str | Path) -> dict[str, dict[str, Truth]]:
+    """The fits in `folder`, which has merl_sgd.json and merl_abc.json: kind of fit → material → its reflectance."""
+    home = Path(folder)
+    return {
+        "shifted gamma": _read(home / "merl_sgd.json", SGD, shifted_gamma),
+        "ABC": _read(home / "merl_abc.json", ABC, abc),
+    }
+
+
+def shifted_gamma(of: dict[str, Array], at: Cosines) -> Array:
+    """(N, 3) cosθ_i/π (ρ_d + ρ_s D F G₁(θ_i) G₁(θ_r) / (cosθ_i cosθ_r)), Bagher et al. eq. (9)–(16)."""
+    tan2 = 1.0 / at.half**2 - 1.0
+    x = of["alpha"] + tan2 / of["alpha"]
+    density = of["kap"] * np.exp(-x) / (np.pi * x ** of["p"] * at.half**4)
+    fresnel = of["f0"] - of["f1"] * at.deviation + (1.0 - of["f0"]) * (1.0 - at.deviation) ** 5
+
+    def unmasked(cosine: Array) -> Array:
+        beyond = np.maximum(np.arccos(cosine) - of["theta0"], 0.0)
+        with np.errstate(over="ignore"):  # c reaches 1e38, where nothing is left beyond θ₀
+            return np.clip(1.0 + of["lambda"] * (1.0 - np.exp(of["c"] * beyond ** of["k"])), 0.0, 1.0)
+
+    interface = density * fresnel * unmasked(at.incidence) * unmasked(at.view) / at.view
+    return (of["rhoD"] * at.incidence + of["rhoS"] * interface) / np.pi
+
+
+def abc(of: dict[str, Any], at: Cosines) -> Array:
+    """(N, 3) cosθ_i k_d/π + A F G / ((1 + B (1 − cosφ))^C π cosθ_r), Löw et al. eq. (10), G of eq. (6)."""
+    density = of["A"] / (1.0 + of["B"] * (1.0 - at.half)) ** of["C"]
+    c = at.deviation
+    g = np.sqrt(np.maximum(of["ior"] ** 2 + c**2 - 1.0, 0.0))
+    fresnel = 0.5 * ((g - c) / (g + c)) ** 2 * (1.0 + ((c * (g + c) - 1.0) / (c * (g - c) + 1.0)) ** 2)
+    masking = np.minimum(1.0, 2.0 * at.half * np.minimum(at.view, at.incidence) / c)
+    return (of["kD"] * at.incidence + density * fresnel * masking / at.view) / np.pi
+
+
+def _read(path: Path, spec: dict[str, Any], model: Callable[[dict[str, Any], Cosines], Array]) -> dict[str, Truth]:
+    record = read_json(path)
+    if not isinstance(record, list) or not record:
+        raise InputError(f"{path} must be a list of materials: given {type(record).__name__}")
+    found: dict[str, Truth] = {}
+    for i, entry in enumerate(record):
+        fields = take(entry, spec, f"{path} material {i + 1}", strict=False)
+        of = {key: np.array(value) if isinstance(value, (tuple, list)) else value for key, value in fields.items()}
+        found[fields["name"]] = lambda at, of=of: model(of, at)
+    return found

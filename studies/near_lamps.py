@@ -1,0 +1,76 @@
+"""The study of near lamps: simulated photographs of known surfaces, for every width of highlight, against the truth.
+
+    python -m studies.near_lamps --out out/near_lamps.json [--leds ../shared/data/near_ps_leds]
+
+Enters: a rig, its own or the calibrated LEDs of near_ps_leds. Leaves: mean and median error of the normals, of the
+depth, and how far the stated variances hold, by surface, γ and bits.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
+from hagoromo.measurement.normals.normals import least_squares_lambert
+from hagoromo.measurement.surface.shape import solve_shape
+from studies.near_rig import DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
+
+GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
+SURFACES = {"ball": sphere, "waves and a step": waves}
+GUESS = 1.04  # of the true distance: what the search begins from
+
+
+def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
+    """One case: errors of normals [°] and depth [mm], and the median of error² over variance, 1 where it is honest."""
+    capture, truth = simulate(rig, SURFACES[surface], look, bits)
+    shape = solve_shape(capture, GUESS * DISTANCE)
+    seen, fit = shape.found.seen, shape.found.fit
+    true = truth.normals[seen.rows, seen.columns]
+
+    def error(normals: np.ndarray) -> np.ndarray:
+        return np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", normals, true), -1.0, 1.0)))
+
+    off, plain = error(fit.normals), error(least_squares_lambert(seen)[0])
+    missed = 1e3 * (shape.surface.points - truth.points)[seen.rows, seen.columns, 2]
+    return {
+        "surface": surface, "gamma": look.gamma, "bits": bits, "interreflection": look.interreflection,
+        "mean_deg": float(off.mean()), "median_deg": float(np.median(off)),
+        "least_squares_on_the_same_surface_deg": float(plain.mean()),
+        "depth_median_mm": float(np.median(np.abs(missed))), "depth_95_mm": float(np.percentile(np.abs(missed), 95)),
+        "error_over_variance": float(np.median(np.radians(off) ** 2 / fit.variance) / np.log(2.0)),
+        "rounds": shape.rounds,
+    }  # fmt: skip
+
+
+def studied(rig: Rig) -> list[dict[str, Any]]:
+    """Every case, printed as it comes."""
+    found = []
+    for (surface, gamma), bits in zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False):
+        found.append(study_case(rig, surface, Look(gamma, interreflection=bits == 8), bits))
+        print({key: round(value, 3) if isinstance(value, float) else value for key, value in found[-1].items()})
+    return found
+
+
+def main(out: Path, leds: Path | None = None, smaller: float = 20.0, force: bool = False) -> None:
+    """Run every case and write the table.
+
+    Args:
+        out: JSON file to write.
+        leds: folder near_ps_leds; without it a made-up ring of ten LEDs.
+        smaller: how much smaller than the camera's the photographs under `leds` are.
+        force: replace an existing result.
+    """
+    rig = ring_rig() if leds is None else read_rig(leds, smaller)
+    with whole_file(out, force) as partial:
+        write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": studied(rig)})
+    print(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,139 @@
+"""Study of one object of the real photographs: every lamp kept aside in turn, normals, materials, relief."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.response import Response, white
+from hagoromo.image.render import Settings, render
+from hagoromo.image.scene import Scene
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.solid.relief import Relief, relief_plan
+from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.normals.gloss_estimate import measurement_of
+from hagoromo.measurement.normals.normals import NormalMap, least_squares_lambert, solve_normals
+from hagoromo.measurement.normals.views import Array, views
+from hagoromo.photograph.capture import Capture
+from studies.leave_one_out import METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
+from studies.rig import Unevenness, evened, flat_field
+from studies.uw_psm import sphere_normals
+
+SPHERE = "gray"  # the object whose normals are known
+INNER = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix with the ground
+SAMPLES = 4  # rays a pixel of the relief's picture
+# Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
+BANDS = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectStudy:
+    """One object: scores (lamps, 2) of every method, see `score`; normals' errors [°] where the truth is known; the
+    measurement from all lamps; the lamp shown, of middling error; its relief (h, w, 3), rendered, and that one's score.
+    """
+
+    name: str
+    scores: dict[str, Array]
+    normal_errors: dict[str, dict[str, float]] | None
+    measurement: Measurement
+    shown: KeptAside
+    relief: NDArray[np.float32]
+    relief_score: tuple[float, float]
+
+    def record(self) -> dict[str, Any]:
+        """Plain figures."""
+        means = {
+            method: {"relative_rmse": float(score[:, 0].mean()), "psnr": float(score[:, 1].mean())}
+            for method, score in self.scores.items()
+        }
+        return {
+            "mean": means,
+            "gain": 1.0 - means[OURS]["relative_rmse"] / means[YARDSTICK]["relative_rmse"],
+            "lamps": {method: score.tolist() for method, score in self.scores.items()},
+            "normal_errors_deg": self.normal_errors,
+            "relief": dict(zip(("relative_rmse", "psnr"), self.relief_score, strict=True)) | {"lamp": self.shown.lamp},
+            "materials": [
+                {
+                    "pixels": m.pixels, "alpha": m.alpha, "beta": m.beta, "gamma": m.gamma,
+                    "identifiable": dict(m.identifiable), "remarks": list(m.remarks),
+                }
+                for m in self.measurement.materials
+            ],
+        }  # fmt: skip
+
+
+def study_object(
+    folder: str | Path,
+    capture: Capture,
+    others: Sequence[Unevenness],
+    aside: Sequence[int],
+    tell: Progress,
+    share: tuple[float, float] = (0.0, 1.0),
+) -> ObjectStudy:
+    """Study of one object with the lamps in `aside` kept aside in turn; share: begin and length told to `tell`.
+
+    others: the lamps as the other objects told them.
+    """
+    field = flat_field(others, (capture.photographs[0].camera.height, capture.photographs[0].camera.width))
+    even = evened(capture, others, field)
+    found = solve_normals(even)
+    each = []
+    for i, lamp in enumerate(aside):
+        tell(share[0] + share[1] * i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")
+        kept = keep_aside(capture, even, field, lamp)
+        each.append([score(kept.photograph, kept.predictions[method]) for method in METHODS])
+    scores = dict(zip(METHODS, np.moveaxis(np.array(each), 1, 0), strict=True))
+    order = np.argsort(scores[OURS][:, 0])
+    shown = keep_aside(capture, even, field, aside[int(order[len(order) // 2])])
+    picture = relief_picture(even, shown, field)
+    errors = _normal_errors(folder, capture, found) if capture.name == SPHERE else None
+    measured = measurement_of(even, found)
+    return ObjectStudy(capture.name, scores, errors, measured, shown, picture, score(shown.photograph, picture))
+
+
+def relief_picture(even: Capture, kept: KeptAside, field: Array) -> NDArray[np.float32]:
+    """(h, w, 3) the relief that was solved without a lamp, as volume boxes under it, in the photograph's values."""
+    photograph, camera = kept.photograph, kept.photograph.camera
+    others = Capture(tuple(p for p in even.photographs if p.name != photograph.name), even.name)
+    measured = measurement_of(others, kept.found)
+    relief = Relief(kept.points, kept.found.normals, kept.found.body, measured.labels)
+    box = relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
+    image = render(Scene(camera, photograph.lamps, (box,)), Settings(samples=SAMPLES))
+    return image.expose(_basis_camera()) * field[kept.lamp][..., None].astype(np.float32)
+
+
+def _basis_camera() -> Response:
+    """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
+    wavelengths = np.arange(400.0, 700.5, 0.5)
+    bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
+    bands /= white(Spectrum.constant(1.0), Response(wavelengths, bands))
+    return Response(wavelengths, bands, name="basis")
+
+
+def _normal_errors(folder: str | Path, capture: Capture, found: NormalMap) -> dict[str, dict[str, float]]:
+    """Errors of the sphere's normals [°]: mean and median over its pixels, mean within INNER of its radius."""
+    true, seen = sphere_normals(folder, capture.name), views(capture)
+    maps = {
+        "Lambert, plain least squares": seen.image(least_squares_lambert(seen)[0]),
+        "ours, from this object alone": solve_normals(capture).normals,
+        "ours, lamps told by the other objects first": found.normals,
+    }
+    known = np.linalg.norm(true, axis=2) > 0.5
+    errors = {}
+    for name, normals in maps.items():
+        both = known & (np.linalg.norm(normals, axis=2) > 0.5)
+        angle = np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", normals[both], true[both]), -1.0, 1.0)))
+        inner = np.hypot(*true[both][:, :2].T) < INNER
+        errors[name] = {
+            "mean": float(angle.mean()),
+            "median": float(np.median(angle)),
+            "mean_inner": float(angle[inner].mean()),
+            "pixels": int(both.sum()),
+        }
+    return errors

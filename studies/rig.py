@@ -1,0 +1,78 @@
+"""Rig: how unevenly fixed lamps light the camera's field of view and where they stand, told by the objects in it.
+
+Each object tells it where it stood (evenness and shifts of its photometric fit); a flat field and lamps for another
+object are the mean of what the others tell, carried on to where that one stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.normals.views import Array
+from hagoromo.photograph.capture import Capture
+
+LEAST = 0.3  # evenness below which a linear fall-off has been carried on too far
+
+
+@dataclass(frozen=True, eq=False)
+class Unevenness:
+    """Lamps as one object told them: ln strength (K,), fall-off (K, 2) [1/px] by column and row from `middle` (2,).
+
+    What all lamps have in common is left out: it cannot be told from the body colours. shift: (K, 3) of far lamps'
+    directions [rad].
+    """
+
+    strength: Array
+    slope: Array
+    middle: Array
+    shift: Array
+
+    def at(self, shape: tuple[int, int]) -> Array:
+        """ln of the relative irradiance (K, h, w) over an image of `shape`."""
+        rows, columns = np.mgrid[: shape[0], : shape[1]]
+        away = np.stack([columns - self.middle[0], rows - self.middle[1]])
+        falloff = 1.0 + np.tensordot(self.slope, away, axes=1)
+        return self.strength[:, None, None] + np.log(np.maximum(falloff, LEAST))
+
+
+def unevenness(found: NormalMap) -> Unevenness:
+    """What the lamps' unevenness was over the object of `found`."""
+    fit, seen = found.fit, found.seen
+    radius = np.sqrt(len(seen.rows) / np.pi)
+    middle = np.array([seen.columns.mean(), seen.rows.mean()])
+    slope = (fit.slope - fit.slope.mean(axis=0)) / radius
+    return Unevenness(fit.strength - fit.strength.mean(), slope, middle, fit.shift)
+
+
+def flat_field(told: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
+    """(K, h, w) relative irradiance of the lamps, the geometric mean of what several objects told."""
+    if not told or len({len(one.strength) for one in told}) != 1:
+        raise InputError("a flat field needs objects that were photographed under the same lamps: give one or more")
+    return np.exp(np.mean([one.at(shape) for one in told], axis=0))
+
+
+def evened(capture: Capture, told: Sequence[Unevenness], field: Array) -> Capture:
+    """`capture` as even lamps would show it, photograph k divided by `field` (K, h, w); lamps where objects told them.
+
+    Near lamps stay where they are.
+    """
+    if len(field) != len(capture.photographs):
+        raise InputError(
+            f"a flat field of {len(field)} lamps for {len(capture.photographs)} photographs: give one each"
+        )
+    shift = np.mean([one.shift for one in told], axis=0)
+    even = [
+        replace(
+            photograph,
+            values=photograph.values / flat,
+            variance=photograph.variance / flat**2,
+            lamps=tuple(lamp.shifted(by) if lamp.position is None else lamp for lamp in photograph.lamps),
+        )
+        for photograph, flat, by in zip(capture.photographs, field[..., None].astype(np.float32), shift, strict=True)
+    ]
+    return replace(capture, photographs=tuple(even))

@@ -1,0 +1,123 @@
+"""The cases of the spectra study: whose spectra are estimated, from what, with which priors, and how well.
+
+No spectrum that is tested is in a prior: near copies of the charts' patches are taken out of "surfaces"; people and
+surfaces are kept out by turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.reflectance.spectra.prior_spectra import apart, surfaces
+from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
+from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate, estimate_spectrum
+from studies.spectra_bench import NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
+
+TURNS = 10
+REGION = 7.815  # χ² of three degrees of freedom at 95 %
+CHARTS = ("BabelColor Average", "ISO 17321-1")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Surfaces (m, wavelengths), and per surface the priors and the training spectra, none of which is tested."""
+
+    name: str
+    tested: Array
+    priors: Sequence[Sequence[ReflectancePrior]]
+    training: Sequence[Array]
+
+
+def chart_case(skin: Array | None) -> Case:
+    """The chart's 24 patches; skin is among the priors where it is given."""
+    training = others_than_charts()
+    priors = [ReflectancePrior.from_spectra("surfaces", training), ReflectancePrior.load("smooth")]
+    if skin is not None:
+        priors.append(ReflectancePrior.from_spectra("skin", skin))
+    tested = chart()
+    return Case("chart", tested, [priors] * len(tested), [training] * len(tested))
+
+
+def others_than_charts() -> Array:
+    """The surfaces of the prior without near copies of a chart's patches."""
+    return apart(surfaces(), np.concatenate([chart(name) for name in CHARTS]))
+
+
+def skin_cases(skin: Array) -> tuple[Case, Case]:
+    """People's skin, each person kept out of the prior: with the prior of skin alone, and with the class unknown."""
+    turns = _turns(len(skin))
+    others = [skin[turns != turn] for turn in range(TURNS)]
+    own = [ReflectancePrior.from_spectra("skin", of) for of in others]
+    general = [ReflectancePrior.load("surfaces"), ReflectancePrior.load("smooth")]
+    training = [others[turn] for turn in turns]
+    return (
+        Case("skin", skin, [[own[turn]] for turn in turns], training),
+        Case("skin, class unknown", skin, [[*general, own[turn]] for turn in turns], training),
+    )
+
+
+def surfaces_case() -> Case:
+    """The surfaces themselves, each kept out of the prior."""
+    found = others_than_charts()
+    turns = _turns(len(found))
+    others = [found[turns != turn] for turn in range(TURNS)]
+    own = [ReflectancePrior.from_spectra("surfaces", of) for of in others]
+    smooth = ReflectancePrior.load("smooth")
+    return Case("surfaces kept out", found, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns])
+
+
+def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[SpectrumEstimate]:
+    """One estimate a surface, from noisy readings through `matrix` (channels, wavelengths)."""
+    found = []
+    for truth, priors in zip(case.tested, case.priors, strict=True):
+        values = noisy(matrix @ truth, random)
+        found.append(estimate_spectrum(matrix, values, np.diag((NOISE * values) ** 2), priors))
+    return found
+
+
+def study_case(case: Case, bench: Bench, sources: str, seed: int = 0) -> dict[str, Any]:
+    """Every camera in turn: {"delta_e": lamp → (cameras, m), "inside": the same, "camera_b": …, "probability": …}.
+
+    camera_b: what every other camera reads under D65 and A: relative errors (pairs, m, 3) and the share inside.
+    """
+    random = np.random.default_rng(seed)
+    off: dict[str, list] = {lamp: [] for lamp in TARGETS}
+    inside: dict[str, list] = {lamp: [] for lamp in TARGETS}
+    other: dict[str, list] = {lamp: [] for lamp in ("D65", "A")}
+    other_inside: list[float] = []
+    probability = []
+    for camera in bench.cameras:
+        found = estimate(case, bench.readings(camera, sources), random)
+        values, errors = np.array([f.values for f in found]), np.array([f.covariance for f in found])
+        probability.append(np.mean([list(f.probability.values()) for f in found], axis=0))
+        for lamp, matrix in bench.colours.items():
+            off[lamp].append(delta_e(values @ matrix.T, case.tested @ matrix.T, matrix.sum(axis=1)))
+            inside[lamp].append(_inside(matrix, values - case.tested, errors))
+        for lamp, of_lamp in other.items():
+            for matrix in (bench.cameras[name][lamp] for name in bench.cameras if name != camera):
+                of_lamp.append((values - case.tested) @ matrix.T / (case.tested @ matrix.T))
+                other_inside.append(float(np.mean(_inside(matrix, values - case.tested, errors))))
+    names = list(dict.fromkeys(prior.name for prior in case.priors[0]))
+    return {
+        "delta_e": {lamp: np.array(rows) for lamp, rows in off.items()},
+        "coverage": {lamp: float(np.mean(rows)) for lamp, rows in inside.items()},
+        "camera_b": {lamp: np.abs(np.array(rows)) for lamp, rows in other.items()},
+        "camera_b_coverage": float(np.mean(other_inside)),
+        "probability": dict(zip(names, np.mean(probability, axis=0).tolist(), strict=True)),
+    }
+
+
+def _inside(matrix: Array, off: Array, errors: Array) -> Array:
+    """(m,): whether each error (m, wavelengths), seen through `matrix` (3, wavelengths), lies in its 95 % region."""
+    seen, spread = off @ matrix.T, matrix @ errors @ matrix.T
+    return np.einsum("ma,ma->m", seen, np.linalg.solve(spread, seen[..., None])[..., 0]) < REGION
+
+
+def _turns(count: int) -> NDArray[np.int64]:
+    """The turn (count,) in which each is kept out, shuffled once and for all."""
+    return np.random.default_rng(1).permutation(count) % TURNS

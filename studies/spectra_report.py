@@ -1,0 +1,121 @@
+"""Report of the spectra study: the table, how errors are distributed, the chart's spectra and the colour regions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo.app.page import Page
+from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
+from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
+from hagoromo_figures.demo.plots import panels, svg_text
+from studies.spectra_bench import TARGETS, Bench
+from studies.spectra_cases import Case, estimate
+from studies.spectra_row import Row
+
+SHOWN = ("hagoromo", "3×3 matrix", "root polynomial", "Wiener")
+COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a", "#8a8a8a")
+CAMERA = "Canon 5DMarkII"  # of the drawn spectra; the first camera where it is not in the set
+
+
+def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row], chart: Case, bench: Bench) -> None:
+    """Write the page to `path`: one self-contained HTML file."""
+    noise, cameras = 100.0 * record["noise"], len(record["cameras"])
+    lead = f"{cameras} cameras with {noise:g} % noise; Hagoromo {record['hagoromo']}."
+    page = Page("Spectra from colours", lead)
+    page.section(
+        "Colour errors",
+        "A surface is photographed under the lamps of the second column; its colour is predicted under the others. No "
+        "tested spectrum is in a prior or a training set: near copies of the chart's patches are taken out, people and "
+        "surfaces are kept out by turns. The recoveries start from CIE colours under D65: the exact ones, or those "
+        "that a root polynomial makes of a camera's. They, and the surfaces kept out, are over every seventh camera.",
+    )
+    head = ("case", "photographed under", "method", *(f"ΔE00 {lamp}" for lamp in TARGETS), "95 % regions hold")
+    page.table("Median / 95th percentile.", head, [_cells(row) for row in record["rows"]])
+    page.section("Readings of other cameras")
+    head = ("case", "photographed under", "D65 [%]", "A [%]", "95 % regions hold", "probability of the priors")
+    with_cameras = [_camera_cells(row) for row in record["rows"] if "camera_b_percent" in row]
+    page.table("Relative error of another camera's channel: median / 95th percentile.", head, with_cameras)
+    page.section("Distributions, spectra and regions")
+    page.figure("Share of chart patches and cameras below a colour error, one photograph under D65.", _shares(rows))
+    camera = CAMERA if CAMERA in bench.cameras else next(iter(bench.cameras))
+    for sources in ("D65", "filters"):
+        found = estimate(chart, bench.readings(camera, sources), np.random.default_rng(0))
+        page.figure(
+            f"The chart through {escape(camera)}, photographed under {sources}: true spectra (black), estimates and "
+            "their 95 % intervals (blue).",
+            _spectra(chart, found),
+        )
+        page.figure(
+            f"The same under lamp A in the plane of x and y: true (points) and 95 % regions, {sources}.",
+            _regions(chart, found, bench.colours["A"]),
+        )
+    path.write_text(page.html(), encoding="utf-8")
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    scores = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["delta_e_2000"].values()]
+    held = ", ".join(f"{100 * share:.1f} %" for share in row.get("coverage", {}).values())
+    return [escape(row["case"]), escape(row["sources"]), escape(row["method"]), *scores, held]
+
+
+def _camera_cells(row: dict[str, Any]) -> list[str]:
+    scores = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["camera_b_percent"].values()]
+    told = ", ".join(f"{escape(name)} {share:.3f}" for name, share in row["probability"].items())
+    return [escape(row["case"]), escape(row["sources"]), *scores, f"{100 * row['camera_b_coverage']:.1f} %", told]
+
+
+def _shares(rows: Sequence[Row]) -> str:
+    figure, axes = panels(len(TARGETS), 10.0, 3.2)
+    chosen = {row.method: row for row in rows if (row.case, row.sources) == ("chart", "D65") and row.method in SHOWN}
+    for axis, lamp in zip(axes, TARGETS, strict=True):
+        for method, colour in zip(SHOWN, COLOURS, strict=True):
+            errors = np.sort(chosen[method].delta_e[lamp].ravel())
+            axis.plot(errors, np.linspace(0.0, 1.0, len(errors)), color=colour, label=method)
+        axis.set_xlim(0.0, 6.0)
+        axis.set_ylim(0.0, 1.0)
+        axis.set_title(f"D65 → {lamp}", fontsize=10)
+        axis.set_xlabel("ΔE00", fontsize=9)
+    axes[0].set_ylabel("share below", fontsize=9)
+    axes[-1].legend(fontsize=8, frameon=False, loc="lower right")
+    return svg_text(figure)
+
+
+def _spectra(case: Case, found: Sequence[SpectrumEstimate]) -> str:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    axes = figure.subplots(4, 6, sharex=True, sharey=True)
+    for axis, truth, of in zip(axes.flat, case.tested, found, strict=True):
+        half = 1.96 * of.standard_error
+        axis.fill_between(WAVELENGTHS, of.values - half, of.values + half, color="#9db7d5", linewidth=0)
+        axis.plot(WAVELENGTHS, of.values, color="#1f4e8c", linewidth=1.2)
+        axis.plot(WAVELENGTHS, truth, color="black", linewidth=0.9)
+        axis.set_xlim(400.0, 700.0)
+        axis.set_ylim(0.0, 1.0)
+        axis.tick_params(labelsize=7)
+    figure.supxlabel("wavelength [nm]", fontsize=9)
+    figure.supylabel("reflectance", fontsize=9)
+    return svg_text(figure)
+
+
+def _regions(case: Case, found: Sequence[SpectrumEstimate], colours: np.ndarray) -> str:
+    """95 % ellipses of the chromaticities x, y, to first order in the errors."""
+    figure, (axis,) = panels(1, 6.4, 4.6)
+    turn = np.linspace(0.0, 2.0 * np.pi, 73)
+    circle = np.sqrt(5.991) * np.stack([np.cos(turn), np.sin(turn)])  # χ² of two degrees of freedom at 95 %
+    for truth, of in zip(case.tested, found, strict=True):
+        xyz, total = colours @ of.values, float(np.sum(colours @ of.values))
+        slope = (np.eye(3) - np.outer(xyz, np.ones(3)) / total)[:2] / total @ colours
+        root = np.linalg.cholesky(slope @ of.covariance @ slope.T)
+        x, y = xyz[:2, None] / total + root @ circle
+        axis.plot(x, y, color="#1f4e8c", linewidth=0.8)
+        true = colours @ truth
+        axis.plot(*(true[:2] / true.sum()), "k.", markersize=3)
+    axis.set_xlabel("x", fontsize=9)
+    axis.set_ylabel("y", fontsize=9)
+    return svg_text(figure)

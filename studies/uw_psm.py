@@ -1,0 +1,79 @@
+"""The photometric-stereo set of the University of Washington as captures: six objects, twelve lamps, a chrome ball.
+
+What the set does not say is assumed, and said here: the camera looks on from afar (a stand-in at 1e5 px focal length),
+a pixel is half a millimetre, the 8 bits are linear in light (`app/studies/encoding.py` tests it), and white is what a
+diffuser of albedo WHITE that faces a lamp would give. World axes: x right, y up, z to the camera.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hagoromo.calibration.lamps import Ball, LampReading, calibrate_lamps, find_ball
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.sensor import Sensor, develop_raw
+from hagoromo.errors import InputError
+from hagoromo.files.png import read_png
+from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.normals.views import Array
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
+
+OBJECTS = ("gray", "buddha", "cat", "horse", "owl", "rock")
+LAMPS = 12
+FOCAL = 1e5  # px: from afar, 0.15° between the middle and the edge of the picture
+PIXEL = 5e-4  # m: a guess of the right order
+WHITE = 1.0 / 3.0  # a gauge, as the lamps' strength is unknown: low, so that all bodies conserve energy
+WHOLE = 250  # mask level of a pixel that shows the object only
+SENSOR = Sensor(
+    exposure=ASSUMED_FULL_WELL,
+    full_well=ASSUMED_FULL_WELL,
+    read_noise=ASSUMED_READ_NOISE,
+    gain=ASSUMED_FULL_WELL / 255.0,
+    black_level=0.0,
+    bits=8,
+)
+
+
+def read_lamps(folder: str | Path) -> tuple[Ball, tuple[LampReading, ...]]:
+    """The lamps as the chrome ball shows them; `InputError` when its photographs are not in `folder`."""
+    home = Path(folder) / "chrome"
+    photographs = {f"{k}": read_png(home / f"chrome.{k}.png") for k in range(LAMPS)}
+    return calibrate_lamps(photographs, read_png(home / "chrome.mask.png"))
+
+
+def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -> Capture:
+    """The capture of one object: twelve photographs, pixels that are wholly on it and not saturated."""
+    if name not in OBJECTS:
+        raise InputError(f"no object is called {name!r}: choose one of {', '.join(OBJECTS)}")
+    home = Path(folder) / name
+    on_object = _grey(read_png(home / f"{name}.mask.png")) >= WHOLE
+    height, width = on_object.shape
+    camera = Camera(width, height, (FOCAL, FOCAL), (width / 2, height / 2), sensor=SENSOR, name="uw_psm")
+    camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
+    photographs = []
+    for k, lamp in enumerate(lamps):
+        developed = develop_raw(read_png(home / f"{name}.{k}.png"), SENSOR)
+        # radiance of a diffuser = albedo · irradiance / π
+        light = Lamp(to_lamp=lamp.to_lamp, intensity=np.pi / WHITE, name=lamp.name)
+        mask = on_object & developed.valid
+        photographs.append(Photograph(developed.values, developed.variance, mask, camera, (light,), f"{name} {k}"))
+    return Capture(tuple(photographs), name, Path(folder))
+
+
+def sphere_normals(folder: str | Path, name: str = "gray") -> Array:
+    """(h, w, 3) normals of the ball in the mask of `name`, seen from afar, 0 beside it: the truth for `gray`."""
+    mask = read_png(Path(folder) / name / f"{name}.mask.png")
+    ball = find_ball(mask)
+    rows, columns = np.mgrid[: mask.shape[0], : mask.shape[1]] + 0.5
+    x, y = (columns - ball.centre[0]) / ball.radius, -(rows - ball.centre[1]) / ball.radius
+    height = 1.0 - x * x - y * y
+    normals = np.stack([x, y, np.sqrt(np.maximum(height, 0.0))], axis=2)
+    return np.where(height[..., None] > 0.0, normals, 0.0)
+
+
+def _grey(mask: np.ndarray) -> np.ndarray:
+    return mask if mask.ndim == 2 else mask[..., :3].max(axis=2)
