@@ -1,6 +1,7 @@
 """Importing the package is fast and changes nothing."""
 
 import ast
+import importlib
 import subprocess
 import sys
 import textwrap
@@ -38,24 +39,34 @@ def test_no_mitsuba_variant_is_set_by_import():
     assert run("import hagoromo, mitsuba; print(mitsuba.variant())").strip() == "None"
 
 
-@pytest.mark.parametrize("name", hagoromo.HOMES)
+def stub() -> list[ast.ImportFrom]:
+    tree = ast.parse(Path(hagoromo.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+
+
+@pytest.mark.parametrize("name", [alias.name for node in stub() for alias in node.names])
 def test_every_public_name_is_there(name):
     assert getattr(hagoromo, name) is not None
     assert name in dir(hagoromo)
 
 
 def test_types_and_values_of_the_public_names_come_from_the_same_places():
-    tree = ast.parse(Path(hagoromo.__file__).read_text(encoding="utf-8"))
-    typed = {
-        (alias.asname, str(node.module).removeprefix("hagoromo."))
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if str(node.module).startswith("hagoromo.")
-    }
-    assert typed == set(hagoromo.HOMES.items())
+    for node in stub():
+        module = importlib.import_module(f"hagoromo.{node.module}")
+        for alias in node.names:
+            assert alias.asname == alias.name and getattr(hagoromo, alias.name) is getattr(module, alias.name)
+
+
+def test_no_public_name_hides_a_room_of_the_package():
+    rooms = {path.stem for path in Path(hagoromo.__file__).parent.iterdir() if path.suffix in ("", ".py")}
+    assert not rooms & set(dir(hagoromo))
+
+
+@pytest.mark.parametrize("package", ["hagoromo", "hagoromo_figures"])
+def test_the_packages_say_that_they_are_typed(package):
+    assert (Path(hagoromo.__file__).parents[1] / package / "py.typed").is_file()
 
 
 def test_another_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        _ = hagoromo.nonsense
+    with pytest.raises(AttributeError, match="attribute nonsense"):
+        _ = hagoromo.nonsense  # pyright: ignore[reportAttributeAccessIssue]

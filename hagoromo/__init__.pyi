@@ -1,0 +1,53 @@
+# The public names, in the order in which data flow. Everything else may change without notice.
+# ruff: noqa: I001 - the order is that of the data, not of the alphabet
+
+from .version import __version__ as __version__
+from .errors import InputError as InputError
+
+# Light and cameras
+from .light.spectrum import Spectrum as Spectrum
+from .light.lamp import Lamp as Lamp
+from .camera.response import Response as Response
+from .camera.sensor import Sensor as Sensor
+from .camera.camera import Camera as Camera
+from .camera.formats.camera_file import read_views as read_views, write_views as write_views
+
+# Photographs
+from .photograph.photograph import Photograph as Photograph
+from .photograph.development.exposure import read_exposure as read_exposure
+from .photograph.development.develop import develop as develop
+from .photograph.gather import gather as gather
+from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture
+
+# Calibration
+from .calibration.camera.board import Board as Board
+from .calibration.camera.calibrate_camera import calibrate_camera as calibrate_camera
+from .calibration.response.chart import chart_spectra as chart_spectra
+from .calibration.response.calibrate_response import calibrate_response as calibrate_response
+from .calibration.response.chart_response import response_from_chart as response_from_chart
+
+# Reflectance and its measurement
+from .reflectance.reflectance import Reflectance as Reflectance
+from .reflectance.spectra.reflectance_prior import ReflectancePrior as ReflectancePrior
+from .reflectance.spectra.spectrum_estimate import (
+    Reading as Reading,
+    SpectrumEstimate as SpectrumEstimate,
+    reflectance_spectrum as reflectance_spectrum,
+)
+from .reflectance.material.materials_file import read_materials as read_materials
+from .measurement.known_shape import measure as measure
+
+# Volume boxes
+from .volume.box import VolumeBox as VolumeBox
+from .volume.store.box_store import load_box as load_box, save_box as save_box
+from .volume.store.zarr_plan import box_from_zarr as box_from_zarr
+from .matter.build import build as build
+
+# Scenes and images
+from .image.surface import Surface as Surface
+from .image.scene import Scene as Scene
+from .image.scene_file import load_scene as load_scene
+from .image.image import Image as Image, read_image as read_image
+from .image.render import render as render
+from .image.preview import Preview as Preview, preview as preview
+from .image.compare import compare as compare
