@@ -21,7 +21,7 @@ from turns import Frame, in_turn, options, record
 
 import hagoromo as hg
 from hagoromo.backend import arrays, opaque_vector
-from hagoromo.image.render import Settings
+from hagoromo.image.settings import Settings
 from hagoromo.transport.film import tile_order
 from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.transport.march import march

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, VOXEL, Scene
 
 import hagoromo as hg
-from hagoromo.image.render import Settings
+from hagoromo.image.settings import Settings
 
 FINEST = 0.0025  # tolerance of the reference: four times as many steps as the march takes of itself
 

@@ -22,7 +22,7 @@ from march import LAMPS, TAU, VOXELS, reference_voxels
 
 import hagoromo as hg
 from hagoromo.backend import name as backend_name
-from hagoromo.image.render import Settings
+from hagoromo.image.settings import Settings
 
 WHITE = hg.Spectrum.constant(1.0)
 EYE = np.array([0.0, 0.0, 3.0])

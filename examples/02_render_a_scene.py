@@ -6,7 +6,7 @@ from pathlib import Path
 import drjit as dr
 
 import hagoromo as hg
-from hagoromo.image.render import Settings
+from hagoromo.image.settings import Settings
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples")
 folder.mkdir(parents=True, exist_ok=True)
@@ -36,4 +36,4 @@ scene = hg.Scene(
     surfaces=(hg.Surface.floor(0.0, 2.0, grey),),
 )
 image = hg.render(scene, Settings(samples=2))
-print(*image.write(folder / "image.exr", scene.camera.response, force=True))
+print(*image.save(folder / "image.exr", scene.camera.response, force=True))

@@ -39,4 +39,4 @@ start = time.perf_counter()
 for image in view.pictures(scene):
     level = image.metadata["preview"]
     print(f"stride {level['stride']}, {level['share']:.0%} of the work done after {time.perf_counter() - start:.2f} s")
-print(*image.write(folder / "preview.exr", force=True))  # the same bits as hg.render(scene) gives
+print(*image.save(folder / "preview.exr", force=True))  # the same bits as hg.render(scene) gives

@@ -48,6 +48,8 @@ from .image.surface import Surface as Surface
 from .image.scene import Scene as Scene
 from .image.scene_file import load_scene as load_scene
 from .image.image import Image as Image, read_image as read_image
+from .image.settings import Settings as Settings
+from .image.simulate import simulate as simulate
 from .image.render import render as render
 from .image.preview import Preview as Preview, preview as preview
 from .image.compare import compare as compare

@@ -25,8 +25,9 @@ from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.image.simulate import seen_shape
 from hagoromo.image.surface import Surface
 from hagoromo.light.colour import srgb_encode

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.response import Response, white
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.measurement.known_shape import Measurement

@@ -13,18 +13,20 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import tyro
 from tyro.conf import Positional
 
-import hagoromo
+import hagoromo as hg
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import signals_as_interrupt
 from hagoromo.app.progress import progress_bar
 from hagoromo.app.verb import Force, Out, verb, verbs, wrote
 from hagoromo.errors import InputError
+from hagoromo.files.whole import replaceable_file, whole_folder
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
@@ -37,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the verb that `arguments` (default: those of the process) name; gives the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
-        print(f"hagoromo {hagoromo.__version__}")
+        print(f"hagoromo {hg.__version__}")
         return DONE
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
@@ -99,11 +101,9 @@ def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
     Args:
         scene: scene TOML.
     """
-    from hagoromo.app.simulate import simulate
-
-    with progress_bar("simulate") as progress:
-        folder = simulate(scene, out, force=force, progress=progress)
-    wrote(folder)
+    with whole_folder(out, force) as partial, progress_bar("simulate") as progress:
+        hg.simulate(scene, name=out.name, progress=progress).save(partial)
+    wrote(out)
 
 
 @verb(verbs)
@@ -229,11 +229,14 @@ def render(
         mode: march sees one scattering event and has no noise.
         tolerance: of the picture, root mean square over its mean where there is matter (default: the scene's, or 0.04).
     """
-    from hagoromo.app.render_scene import render_scene
-
+    for path in (out, out.with_suffix(".png")):
+        replaceable_file(path, force)
+    loaded, settings = hg.load_scene(scene)
+    if tolerance is not None:
+        settings = replace(settings, tolerance=tolerance)
     with progress_bar("render") as progress:
-        paths = render_scene(scene, out, mode, force, tolerance, progress)
-    wrote(*paths)
+        image = hg.render(loaded, settings, lambda share: progress(share, "rays"))
+    wrote(*image.save(out, loaded.camera.response, force))
 
 
 @verb(verbs)

@@ -22,11 +22,7 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
 
     `InputError` when `path` exists without `force`, or is a folder.
     """
-    target = Path(path)
-    if target.is_dir():
-        raise InputError(f"{target} is a folder: give a file name")
-    if target.exists() and not force:
-        raise InputError(f"{target} exists: choose another name or add --force")
+    target = replaceable_file(path, force)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = _partial(target)
     try:
@@ -52,6 +48,16 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         put_folder(partial, target)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def replaceable_file(path: str | Path, force: bool = False) -> Path:
+    """`path`, if a file may be put there: see `whole_file` for what `InputError` refuses."""
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(f"{target} is a folder: give a file name")
+    if target.exists() and not force:
+        raise InputError(f"{target} exists: choose another name or add --force")
+    return target
 
 
 def replaceable_folder(path: str | Path, force: bool = False) -> Path:

@@ -62,8 +62,11 @@ class Image:
         rgb = srgb_from_xyz(self.xyz(lamps) * _balance(whites[0]))
         return srgb_encode(rgb * (auto_exposure(rgb, self.alpha) if exposure is None else exposure))
 
-    def write(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
-        """EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths."""
+    def save(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
+        """Write an EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths.
+
+        `InputError` for a name that does not end in .exr, or a file that exists without `force`.
+        """
         target = Path(path)
         if target.suffix.lower() != ".exr":
             raise InputError(f"{target} is no EXR name: an image is written as NAME.exr with NAME.png beside it")
@@ -95,7 +98,7 @@ PALETTE_KEYS = ("bodies", "interfaces", "lamps")
 
 
 def read_image(path: str | Path) -> Image:
-    """The Image in an EXR that `Image.write` wrote; `InputError` for any other EXR (`read_exr` reads those)."""
+    """The Image in an EXR that `Image.save` wrote; `InputError` for any other EXR (`read_exr` reads those)."""
     channels, header = read_exr(path)
     try:
         record = json.loads(header["palette"])

@@ -10,12 +10,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.kept import Kept
-from hagoromo.image.render import Light, Settings, metadata, pixel_points, shadow_casters
+from hagoromo.image.render import Light, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_file import scene_and_settings
+from hagoromo.image.settings import Settings
 from hagoromo.transport.film import Film
 
 FIRST = 0.1  # s, until the first picture
@@ -25,8 +28,13 @@ AIM = 0.8  # of the time until the first picture: the next one may be slower
 STEP = 4  # times as many rays, or as few, from one first picture to the next: one stride
 
 
-def preview(scene: Scene, settings: Settings | None = None, seconds: float = FIRST) -> Iterator[Image]:
-    """Pictures of `scene`, ever better; see `Preview`, which keeps what the next scene can use."""
+def preview(scene: Scene | str | Path, settings: Settings | None = None, seconds: float = FIRST) -> Iterator[Image]:
+    """Pictures of `scene`, each better than the last; the last one is what `render` gives.
+
+    scene: a `Scene`, or the path of a scene TOML. seconds: until the first picture, about. See `Preview`, which keeps
+    what the next scene can use.
+    """
+    scene, settings = scene_and_settings(scene, settings)
     return Preview(settings, seconds).pictures(scene)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -11,51 +12,29 @@ import numpy as np
 
 from hagoromo import __version__
 from hagoromo.backend import arrays, name
-from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.kept import Kept
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_file import scene_and_settings
+from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.transport.film import Film, Progress
 from hagoromo.transport.film import tile_order as tile_order
-from hagoromo.transport.frames import TOLERANCE
 from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.transport.march import march
 from hagoromo.transport.medium import Element, Medium
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 
-SHADOWS = ("map", "march", "none")
 COARSEST = 32  # texels a side of a shadow map
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting).
+def render(scene: Scene | str | Path, settings: Settings | None = None, progress: Progress | None = None) -> Image:
+    """The image that the scene's camera would see, as weights.
 
-    tolerance: of the picture, root mean square over its mean where there is matter: the steps of the march follow it
-    and the voxels, so that halving it changes the picture by less.
+    scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
+    progress: called with the share done, 0…1. `InputError` for a file that describes no scene.
     """
-
-    samples: int = 1
-    shadows: str = "map"
-    shadow_resolution: int | None = None
-    tolerance: float = TOLERANCE
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise InputError(f"samples is {self.samples}: give 1 or more rays a pixel")
-        if self.shadows not in SHADOWS:
-            raise InputError(f"shadows is {self.shadows!r}: give one of {', '.join(SHADOWS)}")
-        if not 1e-4 <= self.tolerance <= 1:
-            raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
-        if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= 16384:
-            raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to 16384 texels")
-
-
-def render(scene: Scene, settings: Settings | None = None, progress: Progress | None = None) -> Image:
-    """The image that the scene's camera would see, as weights; `progress` is told the share done, 0…1."""
-    settings = settings or Settings()
+    scene, settings = scene_and_settings(scene, settings)
     light = Light(scene, settings)
     film = Film(scene.camera, light.channels)
     for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):

@@ -43,8 +43,8 @@ from hagoromo.files.record import (
     take,
     text,
 )
-from hagoromo.image.render import SHADOWS, Settings
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.matter.build import build
 from hagoromo.photograph.transforms import lamp_from_record, sensor_from_record
@@ -97,6 +97,14 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
         return scene, Settings(**take(record["render"], kinds, f"{path} [render]"))
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+
+
+def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
+    """The scene, loaded where `scene` is the path of a TOML file; `settings`, else the file's, else the defaults."""
+    if isinstance(scene, Scene):
+        return scene, settings or Settings()
+    loaded, stated = load_scene(scene)
+    return loaded, settings or stated
 
 
 def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:

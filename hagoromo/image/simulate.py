@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import drjit as dr
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.image.expose import photograph
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_file import scene_and_settings
+from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.photograph.capture import Capture
 
@@ -37,18 +40,19 @@ class Shape(NamedTuple):
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | str | Path,
     settings: Settings | None = None,
     name: str = "",
     progress: Callable[[float, str], None] | None = None,
     percentile: float = 99.5,
 ) -> Capture:
-    """One photograph per lamp of `scene`, by its camera's response and sensor, and what is true.
+    """One photograph per lamp of `scene`, by its camera's response and sensor, with the true surface beside them.
 
+    scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
     `settings.seed` seeds the noise; lamp k takes seed + k. percentile: of the light, what is metered, see `photograph`.
     `InputError` when the camera has no response or sensor.
     """
-    settings = settings or Settings()
+    scene, settings = scene_and_settings(scene, settings)
     if scene.camera.response is None or scene.camera.sensor is None:
         raise InputError(f"camera {scene.camera.name!r} has no response or no sensor: a photograph needs both")
     photographs = []

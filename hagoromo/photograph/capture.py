@@ -90,6 +90,10 @@ class Capture:
             if vectors is not None and not all(np.allclose(c.matrix, cameras[0].matrix, rtol=1e-6) for c in cameras):
                 raise InputError(f"{what} are of one view, the photographs of several: leave {what} out")
 
+    def save(self, folder: str | Path, force: bool = False) -> Path:
+        """Write the capture to `folder`; see `save_capture`."""
+        return save_capture(self, folder, force)
+
 
 def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demosaic = "bilinear") -> Capture:
     """The capture in `folder` (or in a transforms file of another name), or a slice of its frames.

@@ -16,7 +16,8 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.image.image import Image, read_image
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
+from hagoromo.image.settings import Settings
 from hagoromo.image.simulate import seen_shape, simulate
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import fill_measurement, measure
@@ -147,5 +148,5 @@ def _figures(home: Path, found: dict[str, Any], size: Size, tell: Progress) -> d
         scene = cast.scene(figure, camera, lambda share, told=told: told(0.5 * share, "boxes"))
         settings = Settings(samples=size.figure_samples, seed=size.seed)
         image = render(scene, settings, lambda share, told=told: told(0.5 + 0.5 * share, "rays"))
-        image.write(home / "figures" / f"{figure}.exr", camera.response)
+        image.save(home / "figures" / f"{figure}.exr", camera.response)
     return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in size.figures}

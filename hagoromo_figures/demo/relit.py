@@ -15,8 +15,9 @@ from hagoromo.camera.response import white
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.image.compare import differences
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from hagoromo.app.sweep import sweep
 from hagoromo.camera.camera import Camera
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.lamp import Lamp

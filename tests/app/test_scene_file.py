@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from hagoromo.app.render_scene import render_scene
-from hagoromo.app.simulate import simulate
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.image.image import read_image
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
+from hagoromo.image.settings import Settings
+from hagoromo.image.simulate import simulate
 from hagoromo.matter.build import build
 from hagoromo.photograph.capture import load_capture
 from hagoromo.volume.box import VolumeBox
@@ -140,7 +140,7 @@ def test_a_bad_scene_is_refused(scene_path, old, new, said):
 
 def test_a_capture_has_a_photograph_per_lamp_and_the_true_shape(scene_path):
     """Points lie on the sphere to float32 rays: 1e-6 of the distance. Values: 6 standard deviations as stated."""
-    simulate(scene_path, scene_path.parent / "ball")
+    simulate(scene_path).save(scene_path.parent / "ball")
     scene, _ = load_scene(scene_path)
     capture = load_capture(scene_path.parent / "ball")
     assert [p.name for p in capture.photographs] == ["key", "sun"] and capture.truth is not None
@@ -159,9 +159,10 @@ def test_a_capture_has_a_photograph_per_lamp_and_the_true_shape(scene_path):
 
 
 def test_a_rendered_scene_file_is_its_scene_rendered(scene_path):
-    paths = render_scene(scene_path, scene_path.parent / "a.exr")
+    image = render(scene_path)
     scene, settings = load_scene(scene_path)
+    paths = image.save(scene_path.parent / "a.exr", scene.camera.response)
     assert [path.name for path in paths] == ["a.exr", "a.png"]
     np.testing.assert_array_equal(read_image(paths[0]).weights, render(scene, settings).weights)
     with pytest.raises(InputError, match=r"a\.exr exists"):
-        render_scene(scene_path, paths[0])
+        image.save(paths[0])

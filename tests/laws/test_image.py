@@ -8,8 +8,9 @@ from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
 from hagoromo.image.image import read_image
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -94,7 +95,7 @@ def test_another_lamp_spectrum_needs_no_new_rendering():
 
 def test_an_image_written_and_read_is_the_same_image(tmp_path):
     image = render(a_scene(), Settings(samples=2, seed=5))
-    paths = image.write(tmp_path / "scene.exr", Response.load("canon_eos_300d"))
+    paths = image.save(tmp_path / "scene.exr", Response.load("canon_eos_300d"))
     read = read_image(tmp_path / "scene.exr")
     assert np.array_equal(read.weights, image.weights) and np.array_equal(read.alpha, image.alpha)
     assert read.metadata["settings"]["seed"] == 5 and read.metadata["scene"] == image.metadata["scene"]
@@ -102,7 +103,7 @@ def test_an_image_written_and_read_is_the_same_image(tmp_path):
     assert np.array_equal(read.expose(response), image.expose(response))
     assert read_png(paths[1]).shape == (23, 31, 3)
     with pytest.raises(InputError, match="exists"):
-        image.write(tmp_path / "scene.exr")
+        image.save(tmp_path / "scene.exr")
 
 
 def test_the_same_seed_gives_the_same_bits():

@@ -9,8 +9,9 @@ from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.image.simulate import seen_shape
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp

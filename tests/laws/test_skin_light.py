@@ -13,8 +13,9 @@ from scipy.ndimage import binary_erosion
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response, white
 from hagoromo.errors import InputError
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.image.simulate import seen_shape
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp

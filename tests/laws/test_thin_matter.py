@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hagoromo.camera.camera import Camera
-from hagoromo.image.render import Settings, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.matter.build import build
 from hagoromo.reflectance.reflectance import Reflectance

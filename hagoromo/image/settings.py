@@ -1,0 +1,35 @@
+"""Settings: how a scene is rendered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hagoromo.errors import InputError
+from hagoromo.transport.frames import TOLERANCE
+
+SHADOWS = ("map", "march", "none")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting).
+
+    tolerance: of the picture, root mean square over its mean where there is matter: the steps of the march follow it
+    and the voxels, so that halving it changes the picture by less.
+    """
+
+    samples: int = 1
+    shadows: str = "map"
+    shadow_resolution: int | None = None
+    tolerance: float = TOLERANCE
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.samples < 1:
+            raise InputError(f"samples is {self.samples}: give 1 or more rays a pixel")
+        if self.shadows not in SHADOWS:
+            raise InputError(f"shadows is {self.shadows!r}: give one of {', '.join(SHADOWS)}")
+        if not 1e-4 <= self.tolerance <= 1:
+            raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
+        if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= 16384:
+            raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to 16384 texels")
