@@ -17,6 +17,7 @@ from .photograph.photograph import Photograph as Photograph
 from .photograph.development.exposure import read_exposure as read_exposure
 from .photograph.development.develop import develop as develop
 from .photograph.gather import gather as gather
+from .photograph.convert import convert as convert
 from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture
 
 # Calibration
@@ -52,4 +53,7 @@ from .image.settings import Settings as Settings
 from .image.simulate import simulate as simulate
 from .image.render import render as render
 from .image.preview import Preview as Preview, preview as preview
-from .image.compare import compare as compare
+from .image.compare import Comparison as Comparison, compare as compare
+
+# Any file or folder that the package knows
+from .app.info import info as info

@@ -169,9 +169,11 @@ def convert(
         to: format (default: that of the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
         images: folder of the images; the result is then a capture.
     """
-    from hagoromo.app.convert import convert
-
-    print(convert(cameras, out, to, images, force))
+    result = hg.convert(cameras, out, to, images, force)
+    if isinstance(result, dict):
+        print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")
+    else:
+        print(f"a capture of {len(result.photographs)} photographs")
     wrote(out)
 
 
@@ -282,9 +284,7 @@ def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None, 
         mask: PNG, not black where to compare.
         peak: of EXR files, the value that is white (default: the largest of the reference).
     """
-    from hagoromo.image.compare import compare
-
-    print(json.dumps(compare(a, b, mask, peak)))
+    print(json.dumps(hg.compare(a, b, mask, peak).record()))
 
 
 @verb(verbs)
@@ -295,7 +295,5 @@ def info(file: Positional[Path]) -> None:
         file: capture, box.zarr, EXR, PNG, JPEG, scene or matter TOML, materials.json, spectrum CSV, cameras (JSON,
             YAML, _par.txt, COLMAP).
     """
-    from hagoromo.app.info import describe
-
-    for key, value in describe(file).items():
+    for key, value in hg.info(file).items():
         print(f"{key}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}")

@@ -29,7 +29,7 @@ Facts = dict[str, Any]
 MATERIAL = ("element", "alpha", "beta", "gamma", "n", "body_colour", "identifiable")
 
 
-def describe(path: str | Path) -> Facts:
+def info(path: str | Path) -> Facts:
     """Facts about `path`, name → text or plain numbers, the kind first.
 
     `InputError` when it does not exist, is of no known kind, or cannot be read as the kind that its name says.

@@ -56,10 +56,14 @@ class Image:
         scale = response_matrix([Spectrum.constant(1.0)], whites[0], observer)[1, 0]
         return self.expose(observer, lamps) / np.float32(scale)
 
+    def linear_srgb(self, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.float64]:
+        """Linear sRGB (height, width, 3), balanced so that the first lamp's light is white; 1 is a white diffuser."""
+        whites = self.palette.lamps if lamps is None else tuple(lamps)
+        return srgb_from_xyz(self.xyz(lamps) * _balance(whites[0]))
+
     def display(self, exposure: float | None = None, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.uint8]:
         """sRGB (height, width, 3) for people: balanced to the first lamp, exposed by `exposure` (default: KEY)."""
-        whites = self.palette.lamps if lamps is None else tuple(lamps)
-        rgb = srgb_from_xyz(self.xyz(lamps) * _balance(whites[0]))
+        rgb = self.linear_srgb(lamps)
         return srgb_encode(rgb * (auto_exposure(rgb, self.alpha) if exposure is None else exposure))
 
     def save(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
@@ -70,7 +74,7 @@ class Image:
         target = Path(path)
         if target.suffix.lower() != ".exr":
             raise InputError(f"{target} is no EXR name: an image is written as NAME.exr with NAME.png beside it")
-        rgb = self.expose(response) if response else srgb_from_xyz(self.xyz() * _balance(self.palette.lamps[0]))
+        rgb = self.expose(response) if response else self.linear_srgb()
         channels = {name: rgb[..., k] for k, name in enumerate(response.channels if response else "RGB")}
         channels |= {"A": self.alpha}
         for k, name in enumerate(self.channel_names()):

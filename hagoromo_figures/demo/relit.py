@@ -14,7 +14,7 @@ from hagoromo.app.display import exposure, srgb_from_camera
 from hagoromo.camera.response import white
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
-from hagoromo.image.compare import differences
+from hagoromo.image.compare import compare
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -90,5 +90,5 @@ def relit(
         for alone_scene in (replace(alone, surfaces=tuple(measured)), alone)
     ]
     taken = photograph.values.astype(np.float64) @ matrix.T
-    compared = [differences(view, taken, mask, peak=1.0) for view in views]
+    compared = [compare(view, taken, mask, peak=1.0).record() for view in views]
     return Relit(views[0], taken, mask, *compared)

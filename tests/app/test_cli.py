@@ -125,7 +125,7 @@ def test_a_bug_is_a_traceback_not_a_line(monkeypatch):
     def broken(_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("hagoromo.app.info.describe", broken)
+    monkeypatch.setattr("hagoromo.info", broken)
     with pytest.raises(ZeroDivisionError):
         main(["info", "a.png"])
 

@@ -97,7 +97,7 @@ def relit(stage: Stage, photograph: Photograph, number: int) -> Relit:
         write_exr(stem.with_suffix(".exr"), layers, {"colour_space": f"linear sRGB, 1 is {one:g} of the photograph"})
         write_png(stem.with_suffix(".png"), srgb_encode(picture))
     write_png(stage.home / f"mask_{number:02d}.png", mask.astype(np.uint8) * 255)
-    compared = {key: compare(*_files(stage, key, number), peak=1.0) for key in predictions}
+    compared = {key: compare(*_files(stage, key, number), peak=1.0).record() for key in predictions}
     shown = pictures.pop("photograph")
     lamps = tuple(_words(lamp) for lamp in photograph.lamps)
     return Relit(photograph.name, number, shown, pictures, mask, compared, one, lamps)

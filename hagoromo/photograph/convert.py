@@ -1,0 +1,34 @@
+"""Convert: cameras of one program's file → another's, or with their images → a capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.formats.camera_file import Format, read_views, write_views
+from hagoromo.errors import InputError
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.gather import gather, size_of_images
+
+
+def convert(
+    cameras: str | Path,
+    out: str | Path,
+    to: Format | None = None,
+    images: str | Path | None = None,
+    force: bool = False,
+) -> dict[str, Camera] | Capture:
+    """Write the cameras of the file (or folder) `cameras` to `out`; the views, image file → camera.
+
+    to: format (None: that of the suffix of `out`). images: folder of the images; a capture is then written, and
+    returned. `InputError` for files of no known format, and for both `to` and `images`.
+    """
+    if images is None:
+        views = read_views(cameras)
+        write_views(out, views, to, force)
+        return views
+    if to is not None:
+        raise InputError(f"--to {to} and --images contradict each other: with images the result is a capture")
+    capture = gather(read_views(cameras, size_of_images(images)), images)
+    capture.save(out, force)
+    return capture
