@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
 
 from hagoromo.measurement.material.interval import degrees_of_freedom
 from hagoromo.measurement.material.material_fit import fit_material
@@ -12,6 +11,7 @@ from hagoromo.measurement.material.quantity import alpha, coordinate, log_albedo
 from studies.coverage import simulated, table
 from studies.coverage_bench import BENCHES, drawn, observed
 from studies.coverage_page import chance, write_coverage_page
+from tests.judges import intervals_hold
 
 CASES = (
     ("three lamps", 6_000.0, 20),
@@ -26,8 +26,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path):
              for bench, full_well, count in CASES for k in range(count)]  # fmt: skip
     rows = table(found)
     for row in rows:
-        least = binom.ppf(BY_CHANCE, len(found), 0.95) / len(found)
-        assert row["hold"] >= least * row["intervals"], row
+        hits = np.arange(row["intervals"]) < row["hold"]
+        assert intervals_hold(hits, 0.95, BY_CHANCE, at_least=True, independent=len(found)), row
     record = {"simulations": len(found), "rows": [{"bench": "three lamps", "level": "1", **row} for row in rows]}
     write_coverage_page(tmp_path, record)
     assert "| specular albedo |" in (tmp_path / "coverage.md").read_text(encoding="utf-8")

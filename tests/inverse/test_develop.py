@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
-from scipy.stats import chi2, norm
 
 from hagoromo.camera.sensor import Sensor
 from hagoromo.errors import InputError
@@ -15,6 +14,7 @@ from hagoromo.photograph.development.exposure import Exposure
 from hagoromo.photograph.development.master import dark_master
 from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
 from tests.inverse.simulated_bracket import FULL, HEIGHT, SENSOR, WIDTH, scene, shot
+from tests.judges import standard_normal
 
 TIMES = (0.05, 0.2, 0.8, 3.2)  # s
 KNOWN = Noise(SENSOR.gain, SENSOR.read_noise)
@@ -29,15 +29,13 @@ def residuals(found: Development, light: np.ndarray) -> np.ndarray:
     return (found.values - light / UNIT)[measured] / np.sqrt(found.variance[measured])
 
 
-def assert_standard(z: np.ndarray, variance: float = 1.0, tolerance: float = 0.0) -> None:
+def assert_standard(z: np.ndarray, tolerance: float = 0.0) -> None:
     """Mean 0 and variance 1 within ALPHA; tolerance: relative, of the variance, for what is stated as approximate.
 
     The mean may be off by 0.03: σ is that of the measured value, smaller where its noise is below 0, which moves the
     mean of (value − truth)/σ by −1/(2√n) at n electrons though the values have no bias.
     """
-    assert abs(z.mean()) < 0.03 + norm.isf(ALPHA / 2) * np.sqrt(variance / z.size)
-    low, high = chi2.ppf((ALPHA / 2, 1 - ALPHA / 2), z.size - 1) / (z.size - 1)
-    assert low - tolerance < z.var() < high + tolerance
+    assert standard_normal(z, ALPHA, mean_tolerance=0.03, variance_tolerance=tolerance)
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])
