@@ -1,4 +1,4 @@
-# make setup | demo | test | test-slow | bench | figures | gallery | real | relit | lamps | near | spectra | coverage | merl:
+# make setup | data | demo | test | test-slow | bench | figures | gallery | real | relit | lamps | near | spectra | coverage | merl:
 # each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup demo test test-slow bench real relit lamps near spectra coverage merl figures gallery
+.PHONY: setup data demo test test-slow bench real relit lamps near spectra coverage merl figures gallery
 
 setup: $(READY)
 
@@ -17,6 +17,10 @@ $(READY): pyproject.toml constraints.txt .ci/venv .ci/llvm
 	$(INSTALL) --no-build-isolation -e '.[dev]'
 	.ci/llvm $(BIN)/python
 	touch $@
+
+# Real data beside the checkout: where each set comes from, its licence, whether its files are the right ones.
+data: $(READY)
+	$(BIN)/python -m tests.data
 
 demo: $(READY)
 	$(BIN)/hagoromo demo --out out/demo --force

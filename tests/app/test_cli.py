@@ -16,9 +16,9 @@ from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.files.table import read_table, write_table
+from tests.data import DATA, real_data
 
-CHROME = Path(__file__).parents[3] / "shared" / "data" / "uw_psm" / "chrome"
-REAL = Path(__file__).parents[3] / "shared" / "data" / "opencv_left" / "left"
+CHROME, BOARD = DATA / "uw_psm" / "chrome", DATA / "opencv_left" / "left"
 SCENE = """
 [camera]
 size = [97, 71]
@@ -74,9 +74,9 @@ def test_calibrate_response_writes_the_curves(tmp_path, capsys):
     assert list(read_table(out)) == ["wavelength_nm", "R"]
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="the photographs of OpenCV's board are not beside this repository")
+@real_data("opencv_left")
 def test_calibrate_camera_writes_the_lens(tmp_path, capsys):
-    photographs = [str(path) for path in sorted(REAL.glob("left0[1-5].jpg"))]
+    photographs = [str(path) for path in sorted(BOARD.glob("left0[1-5].jpg"))]
     out = tmp_path / "camera.json"
     assert main(["calibrate", "camera", *photographs, "--board", "9x6", "--square", "0.025", "--out", str(out)]) == 0
     assert "over 5 photographs" in capsys.readouterr().out
@@ -137,7 +137,7 @@ def test_records_are_plain_json(tmp_path, capsys):
     assert json.loads(lines["standard_deviation"]) == {"fl_x": 0.1}
 
 
-@pytest.mark.skipif(not CHROME.is_dir(), reason="the photographs of a chrome ball are not beside this repository")
+@real_data("uw_psm")
 def test_calibrate_lamps_writes_lamps_that_a_capture_can_list(tmp_path, capsys):
     """The laboratory read (0.4934, 0.4695, 0.7322) off the ball for lamp 0, with a mask a pixel beside it: 1.5°."""
     from hagoromo.photograph.transforms import lamp_from_record

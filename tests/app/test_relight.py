@@ -13,8 +13,8 @@ from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.light.colour import delta_e_2000
 from studies.relit_objects import relit_objects
+from tests.data import DATA, real_data
 
-UW_PSM = Path(__file__).parents[3] / "shared" / "data" / "uw_psm"
 SCENE = """
 [camera]
 size = [97, 89]
@@ -142,11 +142,11 @@ def test_what_cannot_be_kept_aside_is_refused(refused, capture, tmp_path):
 
 
 @pytest.mark.slow  # a minute
-@pytest.mark.skipif(not UW_PSM.is_dir(), reason="the uw_psm photographs are not beside this repository")
+@real_data("uw_psm")
 def test_real_photographs_are_relit(tmp_path):
     """Solved from nine 8-bit photographs, the three others predicted: no worse than a fifth, light between the parts
     of the object not being modelled.
     """
-    for one in relit_objects(UW_PSM, tmp_path / "relit", ["cat"])["cat"]:
+    for one in relit_objects(DATA / "uw_psm", tmp_path / "relit", ["cat"])["cat"]:
         assert one.compared["boxes"]["relative_rmse"] < 0.2
     assert 'href="cat/relit/report.html"' in (tmp_path / "relit" / "index.html").read_text()

@@ -3,7 +3,6 @@
 import struct
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,9 +18,9 @@ from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.photograph.capture import load_capture
 from hagoromo.photograph.gather import gather
+from tests.data import DATA, real_data
 
 YAML = "%YAML:1.0\n---\n"
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SIMPLE = (0.0,) * 8
 BROWN = (-0.21, 0.09, 0.001, -0.0007, 0.02, 0.0, 0.0, 0.0)
 RATIONAL = (0.31, -0.11, 0.0009, -0.0006, 0.02, 0.61, -0.05, 0.03)
@@ -193,12 +192,11 @@ def test_cameras_and_images_make_a_capture(tmp_path, capsys):
         gather(views, tmp_path / "m")
 
 
+@real_data("middlebury_dino")
 def test_the_dino_stands_where_its_cameras_look():
     """In all 16 images the whole figure, brighter than its background, lies in Middlebury's own bounding box of it,
     which fills 66–80 % of them; poses are read to their last digit.
     """
-    if not (DATA / "middlebury_dino").exists():
-        pytest.skip(f"{DATA / 'middlebury_dino'} is absent")
     path = DATA / "middlebury_dino" / "dinoSR_par.txt"
     views = read_views(path)
     assert len(views) == 16 and all((c.width, c.height) == (640, 480) for c in views.values())
@@ -216,11 +214,10 @@ def test_the_dino_stands_where_its_cameras_look():
     assert len(gather(dict(list(views.items())[:2]), path.parent).photographs) == 2
 
 
+@real_data("ngp_fox")
 def test_the_fox_goes_through_colmap_and_back_and_its_absent_images_are_told(tmp_path, capsys):
     """67 frames, 17 without image: the cameras of all of them convert; `info` tells the absent."""
     fox = DATA / "ngp_fox" / "transforms.json"
-    if not fox.exists():
-        pytest.skip(f"{fox} is absent")
     views = read_views(fox)
     assert len(views) == len(read_json(fox)["frames"])
     write_views(tmp_path / "m", views)

@@ -13,8 +13,8 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.png import write_png
 from hagoromo.photograph.capture import Capture, load_capture, save_capture
+from tests.data import DATA, real_data
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 NOT_RIGID = np.diag([1.0, 1.0, 1.2, 1.0]).tolist()
 
 
@@ -117,10 +117,9 @@ def test_jpeg_reads_as_stored_and_refuses_halves(tmp_path):
         assert "\n" not in str(refused.value)
 
 
+@real_data("ngp_fox")
 def test_the_fox_loads_with_its_frames_that_are_absent_left_out():
     """instant-ngp's capture: it lists 67 frames and has 50; JPEG, distortion, no lamps, w and h written as 1080.0."""
-    if not (DATA / "ngp_fox").exists():
-        pytest.skip(f"{DATA / 'ngp_fox'} is absent")
     with pytest.warns(UserWarning, match="1 of 6 frames have no image"):
         fox = load_capture(DATA / "ngp_fox", slice(6))
     assert len(fox.photographs) == 5 and fox.name == "ngp_fox"
@@ -129,19 +128,17 @@ def test_the_fox_loads_with_its_frames_that_are_absent_left_out():
         assert shot.camera.distortion[0] == 0.0578421 and shot.mask.mean() > 0.9
 
 
+@real_data("ngp_fox")
 def test_the_fox_stands_where_its_cameras_look():
     """The rays through the middle of all images meet within a quarter of the cameras' mean distance from that point."""
-    if not (DATA / "ngp_fox").exists():
-        pytest.skip(f"{DATA / 'ngp_fox'} is absent")
     with pytest.warns(UserWarning, match="frames have no image"):
         cameras = [p.camera for p in load_capture(DATA / "ngp_fox", slice(0, None, 9)).photographs]
     assert_rays_meet(cameras, 0.25)
 
 
+@real_data("nerf_lego_30")
 def test_nerf_lego_loads_with_its_alpha_as_mask():
     """RGBA, camera_angle_x only, no suffix in file_path; the cameras stand 4.03 from the origin and look at it."""
-    if not (DATA / "nerf_lego_30").exists():
-        pytest.skip(f"{DATA / 'nerf_lego_30'} is absent")
     lego = load_capture(DATA / "nerf_lego_30" / "transforms_train.json", slice(0, None, 10))
     assert len(lego.photographs) == 3
     for shot in lego.photographs:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,15 +14,15 @@ from hagoromo.calibration.camera.calibrate_camera import NAMES, calibrate_camera
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
+from tests.data import DATA, real_data
 
 BOARD = Board(7, 5, 0.02)
 CHARUCO = Board(6, 5, 0.02, marker=0.012, dictionary="4X4_50")
 TRUE = Camera(301, 229, (322.0, 327.0), (153.0, 112.0), (-0.21, 0.09, 0.001, -0.0007, 0.0))
 WIDE = replace(TRUE, focal=(152.0, 150.0), distortion=(0.31, -0.11, 0.0009, -0.0006, 0.02, 0.61, -0.05, 0.03))
 EYES = [(0, 0, -0.25), (0.14, 0.05, -0.2), (-0.13, 0.08, -0.2), (0.04, -0.15, -0.21), (-0.12, -0.11, -0.2)]
-REAL = Path(__file__).parents[3] / "shared" / "data" / "opencv_left" / "left"
+REAL = DATA / "opencv_left" / "left"
 OFFICIAL_FOCAL = 535.91573396163199  # px: opencv/samples/data/left_intrinsics.yml
-real = pytest.mark.skipif(not REAL.is_dir(), reason="the photographs of OpenCV's board are not beside this repository")
 
 
 @cache
@@ -133,7 +132,7 @@ def test_a_photograph_that_does_not_fit_is_named():
     assert calibrate_camera(photographs, BOARD).outliers == ("3",)
 
 
-@real
+@real_data("opencv_left")
 def test_opencv_board_photographs():
     """OpenCV states f = 535.92 px at rms 0.393 px, found with a search window of 11 px; the issue asks for 0.3 % and
     0.41 px. The outer squares of this board are cut to half: in left02 and left12 that window reaches the edge of the

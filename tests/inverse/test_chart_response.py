@@ -1,7 +1,5 @@
 """A camera's response: positive, within its stated intervals, from known lights or from a photograph of a chart."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -19,11 +17,9 @@ from hagoromo.files.table import read_table, write_table
 from hagoromo.light.spectrum import Spectrum
 from studies.response_study import WAVELENGTHS, chart_under, known_lights, response_study, score
 from studies.spectra_bench import CAMERAS, read_cameras
+from tests.data import DATA, real_data
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
-with_cameras = pytest.mark.skipif(
-    not (DATA / CAMERAS).is_file(), reason="camspec's curves are not beside this repository"
-)
+with_cameras = real_data(CAMERAS)
 CAMERA = Response.load("Nikon 5100 (NPL)")
 CORNERS = np.array([[180.0, 150.0], [1010.0, 120.0], [1060.0, 720.0], [160.0, 690.0]])
 LAMP = Spectrum.named("D65")

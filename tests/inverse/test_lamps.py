@@ -1,7 +1,5 @@
 """Lamps from a chrome ball: directions are found within their own stated errors, simulated and real."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,6 +7,7 @@ from hagoromo.calibration.lamps import calibrate_lamps
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
+from tests.data import DATA, real_data
 from tests.inverse.simulated_mirror import (
     degrees_between,
     mask_of,
@@ -19,7 +18,7 @@ from tests.inverse.simulated_mirror import (
     unit,
 )
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "uw_psm"
+REAL = DATA / "uw_psm"
 HEIGHT, WIDTH = 233, 271
 BALLS = [((133.2, 114.7), 104.3), ((121.6, 108.1), 80.4), ((140.3, 112.8), 108.7)]  # px
 # up to 100° from the line of sight, where half a pixel is a degree
@@ -86,7 +85,7 @@ def read_directions(name):
     return np.array([[float(number) for number in row] for row in rows if len(row) == 3])
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="the photographs of uw_psm are not beside this repository")
+@real_data("uw_psm")
 def test_real_chrome_ball_agrees_with_two_independent_readings():
     """Our reading is the laboratory's, but for its errors of about a pixel of the radius: 0.5°.
 

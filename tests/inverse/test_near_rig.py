@@ -3,15 +3,14 @@
 The photographs are simulated: LEDs with axes, highlights, attached and cast shadows, photon noise, rounding to bits.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from hagoromo.measurement.surface.shape import Shape, solve_shape
 from studies.near_rig import DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
+from tests.data import DATA, real_data
 
-LEDS = Path(__file__).resolve().parents[3] / "shared" / "data" / "near_ps_leds"
+LEDS = DATA / "near_ps_leds"
 GOAL = 1.5  # ° mean error: the goal of the project for this setting
 
 
@@ -47,7 +46,7 @@ def test_a_step_that_no_normal_shows_is_told_by_near_lamps():
     assert 0.5 < told < 2.0
 
 
-@pytest.mark.skipif(not LEDS.is_dir(), reason="../shared/data/near_ps_leds is not here")
+@real_data("near_ps_leds")
 @pytest.mark.slow
 @pytest.mark.parametrize("gamma", [0.05, 0.5])
 @pytest.mark.parametrize("depth", [sphere, waves])

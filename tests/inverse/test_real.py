@@ -1,22 +1,20 @@
 """Real photographs (uw_psm, beside the checkout): lamps off a chrome ball, normals of a ball; skipped where absent."""
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 
 from hagoromo.measurement.normals.normals import least_squares_lambert, solve_normals
 from studies.uw_psm import read_lamps, read_object, sphere_normals
+from tests.data import DATA, real_data
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "uw_psm"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data/uw_psm is not here")
+UW_PSM = DATA / "uw_psm"
+pytestmark = real_data("uw_psm")
 
 
 def test_lamps_agree_with_another_reading_of_the_same_ball():
     """The laboratory that took the photographs read the same ball; 1° is a third of the lamp's picture on it."""
-    rows = np.loadtxt(DATA / "lights_from_chrome_ball_by_lab.txt")
+    rows = np.loadtxt(UW_PSM / "lights_from_chrome_ball_by_lab.txt")
     theirs = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    ours = np.array([lamp.to_lamp for lamp in read_lamps(DATA)[1]])
+    ours = np.array([lamp.to_lamp for lamp in read_lamps(UW_PSM)[1]])
     assert np.degrees(np.arccos(np.clip((ours * theirs).sum(axis=1), -1, 1))).max() < 1.0
 
 
@@ -26,8 +24,8 @@ def test_normals_of_a_ball_are_nearer_than_least_squares():
     Within 95 % of the radius (where plain least squares is 5.1° off with the best of the set's readings) 3.5° is the
     goal set before this was built.
     """
-    found = solve_normals(read_object(DATA, "gray", read_lamps(DATA)[1]))
-    truth = sphere_normals(DATA)[found.seen.rows, found.seen.columns]
+    found = solve_normals(read_object(UW_PSM, "gray", read_lamps(UW_PSM)[1]))
+    truth = sphere_normals(UW_PSM)[found.seen.rows, found.seen.columns]
 
     def errors(normals):
         return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1, 1)))

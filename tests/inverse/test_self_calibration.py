@@ -1,7 +1,5 @@
 """Self-calibration: lamps from photographs of the object itself, simulated with shadows, highlights and noise."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,9 +7,9 @@ from hagoromo.calibration.lamps.uncalibrated import self_calibrate
 from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from tests.data import DATA, real_data
 from tests.inverse.simulated_mirror import degrees_between, unit
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "uw_psm"
 SHAPE, RADIUS = (150, 170), 70.0  # px
 RANDOM = np.random.default_rng(3)
 LAMPS = unit(np.c_[RANDOM.normal(0, 0.5, (12, 2)), np.full(12, 0.8)])
@@ -97,7 +95,7 @@ def test_objects_that_tell_no_lamps_are_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not REAL.is_dir(), reason="the photographs of uw_psm are not beside this repository")
+@real_data("uw_psm")
 def test_independent_readings_of_real_lamps_agree_to_what_is_stated():
     """Six objects, none of which keeps the model; the lamps are those of the chrome ball, to a degree.
 
@@ -108,7 +106,7 @@ def test_independent_readings_of_real_lamps_agree_to_what_is_stated():
     """
     from studies.lamps import lamp_study
 
-    study = lamp_study(REAL)
+    study = lamp_study(DATA / "uw_psm")
     means = sorted(found["mean_deg"] for found in study["objects"].values())
     assert means[4] < 6.0 and means[5] < 16.0
     alone = [found["by_shading_alone"]["mean_deg"] for found in study["objects"].values()]

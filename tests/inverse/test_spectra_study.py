@@ -1,7 +1,5 @@
 """The bounds that were set for spectra from colours, before anything was measured, over camspec's 28 cameras."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,14 +9,10 @@ from studies.spectra import SKIN, spectra_study
 from studies.spectra_bench import CAMERAS, read_bench, read_cameras
 from studies.spectra_cases import chart_case, skin_cases, study_case
 from studies.spectra_rivals import BOUND, study_rivals
+from tests.data import DATA, real_data
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
-with_cameras = pytest.mark.skipif(
-    not (DATA / CAMERAS).is_file(), reason="camspec's curves are not beside this repository"
-)
-with_skin = pytest.mark.skipif(
-    not (DATA / SKIN).is_file(), reason="NIST's spectra of skin are not beside this repository"
-)
+with_cameras = real_data(CAMERAS)
+with_skin = real_data(SKIN)
 
 
 @with_cameras

@@ -1,7 +1,6 @@
 """Photographs that moved between lamps are told, by how much; those that stood still are not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,9 @@ from hagoromo.camera.camera import Camera
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.stillness import moved
 from studies.uw_psm import read_lamps, read_object
+from tests.data import DATA, real_data
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "uw_psm"
+UW_PSM = DATA / "uw_psm"
 CAMERA = Camera(211, 163, (300.0, 300.0), (105.5, 81.5))
 BY = (2.3, -1.4)  # px (x, y)
 
@@ -55,10 +55,10 @@ def test_photographs_of_nothing_and_of_several_views_tell_nothing():
     assert moved([one, moved_by(one, *BY)]) == {}
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data/uw_psm is not here")
+@real_data("uw_psm")
 @pytest.mark.parametrize("name", ["gray", "cat"])
 def test_real_photographs_under_twelve_lamps_stand_still_until_one_is_moved(name):
-    shots = list(read_object(DATA, name, read_lamps(DATA)[1]).photographs)
+    shots = list(read_object(UW_PSM, name, read_lamps(UW_PSM)[1]).photographs)
     assert moved(shots) == {}
     found = moved([*shots[:5], moved_by(shots[5], *BY), *shots[6:]])
     assert list(found) == [shots[5].name] and np.abs(np.array(found[shots[5].name]) - BY).max() < 0.3

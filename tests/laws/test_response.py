@@ -1,7 +1,6 @@
 """Eq. 10 against direct integration; names, files and the stand-in for the EOS 300D."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,9 @@ from hagoromo.camera.response import Response, camera_response, response_matrix,
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
 from hagoromo.light.spectrum import Spectrum
+from tests.data import DATA, real_data
 
-MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "camera_sensitivities" / "canon_eos_300d.csv"
+MEASURED = "camera_sensitivities/canon_eos_300d.csv"
 RANDOM = np.random.default_rng(11)
 
 
@@ -68,11 +68,10 @@ def test_cie_1931_gives_the_white_point_of_d65():
     np.testing.assert_allclose(xyz[:2] / xyz.sum(), (0.31271, 0.32902), atol=1e-4)
 
 
+@real_data(MEASURED)  # which may not be copied into the repository
 def test_the_stand_in_for_the_eos_300d_follows_its_measurement():
     """Correlation above 0.997 (R), 0.998 (G) and 0.999 (B); each within 0.06 of a curve whose peak is 1."""
-    if not MEASURED.exists():
-        pytest.skip(f"{MEASURED} is absent: the measurement may not be copied into the repository")
-    table, own = read_table(MEASURED), Response.load("canon_eos_300d")
+    table, own = read_table(DATA / MEASURED), Response.load("canon_eos_300d")
     for channel, (name, least) in enumerate({"R": 0.997, "G": 0.998, "B": 0.999}.items()):
         values = own.curve(channel).at(table["wavelength_nm"])
         assert np.corrcoef(values, table[name])[0, 1] > least

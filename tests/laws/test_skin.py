@@ -1,7 +1,6 @@
 """Skin is what its recipe says: lines as deep, near and slanted as told, layers, pores; a colour by its pigments."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import drjit as dr
 import numpy as np
@@ -23,8 +22,9 @@ from hagoromo.matter.skin.skin_lines import Lines, furrows, pores, primary, seco
 from hagoromo.reflectance.pigment import Pigment, skin_colour
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.volume.box import VolumeBox
+from tests.data import DATA, real_data
 
-NIST = Path(__file__).parents[3] / "shared/data/nist_skin/nist_skin_70_subjects_250_1000nm.csv"
+NIST = "nist_skin/nist_skin_70_subjects_250_1000nm.csv"
 FIGURES = {"alpha": 0.3, "beta": 0.3, "gamma": 0.3, "n": 1.4}
 FACING = (0.0, -1.0, 0.0)
 
@@ -226,14 +226,14 @@ def test_a_recipe_names_the_pigments():
     assert np.array_equal(found.values, skin_colour(Pigment(melanin=0.1)).values)
 
 
-@pytest.mark.skipif(not NIST.is_file(), reason="../shared/data/nist_skin is not here")
+@real_data(NIST)
 def test_measured_skin_is_met_by_some_pigments():
     """70 people's skin at 400–700 nm (NIST, doi 10.18434/M38597), three parameters each: rms 0.014 of reflectance in
     the median and 0.028 at worst were found; a surface's ((n−1)/(n+1))² is added, which the measured ones include.
     """
     from scipy.optimize import least_squares
 
-    table, nm = read_table(NIST), np.arange(400.0, 701.0, 5.0)
+    table, nm = read_table(DATA / NIST), np.arange(400.0, 701.0, 5.0)
     errors = []
     for name in [column for column in table if column != "wavelength_nm"][::3]:
         measured = np.interp(nm, table["wavelength_nm"], table[name])

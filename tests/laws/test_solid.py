@@ -12,8 +12,9 @@ from scipy.ndimage import label
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
 from hagoromo.volume.box import VolumeBox
+from tests.data import DATA, real_data
 
-LUCY = Path(__file__).parents[3] / "shared" / "data" / "meshes_volumes" / "lucy.ply"
+LUCY = DATA / "meshes_volumes" / "lucy.ply"
 MATERIAL = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
 TORUS = trimesh.creation.torus(1.0, 0.4, major_sections=61, minor_sections=37)  # about z: 0.8 high
 
@@ -166,7 +167,7 @@ def test_meshes_that_enclose_nothing_are_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not LUCY.exists(), reason="the mesh is not beside the checkout")
+@real_data("meshes_volumes/lucy.ply")
 @pytest.mark.parametrize("voxel_mm", [0.8, 0.25])
 def test_an_angel_of_a_hundred_thousand_faces_keeps_her_volume(voxel_mm, tmp_path):
     """100 mm high, wings and folds about 1 mm thick; all of one piece, without specks; within two minutes of a core."""
