@@ -14,7 +14,12 @@ from .camera.formats.camera_file import read_views as read_views, write_views as
 
 # Photographs
 from .photograph.photograph import Photograph as Photograph
-from .photograph.development.exposure import read_exposure as read_exposure
+from .photograph.development.exposure import StatedExposure as StatedExposure, read_exposure as read_exposure
+from .photograph.development.development import (
+    CalibrationFrames as CalibrationFrames,
+    Development as Development,
+    develop_exposures as develop_exposures,
+)
 from .photograph.development.develop import develop as develop
 from .photograph.gather import gather as gather
 from .photograph.convert import convert as convert

@@ -141,16 +141,16 @@ def develop(
         demosaic: how the mosaic is filled in.
         undistort: camera.json of `calibrate camera`, or OpenCV's YAML: the result is as a lens without distortion sees.
     """
-    from hagoromo.app.develop import Frames, develop_to, summary
-    from hagoromo.photograph.development.exposure import Given
-    from hagoromo.photograph.development.noise import Noise
+    from hagoromo.app.development_summary import development_summary
+    from hagoromo.photograph.development.development import check_exr_name
 
-    if (gain is None) != (read_noise is None):
-        raise InputError("--gain and --read-noise go together: give both or none")
-    noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
-    given = Given(black, white, mosaic, transfer, None, iso)
-    found = develop_to(Frames(photographs, dark, flat), out, given, exposures, noise, demosaic, force, undistort)
-    print("\n".join(summary(found)))
+    replaceable_file(check_exr_name(out), force)
+    development = hg.develop(
+        photographs, darks=dark, flats=flat, transfer=transfer, exposures_s=exposures, iso=iso, black=black,
+        white=white, mosaic=mosaic, gain=gain, read_noise=read_noise, demosaic=demosaic, undistort=undistort,
+    )  # fmt: skip
+    development.save(out, force)
+    print("\n".join(development_summary(development)))
     wrote(out)
 
 

@@ -18,7 +18,7 @@ from hagoromo.files.png import read_png, write_png
 from hagoromo.files.raw import SUFFIXES as RAW_SUFFIXES
 from hagoromo.files.tiff import read_tiff
 from hagoromo.light.colour import srgb_decode
-from hagoromo.photograph.development.exposure import Given, read_exposure
+from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, sensor_from_record
 
@@ -104,7 +104,9 @@ def default_channels(count: int) -> tuple[str, ...]:
 def _from_raw(path: Path, frame: Mapping[str, Any], demosaic: Demosaic, where: str) -> Pixels:
     """Camera RAW: its own levels, mosaic and exposure where the frame does not state others."""
     stated = frame["sensor"]
-    given = Given(stated.get("black_level"), stated.get("white_level"), None, None, frame["exposure_s"], frame["iso"])
+    given = StatedExposure(
+        stated.get("black_level"), stated.get("white_level"), None, None, frame["exposure_s"], frame["iso"]
+    )
     shot = read_exposure(path, given)
     levels = {"black_level": 0.0, "white_level": shot.white, "bits": 16, "mosaic": shot.mosaic}
     sensor = sensor_from_record({**stated, **levels}, 16, shot.seconds, shot.iso, where)

@@ -18,7 +18,7 @@ from hagoromo.files.raw import read_raw
 from hagoromo.files.table import write_table
 from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.capture import load_capture
-from hagoromo.photograph.development.exposure import Given, read_exposure
+from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
 from hagoromo.photograph.development.transfer import Transfer, estimate_transfer
 from tests.inverse.simulated_bracket import FULL, SENSOR, numbers, scene, write_dng
 
@@ -167,15 +167,15 @@ def test_eight_bits_need_a_curve_and_come_back_linear_through_it(tmp_path):
     level = np.arange(256.0)
     write_table(tmp_path / "curve.csv", {"number": level, "light": Transfer.load("srgb", 255).table[:, 0]})
     for transfer in ("srgb", tmp_path / "curve.csv"):
-        shot = read_exposure(tmp_path / "a.png", Given(transfer=transfer))
+        shot = read_exposure(tmp_path / "a.png", StatedExposure(transfer=transfer))
         z = (shot.signal / 255.0 - light) / (np.sqrt(shot.rounding) / 255.0)
         assert np.abs(z).max() < 3.0 and 0.8 < z.var() < 1.2  # of a uniform law ±√3
     for bad, said in [("log", "no transfer curve"), (tmp_path / "none.csv", "does not exist")]:
         with pytest.raises(InputError, match=said):
-            read_exposure(tmp_path / "a.png", Given(transfer=bad))
+            read_exposure(tmp_path / "a.png", StatedExposure(transfer=bad))
     write_table(tmp_path / "curve.csv", {"number": level, "light": level[::-1]})
     with pytest.raises(InputError, match="must"):
-        read_exposure(tmp_path / "a.png", Given(transfer=tmp_path / "curve.csv"))
+        read_exposure(tmp_path / "a.png", StatedExposure(transfer=tmp_path / "curve.csv"))
 
 
 def test_the_curve_is_estimated_from_a_bracket(tmp_path):
@@ -226,7 +226,7 @@ def test_the_error_of_an_estimated_curve_holds_the_truth(power, full_well):
 
 def test_sixteen_bits_and_float_are_linear_as_they_are(tmp_path):
     write_png(tmp_path / "a.png", COLOUR16)
-    shot = read_exposure(tmp_path / "a.png", Given(black=100.0, white=60_000.0, exposure_s=0.5))
+    shot = read_exposure(tmp_path / "a.png", StatedExposure(black=100.0, white=60_000.0, exposure_s=0.5))
     np.testing.assert_allclose(shot.signal, COLOUR16 - 100.0, atol=0.01)  # float32
     np.testing.assert_array_equal(shot.full, COLOUR16 >= 60_000)
     assert shot.seconds == 0.5 and shot.white == 59_900.0
@@ -234,11 +234,11 @@ def test_sixteen_bits_and_float_are_linear_as_they_are(tmp_path):
     write_exr(tmp_path / "a.exr", dict(zip("RGB", np.moveaxis(values, 2, 0), strict=True)))
     np.testing.assert_array_equal(read_exposure(tmp_path / "a.exr").signal, values)
     write_png(tmp_path / "m.png", COLOUR16[..., 0])
-    assert read_exposure(tmp_path / "m.png", Given(mosaic="GBRG")).signal.shape == (13, 17)
+    assert read_exposure(tmp_path / "m.png", StatedExposure(mosaic="GBRG")).signal.shape == (13, 17)
     for path, given, said in [
-        ("m.png", Given(mosaic="XTRANS"), "mosaic 'XTRANS' is unknown"),
-        ("m.png", Given(black=7.0, white=3.0), "below white"),
-        ("a.toml", Given(), "does not exist|no photograph"),
+        ("m.png", StatedExposure(mosaic="XTRANS"), "mosaic 'XTRANS' is unknown"),
+        ("m.png", StatedExposure(black=7.0, white=3.0), "below white"),
+        ("a.toml", StatedExposure(), "does not exist|no photograph"),
     ]:
         with pytest.raises(InputError, match=said):
             read_exposure(Path(tmp_path / path), given)

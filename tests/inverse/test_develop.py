@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from hagoromo.camera.sensor import Sensor
 from hagoromo.errors import InputError
 from hagoromo.files.exif import Exif
-from hagoromo.photograph.development.develop import Calibration, Development, develop
+from hagoromo.photograph.development.development import CalibrationFrames, Development, develop_exposures
 from hagoromo.photograph.development.exposure import Exposure
 from hagoromo.photograph.development.master import dark_master
 from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
@@ -44,7 +44,9 @@ def test_a_merged_bracket_has_no_bias_and_its_variance_covers(seed):
     where there are less than fifty; 2 % of the variance is granted for it.
     """
     light = scene(seed)
-    found = develop([shot(light, t, 100 * seed + i) for i, t in enumerate(TIMES)], Calibration(noise=KNOWN))
+    found = develop_exposures(
+        [shot(light, t, 100 * seed + i) for i, t in enumerate(TIMES)], CalibrationFrames(noise=KNOWN)
+    )
     z = residuals(found, light)
     assert z.size > 0.9 * HEIGHT * WIDTH
     assert_standard(z, tolerance=0.02)
@@ -60,9 +62,9 @@ def test_a_merged_bracket_has_no_bias_and_its_variance_covers(seed):
 def test_a_bracket_is_better_than_any_of_its_exposures():
     light = scene(4)
     shots = [shot(light, t, 40 + i) for i, t in enumerate(TIMES)]
-    merged = develop(shots, Calibration(noise=KNOWN))
+    merged = develop_exposures(shots, CalibrationFrames(noise=KNOWN))
     for one in shots:
-        alone = develop([one], Calibration(noise=KNOWN))
+        alone = develop_exposures([one], CalibrationFrames(noise=KNOWN))
         both = alone.valid & merged.valid
         assert np.median(merged.variance[both] / alone.variance[both]) < 1.0 and merged.valid.sum() >= alone.valid.sum()
 
@@ -71,7 +73,7 @@ def test_a_bracket_is_better_than_any_of_its_exposures():
 def test_the_frames_tell_gain_and_read_noise_within_the_stated_errors(seed):
     """Four standard errors each (99.99 % if normal), and errors small enough to be worth stating: 2 % and 5 %."""
     light = scene(seed)
-    noise = develop([shot(light, t, 100 * seed + i) for i, t in enumerate(TIMES)]).noise
+    noise = develop_exposures([shot(light, t, 100 * seed + i) for i, t in enumerate(TIMES)]).noise
     assert abs(noise.gain - SENSOR.gain) < 4 * noise.gain_error and noise.gain_error < 0.02 * SENSOR.gain
     assert abs(noise.read_noise - SENSOR.read_noise) < 4 * noise.read_error and noise.read_error < 0.05 * 6.0
 
@@ -112,7 +114,7 @@ def test_darks_and_flats_are_taken_out():
     ]
     flats = [shot(np.full_like(light, 18_000.0) * fall, 0.8, 800 + k, offset=offset) for k in range(16)]
     shots = [shot(light * fall, t, 900 + i, offset=offset) for i, t in enumerate(TIMES)]
-    found = develop(shots, Calibration(darks, flats, KNOWN))
+    found = develop_exposures(shots, CalibrationFrames(darks, flats, KNOWN))
     assert found.hot * HEIGHT * WIDTH >= 12 and found.hot < 0.001
     mean = np.array([fall[0, :, 0][k::2].mean() for k in (0, 1)])  # the mean share of the columns of a colour
     shares = np.stack([np.full(WIDTH, mean[0]), np.full(WIDTH, fall.mean()), np.full(WIDTH, mean[1])], axis=1)
@@ -121,14 +123,14 @@ def test_darks_and_flats_are_taken_out():
     z = residuals(found, truth)
     assert abs(np.median(z)) < 0.05 and 0.9 < z.var() < 1.1
     with pytest.raises(InputError, match="the right --black"):  # the dark signal, left in, bends the response
-        develop(shots, Calibration(noise=KNOWN))
+        develop_exposures(shots, CalibrationFrames(noise=KNOWN))
 
 
 def test_hot_samples_are_found_without_dark_frames():
     light = 0.02 * np.full((HEIGHT, WIDTH, 3), 3000.0)
     offset = np.zeros((HEIGHT, WIDTH))
     offset[30, 41] = offset[120, 200] = 5000.0
-    found = develop([shot(light, 1.0, 9, offset=offset)], Calibration(noise=KNOWN))
+    found = develop_exposures([shot(light, 1.0, 9, offset=offset)], CalibrationFrames(noise=KNOWN))
     assert not found.valid[30, 41] and not found.valid[120, 200] and found.valid.mean() > 0.99
 
 
@@ -141,7 +143,7 @@ def test_shutters_that_miss_their_times_are_measured():
     shots = [
         replace(s, exif=Exif(exposure_s=t), name=f"{i}") for i, (s, t) in enumerate(zip(shots, stated, strict=True))
     ]
-    found = develop(shots)
+    found = develop_exposures(shots)
     assert found.exposures["1"] == 1 / 16
     assert found.exposures["2"] == pytest.approx(1 / 7.5, rel=0.003)
     assert found.record()["linearity"] == "tested"
@@ -152,14 +154,14 @@ def test_frames_that_moved_are_told_by_how_much(moved):
     """To 0.15 px: a mosaic's grey picture has half the resolution, and the estimate steps of a tenth of a pixel."""
     shots = [shot(scene(5), 0.2, 1), shot(scene(5, moved), 0.8, 2)]
     with pytest.raises(InputError, match="has moved by") as refused:
-        develop(shots, Calibration(noise=KNOWN))
+        develop_exposures(shots, CalibrationFrames(noise=KNOWN))
     words = str(refused.value).split("(")[1].split(")")[0].split(",")
     assert np.abs(np.array([float(word) for word in words]) - moved).max() < 0.15
 
 
 def test_frames_of_noise_alone_have_not_moved():
     flat = np.full((HEIGHT, WIDTH, 3), 5000.0)
-    found = develop([shot(flat, 0.2, 1), shot(flat, 0.8, 2)], Calibration(noise=KNOWN))
+    found = develop_exposures([shot(flat, 0.2, 1), shot(flat, 0.8, 2)], CalibrationFrames(noise=KNOWN))
     assert list(found.shifts.values()) == [(0.0, 0.0)]
 
 
@@ -174,13 +176,13 @@ def test_a_response_that_is_not_linear_is_told():
     light = scene(6)
     shots = [shot(light, t, 60 + i) for i, t in enumerate(TIMES)]
     with pytest.raises(InputError, match=r"not linear.*power 0\.4[0-9]"):
-        develop([bent(one, 1 / 2.2) for one in shots])
+        develop_exposures([bent(one, 1 / 2.2) for one in shots])
     soft = [replace(one, signal=one.signal / (1.0 + 0.2 * one.signal / one.white)) for one in shots]
     with pytest.raises(InputError, match=r"not linear.*from dark to bright"):
-        develop(soft)
+        develop_exposures(soft)
     with pytest.raises(InputError, match="not linear"):
-        develop([replace(one, signal=one.signal + np.float32(200.0)) for one in shots])
-    assert develop(shots).ratios[0].bend == 0.0
+        develop_exposures([replace(one, signal=one.signal + np.float32(200.0)) for one in shots])
+    assert develop_exposures(shots).ratios[0].bend == 0.0
 
 
 def test_exposures_that_do_not_go_together_are_refused():
@@ -197,18 +199,18 @@ def test_exposures_that_do_not_go_together_are_refused():
         ([one, replace(two, exif=Exif())], "state --exposures"),
     ]:
         with pytest.raises(InputError, match=said) as refused:
-            develop(shots)
+            develop_exposures(shots)
         assert "\n" not in str(refused.value)
     even = np.full((HEIGHT, WIDTH, 3), 100.0)
     with pytest.warns(UserWarning, match="--gain and --read-noise; a usual sensor's noise stands in"):
-        assert develop([shot(even, 1.0, 1)]).noise.source.endswith("assumed")
+        assert develop_exposures([shot(even, 1.0, 1)]).noise.source.endswith("assumed")
     with pytest.raises(InputError, match="--gain"):
         noise_from_pairs([(shot(0 * light, 1.0, 1), shot(0 * light, 1.0, 2))])
     with pytest.warns(UserWarning, match="stands in"):
         dark_master([shot(0 * light, 1.0, 1)], 5.0, KNOWN)
     with pytest.raises(InputError, match=r"100 % of the samples are clipped.*shorter"):
-        develop([shot(light + 1e9, 0.2, 1)], Calibration(noise=KNOWN))
+        develop_exposures([shot(light + 1e9, 0.2, 1)], CalibrationFrames(noise=KNOWN))
     with pytest.raises(InputError, match="of ISO 400, the photographs of 100"):
-        develop([one], Calibration(darks=[replace(two, exif=Exif(0.2, 400.0))], noise=KNOWN))
+        develop_exposures([one], CalibrationFrames(darks=[replace(two, exif=Exif(0.2, 400.0))], noise=KNOWN))
     with pytest.raises(InputError, match="is clipped or dark"):
-        develop([one], Calibration(flats=[shot(light + 1e9, 1.0, 1)], noise=KNOWN))
+        develop_exposures([one], CalibrationFrames(flats=[shot(light + 1e9, 1.0, 1)], noise=KNOWN))

@@ -7,7 +7,7 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.photograph.development.develop import Development
+from hagoromo.photograph.development.development import Development
 from hagoromo.photograph.development.noise import Noise
 from hagoromo.photograph.development.undistort import undistorted
 

@@ -1,206 +1,80 @@
-"""Develop: exposures of one view → linear camera colours with their variance (MODEL §7.1).
-
-Black level and dark frames are subtracted, exposures merged by their variance, the flat field divided out, clipped and
-hot samples masked, the mosaic filled in. Values are light per second at ISO 100, white level as 1, as in a capture (EXR
-and float TIFF keep their own unit); the aperture is not divided out.
-"""
+"""Develop: photographs of one view, from their files → linear camera colours with their variance."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
+from pathlib import Path
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
+from hagoromo.camera.formats.camera_file import read_camera
+from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
-from hagoromo.photograph.development.bracket import Merged, Shot, merge
-from hagoromo.photograph.development.exposure import Exposure, alike
-from hagoromo.photograph.development.linearity import Ratio, measured_seconds
-from hagoromo.photograph.development.master import dark_master, flat_master, odd_samples
-from hagoromo.photograph.development.movement import shift_between
-from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
-from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
+from hagoromo.files.exif import read_exif
+from hagoromo.files.picture import read_picture
+from hagoromo.photograph.development.development import CalibrationFrames, Development, develop_exposures
+from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
+from hagoromo.photograph.development.noise import Noise
+from hagoromo.photograph.development.transfer import Transfer, estimate_transfer
+from hagoromo.photograph.development.undistort import undistorted
 
-STILL = 0.25  # px: a larger shift between exposures of a bracket smears its edges
-BYTES_PER_SAMPLE = 40.0  # of each exposure, while it is merged
-SAME = 1e-3  # relative difference of two apertures or ISO that are one
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Frames that calibrate the sensor: darks, flats (evenly lit white); noise where it is known."""
-
-    darks: Sequence[Exposure] = ()
-    flats: Sequence[Exposure] = ()
-    noise: Noise | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Development:
-    """values, variance: (height, width, channels) float32; valid (height, width); native: as `Photograph`.
-
-    noise: of the sensor. exposures: name → seconds as measured. ratios: of neighbouring exposures. shifts: name →
-    (x, y) [px] against the first. clipped, hot: share of samples that no exposure holds, and of hot ones.
-    """
-
-    values: NDArray[np.float32]
-    variance: NDArray[np.float32]
-    valid: NDArray[np.bool_]
-    native: NDArray[np.bool_] | None
-    noise: Noise
-    exposures: dict[str, float]
-    ratios: list[Ratio]
-    shifts: dict[str, tuple[float, float]]
-    clipped: float
-    hot: float
-
-    def photograph(self, camera: Camera, name: str = "") -> Photograph:
-        """The photograph, taken by `camera`."""
-        return Photograph(self.values, self.variance, self.valid, camera, (), name, self.native)
-
-    def record(self) -> dict[str, Any]:
-        """What is known beside the pixels, in plain figures."""
-        return {
-            "gain": self.noise.gain,
-            "gain_standard_error": self.noise.gain_error,
-            "read_noise": self.noise.read_noise,
-            "read_noise_standard_error": self.noise.read_error,
-            "noise_from": self.noise.source,
-            "exposures_s": self.exposures,
-            "ratios": [ratio._asdict() for ratio in self.ratios],
-            "linearity": "tested" if self.ratios else "not tested: one exposure, or too few samples shared by two",
-            "shifts_px": {name: list(shift) for name, shift in self.shifts.items()},
-            "clipped": self.clipped,
-            "hot": self.hot,
-        }
+Paths = Sequence[str | Path]
 
 
 def develop(
-    exposures: Sequence[Exposure], calibration: Calibration | None = None, demosaic: Demosaic = "bilinear"
+    photographs: str | Path | Paths,
+    *,
+    darks: Paths = (),
+    flats: Paths = (),
+    transfer: str | Path | Transfer | None = None,
+    exposures_s: Sequence[float] = (),
+    iso: float | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+    gain: float | None = None,
+    read_noise: float | None = None,
+    demosaic: Demosaic = "bilinear",
+    undistort: str | Path | Camera | None = None,
 ) -> Development:
-    """One photograph from one or more exposures of one view.
+    """One photograph from the file of one exposure, or from a bracket of exposures of one view, which is merged.
 
-    `InputError` for exposures of different kind, aperture or ISO, a bracket without times, a response that is not
-    linear, or frames that moved.
+    Values are light per second at ISO 100, with the white level as 1. What the files state (RAW files state all of it)
+    need not be given:
+
+    photographs: RAW, TIFF, PNG, JPEG or EXR. darks: frames without light, of the same exposures. flats: frames of an
+    evenly lit white field. transfer: of 8-bit files: "linear", "srgb", "estimate" (from the bracket), a CSV, or a
+    curve. exposures_s: of the photographs, in their order [s]. black, white: [DN]. mosaic: of files with one channel,
+    such as "RGGB". gain [e⁻/DN] and read_noise [e⁻]: both or neither; without them they are estimated from the frames.
+    undistort: camera whose lens distortion is removed.
+
+    `InputError` for files that cannot be developed together; see `develop_exposures`.
     """
-    calibration = calibration or Calibration()
-    if not exposures:
-        raise InputError("there is nothing to develop: give a photograph")
-    exposures = sorted(exposures, key=lambda one: one.seconds)
-    alike([*exposures, *calibration.darks, *calibration.flats], "photographs and frames")
-    _check_settings(exposures, calibration)
-    check_memory(BYTES_PER_SAMPLE * exposures[0].signal.size * len(exposures), f"a bracket of {len(exposures)}")
-    mosaic, names = exposures[0].mosaic, [one.name for one in exposures]
-    usual = Noise(ASSUMED_FULL_WELL / exposures[0].white, ASSUMED_READ_NOISE, source="a usual sensor: assumed")
-    shots = _shots(exposures, calibration, calibration.noise or usual)[0]
-    shifts = {names[i]: shift_between(shots[0], shots[i], usual, mosaic) for i in range(1, len(shots))}
-    _check_still(shifts, names[0])
-    measured_seconds(shots, names, calibration.noise or usual)  # a bent response would bend the noise as well
-    noise = calibration.noise or _noise(exposures, calibration, usual)
-    shots, dark_hot = _shots(exposures, calibration, noise)
-    seconds, ratios = measured_seconds(shots, names, noise)
-    merged = merge([s._replace(seconds=t) for s, t in zip(shots, seconds, strict=True)], noise, mosaic)
-    hot = odd_samples(merged.rate, merged.variance, merged.valid, mosaic)
-    hot |= dark_hot
-    clipped = float((~merged.valid).mean())
-    merged = merged._replace(valid=merged.valid & ~hot)
-    if calibration.flats:
-        merged = _flattened(merged, calibration, noise)
-    values, variance, valid, native = _filled(merged, mosaic, demosaic)
-    if not valid.any():
-        raise InputError(f"no pixel is left ({100 * clipped:.0f} % of the samples are clipped): add a shorter exposure")
-    unit = (exposures[0].unit or exposures[0].white) * exposures[0].iso / 100.0
-    return Development(
-        (values / unit).astype(np.float32),
-        (variance / unit**2).astype(np.float32),
-        valid,
-        native,
-        noise,
-        dict(zip(names, seconds, strict=True)),
-        ratios,
-        shifts,
-        clipped,
-        float(hot.mean()),
+    paths = [Path(path) for path in ([photographs] if isinstance(photographs, (str, Path)) else photographs)]
+    if exposures_s and len(exposures_s) != len(paths):
+        raise InputError(f"{len(exposures_s)} exposures for {len(paths)} photographs: give one each")
+    if (gain is None) != (read_noise is None):
+        raise InputError("--gain and --read-noise go together: give both or none")
+    noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
+    if transfer == "estimate":
+        transfer = _estimated(paths, exposures_s)
+    stated = StatedExposure(black, white, mosaic, transfer, None, iso)
+    times = list(exposures_s) or [None] * len(paths)
+    exposures = [read_exposure(p, stated._replace(exposure_s=t)) for p, t in zip(paths, times, strict=True)]
+    frames = CalibrationFrames(
+        [read_exposure(path, stated) for path in darks], [read_exposure(path, stated) for path in flats], noise
     )
+    development = develop_exposures(exposures, frames, demosaic)
+    if undistort is not None:
+        camera = undistort if isinstance(undistort, Camera) else read_camera(undistort)
+        development = undistorted(development, camera)
+    return replace(development, focal_px=exposures[0].exif.focal_px(development.values.shape[1]))
 
 
-def _check_settings(exposures: Sequence[Exposure], calibration: Calibration) -> None:
-    frames = [*calibration.darks, *calibration.flats]
-    odd = next((one for one in frames if abs(one.iso / exposures[0].iso - 1.0) > SAME), None)
-    if odd is not None:
-        raise InputError(f"{odd.name} is of ISO {odd.iso:g}, the photographs of {exposures[0].iso:g}: take both alike")
-    if len(exposures) > 1 and any(one.exif.exposure_s is None for one in exposures):
-        raise InputError("the exposures of a bracket are not in its files: state --exposures")
-    for what, key in (("ISO", "iso"), ("apertures", "f_number")):
-        told = [figure for one in exposures if (figure := getattr(one.exif, key)) is not None]
-        if told and max(told) > (1.0 + SAME) * min(told):
-            raise InputError(f"a bracket of different {what} ({min(told):g} and {max(told):g}): bracket by time alone")
-
-
-def _check_still(shifts: dict[str, tuple[float, float]], first: str) -> None:
-    for name, (x, y) in shifts.items():
-        if np.hypot(x, y) > STILL:
-            raise InputError(
-                f"{name} has moved by ({x:.2f}, {y:.2f}) px against {first}: fix camera and object, or leave it out"
-            )
-
-
-def _noise(exposures: Sequence[Exposure], calibration: Calibration, usual: Noise) -> Noise:
-    """From pairs of flats, of the bracket and of darks, each frame once; from single frames where no lit two are.
-
-    Where they do not tell, as the JPEGs of a camera that smooths them, `usual` with a warning.
-    """
-    lit = [*_pairs(calibration.flats), *_pairs(exposures)]
-    dark = [(one, other) for one, other in _pairs(calibration.darks) if one.seconds == other.seconds]
-    try:
-        return noise_from_pairs([*lit, *dark]) if lit else noise_from_frames([*calibration.flats, *exposures])
-    except InputError as error:
-        warnings.warn(f"{error}; a usual sensor's noise stands in", stacklevel=3)
-        return usual
-
-
-def _pairs(frames: Sequence[Exposure]) -> list[tuple[Exposure, Exposure]]:
-    ordered = sorted(frames, key=lambda one: one.seconds)
-    return list(zip(ordered[::2], ordered[1::2], strict=False))
-
-
-def _shots(
-    exposures: Sequence[Exposure], calibration: Calibration, noise: Noise
-) -> tuple[list[Shot], NDArray[np.bool_]]:
-    """The exposures less their dark frames, and where these are hot."""
-    hot = np.zeros(exposures[0].signal.shape, np.bool_)
-    shots = []
-    for one in exposures:
-        signal, dark, variance = one.signal, 0.0, 0.0
-        if calibration.darks:
-            master = dark_master(calibration.darks, one.seconds, noise)
-            hot |= master.hot
-            signal, dark, variance = one.signal - master.signal, master.signal, master.variance
-        shots.append(Shot(signal, dark, variance, one.rounding, one.full, one.white, one.seconds, one.curve))
-    return shots, hot
-
-
-def _flattened(merged: Merged, calibration: Calibration, noise: Noise) -> Merged:
-    flat = flat_master(calibration.flats, calibration.darks, noise)
-    share = np.where(flat.usable, flat.share, 1.0)
-    rate = merged.rate / share
-    variance = merged.variance / share**2 + rate**2 * flat.variance / share**2
-    return Merged(rate.astype(np.float32), variance.astype(np.float32), merged.valid & flat.usable)
-
-
-def _filled(
-    merged: Merged, mosaic: str, demosaic: Demosaic
-) -> tuple[NDArray, NDArray, NDArray, NDArray[np.bool_] | None]:
-    """Values, variance (height, width, channels), valid (height, width) and native, whatever the mosaic."""
-    if not mosaic:
-        return merged.rate, merged.variance, np.all(merged.valid, axis=2), None
-    rate, variance = merged.rate.astype(np.float64), merged.variance.astype(np.float64)
-    values, spread, spoilt = demosaiced(rate, variance, ~merged.valid, mosaic, demosaic)
-    return values, spread, ~spoilt, native_of(mosaic, *rate.shape)
+def _estimated(paths: Sequence[Path], exposures_s: Sequence[float]) -> Transfer:
+    """The transfer curve that explains a bracket; `InputError` where its exposure times are not known."""
+    times = list(exposures_s) or [read_exif(path).exposure_s for path in paths]
+    known = [time for time in times if time is not None]
+    if len(known) < len(times):
+        raise InputError("the exposures of the bracket are not in its files: state --exposures")
+    return estimate_transfer([read_picture(path) for path in paths], known)

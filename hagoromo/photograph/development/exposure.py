@@ -22,7 +22,7 @@ PICTURES, TIFFS, EXRS = (".png", ".jpg", ".jpeg"), (".tif", ".tiff"), (".exr",)
 LINEAR_ROUNDING = 1.0 / 12.0  # DN²: variance of rounding to whole numbers
 
 
-class Given(NamedTuple):
+class StatedExposure(NamedTuple):
     """What a user states of files that do not tell it themselves; None where the file is to tell.
 
     black, white [DN]; mosaic of a one-channel image; transfer: "linear", "srgb", a CSV or a curve; exposure_s [s]; iso.
@@ -77,7 +77,7 @@ class Exposure:
         return self.exif.iso or 100.0
 
 
-def read_exposure(path: str | Path, given: Given = Given()) -> Exposure:  # noqa: B008 - a tuple of None
+def read_exposure(path: str | Path, given: StatedExposure = StatedExposure()) -> Exposure:  # noqa: B008 - a tuple of None
     """The shot at `path`. `InputError` for a file of no known kind, or 8 bits without a stated transfer."""
     path = Path(path)
     suffix = path.suffix.lower()
@@ -106,7 +106,7 @@ def planes(samples: NDArray, mosaic: str) -> list[NDArray]:
     return [samples[..., channel] for channel in range(samples.shape[2])]
 
 
-def _from_raw(path: Path, given: Given) -> Exposure:
+def _from_raw(path: Path, given: StatedExposure) -> Exposure:
     shot = raw.read_raw(path)
     numbers, white = shot.numbers, given.white or shot.white
     black = shot.black if given.black is None else np.full((2, 2), given.black)
@@ -116,7 +116,7 @@ def _from_raw(path: Path, given: Given) -> Exposure:
     return Exposure(signal, LINEAR_ROUNDING, numbers >= white, white - float(black.max()), shot.mosaic, shot.exif)
 
 
-def _from_numbers(image: NDArray, path: Path, given: Given) -> Exposure:
+def _from_numbers(image: NDArray, path: Path, given: StatedExposure) -> Exposure:
     """8 or 16 bits; alpha is left out."""
     largest = int(np.iinfo(image.dtype).max)
     mosaic = given.mosaic or ""
@@ -138,7 +138,7 @@ def _from_numbers(image: NDArray, path: Path, given: Given) -> Exposure:
     return Exposure(signal, rounding, full, ceiling - floor, mosaic, read_exif(path), path.name, curve=spread)
 
 
-def _from_light(image: NDArray, path: Path, given: Given) -> Exposure:
+def _from_light(image: NDArray, path: Path, given: StatedExposure) -> Exposure:
     """Linear values without rounding, which keep their unit; nothing is clipped unless `white` is stated."""
     mosaic = given.mosaic or ""
     values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.photograph.development.develop import Development
+from hagoromo.photograph.development.development import Development
 
 WHOLE = 0.999  # least share of valid samples of which a pixel is made
 
@@ -45,4 +45,5 @@ def undistorted(found: Development, camera: Camera) -> Development:
         variance=variance.reshape(found.variance.shape),
         valid=valid,
         native=None if native is None else native.reshape(found.values.shape),
+        undistorted=True,
     )
