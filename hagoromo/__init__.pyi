@@ -28,6 +28,12 @@ from .photograph.capture import Capture as Capture, load_capture as load_capture
 # Calibration
 from .calibration.camera.board import Board as Board
 from .calibration.camera.calibrate_camera import calibrate_camera as calibrate_camera
+from .calibration.lamps.lamp_calibration import LampCalibration as LampCalibration
+from .calibration.lamps.calibrate_lamps import MatteReference as MatteReference, calibrate_lamps as calibrate_lamps
+from .calibration.lamps.uncalibrated.far_lamps import SelfCalibration as SelfCalibration
+from .calibration.lamps.uncalibrated.calibrate_from_object import (
+    calibrate_lamps_from_object as calibrate_lamps_from_object,
+)
 from .calibration.response.chart import chart_spectra as chart_spectra
 from .calibration.response.calibrate_response import calibrate_response as calibrate_response
 from .calibration.response.chart_response import response_from_chart as response_from_chart

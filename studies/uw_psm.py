@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hagoromo.calibration.lamps import Ball, LampReading, calibrate_lamps, find_ball
+from hagoromo.calibration.lamps import Ball, LampReading, find_ball, lamps_from_ball
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Sensor, develop_raw
 from hagoromo.errors import InputError
@@ -42,7 +42,7 @@ def read_lamps(folder: str | Path) -> tuple[Ball, tuple[LampReading, ...]]:
     """The lamps as the chrome ball shows them; `InputError` when its photographs are not in `folder`."""
     home = Path(folder) / "chrome"
     photographs = {f"{k}": read_png(home / f"chrome.{k}.png") for k in range(LAMPS)}
-    return calibrate_lamps(photographs, read_png(home / "chrome.mask.png"))
+    return lamps_from_ball(photographs, read_png(home / "chrome.mask.png"))
 
 
 def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -> Capture:

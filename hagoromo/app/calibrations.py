@@ -9,9 +9,11 @@ from typing import Any, Literal
 import tyro
 from tyro.conf import Positional, UseAppendAction
 
+import hagoromo as hg
 from hagoromo.app.progress import progress_bar
 from hagoromo.app.verb import Force, Out, verb, wrote
 from hagoromo.errors import InputError
+from hagoromo.files.whole import replaceable_file
 
 calibrations = tyro.extras.SubcommandApp()
 
@@ -96,21 +98,27 @@ def calibrate_lamps(
             object is taken for convex at its outline.
         transfer: of 8-bit photographs, where strength or an object is asked for; 16 bits are taken for linear.
     """
-    from hagoromo.app.calibrate_lamps import Balls, Matte, calibrate_lamps_to
-    from hagoromo.app.self_calibrate import self_calibrate_to
+    from hagoromo.app.lamp_summary import lamp_summary, object_summary
 
-    balls = Balls(mask, moved, radius, camera, mirror)
-    matte = Matte(reference, reflectance, reference_normal, reference_radius)
+    if object is not None and (mask or moved or mirror or reference):
+        raise InputError("--object stands for itself, without --mask, --moved, --mirror, --reference: leave one out")
+    if bool(reference) != bool(reflectance):
+        raise InputError("--reference, the mask, and --reflectance go together: give both")
+    replaceable_file(out, force)
     with progress_bar("calibrate lamps") as progress:
-        if object is None:
-            lines = calibrate_lamps_to(photographs, out, balls, matte, transfer, force, progress)
-        elif mask or moved or mirror or reference:
-            raise InputError(
-                "--object stands for itself, without --mask, --moved, --mirror, --reference: leave one out"
+        if object is not None:
+            result = hg.calibrate_lamps_from_object(
+                photographs, object, camera=camera, transfer=transfer, progress=progress
             )
         else:
-            lines = self_calibrate_to(photographs, object, out, camera, transfer, force, progress)
-    print(*lines, sep="\n")
+            matte = reference and hg.MatteReference(reference, reflectance, reference_normal, reference_radius)
+            result = hg.calibrate_lamps(
+                photographs, mask, moved=moved, radius=radius, camera=camera, reference=matte, mirror=mirror,
+                transfer=transfer, progress=progress,
+            )  # fmt: skip
+    result.save(out, force)
+    summary = object_summary(result) if isinstance(result, hg.SelfCalibration) else lamp_summary(result)
+    print(*summary, sep="\n")
     wrote(out)
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.lamps import (
-    calibrate_lamps,
     find_highlight,
     find_matte_ball,
     highlight_strength,
+    lamps_from_ball,
     matte_card,
     reference_strength,
 )
@@ -93,7 +93,7 @@ def test_a_highlight_that_is_not_clipped_tells_strength_by_its_light(seen):
         ball, lamp = seen_through(camera, np.array([0.05, 0.0, 0.01]), 0.2), unit([0.3, -0.8, 0.4])
     numbers = mirror_photograph([ball], lamp, 6, half_width, white=65535, light=radiance, glow=1e-4)
     light = np.repeat(numbers[..., None] / 65535.0, 3, axis=2)
-    found_ball, (reading,) = calibrate_lamps({"a": numbers}, mask_of(ball), camera)
+    found_ball, (reading,) = lamps_from_ball({"a": numbers}, mask_of(ball), camera)
     found = highlight_strength(light, found_ball, reading.highlight, mirror)
     truth = 2 * np.pi * (1 - np.cos(half_width)) * radiance / mirror
     np.testing.assert_allclose(found.intensity, truth, rtol=0.02)
@@ -104,7 +104,7 @@ def test_strength_is_refused_where_it_cannot_be_told():
     ball, lamp = seen_from_afar(SHAPE, (80.3, 74.9), 61.7), unit([0.3, 0.2, 0.9])
     clipped = mirror_photograph([ball], lamp, 7, 0.06)
     light = np.where(clipped[..., None] == 255, np.nan, clipped[..., None] / 255.0).repeat(3, axis=2)
-    mirror = calibrate_lamps({"a": clipped}, mask_of(ball))[0]
+    mirror = lamps_from_ball({"a": clipped}, mask_of(ball))[0]
     with pytest.raises(InputError, match="its strength is not told"):
         highlight_strength(light, mirror, find_highlight(clipped, mirror), 0.6)
     matte = find_matte_ball(mask_of(ball), None, 0.9)

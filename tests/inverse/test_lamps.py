@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hagoromo.calibration.lamps import calibrate_lamps
+from hagoromo.calibration.lamps import lamps_from_ball
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
@@ -35,7 +35,7 @@ def test_lamps_on_a_simulated_ball_are_found_within_a_third_of_a_degree(number, 
     centre, radius = BALLS[number]
     ball = seen_from_afar((HEIGHT, WIDTH), centre, radius)
     photographs = {str(k): mirror_photograph([ball], lamp, k, WIDTHS[number]) for k, lamp in enumerate(LAMPS)}
-    found, lamps = calibrate_lamps(photographs, mask_of(ball, kind))
+    found, lamps = lamps_from_ball(photographs, mask_of(ball, kind))
     np.testing.assert_allclose((*found.centre, found.radius), (*centre, radius), atol=0.2)
     assert found.source == "photographs"
     for lamp, truth in zip(lamps, LAMPS, strict=True):
@@ -58,7 +58,7 @@ def test_lamps_are_found_through_a_camera_in_perspective(kind):
     towards = [lamp for lamp in LAMPS if lamp @ unit(camera.position - centre) > -0.2]
     assert len(towards) >= 3
     photographs = {str(k): mirror_photograph([ball], lamp, k, WIDTHS[1]) for k, lamp in enumerate(towards)}
-    found, lamps = calibrate_lamps(photographs, mask_of(ball, kind), camera)
+    found, lamps = lamps_from_ball(photographs, mask_of(ball, kind), camera)
     assert degrees_between(found.axis, centre - camera.position) < 0.05
     for lamp, truth in zip(lamps, towards, strict=True):
         off = degrees_between(lamp.to_lamp, truth)
@@ -73,7 +73,7 @@ def test_errors_hold_in_rooms_whose_reflections_crowd_at_the_edge():
     off, within = [], []
     for seed in range(8):
         ball = seen_from_afar((201, 207), (104.0 + 0.3 * seed, 99.0), 70.0 + 2 * seed)
-        found = calibrate_lamps(room_photographs(ball, LAMPS[:3], seed), mask_of(ball, "wide"))[1]
+        found = lamps_from_ball(room_photographs(ball, LAMPS[:3], seed), mask_of(ball, "wide"))[1]
         angles = degrees_between([lamp.to_lamp for lamp in found], LAMPS[:3])
         off.extend(angles)
         within.extend(angles < 2 * np.array([lamp.standard_error_deg for lamp in found]))
@@ -94,7 +94,7 @@ def test_real_chrome_ball_agrees_with_two_independent_readings():
     """
     photographs = {f"{k}": read_png(REAL / "chrome" / f"chrome.{k}.png") for k in range(12)}
     mask = read_png(REAL / "chrome" / "chrome.mask.png")
-    ball, lamps = calibrate_lamps(photographs, mask)
+    ball, lamps = lamps_from_ball(photographs, mask)
     theirs = read_directions("lights_from_chrome_ball_by_lab.txt")
     ours = np.array([lamp.to_lamp for lamp in lamps])
     assert ball.source == "mask"
@@ -127,4 +127,4 @@ def test_photographs_that_show_no_lamp_are_refused():
         ({}, disc, "no photograph"),
     ]:
         with pytest.raises(InputError, match=said):
-            calibrate_lamps(photographs, mask)
+            lamps_from_ball(photographs, mask)

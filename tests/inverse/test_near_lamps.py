@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hagoromo.calibration.lamps import calibrate_lamps, check_spread, locate_lamp
+from hagoromo.calibration.lamps import check_spread, lamps_from_ball, locate_lamp
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from tests.inverse.simulated_mirror import degrees_between, mask_of, mirror_photograph, seen_through, unit
@@ -22,7 +22,7 @@ FAR = unit([0.2, -1.0, 0.6])
 def rays(photographs_of_balls):
     """Per lamp, the readings of all balls; photographs of each ball: name → numbers."""
     found = [
-        calibrate_lamps(photographs, mask_of(ball), CAMERA)[1]
+        lamps_from_ball(photographs, mask_of(ball), CAMERA)[1]
         for photographs, ball in zip(photographs_of_balls, BALLS, strict=True)
     ]
     return list(zip(*found, strict=True))

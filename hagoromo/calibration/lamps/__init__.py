@@ -2,11 +2,11 @@
 
 from hagoromo.calibration.lamps.ball import Ball as Ball
 from hagoromo.calibration.lamps.ball import find_ball as find_ball
-from hagoromo.calibration.lamps.calibrate_lamps import calibrate_lamps as calibrate_lamps
 from hagoromo.calibration.lamps.highlight import Highlight as Highlight
 from hagoromo.calibration.lamps.highlight import LampReading as LampReading
 from hagoromo.calibration.lamps.highlight import find_highlight as find_highlight
 from hagoromo.calibration.lamps.highlight import read_lamp as read_lamp
+from hagoromo.calibration.lamps.lamps_from_ball import lamps_from_ball as lamps_from_ball
 from hagoromo.calibration.lamps.place import LampPlace as LampPlace
 from hagoromo.calibration.lamps.place import locate_lamp as locate_lamp
 from hagoromo.calibration.lamps.reference import Reference as Reference

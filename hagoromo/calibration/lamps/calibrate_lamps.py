@@ -1,51 +1,205 @@
-"""Lamps from a chrome ball: photographs with one lamp each, and a mask of the ball → where the lamps stand."""
+"""Calibrate lamps: photographs of chrome balls, one lamp on in each → where the lamps stand and how strong they are."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
 
+import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.ball import Ball, find_ball
-from hagoromo.calibration.lamps.highlight import LampReading, find_highlight, read_lamp
-from hagoromo.calibration.lamps.outline import check_focus, refined
+from hagoromo.calibration.lamps.ball import Ball
+from hagoromo.calibration.lamps.highlight import LampReading
+from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
+from hagoromo.calibration.lamps.lamp_photographs import Transfer8, lamp_photographs
+from hagoromo.calibration.lamps.lamps_from_ball import lamps_from_ball
+from hagoromo.calibration.lamps.place import LampPlace, locate_lamp
+from hagoromo.calibration.lamps.reference import find_matte_ball, matte_card, reference_strength
+from hagoromo.calibration.lamps.strength import Strength, highlight_strength
 from hagoromo.camera.camera import Camera
+from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.errors import InputError
+from hagoromo.files.picture import read_picture
+from hagoromo.light.lamp_spread import Spread, check_spread
+
+Progress = Callable[[float, str], None]
+Reading = LampReading | LampPlace
+Picture = str | Path | NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class MatteReference:
+    """A matte ball or card in the photographs, by which the strength of a lamp is measured.
+
+    mask: a picture that is white on it, or an array (height, width). reflectance: below 1, one number or one per
+    channel. normal: (3,) direction that a card faces; None for a ball. radius: of a ball [m], where lamps are near.
+    """
+
+    mask: Picture
+    reflectance: Sequence[float]
+    normal: tuple[float, float, float] | None = None
+    radius: float | None = None
 
 
 def calibrate_lamps(
-    photographs: Mapping[str, NDArray],
-    mask: NDArray,
-    camera: Camera | None = None,
-    progress: Callable[[float, str], None] | None = None,
-) -> tuple[Ball, tuple[LampReading, ...]]:
-    """One far lamp per photograph of a chrome ball, and the ball.
+    photographs: Sequence[str | Path] | Mapping[str, NDArray],
+    masks: Picture | Sequence[Picture],
+    *,
+    moved: bool = False,
+    radius: float | None = None,
+    camera: Camera | str | Path | None = None,
+    reference: MatteReference | None = None,
+    mirror: Sequence[float] = (),
+    transfer: Transfer8 | None = None,
+    progress: Progress | None = None,
+) -> LampCalibration:
+    """One lamp per photograph, from its mirror images on chrome balls.
 
-    photographs: name → (height, width[, channels]) integers, or light as floats (NaN where clipped); a mapping that
-    reads them one by one needs memory for one. mask: (height,
-    width[, channels]), bright on the ball. `InputError` for sizes that differ, a mask that is no whole disc, a ball
-    out of focus, or a photograph without a highlight.
+    One ball measures directions (far lamps); several balls, or one ball in several places, measure positions (near
+    lamps), with the balls' `radius` [m] and a calibrated `camera`.
+
+    photographs: files, or name → (height, width[, channels]). masks: a picture or array that is white on a ball, one
+    per ball. moved: one ball in several places, a mask each: the photographs of the first place, then as many of the
+    second in the same order of lamps, and so on. camera: a `Camera` or its file; directions are then in its axes (x
+    right, y down, z forward), else in x right, y up, z to the camera, of an orthographic view. reference: measures
+    strengths. mirror: reflectance of the balls, to measure strengths by highlights that are not clipped. transfer: of
+    8-bit files, where strengths are asked for.
+
+    `InputError` for a mask that shows no disc, a photograph without a highlight, and balls that contradict each other.
     """
-    if not photographs:
-        raise InputError("no photograph of the chrome ball: give one per lamp")
-    if camera is not None and (camera.height, camera.width) != mask.shape[:2]:
-        raise InputError(f"the camera is {camera.height} × {camera.width} pixels and the mask {mask.shape[:2]}")
+    shapes = [masks] if isinstance(masks, (str, Path, np.ndarray)) else list(masks)
+    if not shapes:
+        raise InputError("no --mask of a chrome ball is given: give one per ball")
+    lens = camera if isinstance(camera, Camera) or camera is None else read_camera(camera)
+    sets = _photograph_sets(photographs, len(shapes), moved, transfer, bool(reference or len(mirror)))
+    balls, readings = _readings(sets, shapes, radius, lens, progress or (lambda share, step: None))
+    if reference is not None:
+        strengths = _by_reference(sets[0], readings, reference, lens)
+    elif len(mirror):
+        strengths = _by_highlight(sets[0], readings, balls[0], mirror, radius)
+    else:
+        strengths = (None,) * len(readings)
+    spread, remark = _spread(readings)
+    return LampCalibration(tuple(readings), tuple(strengths), tuple(balls), spread, remark)
 
-    def of_one_size() -> Iterator[NDArray]:
-        for name, photograph in photographs.items():
-            size = photograph.shape[:2]
-            if size != mask.shape[:2]:
-                raise InputError(f"{name} is {size} pixels and the mask {mask.shape[:2]}: make them fit")
-            yield photograph
 
-    ball = refined(find_ball(mask, camera), of_one_size())
-    check_focus(ball)
-    readings = []
-    for i, (name, photograph) in enumerate(photographs.items()):
+def _photograph_sets(
+    photographs: Sequence[str | Path] | Mapping[str, NDArray],
+    masks: int,
+    moved: bool,
+    transfer: Transfer8 | None,
+    linear: bool,
+) -> list[Mapping[str, NDArray]]:
+    """The photographs for each mask: the same ones, or one set after the other where the ball was moved."""
+    if not moved:
+        return [lamp_photographs(photographs, transfer, linear)] * masks
+    if masks < 2 or len(photographs) % masks:
+        raise InputError(
+            f"a moved ball has a --mask for each place and as many photographs in each: given {masks} masks and "
+            f"{len(photographs)} photographs"
+        )
+    each = len(photographs) // masks
+    slices = [slice(i * each, (i + 1) * each) for i in range(masks)]
+    if isinstance(photographs, Mapping):
+        entries = list(photographs.items())
+        return [dict(entries[part]) for part in slices]
+    return [lamp_photographs(photographs[part], transfer, linear) for part in slices]
+
+
+def _readings(
+    sets: Sequence[Mapping[str, NDArray]],
+    masks: Sequence[Picture],
+    radius: float | None,
+    camera: Camera | None,
+    progress: Progress,
+) -> tuple[list[Ball], list[Reading]]:
+    """The balls, and the lamps: far ones from one ball, near ones from several."""
+    several = len(masks) > 1
+    if several and (camera is None or radius is None):
+        raise InputError("several balls place near lamps: give their --radius [m] and a calibrated --camera")
+    balls, readings = [], []
+    for i, (mask, photographs) in enumerate(zip(masks, sets, strict=True)):
+
+        def part(share: float, step: str, i: int = i) -> None:
+            progress((i + share) / len(masks), step)
+
         try:
-            readings.append(read_lamp(name, find_highlight(photograph, ball), ball))
+            ball, lamps = lamps_from_ball(photographs, _picture(mask), camera, part)
+        except InputError as error:
+            raise InputError(f"{_name(mask, i)}: {error}" if several else str(error)) from error
+        balls.append(ball)
+        readings.append(lamps)
+    for one, other in combinations(balls, 2):
+        apart = float(np.hypot(*np.subtract(one.centre, other.centre)))
+        if apart < 0.5 * one.radius:
+            raise InputError(f"two masks show one ball ({apart:.1f} px apart): give one --mask for each ball or place")
+    if not several:
+        return balls, list(readings[0])
+    assert radius is not None
+    return balls, [locate_lamp(rays, radius) for rays in zip(*readings, strict=True)]
+
+
+def _by_reference(
+    photographs: Mapping[str, NDArray], readings: Sequence[Reading], matte: MatteReference, camera: Camera | None
+) -> list[Strength]:
+    mask = _picture(matte.mask)
+    if matte.normal is None:
+        reference = find_matte_ball(mask, camera, matte.reflectance, matte.radius)
+    else:
+        reference = matte_card(mask, matte.normal, matte.reflectance)
+    strengths = []
+    for lamp, (name, light) in zip(readings, photographs.items(), strict=True):
+        if mask.shape[:2] != light.shape[:2]:
+            label = _name(matte.mask, 0)
+            raise InputError(f"{name}: it is {light.shape[:2]} pixels and {label} {mask.shape[:2]}")
+        position = lamp.position if isinstance(lamp, LampPlace) else None
+        try:
+            strengths.append(reference_strength(light, reference, lamp.to_lamp, position))
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-        if progress:
-            progress((i + 1) / len(photographs), name)
-    return ball, tuple(readings)
+    return strengths
+
+
+def _by_highlight(
+    photographs: Mapping[str, NDArray],
+    readings: Sequence[Reading],
+    ball: Ball,
+    mirror: Sequence[float],
+    radius: float | None,
+) -> list[Strength]:
+    strengths = []
+    for lamp, (name, light) in zip(readings, photographs.items(), strict=True):
+        reading = lamp.readings[0] if isinstance(lamp, LampPlace) else lamp
+        try:
+            strengths.append(highlight_strength(light, ball, reading.highlight, mirror, _distance(lamp, radius)))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+    return strengths
+
+
+def _distance(lamp: Reading, radius: float | None) -> float:
+    """From a near lamp to its image on the first ball [m]; 1 for a far one."""
+    if not isinstance(lamp, LampPlace) or lamp.position is None or radius is None:
+        return 1.0
+    ball, highlight = lamp.readings[0].ball, lamp.readings[0].highlight
+    shown = ball.mirrored([highlight.centre])
+    eye = np.zeros(3) if ball.camera is None else ball.camera.position
+    return float(np.linalg.norm(lamp.position - eye - radius * (shown.centre + shown.normal[0])))
+
+
+def _spread(readings: Sequence[Reading]) -> tuple[Spread | None, str]:
+    """How the directions are spread; None for lamps from which normals cannot be solved, and why."""
+    try:
+        return check_spread([lamp.to_lamp for lamp in readings]), ""
+    except InputError as error:
+        return None, str(error)
+
+
+def _picture(mask: Picture) -> NDArray:
+    return read_picture(mask) if isinstance(mask, (str, Path)) else np.asarray(mask)
+
+
+def _name(mask: Picture, number: int) -> str:
+    return Path(mask).name if isinstance(mask, (str, Path)) else f"mask {number + 1}"

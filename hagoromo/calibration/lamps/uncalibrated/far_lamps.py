@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
 from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
 from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
+from hagoromo.files.record import write_json
+from hagoromo.files.whole import whole_file
+from hagoromo.light.lamp import Lamp
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
 USABLE = 1.7  # times the best scale's figure up to which another scale is an independent opinion
@@ -29,6 +33,7 @@ DRAWS = 8  # of the bootstrap
 ALIKE = 0.1  # standard deviation of ln strength up to which lamps may be taken for alike, whatever the albedo
 FINEST_DEG = 1.0  # what pixels of the outline, half beside the object, leave of the relief at best
 BOUND_SHARE = 1.0 / 3.0  # a bound is taken for three standard errors
+MIRRORED = "a hollow object under lamps mirrored about the line of sight would look the same"
 USUAL, NO_ALBEDO = Belief(), Belief(alike=0.05, entropy=False)
 
 
@@ -38,7 +43,8 @@ class SelfCalibration:
 
     convex: share of the outline that the surface turns away at, as closed objects do; 0.5 tells nothing, and the
     hollow surface under lamps mirrored about the line of sight is as good. integrability: 0, well told, to 1.
-    condition: of the directions. Axes: x right, y up, z to the camera; with a camera, world.
+    condition: of the directions. perspective: whether a camera was given. Axes: x right, y up, z to the camera; with a
+    camera, world.
     """
 
     names: tuple[str, ...]
@@ -49,6 +55,38 @@ class SelfCalibration:
     convex: float
     integrability: float
     condition: float
+    perspective: bool = False
+
+    def __repr__(self) -> str:
+        """The number of lamps and their standard errors."""
+        errors = f"{self.standard_error_deg.min():.1f}–{self.standard_error_deg.max():.1f}°"
+        return f"SelfCalibration({len(self.names)} lamps, standard errors {errors})"
+
+    @property
+    def lamps(self) -> tuple[Lamp, ...]:
+        """The lamps, far ones, for a capture."""
+        entries = zip(self.names, self.to_lamp, self.strength, strict=True)
+        return tuple(Lamp(to_lamp=way, intensity=strength, name=name) for name, way, strength in entries)
+
+    def record(self) -> dict[str, Any]:
+        """The content of lamps.json."""
+        readings = self.records()
+        return {
+            "lamps": [{key: one[key] for key in ("name", "to_lamp", "intensity")} for one in readings],
+            "object": {
+                "convex": self.convex,
+                "ambiguity": "taken for convex at its outline" if self.perspective else MIRRORED,
+                "integrability": self.integrability,
+                "condition": self.condition,
+            },
+            "readings": readings,
+        }
+
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write lamps.json, which `load_lamps` reads; `InputError` where it exists without `force`."""
+        with whole_file(path, force) as partial:
+            write_json(partial, self.record())
+        return Path(path)
 
     def records(self) -> list[dict[str, Any]]:
         """Entries of lamps.json."""

@@ -1,4 +1,4 @@
-"""Photographs of lamps' balls or objects, read when they are asked for."""
+"""Photographs of a chrome ball or an object under one lamp each, read when they are asked for."""
 
 from __future__ import annotations
 
@@ -13,19 +13,29 @@ from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
 from hagoromo.photograph.pixels import default_channels, read_pixels
 
+Transfer8 = Literal["linear", "srgb"]  # of 8-bit files
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
-class Photographs(Mapping[str, NDArray]):
+def lamp_photographs(
+    photographs: Sequence[str | Path] | Mapping[str, NDArray], transfer: Transfer8 | None, linear: bool
+) -> Mapping[str, NDArray]:
+    """Files as `LampPhotographs`; arrays as they are."""
+    if isinstance(photographs, Mapping):
+        return photographs
+    return LampPhotographs([Path(path) for path in photographs], transfer, linear)
+
+
+class LampPhotographs(Mapping[str, NDArray]):
     """Name → stored pixels, or light with NaN where it is clipped: of EXR and RAW, and of all where `linear`.
 
     Each is read when it is asked for, so that one is in memory; names as `by_name`. `InputError` for 8 bits that are to
     be linear without a stated transfer.
     """
 
-    def __init__(self, paths: Sequence[Path], transfer: Literal["linear", "srgb"] | None, linear: bool) -> None:
+    def __init__(self, paths: Sequence[Path], transfer: Transfer8 | None, linear: bool) -> None:
         self.paths = by_name(paths)
-        self.transfer: Literal["linear", "srgb"] | None = transfer
+        self.transfer: Transfer8 | None = transfer
         self.linear = linear
 
     def __getitem__(self, name: str) -> NDArray:

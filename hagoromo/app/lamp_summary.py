@@ -1,0 +1,60 @@
+"""What `hagoromo calibrate lamps` prints: the balls, each lamp with its errors, and how well the lamps are spread."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hagoromo.calibration.lamps.ball import Ball
+from hagoromo.calibration.lamps.highlight import LampReading
+from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
+from hagoromo.calibration.lamps.place import LampPlace
+from hagoromo.calibration.lamps.strength import Strength
+from hagoromo.calibration.lamps.uncalibrated.far_lamps import MIRRORED, SelfCalibration
+
+
+def lamp_summary(calibration: LampCalibration) -> list[str]:
+    """Lines of text."""
+    lines = [_of_ball(ball) for ball in calibration.balls]
+    lines += [_of_lamp(*pair) for pair in zip(calibration.readings, calibration.strengths, strict=True)]
+    spread = calibration.spread
+    if spread is None:
+        return [*lines, f"for normals: {calibration.remark}"]
+    return [*lines, f"{spread.lamps} lamps, condition number of their directions {spread.condition:.2f}"]
+
+
+def object_summary(calibration: SelfCalibration) -> list[str]:
+    """Lines of text on lamps that the object itself gave."""
+    entries = zip(calibration.names, calibration.to_lamp, calibration.standard_error_deg, strict=True)
+    lines = [
+        f"{name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {error:.1f}°"
+        for name, (x, y, z), error in entries
+    ]
+    convex = f"the object is taken for convex: {100 * calibration.convex:.0f} % of its outline turns away"
+    count = f"{len(lines)} lamps, condition number of their directions {calibration.condition:.2f}"
+    return [*lines, convex if calibration.perspective else f"{convex}; {MIRRORED}", count]
+
+
+def _of_ball(ball: Ball) -> str:
+    x, y = ball.from_mask
+    where = "the mask" if ball.source == "mask" else f"the photographs, ({x:.2f}, {y:.2f}) px from the mask's"
+    return f"ball: centre ({ball.centre[0]:.2f}, {ball.centre[1]:.2f}), radius {ball.radius:.2f} px, outline by {where}"
+
+
+def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
+    x, y, z = lamp.to_lamp
+    said = f"{lamp.name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {lamp.standard_error_deg:.2f}°"
+    if isinstance(lamp, LampPlace):
+        if lamp.position is None or lamp.standard_error is None:
+            inverse = f"{lamp.inverse_distance:.3f} ± {lamp.inverse_distance_error:.3f}"
+            said += f", far: the rays are parallel within errors (1/distance {inverse} per m)"
+        else:
+            place = ", ".join(f"{p:.4f} ± {e:.4f}" for p, e in zip(lamp.position, lamp.standard_error, strict=True))
+            said = f"{lamp.name}: position ({place}) m"
+    if strength is not None:
+        shown = zip(strength.intensity, strength.standard_error, strict=True)
+        said += f"; intensity {', '.join(f'{v:.4g} ± {e:.2g}' for v, e in shown)} by the {strength.source}"
+        if strength.shading is not None:
+            to_lamp, error = strength.shading
+            off = np.degrees(np.arccos(np.clip(to_lamp @ lamp.to_lamp, -1.0, 1.0)))
+            said += f", whose shading tells a direction {off:.2f}° from the ball's (± {error:.2f}°)"
+    return said
