@@ -120,7 +120,7 @@ def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:
     """
     kinds, parts = arrays(), PARTS**3
     dr.eval(centre)
-    found = []
+    may_hold = []
     for first in range(0, dr.width(centre), ASKED):
         count = min(ASKED, dr.width(centre) - first)
         index = dr.arange(kinds.UInt, count * parts)
@@ -129,5 +129,5 @@ def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:
         shift = (place - 0.5 * (PARTS - 1)) * (2.0 * radius / math.sqrt(3.0) / PARTS)
         middle = dr.gather(kinds.Array3f, centre, index // parts + dr.opaque(kinds.UInt, first))
         near = dr.select(bound(middle + shift) < radius / PARTS, kinds.UInt(1), 0)
-        found.append(np.array(dr.block_sum(near, parts)) > 0)
-    return np.concatenate(found)
+        may_hold.append(np.array(dr.block_sum(near, parts)) > 0)
+    return np.concatenate(may_hold)

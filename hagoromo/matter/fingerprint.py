@@ -39,7 +39,7 @@ def _state(folder: Path | None, text: str) -> list[Any]:
     """Path, size and time of the file `text`, or of all files in the folder; none where there is no such thing."""
     try:
         path = Path(text) if folder is None else inside(folder, text)
-        paths = [path] if path.is_file() else sorted(found for found in path.rglob("*") if found.is_file())
+        paths = [path] if path.is_file() else sorted(inner for inner in path.rglob("*") if inner.is_file())
     except (InputError, OSError, ValueError):
         return []  # a text that is no path
     return [[str(p.relative_to(path)), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]

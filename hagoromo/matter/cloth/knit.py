@@ -122,10 +122,10 @@ def _paths(cloth: Knitted, parity: int, margin: float, variants: int, seed: int)
     )
     beside = np.repeat(cloth.uneven * yarn.diameter_mm * beside[None], len(base), axis=0)
     turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS)
-    found = wandered(base, beside, varied, turns, steps)
-    slope = np.abs(np.roll(found["points"], -1, axis=2) - np.roll(found["points"], 1, axis=2))[0]
+    samples = wandered(base, beside, varied, turns, steps)
+    slope = np.abs(np.roll(samples["points"], -1, axis=2) - np.roll(samples["points"], 1, axis=2))[0]
     heads = (slope[..., 0] > slope[..., 1]).astype(np.int64)  # 0 legs, along v; 1 heads and feet, along u
-    return Paths(**found, turns=turns, population=heads)
+    return Paths(**samples, turns=turns, population=heads)
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:

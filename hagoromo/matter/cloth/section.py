@@ -51,12 +51,12 @@ def section(yarn: Yarn, voxel_mm: float, seed: int) -> Section:
         radius = (BUNDLE_SHARE / count) ** 0.5
     centres = scattered(count, radius, seed)
     tree, softness, outline = KDTree(centres), min(2.0 * voxel, 1.6 * radius), 2.0 * voxel
-    found = tree.query(_square(1.0))[1]
+    index = tree.query(_square(1.0))[1]
     points = _square(1.0 + outline)
     profile = _disc(tree.query(points)[0], sharp_radius(radius, softness), softness)
     ply = _disc(np.linalg.norm(points, axis=1), sharp_radius(1.0, outline), outline)
     mean = float((profile * ply).sum() / ply.sum())
-    nearest = np.ascontiguousarray(centres[found], np.float32)
+    nearest = np.ascontiguousarray(centres[index], np.float32)
     return Section(nearest, sharp_radius(radius, softness), softness, contrast, mean, filling)
 
 

@@ -1,6 +1,6 @@
 """Strand: the paths of yarns through a period of cloth, and the nearest of them to a point, on the device.
 
-A path is told at equal steps of its length; it ends where it began, or a whole period of the cloth farther on.
+A path is sampled at equal steps of its length; it ends where it began, or a whole period of the cloth farther on.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid, reac
     wrapped[:, :2] = np.where(wrapped[:, :2] >= period, 0.0, wrapped[:, :2])
     tree = KDTree(wrapped, boxsize=box)
     reach += 0.5 * float(np.linalg.norm(grid.edge))
-    found = np.asarray(tree.query(grid.middles() + lifted, distance_upper_bound=reach, workers=-1)[1])
-    return np.where(found < len(points), found, 0).astype(np.uint32)
+    nearest = np.asarray(tree.query(grid.middles() + lifted, distance_upper_bound=reach, workers=-1)[1])
+    return np.where(nearest < len(points), nearest, 0).astype(np.uint32)
 
 
 class Strands:
@@ -121,8 +121,8 @@ class Strands:
     def nearest(self, point: Any, cell: Any, variant: Any) -> Place:
         """Where points are beside the yarn nearest to them."""
         kinds = arrays()
-        found = dr.gather(kinds.UInt, self._nearest, cell)
-        yarn, step = found // self.steps, kinds.Float(found % self.steps)
+        nearest = dr.gather(kinds.UInt, self._nearest, cell)
+        yarn, step = nearest // self.steps, kinds.Float(nearest % self.steps)
         first = (variant * self.yarns + yarn) * self.steps
         for _ in range(SOUGHT):  # the cell's step is a few steps off
             step = step - self.steps * dr.floor(step / self.steps)

@@ -74,8 +74,8 @@ def wandered(base: NDArray, beside: NDArray, varied: Wander, turns: int, count: 
             length = length_along(moved)
             at = np.arange(count) * (length[-1] / count)
             rows.append(np.stack([np.interp(at, length, column) for column in table.T], axis=-1))
-    found = np.array(rows).reshape(len(varied.girth), len(base), count, -1)
-    return {"points": found[..., :3], "girth": found[..., 3], "phase": found[..., 4], "way": found[..., 5]}
+    samples = np.array(rows).reshape(len(varied.girth), len(base), count, -1)
+    return {"points": samples[..., :3], "girth": samples[..., 3], "phase": samples[..., 4], "way": samples[..., 5]}
 
 
 def length_along(path: NDArray) -> NDArray[np.float64]:

@@ -114,14 +114,14 @@ class WifFile:
         return text in ("true", "on", "yes", "1")
 
     def marks(self, section: str, rows: int, columns: int) -> np.ndarray:
-        """Lists of numbers as marks: (rows, columns) bool; rows that are not told have none."""
-        found = np.zeros((rows, columns), bool)
+        """Lists of numbers as marks: (rows, columns) bool; a row that the file does not list has none."""
+        marks = np.zeros((rows, columns), bool)
         for key, text in self._section(section).items():
             row = self._whole(section, key, key, rows) - 1
             for part in (text or "").split(","):
                 if part.strip() not in ("", "0"):
-                    found[row, self._whole(section, key, part.strip(), columns) - 1] = True
-        return found
+                    marks[row, self._whole(section, key, part.strip(), columns) - 1] = True
+        return marks
 
     def threads(self, section: str, count: int) -> Threads:
         """Colours, distance and thickness of the threads of `warp` or `weft`."""
@@ -158,12 +158,12 @@ class WifFile:
     def _numbers(self, section: str, key: str, default: str | None, count: int) -> list[float]:
         text = self._text(section, key, default)
         try:
-            found = [float(part) for part in text.split(",")]
+            values = [float(part) for part in text.split(",")]
         except ValueError:
-            found = []
-        if len(found) != count or not all(map(math.isfinite, found)):
+            values = []
+        if len(values) != count or not all(map(math.isfinite, values)):
             raise self._wrong(section, key, text, f"{count} number{'s' * (count > 1)}")
-        return found
+        return values
 
     def _whole(self, section: str, key: str, text: str, most: int) -> int:
         if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= most:

@@ -32,7 +32,7 @@ class Contacts:
         self.narrow = narrow.astype(np.float32)
         self.columns = np.repeat(np.array(columns, np.int32), sizes)
 
-    def found(self, points: NDArray[np.floating], reach: float) -> NDArray[np.uint32]:
+    def candidates(self, points: NDArray[np.floating], reach: float) -> NDArray[np.uint32]:
         """For every point up to MOST others within `reach` that it may touch, itself where are fewer: (MOST, n)."""
         from scipy.spatial import KDTree
 

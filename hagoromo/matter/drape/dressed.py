@@ -36,11 +36,11 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
     def shape(point: Any) -> Any:
         asked = np.array(point, np.float64).T
         far, nearest = tree.query(asked, distance_upper_bound=DEEP, workers=-1)
-        found = np.isfinite(far)
-        nearest = np.where(found, nearest, 0)
+        is_within_reach = np.isfinite(far)
+        nearest = np.where(is_within_reach, nearest, 0)
         above = np.einsum("ij,ij->i", asked - points[nearest], normals[nearest]) > 0
-        # the reach of the search stands for what was not found: the body itself tells about the inside
-        cloth = kinds.Float(np.where(found, np.where(above, far, -far), DEEP).astype(np.float32))
+        # beyond the reach of the search the distance is at least DEEP; the body itself decides what is inside
+        cloth = kinds.Float(np.where(is_within_reach, np.where(above, far, -far), DEEP).astype(np.float32))
         return dr.fmin(body(point), cloth)
 
     return shape

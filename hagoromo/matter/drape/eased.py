@@ -22,8 +22,8 @@ def eased(sheet: Sheet, width_mm: float) -> Sheet:
     share = np.ones(sheet.u.shape)
     for axis, length in enumerate(rest):
         steps = _slopes(smooth, axis, wide)
-        found = np.clip((GATHERED[0] - np.linalg.norm(steps, axis=2) / length) / (GATHERED[0] - GATHERED[1]), 0.0, 1.0)
-        share *= 1.0 - found
+        easing = np.clip((GATHERED[0] - np.linalg.norm(steps, axis=2) / length) / (GATHERED[0] - GATHERED[1]), 0.0, 1.0)
+        share *= 1.0 - easing
     part = _smoothed(1.0 - share, tuple(0.5 * s for s in sigma), wide)[..., None]
     return Sheet(sheet.points + part * (smooth - sheet.points), sheet.u, sheet.v, sheet.around)
 

@@ -114,7 +114,7 @@ def _after(
     for turn in range(turns):
         if turn % every == 0:
             now = np.array(place, np.float64).T
-            touching = [resident(kinds.UInt, row) for row in contacts.found(now, REACH * spacing)]
+            touching = [resident(kinds.UInt, row) for row in contacts.candidates(now, REACH * spacing)]
             ease = FALL + (REST - FALL) * min(max(3.0 * turn / turns - 1.5, 0.0), 1.0)
             drag = dr.opaque(kinds.Float, math.exp(-ease * step))
         place, speed = move(place, speed, touching, drag, mesh)

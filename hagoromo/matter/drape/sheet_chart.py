@@ -18,7 +18,7 @@ DENSE = 0.5  # mm between the points of a sheet that are sought
 TURNS = 3  # of the search for the foot of a point, which closes in by height × curvature each
 AT_ONCE = 1 << 17  # points, so that what is looked up for them stays in the cache
 ASIDE = 1000.0  # periods, or mm, between the u and v of one sheet and those of the next
-FAR = 8.0  # mm beyond the reach, to which distances are told
+FAR = 8.0  # mm beyond the reach, up to which distances are computed
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -88,11 +88,11 @@ class _Samples:
     def place(self, asked: NDArray[np.floating], reach: float, edge: float) -> NDArray[np.floating]:
         """height, u, v, presence, normal and direction of u for points (n, 3): (n, 10)."""
         far, nearest = self.tree.query(asked, distance_upper_bound=reach + self.coarsest, workers=-1)
-        nearest, found = np.asarray(nearest), np.isfinite(far)
+        nearest, is_within_reach = np.asarray(nearest), np.isfinite(far)
         out = np.zeros((len(asked), 10), np.float32)
         out[:, 0], out[:, 6], out[:, 7] = reach, 1.0, 1.0
-        if found.any():
-            out[found] = self._foot(asked[found], nearest[found], edge)
+        if is_within_reach.any():
+            out[is_within_reach] = self._foot(asked[is_within_reach], nearest[is_within_reach], edge)
         return out
 
     def _foot(self, asked: NDArray[np.floating], nearest: NDArray[np.int64], edge: float) -> NDArray[np.floating]:

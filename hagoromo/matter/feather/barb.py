@@ -119,11 +119,11 @@ def nominal_spacing(barbs: Barbs) -> float:
 
 def _slopes(barbs: Barbs, inner: Any) -> tuple[Any, Any]:
     """Slope of the barbs (along / across) at the shaft, and by how much it has grown at the edge."""
-    kinds, found = arrays(), []
+    kinds, slopes = arrays(), []
     for degrees in (barbs.outer_deg, barbs.inner_deg):
         foot, edge = (1.0 / math.tan(math.radians(angle)) for angle in (degrees, degrees - barbs.curl_deg))
-        found.append((foot, edge - foot))
-    (outer, outer_more), (own, own_more) = found
+        slopes.append((foot, edge - foot))
+    (outer, outer_more), (own, own_more) = slopes
     return dr.select(inner, kinds.Float(own), outer), dr.select(inner, kinds.Float(own_more), outer_more)
 
 

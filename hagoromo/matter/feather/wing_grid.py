@@ -83,9 +83,9 @@ def cell_at(x: Any, z: Any, height: Any) -> Any:
 
 def _cells(places: NDArray[np.float64], thick: float) -> NDArray[np.int64]:
     """Numbers of all cells within REACH of places, and `thick` in height."""
-    found, reach = [], np.array([REACH, REACH, thick])
+    cell_numbers, reach = [], np.array([REACH, REACH, thick])
     steps = np.ceil(2.0 * reach / CELL).astype(int)  # no step is longer than a cell
     for step in np.ndindex(*(steps + 1)):
         at = ((places + (2.0 * np.array(step) / steps - 1.0) * reach - LOW) / CELL).astype(int)
-        found.append(np.ravel_multi_index(tuple(np.clip(at, 0, SHAPE - 1).T), tuple(SHAPE)))
-    return np.unique(np.concatenate(found))
+        cell_numbers.append(np.ravel_multi_index(tuple(np.clip(at, 0, SHAPE - 1).T), tuple(SHAPE)))
+    return np.unique(np.concatenate(cell_numbers))

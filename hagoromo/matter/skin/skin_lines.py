@@ -94,10 +94,10 @@ def pores(point: Any, lines: Lines, seed: Any) -> Any:
 def _family(at: Any, faint: Any, lines: Lines, seed: Any) -> Any:
     """0…1 of the depth of a line, of one family of lines; `at`: place across them [spacings]."""
     whole, half_width = dr.floor(dr.detach(at)), HALF_WIDTH * lines.primary_depth_mm / lines.primary_mm
-    found = arrays().Float(0)
+    strongest = arrays().Float(0)
     for step in (-1, 0, 1):
         number = arrays().Int(whole) + step
         away = whole + (step + 0.5) - at + UNEVEN * (random((number, 0, 0), seed) - 0.5)
         strength = FAINTEST + (1.0 - FAINTEST) * faint * (0.5 + 0.5 * random((number, 1, 0), seed))
-        found = dr.fmax(found, strength * dr.exp(-dr.square(away / half_width)))
-    return found
+        strongest = dr.fmax(strongest, strength * dr.exp(-dr.square(away / half_width)))
+    return strongest

@@ -46,13 +46,13 @@ def surface_reflectances(
     materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float
 ) -> list[Reflectance]:
     """The materials with their body colours on `basis`, dimmed by `dim`, on plane elements."""
-    found = []
+    reflectances = []
     for material in materials:
         values = np.maximum(np.sum([c * s.values for c, s in zip(material.body_colour, basis, strict=True)], axis=0), 0)
         colour = Spectrum(basis[0].wavelengths, values)
         weights = material.alpha * dim, material.beta * dim
-        found.append(Reflectance(*weights, material.gamma, material.n, colour, name=material.name))
-    return found
+        reflectances.append(Reflectance(*weights, material.gamma, material.n, colour, name=material.name))
+    return reflectances
 
 
 def _vectors(path: Path, letter: str) -> NDArray[np.float32]:

@@ -78,6 +78,6 @@ class MeshRays:
         """The next face along a ray: whether there is one, the way to behind it, ±1 where the ray leaves or enters."""
         mi = mitsuba()
         hit = self._scene.ray_intersect(mi.Ray3f(mi.Point3f(point), mi.Vector3f(direction)))
-        met = hit.is_valid()
-        way = dr.select(met, hit.t, 0.0) + self._step
-        return met, way, dr.select(dr.dot(hit.n, direction) > 0, 1.0, -1.0), point + direction * way
+        is_hit = hit.is_valid()
+        way = dr.select(is_hit, hit.t, 0.0) + self._step
+        return is_hit, way, dr.select(dr.dot(hit.n, direction) > 0, 1.0, -1.0), point + direction * way

@@ -21,7 +21,7 @@ MORTON_BITS = 16  # a coordinate
 class Nearest(NamedTuple):
     """The nearest face within reach: whether there is one, its number, shares of its corners, the point on it."""
 
-    found: Any
+    is_within_reach: Any
     face: Any
     shares: Any
     point: Any
@@ -44,10 +44,10 @@ class MeshTree:
     def nearest(self, point: Any, reach: float) -> Nearest:
         """The face nearest to `point` (Array3f), no farther than `reach`."""
         _, leaf = self._search(point, dr.opaque(arrays().Float, reach * reach) + 0.0 * point.x)
-        found = leaf >= self.leaves
-        leaf = dr.select(found, leaf - self.leaves, 0)
+        is_within_reach = leaf >= self.leaves
+        leaf = dr.select(is_within_reach, leaf - self.leaves, 0)
         shares, on = _nearest_on(point, *self._corners_of(leaf))
-        return Nearest(found, dr.gather(arrays().UInt, self._faces, leaf), shares, on)
+        return Nearest(is_within_reach, dr.gather(arrays().UInt, self._faces, leaf), shares, on)
 
     @dr.syntax
     def _search(self, point: Any, best: Any) -> tuple[Any, Any]:

@@ -88,7 +88,7 @@ class ReliefField:
         return holds
 
     def _pixel(self, p: Any) -> tuple[Any, Any]:
-        """Column and row (from those of the first pixel) where box coordinates `p` [m] are seen."""
+        """Column and row (from those of the first pixel) where box coordinates `p` [m] are projected."""
         (ax, ay), (x0, y0) = self.camera.focal, self.camera.principal
         away = p.z + self.low[2]
         column = (p.x + self.low[0]) / away * ax + (x0 - self.first[0])
@@ -122,7 +122,7 @@ class ReliefField:
         """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`."""
         kinds = arrays()
         left, top = dr.floor(column - 0.5), dr.floor(row - 0.5)
-        found = [kinds.Float(0) for _ in (*self.facing, *self.colour, self.known)]
+        sums = [kinds.Float(0) for _ in (*self.facing, *self.colour, self.known)]
         for down in (0.0, 1.0):
             for right in (0.0, 1.0):
                 at = kinds.UInt(clip(top + down, 0.0, self.rows - 1.0)) * self.columns
@@ -133,20 +133,20 @@ class ReliefField:
                 together = dr.abs(dr.dot(axis, beside - place)) < FOLD * self.voxel
                 together &= dr.gather(kinds.UInt, self.labels, at) == label
                 weight = dr.select(together, weight, 0.0)
-                parts = zip((*self.facing, *self.colour, self.known), found, strict=True)
-                found = [dr.fma(weight, dr.gather(kinds.Float, part, at), sum_) for part, sum_ in parts]
-        scale = dr.rcp(dr.fmax(found.pop(), 1e-6))  # 0 where nothing is known
-        return dr.normalize(kinds.Array3f(*found[:3]) + 1e-9), *(colour * scale for colour in found[3:])
+                parts = zip((*self.facing, *self.colour, self.known), sums, strict=True)
+                sums = [dr.fma(weight, dr.gather(kinds.Float, part, at), sum_) for part, sum_ in parts]
+        scale = dr.rcp(dr.fmax(sums.pop(), 1e-6))  # 0 where nothing is known
+        return dr.normalize(kinds.Array3f(*sums[:3]) + 1e-9), *(colour * scale for colour in sums[3:])
 
 
 def _levels(near: Array, far: Array) -> list[tuple[Any, Any, int, int]]:
     """Least and greatest depth of blocks of 2ⁿ × 2ⁿ pixels, and how many rows and columns of them there are."""
-    kinds, found = arrays().Float, []
+    kinds, levels = arrays().Float, []
     while True:
         rows, columns = near.shape
-        found.append((kinds(near.astype(np.float32).ravel()), kinds(far.astype(np.float32).ravel()), rows, columns))
+        levels.append((kinds(near.astype(np.float32).ravel()), kinds(far.astype(np.float32).ravel()), rows, columns))
         if max(near.shape) == 1:
-            return found
+            return levels
         even = ((0, rows % 2), (0, columns % 2))
         near, far = np.pad(near, even, constant_values=np.inf), np.pad(far, even, constant_values=-np.inf)
         shape = near.shape[0] // 2, 2, near.shape[1] // 2, 2

@@ -86,16 +86,16 @@ class MeshSurface:
         away = point - near.point
         plane = dr.gather(kinds.Array3f, self._planes, near.face)
         across = dr.select(dr.squared_norm(away) > (BESIDE * half) ** 2, unit(away), plane)
-        share = self._rays.share_inside(point - across * half, across, softness, near.found)
-        deep = self._rays.inside(point, ~near.found)
+        share = self._rays.share_inside(point - across * half, across, softness, near.is_within_reach)
+        deep = self._rays.inside(point, ~near.is_within_reach)
         corners = (dr.gather(kinds.Array3f, self._normals, near.face * 3 + k) for k in range(3))
         normal = sum((corner * near.shares[k] for k, corner in enumerate(corners)), kinds.Array3f(0))
-        return dr.select(near.found, share, dr.select(deep, 1.0, 0.0)), unit(normal)
+        return dr.select(near.is_within_reach, share, dr.select(deep, 1.0, 0.0)), unit(normal)
 
     def distance(self, point: Any, reach: float) -> Any:
         """Distance [mm] to the mesh, `reach` at most; 0 inside."""
         near = self._tree.nearest(point, reach)
-        far = dr.select(near.found, dr.norm(point - near.point), reach)
+        far = dr.select(near.is_within_reach, dr.norm(point - near.point), reach)
         return dr.select(self._rays.inside(point), 0.0, far)
 
 

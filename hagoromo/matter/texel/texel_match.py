@@ -122,13 +122,13 @@ class Layer:
         """Density times what the elements of a place send back: body and interface of every population."""
         way = self.rays.to_lamp
         depth, _ = self.textures.through(self.box, self.row, here, way, FAR, self.tau)
-        arrived, found = dr.exp(-depth), []
+        arrived, radiance = dr.exp(-depth), []
         densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
             unit = dr.normalize(axis + 1e-9)
             weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n)
-            found += [density * arrived * weights.body, density * arrived * weights.interface]
-        return found
+            radiance += [density * arrived * weights.body, density * arrived * weights.interface]
+        return radiance
 
 
 @dr.syntax
@@ -161,8 +161,8 @@ def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
 
     Least squares over the pairs, drawn a little to one factor for all.
     """
-    found = unscaled(sent.shape[1])
-    for k, c in np.ndindex(found.shape[:2]):
+    scales = unscaled(sent.shape[1])
+    for k, c in np.ndindex(scales.shape[:2]):
         light, aim = sent[:, k, c], wanted[:, k, c]
         for here, columns in ((rays.front, slice(0, SCALES - 1)), (~rays.front, slice(SCALES - 1, SCALES))):
             if light[here].sum() <= 0.0:
@@ -173,8 +173,8 @@ def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
             start = mean * (np.arange(rows.shape[1]) == 0)
             drawn = np.concatenate([rows, DRAWN * most * np.eye(rows.shape[1])])
             rest = np.concatenate([aim[here] - rows @ start, np.zeros(rows.shape[1])])
-            found[k, c, columns] = start + np.linalg.lstsq(drawn, rest, rcond=None)[0]
-    return found
+            scales[k, c, columns] = start + np.linalg.lstsq(drawn, rest, rcond=None)[0]
+    return scales
 
 
 def _textures(texel: Texel) -> Textures:
