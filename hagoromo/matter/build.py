@@ -1,9 +1,9 @@
 """Build: a recipe (MATTER.toml, or the same as a dictionary) → VolumeBox that stands on z = 0 and faces −y.
 
-In memory, or straight to disk, where it may be larger than the memory. The keys of every kind of matter are told in
-`matter.recipes`, one file a kind. All kinds: [material]; name; seed (whole number); resolution (1: as stated; 2: voxels
-half as large) and, but for the figure, voxel_mm and mean_free_path_mm (of light where the density is 1: matter several
-times as thick is opaque). Paths lie in the folder of the recipe.
+The box is built in memory, or straight to disk, where it may be larger than the memory. Each file of `matter.recipes`
+documents the keys of one kind of matter. Keys of all kinds: [material]; name; seed (whole number); resolution (1: as
+stated; 2: voxels half as large); except for the figure, also voxel_mm and mean_free_path_mm (of light where the density
+is 1: matter several times as thick is opaque). Paths are relative to the folder of the recipe.
 
 [material] is {alpha, beta, gamma [rad], n, body_colour, interface_colour, element, name} or a measured one:
 {file = "materials.json", material = "name", element, response, lamp}. Without `element` it is the kind's.
@@ -34,7 +34,8 @@ Progress = Callable[[float], None]
 def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = None) -> VolumeBox:
     """The volume box of a recipe: the path of a TOML file, or its tables; see the head of this module for the keys.
 
-    progress: told the share done, 0…1. `InputError` names the key that is wrong, or unknown together with the known.
+    progress: called with the share of the work that is done, 0…1. Raises `InputError` that names the wrong key, or an
+    unknown key together with the known ones.
     """
     plan, where, _ = _planned(recipe)
     if progress:
@@ -49,9 +50,9 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = No
 def build_to(
     recipe: Mapping[str, Any] | str | Path, path: str | Path, force: bool = False, progress: Progress | None = None
 ) -> None:
-    """Build the box of a recipe at `path`, block by block: memory follows a block, and a run cut off is taken up again.
+    """Build the box of a recipe at `path`, block by block. Memory holds one block; an interrupted build is resumed.
 
-    See `build`, and `resumable_folder` for what is raised besides.
+    Raises what `build` and `resumable_folder` raise.
     """
     replaceable_folder(path, force)  # before any work
     plan, where, folder = _planned(recipe)

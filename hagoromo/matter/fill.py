@@ -1,4 +1,4 @@
-"""Fill: a field in millimetres about a place in the world → the plan of a volume box in metres."""
+"""Fill: a function of position [mm] that gives density and axis → the plan of a volume box [m]."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 MM = 1e-3  # m
-LARGEST = 4096  # voxels a side
-PARTS = 4  # of a brick along each edge, when matter is sought
-ASKED = 1 << 18  # bricks asked at once
-CORE = 10.0  # density of what lies beneath the micro-structure
+LARGEST = 4096  # voxels along an edge of the box
+PARTS = 4  # a brick is tested for matter in PARTS³ cubes
+ASKED = 1 << 18  # bricks that are tested together
+CORE = 10.0  # density of the core beneath the micro-structure
 CORE_FROM, CORE_FULL, CORE_TO = 2.5, 3.5, 4.0  # depth of the core under a surface [mean free paths]
 Field = Callable[[Any], tuple[Any, Any]]  # point [mm] → density, unit axis
 
@@ -43,14 +43,14 @@ class Fineness(NamedTuple):
         return self._replace(voxel_mm=self.voxel_mm / resolution)
 
     def resolved(self, size: float) -> float:
-        """How much of a structure of `size` [mm] the lattice carries: none below one voxel, all from two voxels on."""
+        """Share of a structure of `size` [mm] that the lattice resolves: 0 below one voxel, 1 from two voxels on."""
         return min(max(size / self.voxel_mm - 1.0, 0.0), 1.0)
 
     def core(self, depth: Any) -> Any:
         """Factor on the density at a depth [mm] under the surface of a thick thing.
 
-        1 near the surface, where the micro-structure is seen; CORE below, so that shadows are whole after a short way;
-        0 deeper still, where no light arrives.
+        1 near the surface, where the micro-structure is visible; CORE below, so that the core is opaque within a short
+        distance; 0 deeper still, where no light arrives.
         """
         path, deep = self.mean_free_path_mm, CORE_TO * self.mean_free_path_mm
         dense = clip((depth - CORE_FROM * path) / ((CORE_FULL - CORE_FROM) * path), 0.0, 1.0)
@@ -80,7 +80,7 @@ def fill(
 ) -> BoxPlan:
     """The box of `field`, a function of the point [mm] that gives density (0…CORE) and a unit axis.
 
-    bound: a Shape [mm] that is never more than the distance to matter; bricks beyond it are not looked at.
+    bound: a Shape [mm], a lower bound of the distance to matter; bricks that it excludes are not evaluated.
     extent: low and high corner [mm]. σ = τ ρ with τ = 1 / mean free path. record: name and provenance of the box.
     """
     blocks, pose = blocks_in(field, bound, extent, fineness.voxel_mm)
@@ -114,9 +114,9 @@ def blocks_in(
 
 
 def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:
-    """Whether `bound` lets matter be in the balls around `centre` [mm].
+    """Whether the balls around `centre` [mm] may hold matter, by `bound`.
 
-    Asked for PARTS³ parts of the cube in each ball: the bound of a shape with steep slopes keeps fewer empty bricks so.
+    Each ball is tested in PARTS³ parts: the bound of a shape with steep slopes then keeps fewer empty bricks.
     """
     kinds, parts = arrays(), PARTS**3
     dr.eval(centre)

@@ -1,4 +1,4 @@
-"""Fingerprint of a recipe: equal where the same voxels would be built."""
+"""Fingerprint of a recipe: equal for two recipes that build the same voxels."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from hagoromo.version import __version__
 
 
 def fingerprint(record: Mapping[str, Any], folder: Path | None) -> str:
-    """JSON of the recipe (its seed too), of what the files in `folder` that it names are, of version and backend.
+    """JSON of the recipe with its seed, of the state of the files in `folder` that it names, of version and backend.
 
-    A file is known by its size and the time when it was last changed. Raises `InputError` for what JSON cannot hold.
+    The state of a file is its size and its time of last change. Raises `InputError` for values that JSON cannot hold.
     """
     named = {text: _state(folder, text) for text in sorted(set(_texts(record)))}
     files = {text: state for text, state in named.items() if state}
@@ -36,10 +36,10 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _state(folder: Path | None, text: str) -> list[Any]:
-    """Path, size and time of the file `text`, or of all files in the folder; none where there is no such thing."""
+    """Path, size and time of the file `text`, or of all files in that folder; empty where neither exists."""
     try:
         path = Path(text) if folder is None else inside(folder, text)
         paths = [path] if path.is_file() else sorted(inner for inner in path.rglob("*") if inner.is_file())
     except (InputError, OSError, ValueError):
-        return []  # a text that is no path
+        return []  # the text is not a path
     return [[str(p.relative_to(path)), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]

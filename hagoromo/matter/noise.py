@@ -35,7 +35,7 @@ def hashed(cell: tuple[Any, Any, Any], seed: int | Any) -> tuple[Any, Any, Any]:
 
 
 def seed_of(seed: int | Any) -> Any:
-    """A seed as a UInt that kernels read from memory: another seed does not compile anew."""
+    """A seed as a UInt that kernels read from memory, so that a new seed compiles no new kernel."""
     UInt = arrays().UInt
     return dr.opaque(UInt, seed) if isinstance(seed, int) else UInt(seed)
 
@@ -68,7 +68,7 @@ def gradient_noise(point: Any, seed: int | Any) -> Any:
 
 
 def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> Cells:
-    """Distances to the nearest random points, one a cell (Worley, "A Cellular Texture Basis Function", 1996).
+    """Distances to the nearest random points, one in each cell (Worley, "A Cellular Texture Basis Function", 1996).
 
     jitter: 0 puts the points on a lattice, 1 anywhere in their cells.
     """
@@ -87,7 +87,7 @@ def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> Cells:
 
 
 def _word(number: Any) -> Any:
-    """An integer of either sign as 32 bits."""
+    """A signed integer as 32 bits."""
     return arrays().UInt(number & 0xFFFFFFFF if isinstance(number, int) else number)
 
 
@@ -100,7 +100,7 @@ def _mixed(numbers: list[Any]) -> tuple[Any, Any, Any]:
 
 
 def _cell(point: Any) -> tuple[Any, Any]:
-    """The integer cell of a point and where it is inside it, 0…1."""
+    """The integer cell of a point and the position inside it, 0…1."""
     kinds = arrays()
     floor = dr.floor(dr.detach(point))
     return kinds.Array3i(floor), point - floor

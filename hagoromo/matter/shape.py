@@ -1,7 +1,7 @@
 """Shape: solids as signed distances on the device, negative inside.
 
 Enters: positions (Array3f) and lengths, all in one unit; leaves: a Float, a distance bound (exact where the docstring
-says no other). Shapes combine as numbers do: `dr.fmin` joins, `dr.fmax` intersects, a minus sign turns inside out.
+says no other). `dr.fmin` is the union of shapes, `dr.fmax` their intersection, a minus sign the complement.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hagoromo.backend import arrays, clip
 
 Shape = Callable[[Any], Any]
 Triple = Sequence[float]
-SLOPES = 0.3, 4.0  # of a distance bound: flatter places are seams or centres, steeper ones poles of angles
+SLOPES = 0.3, 4.0  # valid slopes of a distance bound: smaller at seams and centres, larger at poles of angles
 
 
 def sphere(point: Any, centre: Triple, radius: float) -> Any:
@@ -33,7 +33,7 @@ def ellipsoid(point: Any, centre: Triple, radii: Triple) -> Any:
 
 
 def capsule(point: Any, start: Triple, end: Triple, radius: float, end_radius: float | None = None) -> Any:
-    """All within `radius` of the line from `start` to `end`; with `end_radius` it tapers (a bound, not a distance)."""
+    """Points within `radius` of the line from `start` to `end`; with `end_radius` it tapers (then a bound only)."""
     along, offset = np.subtract(end, start), point - _vector(start)
     share = clip(dr.dot(offset, _vector(along)) / float(along @ along), 0.0, 1.0)
     grown = 0.0 if end_radius is None else end_radius - radius
@@ -48,7 +48,7 @@ def rounded_box(point: Any, centre: Triple, half: Triple, rounding: float = 0.0)
 
 
 def plane(point: Any, normal: Triple, offset: float = 0.0) -> Any:
-    """All below the plane normal · point = offset; `normal` is unit and points out."""
+    """Half space below the plane normal · point = offset; `normal` is unit and points out."""
     return dr.dot(point, _vector(normal)) - offset
 
 
@@ -58,7 +58,7 @@ def revolved(point: Any, profile: Callable[[Any, Any], Any]) -> Any:
 
 
 def smooth_union(a: Any, b: Any, blend: float) -> Any:
-    """Both, their seam filled over a width of `blend` (polynomial smooth minimum of Quilez)."""
+    """Union, the seam rounded over a width of `blend` (polynomial smooth minimum of Quilez)."""
     reach = dr.fmax(blend - dr.abs(a - b), 0.0)
     return dr.fmin(a, b) - reach * reach * (0.25 / blend)
 
@@ -69,12 +69,12 @@ def smooth_difference(a: Any, b: Any, blend: float) -> Any:
 
 
 def smooth_intersection(a: Any, b: Any, blend: float) -> Any:
-    """What both share, the edge rounded over a width of `blend`."""
+    """Intersection, the edge rounded over a width of `blend`."""
     return -smooth_union(-a, -b, blend)
 
 
 def sheet(distance: Any, thickness: float) -> Any:
-    """The skin of a shape: from its surface down to `thickness` inside."""
+    """Shell of a shape: from its surface to a depth of `thickness`."""
     return dr.abs(distance + 0.5 * thickness) - 0.5 * thickness
 
 
@@ -94,7 +94,7 @@ def placed(point: Any, centre: Triple, turn_deg: Triple = (0.0, 0.0, 0.0)) -> An
 
 
 def mirrored(point: Any, seam: float = 0.0) -> Any:
-    """`point` with x ≥ 0: what is made of it stands on both sides, the seam rounded over `seam`."""
+    """`point` mirrored to x ≥ 0: a shape of it is symmetric about x = 0, its seam rounded over `seam`."""
     across = dr.abs(point.x) if seam == 0 else dr.sqrt(point.x * point.x + seam * seam)
     return type(point)(across, point.y, point.z)
 
@@ -116,7 +116,7 @@ def spline(at: Any, knots: Sequence[float], values: Sequence[float]) -> Any:
 
 
 def distance_and_normal(shape: Shape, point: Any) -> tuple[Any, Any]:
-    """Distance made true to first order, f / |∇f|, and the outward unit normal ∇f / |∇f|, by differentiation."""
+    """Distance to first order, f / |∇f|, and the outward unit normal ∇f / |∇f|, by automatic differentiation."""
     moved = type(point)(dr.detach(point))
     dr.enable_grad(moved)
     value = shape(moved)
@@ -128,14 +128,14 @@ def distance_and_normal(shape: Shape, point: Any) -> tuple[Any, Any]:
 def coverage(distance: Any, softness: float) -> Any:
     """Share of the space that a shape fills: 1 inside, 0 outside, linear over `softness` around its surface.
 
-    Two voxels of softness let trilinear interpolation show the surface without steps; a sheet thinner than that keeps
-    its place with less than 1.
+    With a softness of two voxels trilinear interpolation shows the surface without steps. A sheet thinner than that
+    has a coverage below 1.
     """
     return clip(0.5 - distance / softness, 0.0, 1.0)
 
 
 def unit(vector: Any) -> Any:
-    """A vector made unit; (0, 0, 1) for one without length."""
+    """Unit vector; (0, 0, 1) for a zero vector."""
     squared = dr.squared_norm(vector)
     some = squared > 1e-24
     scale = dr.rsqrt(dr.select(some, squared, 1.0))
@@ -143,7 +143,7 @@ def unit(vector: Any) -> Any:
 
 
 def length(vector: Any) -> Any:
-    """Length of a vector, with a slope at 0 too."""
+    """Length of a vector, differentiable at 0."""
     return dr.sqrt(dr.fmax(dr.squared_norm(vector), 1e-18))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 
-LARGEST = 4_000_000  # crossings of a draft
+LARGEST = 4_000_000  # largest number of crossings in a draft
 DIAMOND = ("00100", "01110", "11111", "01110", "00100")  # of a block design
 
 
@@ -31,7 +31,9 @@ class Draft:
         for axis, yarn in enumerate(("end", "pick")):
             loose = np.flatnonzero(down.all(axis=axis) | ~down.any(axis=axis))
             if loose.size:
-                raise InputError(f"{yarn} {loose[0] + 1} of the draft is bound by no yarn: let it change sides")
+                raise InputError(
+                    f"{yarn} {loose[0] + 1} of the draft stays on one side of all yarns: let it change sides"
+                )
         object.__setattr__(self, "drawdown", down)
 
     @property
@@ -76,7 +78,7 @@ def twill(over: int = 2, under: int = 2) -> Draft:
 
 
 def satin(ends: int = 5, step: int = 0, warp_faced: bool = True) -> Draft:
-    """Satin: an end goes under one pick in `ends`; from pick to pick the place moves on by `step` ends.
+    """Satin: an end goes under one pick in `ends`; from pick to pick that place moves by `step` ends.
 
     step 0 takes the smallest that fits (2 for 5 ends, 3 for 8). warp_faced False: the other side (sateen).
     """
@@ -89,7 +91,7 @@ def satin(ends: int = 5, step: int = 0, warp_faced: bool = True) -> Draft:
 
 
 def herringbone(over: int = 2, under: int = 2, width: int = 8) -> Draft:
-    """Herringbone: a twill whose line turns every `width` ends, broken there so that no float grows longer."""
+    """Herringbone: a twill whose line turns every `width` ends, broken there so that no float becomes longer."""
     shafts = over + under
     if width < shafts:
         raise InputError(f"a herringbone {width} ends wide: give at least {shafts}")
@@ -101,7 +103,7 @@ def herringbone(over: int = 2, under: int = 2, width: int = 8) -> Draft:
 def jacquard(pattern: Sequence[str] = DIAMOND, ends: int = 5) -> Draft:
     """Jacquard block: a figure in weft-faced satin ("1" in the rows of `pattern`, top first) on warp-faced satin.
 
-    Each sign stands for a square of one repeat of the satin.
+    Each character stands for one repeat of the satin.
     """
     rows = [[sign == "1" for sign in row] for row in pattern]
     if not rows or len({len(row) for row in rows}) != 1 or not set("".join(pattern)) <= {"0", "1"}:
@@ -113,7 +115,7 @@ def jacquard(pattern: Sequence[str] = DIAMOND, ends: int = 5) -> Draft:
 
 
 def smallest_repeat(rows: NDArray) -> int:
-    """The smallest number of rows after which all repeat."""
+    """The smallest number of rows after which the array repeats."""
     count = len(rows)
     fitting = (n for n in range(1, count + 1) if count % n == 0 and (rows == np.roll(rows, n, axis=0)).all())
     return next(fitting)

@@ -1,6 +1,6 @@
-"""Fabric: one period of a cloth as a function of (u, v, height) [mm], ready to be made a texel.
+"""Fabric: one period of a cloth as a function of (u, v, height) [mm], from which a texel is made.
 
-Density is the share of space that is fibre (1 inside a fibre that voxels show), tangents are along the fibres.
+Density is the share of space that is fibre (1 inside a resolved fibre); tangents run along the fibres.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from hagoromo.matter.cloth.thread import fibre, spun
 from hagoromo.matter.cloth.weave import Woven, check_woven, period_of, woven_paths
 from hagoromo.matter.cloth.yarn import Yarn
 
-CELLS = 3  # of the search for the nearest yarn, in the diameter of the thinnest
-ROOM = 0.35  # for hairs above and below, of their mean length
-MARGIN = 2  # voxels at the border of the period in which all variants agree
+CELLS = 3  # cells of the search for the nearest yarn, per diameter of the thinnest yarn
+ROOM = 0.35  # space for hairs above and below, as a share of their mean length
+MARGIN = 2  # voxels along the border of the period in which all variants are equal
 
 
 class Fabric(NamedTuple):
@@ -62,7 +62,7 @@ def _fabric(
     yarns: tuple[Yarn, Yarn], paths: tuple[Paths, Paths], period: tuple[float, float], thickness: float,
     populations: int, voxel_mm: float, seed: int,
 ) -> Fabric:  # fmt: skip
-    """The fabric of two kinds of yarns: densities add where their soft edges meet, the densest gives the tangent."""
+    """The fabric of two kinds of yarns: densities add where soft edges overlap; the densest yarn gives the tangent."""
     kinds = arrays()
     room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
     thicker = max(0.5 * yarn.thickness_mm * (each.girth.max() - 1.0) for yarn, each in zip(yarns, paths, strict=True))
@@ -100,7 +100,7 @@ def _fuzz(
     yarns: tuple[Yarn, Yarn], paths: tuple[Paths, Paths], period: tuple[float, float], heights: tuple[float, float],
     grid: Grid, voxel_mm: float, seed: int,
 ) -> Fuzz:  # fmt: skip
-    """Hairs of both kinds of yarns: those near the border of the period are the same in all variants."""
+    """Hairs of both kinds of yarns; near the border of the period they are the same in all variants."""
     reach = 2.0 * MARGIN * voxel_mm + 2.0 * max(grid.edge[:2])  # hairs are two voxels wide at least
     room = heights[0] + 2.0 * voxel_mm, heights[1] - 2.0 * voxel_mm
 

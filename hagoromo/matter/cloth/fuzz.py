@@ -1,4 +1,4 @@
-"""Fuzz: fly-away fibres that leave a yarn, curl and end in the air, and how they show in voxels."""
+"""Fuzz: fly-away fibres that leave a yarn and curl, and their density in voxels."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from hagoromo.matter.cloth.strand import Grid, Paths, nearest_steps
 from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.shape import coverage
 
-STEP = 0.06  # of a hair, in diameters of its yarn
-CURL = 0.2  # rad that the bending of a hair changes in a step, standard deviation
-FOLLOWED = 8.0  # steps along a hair from the one that is nearest to a cell
-LIFT = 0.5, 1.1  # rad between a hair and the yarn where it leaves, from and to
+STEP = 0.06  # length of a step along a hair [diameters of its yarn]
+CURL = 0.2  # [rad] standard deviation of the change of bending in a step
+FOLLOWED = 8.0  # steps along a hair that are searched, from the one nearest to a cell
+LIFT = 0.5, 1.1  # [rad] range of the angle between a hair and its yarn where it leaves it
 
 
 class Hairs(NamedTuple):
@@ -32,7 +32,7 @@ class Hairs(NamedTuple):
 def grown(
     yarn: Yarn, paths: Paths, variant: int, height: tuple[float, float], draw: np.random.Generator
 ) -> list[Hairs]:
-    """Hairs of a kind of yarns, one record each; they bend back where they would leave the heights [mm]."""
+    """Hairs of one kind of yarns; they bend back before they leave the range of heights [mm]."""
     points = paths.points[variant]
     length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum()
     hairs, step = [], STEP * yarn.diameter_mm
@@ -60,7 +60,7 @@ def grown(
 
 
 class Fuzz:
-    """Hairs on the device, those of every variant; none where there are none."""
+    """Hairs of all variants, on the device; there may be none."""
 
     def __init__(self, variants: list[list[Hairs]], period: tuple[float, float], grid: Grid, voxel_mm: float) -> None:
         kinds = arrays()
@@ -91,7 +91,9 @@ class Fuzz:
         moved = clip(dr.round(along / self._length), -FOLLOWED, FOLLOWED)
         last = kinds.Int(self._count - 1)
         other = kinds.UInt(dr.minimum(dr.maximum(kinds.Int(first) + kinds.Int(moved), 0), last))
-        better = self._beside(point, other)[0] < self._beside(point, first)[0]  # else it is another hair's
+        better = (
+            self._beside(point, other)[0] < self._beside(point, first)[0]
+        )  # otherwise the step belongs to another hair
         squared, along, a, b = self._beside(point, dr.select(better, other, first))
         far = dr.sqrt(dr.fmax(squared - along * along, 0.0) + dr.square(dr.fmax(abs(along) - self._length, 0.0)))
         tangent = kinds.Array3f(b.x, b.y, b.z)

@@ -20,12 +20,12 @@ from hagoromo.matter.cloth.wander import freedom, wander, wandered
 from hagoromo.matter.cloth.yarn import Yarn, check_yarn
 
 MUNDEN = 19.0  # stitch density × (length of a loop)² of dry relaxed wool (Munden, J. Text. Inst. 50, 1959, T448)
-BULGE = 1.4  # of a loop, its parameter a: neighbouring heads then stand more than a quarter of a wale apart
-LOOPS = 8  # of a period either way; even, as neighbouring courses are told apart by their parity
-STEPS = 8  # of a path in a diameter
-DENSE = 96  # points of a loop by which a path is drawn
-CLOSEST = 0.75  # of the yarn's diameter, between the axes of courses: soft yarns press one another flat
-DEEPEST = 1.6  # diameters that a loop may rise above the middle of the cloth
+BULGE = 1.4  # parameter a of a loop: neighbouring heads are then more than a quarter of a wale apart
+LOOPS = 8  # loops of a period in each direction; even, as courses alternate
+STEPS = 8  # steps of a path per diameter
+DENSE = 96  # points per loop from which a path is interpolated
+CLOSEST = 0.75  # least distance between the axes of courses [diameters]: soft yarns flatten each other
+DEEPEST = 1.6  # largest height of a loop above the middle of the cloth [diameters]
 
 
 class Knitted(NamedTuple):
@@ -72,11 +72,11 @@ def knitted_period(cloth: Knitted) -> tuple[float, float]:
 
 
 def loop_of(cloth: Knitted) -> Loop:
-    """The loop that has its length of yarn and whose courses touch where they cross."""
+    """The loop of the given length of yarn whose courses touch where they cross."""
     (wale, course), diameter = cloth.pitch, cloth.yarn.diameter_mm
     wanted = cloth.loop_mm or 10.0 * math.sqrt(MUNDEN / (cloth.wales_per_cm * cloth.courses_per_cm))
     height, depth = course, 0.5 * diameter
-    for _ in range(4):  # length and depth change each other little
+    for _ in range(4):  # length and depth depend on each other only weakly
         try:
             height = _root(lambda h, d=depth: _length(wale, Loop(h, d)) - wanted, 0.5 * course, 2.0 * course)
             depth = _root(
@@ -133,7 +133,7 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _length(wale: float, loop: Loop) -> float:
-    """Of the yarn in a loop [mm]."""
+    """Length of the yarn in a loop [mm]."""
     curve = loop_curve(wale, loop, np.linspace(0.0, 2.0 * np.pi, 4 * DENSE + 1))
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 

@@ -1,6 +1,6 @@
 """Section: where the fibres of a ply lie in its cross-section, as a table that kernels look up.
 
-Lengths are in units of the ply's radius. Where voxels are too coarse for fibres, bundles of them stand in.
+Lengths are in units of the ply's radius. Where voxels are too coarse for single fibres, bundles of fibres replace them.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from scipy.spatial import KDTree
 from hagoromo.errors import InputError
 from hagoromo.matter.cloth.yarn import Yarn
 
-SIDE = 256  # entries of the table along an edge; it spans −1…1
-SEEN = 1.5, 4.0  # voxels a fibre's diameter where single fibres begin to show, and where they are whole
+SIDE = 256  # entries along an edge of the table, which spans −1…1
+SEEN = 1.5, 4.0  # fibre diameters [voxels] between which single fibres fade in
 BUNDLE, BUNDLE_SHARE, BUNDLE_CONTRAST = 4.0, 0.62, 0.55  # diameter [voxels], share of the section, contrast
-SETTLED = 400  # steps in which fibres push one another aside
-OVERLAP = 0.12  # of a fibre's diameter, which is told from round fibres by no eye
+SETTLED = 400  # steps of the relaxation that separates fibres
+OVERLAP = 0.12  # tolerated overlap of fibres [diameters], which is not visible
 
 
 class Section(NamedTuple):
-    """Fibres or bundles of a ply, as the voxels show them.
+    """Fibres or bundles of a ply, as voxels resolve them.
 
-    nearest: (SIDE², 2) centre of the nearest one; radius, softness: of its edge; contrast: 0 (none seen) to 1;
+    nearest: (SIDE², 2) centre of the nearest one; radius, softness: of its edge; contrast: 0 (not visible) to 1;
     mean: of their profile over the ply; filling: share of the section that is fibre.
     """
 
@@ -38,7 +38,7 @@ class Section(NamedTuple):
 
 
 def section(yarn: Yarn, voxel_mm: float, seed: int) -> Section:
-    """The section of a ply of `yarn` as voxels of `voxel_mm` show it."""
+    """The section of a ply of `yarn` as voxels of `voxel_mm` resolve it."""
     ply = 0.5 * yarn.diameter_mm * yarn.ply[0] * shown_plies(yarn, voxel_mm)[1]
     fibre, voxel, filling = 0.5e-3 * yarn.fibre_um / ply, voxel_mm / ply, _filling(yarn, voxel_mm)
     contrast = min(max((2.0 * fibre / voxel - SEEN[0]) / (SEEN[1] - SEEN[0]), 0.0), 1.0)
@@ -66,7 +66,7 @@ def sharp_radius(radius: float, softness: float) -> float:
 
 
 def shown_plies(yarn: Yarn, voxel_mm: float) -> tuple[int, float]:
-    """How many plies voxels show, and how much wider each is then: all of them, or one as wide as the yarn."""
+    """Number of plies that voxels resolve, and the factor on their width: all of them, or one as wide as the yarn."""
     if 0.5 * yarn.diameter_mm * yarn.ply[0] >= 1.2 * voxel_mm:
         return yarn.plies, 1.0
     return 1, 1.0 / yarn.ply[0]
@@ -91,7 +91,7 @@ def _filling(yarn: Yarn, voxel_mm: float) -> float:
 def scattered(count: int, radius: float, seed: int) -> NDArray[np.float64]:
     """Centres of `count` discs in the unit disc, unordered but not overlapping: (count, 2).
 
-    `InputError` where they do not settle: discs pack less densely in a small circle than in the plane.
+    Raises `InputError` where they do not fit: discs pack less densely in a small circle than in the plane.
     """
     draw = np.random.default_rng(seed)
     reach = 1.0 - radius
@@ -116,6 +116,6 @@ def scattered(count: int, radius: float, seed: int) -> NDArray[np.float64]:
         np.add.at(centres, pairs[:, 1], -push)
     if deepest > OVERLAP * 2.0 * radius:
         raise InputError(
-            f"{count} fibres of {radius:.3g} of their ply's radius do not settle in it: fewer or finer ones"
+            f"{count} fibres of {radius:.3g} of their ply's radius do not fit in it: give fewer or finer ones"
         )
     return centres

@@ -14,9 +14,9 @@ from scipy.spatial import KDTree
 
 from hagoromo.backend import arrays, clip, lookup
 
-BEYOND = 1e6  # mm: the third axis does not repeat
-SOUGHT, FARTHEST = 3, 4.0  # times that the foot of a point is bettered, steps that it is moved each time
-LEAST_STRETCH = 0.4  # on the inside of bends: what is nearer their centre is in no yarn
+BEYOND = 1e6  # [mm] period of the third axis, which does not repeat
+SOUGHT, FARTHEST = 3, 4.0  # iterations for the foot of a point, largest move in each [steps]
+LEAST_STRETCH = 0.4  # on the inside of bends: points nearer to their centre belong to no yarn
 
 
 class Paths(NamedTuple):
@@ -34,9 +34,11 @@ class Paths(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A point beside the nearest yarn: offsets across the cloth and along its normal [mm], their unit axes, the yarn's
-    unit tangent, stretch of the way along it there (less than 1 on the inside of bends), girth, phase [rad] and its
-    rate [rad/mm of the axis], share of the way along the yarn, the yarn's number and population.
+    """The position of a point relative to the nearest yarn.
+
+    Offsets across the cloth and along its normal [mm], their unit axes, the unit tangent of the yarn, the stretch of
+    lengths along it there (less than 1 on the inside of bends), girth, phase [rad] and its rate [rad/mm of the axis],
+    the position along the yarn 0…1, the number of the yarn and its population.
     """
 
     across: Any
@@ -83,7 +85,7 @@ def grid_over(period: tuple[float, float], heights: tuple[float, float], edge: f
 
 
 def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid, reach: float) -> NDArray[np.uint32]:
-    """For every cell the number of the step that is nearest to its middle; any where none is within `reach` [mm].
+    """Number of the step nearest to the middle of every cell; arbitrary where none is within `reach` [mm].
 
     points: (n, 3).
     """
@@ -99,7 +101,7 @@ def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid, reac
 
 
 class Strands:
-    """Paths on the device. reach: how far from them points are asked about [mm]."""
+    """Paths on the device. reach: largest distance of the points that are looked up [mm]."""
 
     def __init__(self, paths: Paths, period: tuple[float, float], grid: Grid, reach: float) -> None:
         kinds = arrays()
@@ -119,12 +121,12 @@ class Strands:
         self._nearest = lookup(kinds.UInt, np.concatenate(cells))
 
     def nearest(self, point: Any, cell: Any, variant: Any) -> Place:
-        """Where points are beside the yarn nearest to them."""
+        """The position of points relative to the yarn nearest to them."""
         kinds = arrays()
         nearest = dr.gather(kinds.UInt, self._nearest, cell)
         yarn, step = nearest // self.steps, kinds.Float(nearest % self.steps)
         first = (variant * self.yarns + yarn) * self.steps
-        for _ in range(SOUGHT):  # the cell's step is a few steps off
+        for _ in range(SOUGHT):  # the step stored for a cell is a few steps off
             step = step - self.steps * dr.floor(step / self.steps)
             index = dr.fmin(kinds.UInt(step), self.steps - 1)
             following = dr.select(index + 1 < self.steps, index + 1, 0)
@@ -140,7 +142,7 @@ class Strands:
         up = dr.normalize(kinds.Array3f(0.0, 0.0, 1.0) - tangent * tangent.z)
         aside = dr.cross(up, tangent)
         turn, population, way, onward = dr.gather(kinds.Array4f, self._c, first + index)
-        # points beside no step that was tried are in no yarn
+        # points beyond every step that was tried are in no yarn
         missed = dr.fmax(abs(dr.dot(offset, tangent)) - self.step, 0.0)
         across = dr.dot(offset, aside)
         across += dr.select(across < 0, -missed, missed)
@@ -159,7 +161,7 @@ class Strands:
         return dr.gather(kinds.Array4f, self._a, index), dr.gather(kinds.Array4f, self._b, index)
 
     def _within(self, offset: Any) -> Any:
-        """An offset to the nearest of the places that repeat."""
+        """An offset to the nearest periodic copy."""
         u, v = self.period
         x, y = offset.x - u * dr.round(offset.x * (1.0 / u)), offset.y - v * dr.round(offset.y * (1.0 / v))
         return arrays().Array3f(x, y, offset.z)

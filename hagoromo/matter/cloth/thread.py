@@ -1,7 +1,7 @@
-"""Thread: from a place beside a yarn to the fibre there, on the device: density, unit tangent.
+"""Thread: position relative to a yarn → density and unit tangent of the fibre there, on the device.
 
-Plies lie on a circle and turn about the yarn, fibres turn about their ply and wander in it (migration). They wander by
-a flow without divergence, so that their share of the section stays what it is.
+Plies lie on a circle and turn about the yarn, fibres turn about their ply and wander in it (migration). The wandering
+is a divergence-free flow, so that their share of the section is constant.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TURN = 2.0 * math.pi
 
 
 class Spun(NamedTuple):
-    """A yarn as voxels show it.
+    """A yarn as voxels resolve it.
 
     radius, softness [mm]; flatness; plies; ply, offset: their radius and circle, of the yarn's; back: rate at which
     fibres turn against their plies [rad/mm]; migration; waves: of migration [rad per way along the yarn]; length of the
@@ -101,7 +101,7 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
     o = q - centre
     far = dr.norm(kinds.Array2f((c * o.x - s * o.y) * yarn.flatness, (s * o.x + c * o.y) / yarn.flatness))
     profile = coverage(far - yarn.shown.radius, yarn.shown.softness)
-    # a fibre aslant is longer by as much as its section across the yarn is wider
+    # an inclined fibre is longer by the factor by which its section across the yarn is wider
     filled = yarn.shown.filling * lengthened * dr.lerp(1.0, profile / yarn.shown.mean, yarn.shown.contrast)
     outline = yarn.fade * coverage((dr.norm(q) - yarn.edge) * (girth * yarn.ply), yarn.softness)
     return filled * outline, tangent
@@ -110,7 +110,7 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
 def _migrated(p: Any, way: Any, yarn: Spun, name: tuple[Any, int], seed: int | Any) -> tuple[Any, Any]:
     """Where a fibre at p would lie had it not wandered, and how fast it wanders at p [1/mm].
 
-    Shear after shear, each a wave across its own direction: areas stay what they are.
+    A product of shears, each a wave across its own direction, which keeps areas.
     """
     kinds = arrays()
     moved, shears = p, []

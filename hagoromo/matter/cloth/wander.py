@@ -1,6 +1,6 @@
-"""Wander: how the yarns of a cloth differ from one another and along themselves: girth, place and twist.
+"""Wander: random variation between the yarns of a cloth and along them: girth, place and twist.
 
-All that varies repeats after a period of the cloth; the variants of a period differ inside and agree at its border.
+The variation repeats with the period of the cloth; variants of a period differ inside and are equal at its border.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.cloth.yarn import Yarn
 
-WAVES = 1, 2, 3, 5  # per period, of all that varies along a yarn
-SLUB = 0.33, 2.0  # of the girth; length in diameters
-TWIST = 0.3  # rad by which twist runs ahead or behind, standard deviation
+WAVES = 1, 2, 3, 5  # per period, of the variation along a yarn
+SLUB = 0.33, 2.0  # additional girth of a slub [girths], and its length [diameters]
+TWIST = 0.3  # [rad] standard deviation of the twist
 
 
 class Wander(NamedTuple):
@@ -28,9 +28,9 @@ class Wander(NamedTuple):
 
 
 def wander(yarn: Yarn, free: NDArray, length: float, variants: int, draws: tuple[np.random.Generator, ...]) -> Wander:
-    """What yarns of `length` [mm] do. free: (yarns, steps), 0 where variants agree to 1 where they differ wholly.
+    """The variation of yarns of `length` [mm]. free: (yarns, steps), 0 where variants are equal, 1 where independent.
 
-    draws: a generator for what all variants share and one for what is theirs.
+    draws: a generator for what all variants share, and one for what each has alone.
     """
     shared, own = draws
     yarns, steps = free.shape

@@ -17,9 +17,9 @@ from hagoromo.matter.cloth.strand import Paths
 from hagoromo.matter.cloth.wander import freedom, wander, wandered
 from hagoromo.matter.cloth.yarn import Yarn, check_yarn
 
-FEWEST, ENOUGH, MOST = 8, 10, 256  # yarns of a period either way: at least, where more are tried, at most
-STEPS = 8  # of a path in a diameter
-DENSE = 64  # points between crossings by which a path is drawn
+FEWEST, ENOUGH, MOST = 8, 10, 256  # yarns of a period in each direction: least, preferred least, most
+STEPS = 8  # steps of a path per diameter
+DENSE = 64  # points between crossings from which a path is interpolated
 POPULATIONS = 4
 
 

@@ -1,7 +1,7 @@
-"""WIF: drafts in the weavers' exchange format (Weaving Information File 1.1), as data until every key is checked.
+"""WIF: drafts in the weavers' exchange format (Weaving Information File 1.1), read as data, with every key checked.
 
-Threading, tie-up and treadling or a lift plan make the draft; colours, spacing and thickness of the yarns come along
-where a file tells them. Sections and keys that say nothing of these are passed over.
+Threading, tie-up and treadling or a lift plan make the draft; colours, spacing and thickness of the yarns are read
+where a file states them. Other sections and keys are ignored.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Threads(NamedTuple):
 
 
 class Wif(NamedTuple):
-    """What a file tells of a cloth."""
+    """The cloth that a file describes."""
 
     draft: Draft
     warp: Threads
@@ -71,7 +71,7 @@ def read_wif(path: str | Path) -> Wif:
 def cloth_of(wif: Wif, warp: Yarn, weft: Yarn) -> tuple[Woven, tuple[tuple[float, ...], ...]]:
     """The cloth of a file, of yarns like `warp` and `weft`, and its colours (R, G, B, 0…1), numbered from 0.
 
-    Where the file tells spacing or thickness these are taken, else those of LINEN and of the yarns.
+    Spacing and thickness are those of the file where it states them, otherwise those of LINEN and of the yarns.
     """
     palette: list[tuple[float, ...]] = []
     sets = []
@@ -98,7 +98,7 @@ class WifFile:
         try:
             reader.read_string(text.lstrip("\ufeff"))
         except configparser.Error as error:
-            raise InputError(f"{path} is no WIF: {str(error).splitlines()[0]}") from error
+            raise InputError(f"{path} is not a valid WIF file: {str(error).splitlines()[0]}") from error
         self.path = path
         self.sections = {name.strip().lower(): dict(reader.items(name)) for name in reader.sections()}
 
@@ -107,7 +107,7 @@ class WifFile:
         return self._whole(section, key, self._text(section, key, None if default is None else str(default)), most)
 
     def flag(self, section: str, key: str, default: bool) -> bool:
-        """Yes or no, as the format spells them."""
+        """A boolean, in the spellings of the format."""
         text = self._text(section, key, "true" if default else "false").lower()
         if text not in ("true", "on", "yes", "1", "false", "off", "no", "0"):
             raise self._wrong(section, key, text, "true or false")
@@ -153,7 +153,7 @@ class WifFile:
         (length,) = self._numbers(section, key, None, 1)
         if length < 0:
             raise self._wrong(section, key, f"{length:g}", "a length above 0")
-        return length * unit or None  # some looms write 0 for what they do not know
+        return length * unit or None  # some programs write 0 for unknown values
 
     def _numbers(self, section: str, key: str, default: str | None, count: int) -> list[float]:
         text = self._text(section, key, default)

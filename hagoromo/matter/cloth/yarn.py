@@ -1,4 +1,4 @@
-"""Yarn: what is spun: fibres side by side, twisted to plies, plies twisted around one another."""
+"""Yarn: fibres twisted to plies, and plies twisted around each other."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hagoromo.errors import InputError
 HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal discs can cover
 # ° of the outside: two plies then touch on both sides (Bohr & Olsen, "The ancient art of laying rope", 2011)
 STEEPEST = 45.0
-PRESSED = 1.15  # radius of plies that press one another flat, of those that would only touch
+PRESSED = 1.15  # radius of plies that flatten each other, relative to plies that only touch
 MOST_FIBRES = 2000
 HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
 
 
 class Yarn(NamedTuple):
-    """A yarn by its measures.
+    """The dimensions of a yarn.
 
     diameter_mm: of the round yarn; flatness: how much wider than that it lies in the cloth (and as much thinner).
     plies; twist_per_cm: turns of the plies around one another or, in a yarn of one ply, of the fibres; hand: Z or S.
@@ -62,7 +62,7 @@ class Yarn(NamedTuple):
 
     @property
     def kept(self) -> float:
-        """Share of a ply's disc that is left where plies press one another flat."""
+        """Share of a ply's disc that remains where plies flatten each other."""
         if self.plies == 1:
             return 1.0
         radius, offset = self.ply

@@ -1,4 +1,4 @@
-"""Collider: bodies that cloth lies on, their distances kept on a lattice, so that a look costs the same for all. mm."""
+"""Collider: bodies that cloth lies on, as signed distances on a lattice, where every look-up costs the same. mm."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from hagoromo.errors import InputError
 from hagoromo.matter.drape.resident import resident
 from hagoromo.matter.shape import Shape
 
-MOST = 1 << 26  # lattice points
-FAR = 1e4  # mm: nothing here
+MOST = 1 << 26  # largest number of lattice points
+FAR = 1e4  # [mm] distance where there is no body
 
 
 class Collider:
-    """Signed distances of `bodies` within the corners low … high, on a lattice of `step`; far outside there is nothing.
+    """Signed distances of `bodies` within the corners low … high, on a lattice of `step`; far outside there is no body.
 
     Between lattice points distances are trilinear: edges are rounded over about a step.
     """

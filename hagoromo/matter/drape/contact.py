@@ -1,4 +1,4 @@
-"""Contact: which points of cloth may touch others of it, so that folds do not pass through each other."""
+"""Contact: the pairs of points of cloth that may touch, so that folds do not pass through each other."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.drape.sheet import Sheet
 
-NEIGHBOURS = 2  # rows or columns: points so near on the cloth are kept apart by its stiffness
-BETWEEN = 1 << 20  # rows from one sheet to the next: no neighbours
-MOST = 6  # touching points that one point heeds, the nearest first
+NEIGHBOURS = 2  # [rows or columns] closer points are held apart by the stiffness of the cloth
+BETWEEN = 1 << 20  # rows between two sheets, so that they have no neighbours in common
+MOST = 6  # contacts of one point that are used, the nearest first
 
 
 class Contacts:
-    """Points of several sheets, numbered through; apart: (n) bool, points that touch their own sheet only.
+    """Points of several sheets with consecutive numbers; apart: (n) bool, points that touch only their own sheet.
 
-    narrow: (n) how near columns are at rest, of the widest row's.
+    narrow: (n) distance of columns at rest, relative to the widest row.
     """
 
     def __init__(self, sheets: Sequence[Sheet], apart: NDArray[np.bool_], narrow: NDArray[np.floating]) -> None:
@@ -33,7 +33,7 @@ class Contacts:
         self.columns = np.repeat(np.array(columns, np.int32), sizes)
 
     def candidates(self, points: NDArray[np.floating], reach: float) -> NDArray[np.uint32]:
-        """For every point up to MOST others within `reach` that it may touch, itself where are fewer: (MOST, n)."""
+        """Up to MOST others within `reach` that each point may touch; its own number fills the rest: (MOST, n)."""
         from scipy.spatial import KDTree
 
         first, second = KDTree(points).query_pairs(reach, output_type="ndarray").T

@@ -1,6 +1,6 @@
-"""Cut: a piece of cloth before it is draped: its size, where it begins, and what holds it. All in mm.
+"""Cut: a piece of cloth before it is draped: its size, its initial place, and what holds it. Lengths in mm.
 
-Places on it are shares s along u and t along v, 0…1; functions of them take and give arrays.
+Positions on it are shares s along u and t along v, 0…1; functions of them take and return arrays.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.drape.sheet import Sheet
 
 Place = NDArray[np.float64]
-FEWEST = 6  # points along an edge
+FEWEST = 6  # least number of points along an edge
 
 
 def _nowhere(s: Place, t: Place) -> Place:
@@ -29,12 +29,12 @@ def _free(s: Place, t: Place) -> Place:
 
 @dataclass(frozen=True)
 class Cut:
-    """A piece of `width` × `height` at rest, a tube if `closed`; start(s, t) → (…, 3) is where it begins.
+    """A piece of `width` × `height` at rest, a tube if `closed`; start(s, t) → (…, 3) is its initial place.
 
     narrowing(t): width of a row, of `width` (gathers that were cut, not folded: u is stretched as much).
-    reach(s, t): how far from the body points may be; a finite reach draws them in, as a belt does. held(s, t) > 0:
-    points that stay where they begin, or where they come within reach. layer: which of the bodies it lies on.
-    apart(s, t) > 0: points that pass through other pieces.
+    reach(s, t): largest distance of points from the body; a finite reach draws them in, as a belt does.
+    held(s, t) > 0: points that stay at their initial place, or where they come within reach. layer: the number of the
+    body it lies on. apart(s, t) > 0: points that may pass through other pieces.
     """
 
     width: float
@@ -63,7 +63,7 @@ class Cut:
         return np.linspace(0.0, 1.0, columns, endpoint=not self.closed), np.linspace(0.0, 1.0, rows)
 
     def sheet(self, spacing: float, before: Sheet | None = None) -> Sheet:
-        """The piece where it begins, or where a coarser sheet of it lies."""
+        """The piece at its initial place, or where a coarser sheet of it lies."""
         s, t = self.shares(spacing)
         if before is not None:
             rows, columns = before.points.shape[:2]

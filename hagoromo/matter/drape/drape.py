@@ -1,4 +1,4 @@
-"""Drape: a piece of cloth as it falls over a ball on a table. All in mm."""
+"""Drape: a piece of cloth that has fallen over a ball on a table. Lengths in mm."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from hagoromo.matter.shape import Shape
 
 ROOM = (-75.0, -85.0, -4.0), (75.0, 75.0, 275.0)  # corners of the space in which a figure is dressed
 LATTICE = 1.5
-DENSE = 1.2  # between the points of the sheets that are sought
-DEEP = 7.0  # how far beneath the outer side of a cloth is still inside
+DENSE = 1.2  # distance between the points of the sheets that are searched
+DEEP = 7.0  # depth below the outer side of a cloth that counts as inside
 
 
 def put_on(cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall) -> list[Sheet]:

@@ -1,4 +1,4 @@
-"""Eased: a sheet without the folds that are too narrow for a lattice; the cloth stays gathered there."""
+"""Eased: a sheet without the folds that are too narrow for a lattice; there the cloth stays gathered."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.drape.sheet import Sheet
 
-GATHERED = 0.85, 0.55  # length of what is eased, of the cloth's: from which on, and from which on wholly
+GATHERED = 0.85, 0.55  # smoothed length over length of the cloth: smoothing begins, and is complete
 
 
 def eased(sheet: Sheet, width_mm: float) -> Sheet:
     """The sheet with folds narrower than about `width_mm` of cloth smoothed out, where it has such.
 
-    Where the smoothed cloth is nearly as long as it was cut, nothing is changed.
+    Where the smoothed cloth is nearly as long as it was cut, it is left unchanged.
     """
     wide = sheet.around > 0
     rest = _rest(sheet)
@@ -29,7 +29,7 @@ def eased(sheet: Sheet, width_mm: float) -> Sheet:
 
 
 def _rest(sheet: Sheet) -> tuple[float, float]:
-    """Length of cloth between rows and between columns [mm], on the mean."""
+    """Mean length of cloth between rows and between columns [mm]."""
     return float(np.abs(np.diff(sheet.v, axis=0)).mean()), float(np.abs(np.diff(sheet.u, axis=1)).mean())
 
 

@@ -1,4 +1,4 @@
-"""Hanging: a piece of cloth in folds, gathered at its upper edge, by its geometry alone. All in mm."""
+"""Hanging: a piece of cloth in folds, gathered at its upper edge, from its geometry alone. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.matter.drape.sheet import Sheet
 
-GATHERED = 0.8  # width of the cloth at its upper edge, of that at the hem
-SWAY = 0.1  # of the folds to the side between upper edge and hem, of the width
-SPACING = 1.5  # between the points of the sheet
-DENSE = 4096  # points by which lengths are measured
-CLOSER = 30  # halvings of the range in which a row's width is sought
-SHALLOWEST = 0.45  # of folds, of the deepest
+GATHERED = 0.8  # width at the upper edge, as a share of that at the hem
+SWAY = 0.1  # shift of the folds to the side between upper edge and hem, as a share of the width
+SPACING = 1.5  # [mm] between the points of the sheet
+DENSE = 4096  # points from which lengths are measured
+CLOSER = 30  # bisections of the range of a row's width
+SHALLOWEST = 0.45  # depth of the shallowest fold, relative to the deepest
 
 
 def flat(size_mm: tuple[float, float]) -> Sheet:
@@ -25,7 +25,7 @@ def flat(size_mm: tuple[float, float]) -> Sheet:
 def hanging(size_mm: tuple[float, float], folds: int, depth_mm: float, seed: int = 0) -> Sheet:
     """A piece, width × height of the cloth, that hangs in `folds`, the deepest `depth_mm` at the hem.
 
-    Its lower edge is at z = 0 around x = 0, and it faces −y. Every row keeps the length of the cloth: where it is
+    Its lower edge is at z = 0 around x = 0, and it faces −y. Every row has the length of the cloth: where it is
     gathered the folds are deeper. `InputError` where the folds need more cloth than there is.
     """
     (width, height), draw = size_mm, np.random.default_rng((seed, 77))

@@ -1,5 +1,7 @@
-"""Resident: what `dr.freeze` asks for. An array that shares NumPy's memory must not be freed while it records a call:
-the process would abort. So what is recorded reads copies, and what the collector may free waits until it is done.
+"""Resident arrays for `dr.freeze`: an array that shares NumPy's memory must not be freed while a call is recorded.
+
+Dr.Jit aborts the process in that case. So a recorded function reads copies, and Python's garbage collector is paused
+until the recording ends.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ def resident(kind: Any, values: Any) -> Any:
 
 
 def frozen(step: Callable[..., Any]) -> Callable[..., Any]:
-    """`dr.freeze` of `step`, with Python's collector still during calls: its litter may hold arrays of anybody."""
+    """`dr.freeze` of `step`, with Python's garbage collector paused during calls: it may free arrays of other code."""
     recorded = dr.freeze(step)
 
     def call(*values: Any) -> Any:

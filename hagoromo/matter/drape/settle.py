@@ -1,4 +1,4 @@
-"""Settle: cloth falls over bodies and on the floor z = 0, and comes to rest in folds. All in mm and s.
+"""Settle: cloth falls over bodies and on the floor z = 0, and comes to rest in folds. Units: mm and s.
 
 Points of a grid are masses; neighbours are joined by springs along the yarns and, weaker, across them; the cloth bends
 as stiffly as its bending length says. Small steps of symplectic Euler, one pass over the springs in each (Macklin et
@@ -25,16 +25,16 @@ from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.springs import mesh_of
 
 GRAVITY = 9810.0  # mm/s²
-STRETCH, SHEAR, TOUCH = 0.4, 0.05, 0.08  # stiffness of springs, in masses per step²; all that meet stay below 4
-FRICTION_INSIDE = 0.04  # share of the speed along a spring, and of that of touching points, that a step takes away
-STRAIN = 0.02  # of the cloth where it carries most
-DRAW = 200.0  # mm/s, speed at which a belt is drawn in
-PUSH = 300.0  # mm/s, speed at which what began inside a body is pushed out: at once would tear the cloth
-QUICKEST = 0.2  # spacings that a point may move in a step: several times its fall, less than would tear tangles apart
-GRIP = 0.05  # share of the speed that a belt takes away in a step
-TOUCH_EVERY = 1 / 200  # s, between searches for points that may touch
-REACH = 1.6  # of these, in spacings: they touch at one
-FALL, REST = 8.0, 40.0  # drag of the air [1/s] while the cloth falls, and at the end, so that it rests
+STRETCH, SHEAR, TOUCH = 0.4, 0.05, 0.08  # stiffness of springs [mass/step²]; stable while the sum at a point is < 4
+FRICTION_INSIDE = 0.04  # share of the relative speed along a spring, or at a contact, that a step removes
+STRAIN = 0.02  # strain of the cloth where the load is largest
+DRAW = 200.0  # [mm/s] speed at which a belt is drawn in
+PUSH = 300.0  # [mm/s] speed at which points inside a body are pushed out; a jump would tear the cloth
+QUICKEST = 0.2  # [spacings] largest move of a point in a step: several times its fall, too little to tear the cloth
+GRIP = 0.05  # share of the speed that a belt removes in a step
+TOUCH_EVERY = 1 / 200  # [s] between searches for contacts
+REACH = 1.6  # [spacings] of this search; points touch at 1
+FALL, REST = 8.0, 40.0  # [1/s] drag of the air while the cloth falls, and at the end to bring it to rest
 
 
 class Fabric(NamedTuple):
@@ -48,7 +48,7 @@ class Fabric(NamedTuple):
 
 
 class Fall(NamedTuple):
-    """How it is computed: spacing of the points [mm], seconds of fall on the coarsest grid, levels of grids, each
+    """The simulation: spacing of the points [mm], seconds of fall on the coarsest grid, levels of grids, each
     twice as fine as the one before, seed of the small disorder from which folds begin.
     """
 
@@ -75,7 +75,7 @@ def settled(
 
 
 def check(fabric: Fabric, fall: Fall) -> None:
-    """`InputError` for numbers that let no cloth settle."""
+    """Raise `InputError` for numbers with which no cloth settles."""
     if not (np.isfinite(fabric).all() and fabric.bending >= 0 and fabric.friction >= 0 and fabric.clear >= 0):
         raise InputError(f"{fabric}: give finite numbers, none below 0")
     if not (np.isfinite(fall.spacing) and fall.spacing > 0 and fall.levels >= 1 and 0 < fall.seconds < 60):
@@ -106,7 +106,7 @@ def _after(
         "thick": spacing,
     }  # fmt: skip
     mesh |= {name: dr.opaque(kinds.Float, value) for name, value in numbers.items()}
-    mesh["body"] = collider.values  # a frozen function reads only what is handed to it
+    mesh["body"] = collider.values  # a frozen function reads only its arguments
     move = frozen(lambda place, speed, touching, drag, mesh: _moved(place, speed, touching, drag, mesh, collider))
     place = kinds.Array3f(*(resident(kinds.Float, points[:, k].astype(np.float32)) for k in range(3)))
     speed = dr.zeros(kinds.Array3f, len(points))

@@ -1,4 +1,4 @@
-"""Sheet: a piece of cloth at rest in space, a grid of points that know where they lie on the cloth. All in mm."""
+"""Sheet: a piece of cloth at rest in space: a grid of points with their coordinates on the cloth. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hagoromo.errors import InputError
 class Sheet:
     """A grid of points (rows, columns, 3); rows run along u, columns along v, the upper side is u × v.
 
-    u, v: (rows, columns), place on the cloth. around: width of a tube, whose last column is next to its first, where
-    u has grown by it; 0: the sheet is open.
+    u, v: (rows, columns), coordinates on the cloth. around: width of a tube, whose last column is next to its first,
+    where u is larger by that width; 0: the sheet is open.
     """
 
     points: NDArray[np.float64]
@@ -47,7 +47,7 @@ class Sheet:
         return self.resampled(down, across)
 
     def resampled(self, down: NDArray[np.float64], across: NDArray[np.float64]) -> Sheet:
-        """The sheet at the places `down` (rows) and `across` (columns) of its grid, between its points too."""
+        """The sheet at fractional rows `down` and columns `across` of its grid."""
         from scipy.interpolate import CubicSpline
 
         values = np.concatenate([self.points, self.u[..., None], self.v[..., None]], axis=2)
@@ -66,7 +66,7 @@ class Sheet:
         return Sheet(fine[..., :3], fine[..., 3], fine[..., 4], self.around)
 
     def faces(self) -> NDArray[np.int64]:
-        """Triangles of the grid, (m, 3) indices of points in their order, seen from the upper side anticlockwise."""
+        """Triangles of the grid, (m, 3) indices of points anticlockwise as seen from the upper side."""
         rows, columns = self.points.shape[:2]
         index = np.arange(rows * columns).reshape(rows, columns)
         if self.around:

@@ -1,4 +1,4 @@
-"""Chart: where a point is over the nearest of several sheets: u, v, height and the frame of the cloth. In mm."""
+"""Sheet chart: coordinates u, v, height and frame of a point over the nearest of several sheets. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from hagoromo.files.door import check_memory
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.texel.shell import Chart
 
-DENSE = 0.5  # mm between the points of a sheet that are sought
-TURNS = 3  # of the search for the foot of a point, which closes in by height × curvature each
-AT_ONCE = 1 << 17  # points, so that what is looked up for them stays in the cache
+DENSE = 0.5  # [mm] between the points of a sheet that are searched
+TURNS = 3  # iterations for the foot of a point; each reduces the error by height × curvature
+AT_ONCE = 1 << 17  # points that are looked up together, few enough for the cache
 ASIDE = 1000.0  # periods, or mm, between the u and v of one sheet and those of the next
 FAR = 8.0  # mm beyond the reach, up to which distances are computed
 
@@ -31,7 +31,7 @@ def sheet_chart(
 ) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
     """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
-    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm; bounds are no larger than FAR more than it.
+    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. Bounds are at most reach_mm + FAR.
     period_mm: of what repeats along u and v: the widths of tubes are taken for the nearest whole number of periods.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
@@ -81,7 +81,7 @@ class _Samples:
         self.tree = KDTree(self.points)
 
     def distance(self, asked: NDArray[np.floating], reach: float) -> NDArray[np.floating]:
-        """Never more than the distance to the sheets, up to `reach`."""
+        """A lower bound of the distance to the sheets, at most `reach`."""
         far = self.tree.query(asked, distance_upper_bound=reach, workers=-1)[0]
         return np.minimum(far, reach) - self.coarsest
 
@@ -160,7 +160,7 @@ def _solved(across: NDArray, down: NDArray, offset: NDArray) -> tuple[NDArray, N
     """Shares a, b with a · across + b · down the foot of `offset` on their plane."""
     aa, bb, ab = _dot(across, across), _dot(down, down), _dot(across, down)
     a, b = _dot(across, offset), _dot(down, offset)
-    scale = 1.0 / np.maximum(aa * bb - ab * ab, 1e-12)  # 0 where the cloth is crushed to a line
+    scale = 1.0 / np.maximum(aa * bb - ab * ab, 1e-12)  # 0 where the cloth is degenerate
     return (bb * a - ab * b) * scale, (aa * b - ab * a) * scale
 
 

@@ -1,4 +1,4 @@
-"""Springs: who is joined to whom in the grids of a cloth, and how. Lengths in mm."""
+"""Springs: which points of the grids of a cloth are joined, and how. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hagoromo.matter.drape.cut import Cut
 from hagoromo.matter.drape.resident import resident
 from hagoromo.matter.drape.sheet import Sheet
 
-ANYWHERE = 1e9  # mm, reach of points that no belt draws in: more than any distance
+ANYWHERE = 1e9  # [mm] reach of points that no belt draws in: larger than any distance
 WAYS = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  # rows, columns to the neighbours
 
 
 def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dict[str, Any]:
-    """Who is joined to whom, and how: index and rest length of every spring (0: none), weights of the bends."""
+    """The joined points: index and rest length of every spring (0: none), weights of the bends."""
     kinds = arrays()
     parts = [_joined(cut, sheet, spacing) for cut, sheet in zip(cuts, sheets, strict=True)]
     starts = np.cumsum([0] + [sheet.u.size for sheet in sheets[:-1]])

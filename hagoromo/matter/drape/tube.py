@@ -1,4 +1,4 @@
-"""Tube: cuts that begin as folded tubes around a body, upright or along an arm. All in mm; rows run up, or outwards."""
+"""Tube: cuts whose initial place is a folded tube around a body or an arm. Rows run up, or outwards. In mm."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.interpolate import PchipInterpolator
 
 from hagoromo.matter.drape.cut import Cut, Place
 
-ENTRIES = 257  # of the tables along a tube
-TURNS = np.linspace(0.0, 2.0 * math.pi, 1441)  # around a tube, seam to seam
+ENTRIES = 257  # entries of the tables along a tube
+TURNS = np.linspace(0.0, 2.0 * math.pi, 1441)  # [rad] angles around a tube, from seam to seam
 ROUND, FAN = 4.0, 20.0  # half the ways over which a tube along an arm, and its rows, turn at the elbow
 OUTWARDS = 0.4  # of the way that a wide sleeve hangs down, how far it does so to the side
 TILTED = 6  # how near its upper hem a tube tilts with it: share of the length to this power
@@ -65,7 +65,7 @@ def upright(rows: Sequence[Row], heights: tuple[float, float], tilt: float, fold
 def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[Row], folds: Folds, **record: Any) -> Cut:
     """A tube that begins around the line through `joints` and straight on, its seam below.
 
-    Rows wider than the first hang from the arm, down and outwards. depth and place of rows: not heeded.
+    Rows wider than the first hang from the arm, down and outwards. The depth and place of rows are ignored.
     """
     places = np.asarray(joints, float)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])

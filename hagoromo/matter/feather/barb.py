@@ -20,10 +20,10 @@ class Barbs(NamedTuple):
 
     per_mm: along the shaft. outer_deg, inner_deg: between shaft and barbs, where they leave it, on the outer and inner
     vane; curl_deg: by how much they have turned towards the tip at the edge; steepen: how many times as steep they run
-    at the tip of the feather. width_mm, height_mm: of their section. splits_per_cm: places where hooks have let go;
-    split_mm: how wide these gape at the edge at most. ragged_mm: by how much barbs differ in length. waver: how far
+    at the tip of the feather. width_mm, height_mm: of their section. splits_per_cm: places where the hooks are open;
+    split_mm: largest width of these gaps at the edge. ragged_mm: by how much barbs differ in length. waver: how far
     they run off their line, slowly, as a share of their distance.
-    Orders of size: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
+    Orders of magnitude: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
     """
 
     per_mm: float = 2.2

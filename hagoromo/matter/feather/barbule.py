@@ -16,9 +16,9 @@ from hagoromo.matter.noise import random
 from hagoromo.matter.shape import unit
 
 BASE = 0.5  # share of a barbule's length that is a flat lamella; the rest is a thin thread
-TAPER = 0.6  # share of its width that it loses
+TAPER = 0.6  # relative loss of width along a barbule
 HOOKED = 0.5, 0.9  # shares of a distal barbule's length between which hooklets sit
-UNEVEN = 0.25  # by how much barbules differ in place (of their distance) and length
+UNEVEN = 0.25  # relative spread of the place and length of barbules
 HOOK = 0.4  # thickness of a hooklet, as a share of the barbule's
 
 
@@ -28,7 +28,7 @@ class Barbules(NamedTuple):
     distal_per_mm, proximal_per_mm: along a barb; distal_deg, proximal_deg: between barb and barbules; distal_mm,
     proximal_mm: their lengths. width_mm, height_mm: of the section at their foot. rise_mm: by how much distal ones
     climb over the proximal ones. hooks: of a distal barbule; hook_mm: how far these reach down.
-    Orders of size: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
+    Orders of magnitude: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
     """
 
     distal_per_mm: float = 25.0
@@ -53,7 +53,7 @@ class Between(NamedTuple):
 
 
 def between(barb: Barb) -> Between:
-    """Between which barbs a place is."""
+    """The two barbs on either side of a place."""
     before = barb.beside < 0
     distal = dr.select(before, barb.beside + barb.spacing, barb.beside)
     return Between(barb.number - dr.select(before, 1.0, arrays().Float(0.0)), distal, barb.spacing - distal)

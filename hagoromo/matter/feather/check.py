@@ -1,4 +1,4 @@
-"""Feather check: sizes that cannot be are refused before anything is built."""
+"""Feather check: impossible sizes are refused before anything is built."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ OPTIONAL = "share", "splits_per_cm", "split_mm", "ragged_mm", "jag_mm", "curl_de
 
 
 def check_feather(made: Feather) -> Feather:
-    """The feather, if it can be; `InputError` otherwise."""
+    """The feather, unchanged; raises `InputError` for impossible sizes."""
     plume, barbs, barbules, down, marking, after = made
     for name, record in zip(made._fields[:5], made[:5], strict=True):
         for key, value in zip(record._fields, record, strict=True):

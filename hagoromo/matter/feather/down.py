@@ -1,4 +1,4 @@
-"""Down: loose barbs that wave freely, clad in long fine barbules that no hooks hold. All in mm."""
+"""Down: loose barbs that wave freely, with long fine barbules without hooks. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import gradient_noise, random
 from hagoromo.matter.shape import unit
 
-BESIDE = (-1, 0, 1)  # barbs looked at: none waves further than to the next
+BESIDE = (-1, 0, 1)  # neighbouring barbs that are evaluated: none waves further than to the next
 STALK = 0.03  # radius of a downy barb
 THREAD = 0.008  # width of a downy barbule (Lucas & Stettenheim 1972: threads of a few µm with nodes)
 
@@ -68,7 +68,7 @@ def down_density(barb: Barb, height: Any, down: Down, fineness: Fineness, seed: 
 def _halo(barb: Barb, far: Any, height: Any, down: Down, fineness: Fineness, seed: Any) -> Any:
     """Mean density of barbules that leave a barb to all sides, in wisps.
 
-    Threads so fine shade by their width, not by their volume: the density is such that light is lost as on opaque ones.
+    Such fine threads shade by their width, not by their volume: the density gives the extinction of opaque threads.
     """
     mass = 2.0 * down.per_mm * THREAD * fineness.mean_free_path_mm
     wisp = gradient_noise(arrays().Array3f(barb.out * 1.9, barb.start * 2.3 + 3.0 * far, height * 2.1), seed + 4)

@@ -33,8 +33,8 @@ def feather(
 ) -> BoxPlan:
     """A feather that stands on its quill at z = 0 around x = 0 and shows its upper side to −y.
 
-    material: one, or two (the second is the marking's), or three (the third is the shaft's). `InputError` for sizes
-    that cannot be.
+    material: one, or two (the second is the marking's), or three (the third is the shaft's). Raises
+    `InputError` for impossible sizes.
     """
     made = check_feather(made)
     plume = made.plume
@@ -116,7 +116,7 @@ def afterfeather(made: Feather) -> Feather:
 
 
 def _behind(point: Any, made: Feather) -> Any:
-    """The point as an afterfeather sees it: it lies beneath its feather."""
+    """The point in the coordinates of the afterfeather, which lies beneath its feather."""
     return type(point)(point.x, point.y - 0.8 * made.plume.rachis_mm - 0.4 * made.down.loft_mm, point.z)
 
 

@@ -1,4 +1,4 @@
-"""Feather kinds: what is usual for the feathers of a bird the size of a pigeon. All in mm."""
+"""Feather kinds: typical values for the feathers of a bird the size of a pigeon. Lengths in mm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marking: where a feather has its second colour. All in mm."""
+"""Marking: the pattern of the second colour of a feather. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Marking(NamedTuple):
 
     pattern: "plain" (none), "bars" across the feather, its "tip", its "edge", or an "eye" near the tip. bars_per_cm and
     bar_share: how many bars, and how much of the way from one to the next they fill. tip_mm, edge_mm: how much of tip
-    or edge has the colour; eye_mm: radius of the eye, a ring and a spot. jag_mm: by how much it differs between barbs.
+    or edge has the colour; eye_mm: radius of the eye, a ring and a spot. jag_mm: variation between barbs.
     """
 
     pattern: str = "plain"

@@ -15,8 +15,8 @@ from hagoromo.matter.shape import coverage
 
 TAPER = 0.9  # share of the shaft's width that is lost from the foot of the vane to the tip
 WALL, PITH = 0.16, 0.3  # wall of the shaft as a share of its radius; density of the foam within (0 in the quill)
-STRAIGHT = 1e-5  # curvature [1/mm] below which a feather is straight
-SUNK = 0.5  # of its radius: the shaft's middle lies so far below the vane, which meets it near its upper side
+STRAIGHT = 1e-5  # [1/mm] curvature below which a feather counts as straight
+SUNK = 0.5  # depth of the shaft's middle below the vane [radii]: the vane joins it near its upper side
 
 
 class Plume(NamedTuple):
@@ -89,7 +89,7 @@ def outline(across: Any, along: Any, plume: Any) -> Any:
 def shaft(spot: Spot, plume: Any, softness: float) -> tuple[Any, Any]:
     """Density of quill and rachis: round, then square with a groove beneath, then round and thin at the tip.
 
-    And the share of space that is theirs, where there is nothing else.
+    Also the share of space that they occupy exclusively.
     """
     quill = plume.length_mm * plume.quill
     share = clip((spot.along - quill) / (plume.length_mm - quill), 0.0, 1.0)

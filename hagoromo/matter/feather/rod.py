@@ -1,6 +1,6 @@
-"""Rod: thin rods and films on a lattice that may be too coarse for them: softened edges, true volumes.
+"""Rod: thin rods and films on a lattice that may be too coarse for them: soft edges, exact volumes.
 
-A rod thinner than the softness of an edge is spread over it and its density lowered, so that its mass stays its own.
+A rod thinner than the softness of an edge is spread over it with a lower density, so that its mass is kept.
 """
 
 from __future__ import annotations

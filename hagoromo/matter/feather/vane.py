@@ -1,4 +1,4 @@
-"""Vane: all of a feather at a place on it: shaft, barbs, barbules, down, and the colour. All in mm."""
+"""Vane: density, tangent and colour at a place on a feather: shaft, barbs, barbules, down. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import random
 from hagoromo.matter.shape import coverage, unit
 
-SHOWN = 0.6  # share of the distance between strands that must be resolved for them to be seen apart
+SHOWN = 0.6  # voxel size over distance of strands below which single strands are resolved
 
 
 class Feather(NamedTuple):
-    """What a feather is made of; after: length of its afterfeather as a share of its own (0: none)."""
+    """The parts of a feather; after: length of its afterfeather as a share of its own (0: none)."""
 
     plume: Plume = Plume()
     barbs: Barbs = Barbs()
@@ -83,7 +83,7 @@ def web_at(across: Any, along: Any, made: Feather, seed: Any) -> Web:
 def closed_vane(spot: Spot, web: Web, made: Feather, fineness: Fineness, seed: Any) -> tuple[Any, Any]:
     """Density of barbs and barbules, and their tangent: along the barb, beside it, up.
 
-    What the lattice cannot show apart is spread as a film of the same mass, whose tangent is the mean one: barbules
+    Strands that the lattice cannot resolve become a film of the same mass with their mean tangent: barbules
     lean to both sides of the barb, so their mean is along it.
     """
     kinds, soft, (barb, share, _, edge, _) = arrays(), fineness.softness, web
@@ -113,7 +113,7 @@ def closed_vane(spot: Spot, web: Web, made: Feather, fineness: Fineness, seed: A
 
 
 def shown(made: Feather, fineness: Fineness) -> tuple[float, float]:
-    """How much of barbs and of barbules the lattice shows one by one, 0…1."""
+    """Share of barbs and of barbules that the lattice resolves one by one, 0…1."""
     barbules = made.barbules
     fine = min(1.0 / barbules.distal_per_mm, 1.0 / barbules.proximal_per_mm)
     return fineness.resolved(SHOWN * nominal_spacing(made.barbs)), fineness.resolved(SHOWN * fine)

@@ -1,6 +1,6 @@
 """Wing: the pair of feathered wings of the standing figure, behind its shoulder blades. All in mm.
 
-Every feather is a curved layer of its own, with shaft, barbs and splits; a point looks at the few that are near.
+Every feather is a curved layer of its own, with shaft, barbs and splits; a point evaluates the few that are near.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from hagoromo.volume.store.plan import BoxPlan
 
 EXTENT = (-136.0, 14.0, 52.0), (136.0, 82.0, 308.0)
 WING_FINENESS = Fineness(0.2, 0.1)
-JOINTS = 28  # of the arm
-LEAN = 0.6  # of the arm's thickness is its own; coverts fill the rest
-FUR = 0.6  # of the arm: how far it frays
+JOINTS = 28  # joints of the arm
+LEAN = 0.6  # share of the arm's thickness that the arm fills; coverts fill the rest
+FUR = 0.6  # width of the frayed edge of the arm
 # coarse enough for a lattice that holds both wings
 WEB = Feather(
     barbs=Barbs(1.1, 36.0, 46.0, 12.0, 1.6, 0.2, 0.26, 0.12, 1.6, 0.5, 0.0),
@@ -129,7 +129,7 @@ class Wing:
         return density, tangent, dr.select((colour == 0) & (own["flight"] > 0.5), 1, colour)
 
     def _arm(self, place: Ground) -> tuple[Any, Any]:
-        """Density and tangent of the arm: a frayed body that the smallest coverts clothe."""
+        """Density and tangent of the arm: a frayed body under the smallest coverts."""
         kinds = arrays()
         there, distance = kinds.Array3f(place.x, place.z, place.height), kinds.Float(1e3)
         for k in range(JOINTS - 1):

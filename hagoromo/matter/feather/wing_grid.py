@@ -1,4 +1,4 @@
-"""Wing grid: which feathers are near a place over the sheet of a wing, and how far it is to the next one. All in mm."""
+"""Wing grid: the feathers near a place over the sheet of a wing, and the distance to the next one. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hagoromo.matter.feather.wing_rows import FIELDS, height_of
 
 CELL = np.array([2.0, 2.0, 0.6])  # x, z, height
 LOW, HIGH = np.array([0.0, 40.0, -10.4]), np.array([145.0, 312.5, 10.4])
-EVERY = 1.2  # distance of the places on a feather whose cells are told
-REACH = 1.3  # of a feather's matter around such a place: half of EVERY, and frayed edges
-THICK = 0.7  # of a vane, its edge softened, to both sides; shafts reach deeper
+EVERY = 1.2  # distance of the sample points on a feather
+REACH = 1.3  # radius of a feather's matter around a sample point: half of EVERY plus frayed edges
+THICK = 0.7  # half thickness of a vane with its soft edge; shafts are thicker
 STRETCH = 1.5  # the way in (x, z, height) is at most √2 of the way in space, a little more over the bent sheet
 
 
@@ -57,7 +57,7 @@ def grid_of(feathers: NDArray[np.float32], body: NDArray[np.float64]) -> Grid:
 
 
 def places_on(feather: Mapping[str, float]) -> NDArray[np.float64]:
-    """Places all over a feather: (n, 3) x, z, height."""
+    """Sample points over a whole feather: (n, 3) x, z, height."""
     long, wide = feather["length_mm"], 1.1 * (feather["outer_mm"] + feather["inner_mm"])
     along, across = np.meshgrid(
         np.linspace(0.0, long, max(int(long / EVERY), 2) + 1),

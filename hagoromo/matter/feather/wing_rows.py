@@ -25,8 +25,8 @@ TILED = 0.085  # slope of a feather across: each lies on its neighbour
 class Row(NamedTuple):
     """A row of feathers: how many; first and last place on the arm (shares of its length); root: how far behind the
     leading edge they are rooted; reach: to which share of the longest feather they reach; widths as multiples of their
-    distance; level: number of the row off the sheet, above 0 in front, below 0 behind, 0 for the
-    flight feathers; wild: how much they differ.
+    distance; level: number of the row above the sheet, above 0 in front, below 0 behind, 0 for the
+    flight feathers; wild: how much they vary.
     """
 
     count: int
@@ -64,7 +64,7 @@ FIELDS = (
 
 
 def feathers(seed: int) -> NDArray[np.float32]:
-    """The feathers of both wings, (2, n, len(FIELDS)): right and left differ by their random part only.
+    """The feathers of both wings, (2, n, len(FIELDS)): right and left differ only in their random part.
 
     x, z: of the root; sine, cosine: of the turn outwards; bow: curvature inwards [1/mm]; root, end: height at the root
     and at the tip; curl: how far the tip bends forwards; tilt: slope across; hollow: how far the edges hang back; face:

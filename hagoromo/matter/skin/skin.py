@@ -1,7 +1,7 @@
-"""Skin: scales of horn over granules (element sphere), cut by lines and pores, with a soft fade. All in mm.
+"""Skin: scales of horn over granules (element sphere), cut by lines and pores, with a soft outer edge. Lengths in mm.
 
 The scales of the stratum corneum are plane elements that lie, a little tilted, on the skin; the granules under them
-look alike from all sides. Sizes that the lattice cannot carry are left out smoothly.
+reflect alike in all directions. Structures that the lattice cannot resolve fade out.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from hagoromo.matter.skin.skin_lines import Lines, furrows
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
-RISE = 0.15  # of a granule over its neighbours, in its diameters
+RISE = 0.15  # height of a granule above its neighbours [diameters]
 
 
 class Granules(NamedTuple):
     """Micro-structure of skin: granules, scales, lines and pores (see `Lines`), and the fade outside.
 
     corneum_mm: thickness of the layer of scales (10–20 µm but for palms and soles; 0: none); scale_mm, scale_deg: width
-    of a scale (cells of the horn are 30–50 µm wide and peel in flakes) and its tilt. The defaults are those of life.
+    of a scale (cells of the horn are 30–50 µm wide and peel in flakes) and its tilt. The defaults are life-size.
     """
 
     granule_mm: float = 0.12
@@ -59,7 +59,7 @@ class Flush(NamedTuple):
 
 
 def check_granules(granules: Granules) -> Granules:
-    """The same; `InputError` for furrows that leave no skin between them, or angles of no rhomb."""
+    """The granules, unchanged; raises `InputError` for furrows without skin between them, or impossible angles."""
     for kind in ("primary", "secondary"):
         spacing, depth = (getattr(granules, name) for name in (f"{kind}_mm", f"{kind}_depth_mm"))
         if depth > 0.4 * spacing:
@@ -136,7 +136,7 @@ def skin_patch(
     """A square of skin that bulges like a cheek, stands on z = 0 around x = 0 and faces −y."""
     half, bulge = 0.5 * size_mm, 0.18 * size_mm
     front, back = -bulge - 0.05 * size_mm, 0.1 * size_mm
-    radius = half * half / (2.0 * bulge) + 0.5 * bulge  # of the sphere that bulges so far over the square
+    radius = half * half / (2.0 * bulge) + 0.5 * bulge  # of the sphere with this bulge over the square
 
     def cheek(point: Any) -> Any:
         block = rounded_box(point, (0.0, 0.5 * (back + front), half), (half, 0.5 * (back - front), half), back)
@@ -164,7 +164,7 @@ def _height_and_slope(point: Any, normal: Any, granules: Granules, fineness: Fin
 
 
 def _tilt(point: Any, granules: Granules, fineness: Fineness, seed: Any) -> Any:
-    """What leans the axes of scales out of the skin's normal: a vector a scale, of about the sine of scale_deg."""
+    """Tilt of the axes of scales against the normal: one vector per scale, of about the sine of scale_deg."""
     sharp = fineness.resolved(granules.scale_mm) * granules.scale_deg * math.radians(1.0)
     if sharp == 0:
         return type(point)(0.0)

@@ -1,7 +1,7 @@
 """Skin lines: the furrows that cut skin into rhombs, triangles and finer polygons, and its pores. All in mm.
 
-Lines lie in sheets that cross the surface, so they need no map of it: families of parallel, warped sheets for the
-primary lines, the borders of cells for the secondary ones. Depths are below the skin between the lines.
+Lines are intersections of the surface with sheets in space, so they need no map: families of parallel, warped
+sheets for the primary lines, the borders of cells for the secondary ones. Depths are below the skin between the lines.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from hagoromo.backend import arrays, clip
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import cellular_noise, gradient_noise, random
 
-UNEVEN = 0.6  # of a spacing, by which lines are out of step
-WARP = 0.55  # of a spacing, by which they wander, and its waves in a spacing
+UNEVEN = 0.6  # random shift of lines [spacings]
+WARP = 0.55  # amplitude [spacings] of their wandering, and its waves per spacing
 WAVES = 0.45
-HALF_WIDTH = 1.2  # of a furrow, in depths of it
-FAINTEST = 0.35  # depth of a line where it is least, of its own
-THIRD = 0.6  # depth of the lines that halve the rhombs, of a primary one's
-PORE_DEPTH = 0.7  # of a pore's diameter
+HALF_WIDTH = 1.2  # half width of a furrow [depths]
+FAINTEST = 0.35  # least depth along a line, relative to its nominal depth
+THIRD = 0.6  # depth of the lines that halve the rhombs, relative to primary lines
+PORE_DEPTH = 0.7  # depth of a pore [diameters]
 
 
 class Lines(NamedTuple):
@@ -42,7 +42,7 @@ class Lines(NamedTuple):
 
 
 def furrows(point: Any, normal: Any, lines: Lines, fineness: Fineness, seed: Any) -> Any:
-    """Depth of lines and pores [mm] at a point of a surface with a unit `normal`, if the lattice carries them."""
+    """Depth of lines and pores [mm] at a point of a surface with a unit `normal`; 0 where they cannot be resolved."""
     coarse = fineness.resolved(2.0 * HALF_WIDTH * lines.primary_depth_mm)
     fine = fineness.resolved(2.0 * HALF_WIDTH * lines.secondary_depth_mm)
     depth = arrays().Float(0)

@@ -1,4 +1,4 @@
-"""Measured relief: the folder that a measurement wrote → the surface and its materials, ready to be filled."""
+"""Measured relief: the folder that a measurement wrote → the surface and its materials, for a volume box."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
     """The relief in materials.json, labels.png, normals.exr, points.exr and, if there is one, body.exr; its materials.
 
     body.exr: α c_b of each pixel, a channel per camera channel, in the order of the file's names ("0", "1", … or
-    R, G, B); without it each pixel has the colour of its material. `InputError` where the parts do not go together.
+    R, G, B); without it each pixel has the colour of its material. Raises `InputError` where the files do not match.
     """
     materials = read_materials(folder / "materials.json")
     labels = read_png(folder / "labels.png").astype(np.int64) - 1

@@ -1,7 +1,7 @@
-"""Mesh rays: what straight lines through a triangle mesh tell of its inside, on the device.
+"""Mesh rays: the inside of a triangle mesh by rays through it, on the device.
 
-A mesh winds around a point as often as a ray from it leaves the mesh, less as often as it enters: once inside, never
-outside, twice where two parts overlap.
+The winding number of a mesh around a point is how often a ray from it leaves the mesh minus how often it enters: 1
+inside, 0 outside, 2 where two parts overlap.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, mitsuba
 
 DIRECTIONS = (0.36, 0.48, 0.8), (-0.62, 0.71, -0.33), (0.49, -0.76, -0.43)
-STEP = 3e-7  # by how much a ray goes on behind a face, of the mesh's extent: a few of the last bits of a float
+STEP = 3e-7  # offset of a ray behind a face [extent of the mesh]: a few units in the last place
 
 
 class MeshRays:
-    """Faces (m, 3) of vertices (n, 3) that rays meet."""
+    """Faces (m, 3) of vertices (n, 3), for intersection with rays."""
 
     def __init__(self, vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
         mi = mitsuba()
@@ -32,9 +32,9 @@ class MeshRays:
         self._step = float(STEP * np.abs(vertices).max())
 
     def winding(self, point: Any, asked: Any = True) -> Any:
-        """How often the mesh winds around points (Array3f): what two of three rays say; 0 for those not `asked`.
+        """Winding number around points (Array3f), by a majority of three rays; 0 for points that are not `asked`.
 
-        One alone may meet two faces where it passes the edge between them. The third is sent where two differ.
+        A single ray may hit two faces where it passes the edge between them. The third ray is traced where two differ.
         """
         Array3f = arrays().Array3f
         a, b = (self._left(point, Array3f(*direction), asked) for direction in DIRECTIONS[:2])
@@ -51,7 +51,7 @@ class MeshRays:
 
     @dr.syntax
     def _left(self, point: Any, direction: Any, asked: Any) -> Any:
-        """How often a ray leaves the mesh, less as often as it enters."""
+        """How often a ray leaves the mesh minus how often it enters."""
         kinds = arrays()
         count, going = kinds.Float(0) + 0.0 * point.x, kinds.Bool(asked) & (point.x == point.x)
         while going:
@@ -75,7 +75,7 @@ class MeshRays:
         return way
 
     def _next(self, point: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
-        """The next face along a ray: whether there is one, the way to behind it, ±1 where the ray leaves or enters."""
+        """The next face along a ray: whether there is one, the distance behind it, ±1 where the ray leaves or enters."""
         mi = mitsuba()
         hit = self._scene.ray_intersect(mi.Ray3f(mi.Point3f(point), mi.Vector3f(direction)))
         is_hit = hit.is_valid()

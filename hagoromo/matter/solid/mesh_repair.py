@@ -1,4 +1,4 @@
-"""Mesh repair: a mesh as files have it → one whose faces enclose a volume and look outwards; it says what it did."""
+"""Mesh repair: a mesh from a file → one whose faces enclose a volume and face outwards; it reports the repairs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.solid.mesh_rays import MeshRays
 
-LEAST_VOLUME = 1e-6  # of the area to the power of 3/2 (a ball has 0.094): what encloses less is a sheet
-ASIDE = 1e-3  # how far beside a face its part is asked for, of the root of the face's area
+LEAST_VOLUME = 1e-6  # volume over area^(3/2) (a ball: 0.094) below which a mesh counts as an open sheet
+ASIDE = 1e-3  # offset of the test point from a face [√area of the face]
 
 
 def repaired(mesh: Any, where: str) -> Any:
-    """`mesh` (a `trimesh.Trimesh`), closed and with its faces outwards; what had to be repaired is said in a warning.
+    """`mesh` (a `trimesh.Trimesh`), closed and with its faces outwards; a warning lists the repairs.
 
     Corners in one place are joined, holes closed by fans, faces turned; parts may overlap, cavities stay. Edges that
     stay open, or where more than two faces meet, are left: `MeshRays` finds the inside of such a mesh by a majority.
@@ -47,7 +47,7 @@ def repaired(mesh: Any, where: str) -> Any:
 
 
 def _turned_outwards(mesh: Any) -> list[str]:
-    """Turn a mesh, or parts of it, that are inside out; a cavity is not. Gives what was done."""
+    """Turn a mesh, or parts of it, that are inside out; cavities are kept. Returns what was done."""
     import trimesh
 
     volumes = _volumes(mesh)

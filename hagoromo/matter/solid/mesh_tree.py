@@ -1,7 +1,7 @@
 """Mesh tree: the face of a triangle mesh that is nearest to a point, on the device.
 
 Enters: vertices and faces in any unit; leaves: Dr.Jit arrays for points in that unit. The tree is a complete binary
-one over the faces in Morton order; node k has the children 2k and 2k + 1, the root is 1, so that no links are kept.
+one over the faces in Morton order; node k has the children 2k and 2k + 1, the root is 1, so that no links are stored.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class MeshTree:
         corners = np.asarray(vertices, float)[faces]
         order = _morton_order(corners.mean(axis=1))
         self.leaves = 1 << math.ceil(math.log2(max(len(faces), 2)))
-        order = np.concatenate([order, np.full(self.leaves - len(order), order[-1])])  # the last face again and again
+        order = np.concatenate([order, np.full(self.leaves - len(order), order[-1])])  # padded by the last face
         corners = corners[order]
         self._faces = lookup(arrays().UInt, order.astype(np.uint32))
         self._corners = lookup(arrays().Float, corners.astype(np.float32))
@@ -51,10 +51,10 @@ class MeshTree:
 
     @dr.syntax
     def _search(self, point: Any, best: Any) -> tuple[Any, Any]:
-        """Square of the distance, and number of the leaf (0: none), of the nearest face nearer than √`best`."""
+        """Squared distance and number of the leaf (0: none) of the nearest face closer than √`best`."""
         kinds = arrays()
         node, leaf = kinds.UInt(1) + 0 * kinds.UInt(point.x), kinds.UInt(0)
-        while node < self.leaves:  # straight down to a near face, that the search may leave out the rest
+        while node < self.leaves:  # straight down to a near face, so that the search may skip the rest
             left, right = self._square_to(point, node * 2), self._square_to(point, node * 2 + 1)
             node = node * 2 + dr.select(right < left, kinds.UInt(1), 0)
         _, on = _nearest_on(point, *self._corners_of(node - self.leaves))
@@ -87,7 +87,7 @@ class MeshTree:
 
 
 def _next(node: Any) -> Any:
-    """The node that follows when what is below `node` is left out; 0 behind the last one."""
+    """The node that follows when the subtree of `node` is skipped; 0 behind the last one."""
     after = node + 1
     after = after >> dr.tzcnt(after)
     return dr.select(after == 1, 0, after)

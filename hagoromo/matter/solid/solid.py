@@ -23,8 +23,8 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
-BOUNDED = 10.0  # voxels, how far distances are told when bricks are sought: more than half the diagonal of an octant
-BESIDE = 1e-3  # of half the softness: nearer to the surface its plane tells the direction across
+BOUNDED = 10.0  # [voxels] reach of distances in the search for bricks: more than half the diagonal of an octant
+BESIDE = 1e-3  # [half the softness] closer to the surface than this, the normal of the face is used
 CREASE = math.radians(40)  # edges of a mesh sharper than this stay sharp
 
 
@@ -58,7 +58,7 @@ def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness) -> 
 class MeshSurface:
     """The mesh in a file, `height_mm` high, that stands on z = 0 around x = y = 0: its nearest face, what is inside.
 
-    rotation_deg: turns it about x, then y, then z before. What had to be repaired is said in a warning, see `repaired`.
+    rotation_deg: turns it about x, then y, then z before. A warning lists repairs, see `repaired`.
     Raises `InputError` for a file that holds no mesh, or one that does not enclose a volume.
     """
 
@@ -76,7 +76,7 @@ class MeshSurface:
         self._planes = lookup(arrays().Float, np.asarray(mesh.face_normals, np.float32))
 
     def matter(self, point: Any, softness: float) -> tuple[Any, Any]:
-        """Density at points [mm], and unit outward normal of the nearest surface; of any where none is near.
+        """Density at points [mm], and unit outward normal of the nearest surface; arbitrary where no surface is near.
 
         The density is the share of a line of length `softness` across the nearest surface that is inside: the coverage
         of what is thick, and the thickness of what is thin spread over `softness`.

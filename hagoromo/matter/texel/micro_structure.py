@@ -1,4 +1,4 @@
-"""Texture: a periodic field of micro-structure in (u, v, height) → a texel. All in mm."""
+"""Micro-structure: a periodic field in (u, v, height) → a texel. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from hagoromo.matter.texel.texel_levels import levels_of
 from hagoromo.volume.texel import Texel
 
 Field = Callable[[Any, Any], tuple[Any, Any, Any]]
-AT_ONCE = 1 << 20  # nodes evaluated together
-MOST = 4095  # cells of a period
+AT_ONCE = 1 << 20  # nodes that are evaluated together
+MOST = 4095  # largest number of cells in a period
 
 
 def texel(

@@ -1,4 +1,4 @@
-"""Shell: a surface that micro-structure lies on → the plan of a box with a chart and a texel. All in mm."""
+"""Shell: a surface that carries micro-structure → the plan of a box with a chart and a texel. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
 
-AROUND = 1.75  # voxels around the texel's heights in which the chart must be known: a diagonal of a voxel
-BAND = 4.0  # voxels around them in which heights are told apart
-LOWEST = 1e-3  # share of the band that stands for all that is below it: 0 would be no voxel
+AROUND = 1.75  # voxels beyond the texel's heights in which the chart is stored: the diagonal of a voxel
+BAND = 4.0  # voxels beyond them over which heights are encoded
+LOWEST = 1e-3  # code of every height below the band: 0 would mean an empty voxel
 
 
 class Chart(NamedTuple):
-    """Where points are on a surface.
+    """Coordinates of points on a surface.
 
     height: signed distance [mm]. normal: unit, towards greater heights. u, v: arc length on the surface [mm], the one
     growing along the unit tangent `along_u`, the other along normal × along_u; they may jump by whole periods of the
-    texel. presence: 1 where there is matter, falling evenly to 0 over a few voxels across a hem, which is at ½.
+    texel. presence: 1 where there is matter, falling linearly to 0 over a few voxels across a hem, which lies at ½.
     """
 
     height: Any
@@ -50,9 +50,9 @@ def shell(
 ) -> BoxPlan:
     """The box whose `chart`, a function of the point [mm], lays the texel on a surface.
 
-    bound: a Shape [mm] that is never more than the distance to the surface (of height 0). extent: low and high corner
-    [mm]. voxel_mm: of the chart, as fine as the surface's curvature asks for. mean_free_path_mm: of light where the
-    density is 1. materials: one per population of the texel. record: name and provenance.
+    bound: a Shape [mm], a lower bound of the distance to the surface (height 0). extent: low and high corner
+    [mm]. voxel_mm: edge of the voxels of the chart; the curvature of the surface decides it. mean_free_path_mm: of
+    light where the density is 1. materials: one per population of the texel. record: name and provenance.
     """
     bottom, top = texel.bottom / MM, texel.top / MM
     low, high = bottom - BAND * voxel_mm, top + BAND * voxel_mm

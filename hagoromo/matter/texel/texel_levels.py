@@ -1,6 +1,6 @@
 """Levels of a texel: from its finest lattice to ever coarser ones, each with means over cells twice as wide.
 
-Along u and v down to one cell a period; along the height down to a few cells, that the light still finds a depth.
+Along u and v down to one cell per period; along the height down to FEWEST_ALONG_HEIGHT cells, which keeps the depth.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ Values = NDArray[np.float32]
 
 
 def levels_of(density: NDArray, axis: NDArray, variants: int) -> tuple[Level, ...]:
-    """All levels of the finest lattice; density and axis as those of `Level`, axes of either sign.
+    """All levels of the finest lattice; density and axis as in `Level`, axes of either sign.
 
-    Axes of a population are turned to one side before they are averaged: cylinders have no direction.
+    The axes of a population are turned to one side before they are averaged: the sign of a tangent has no meaning.
     """
     populations, v, u, h = density.shape
     finest = Level(density.astype(np.float16), axis.astype(np.float16), unscaled(populations))
@@ -34,7 +34,7 @@ def levels_of(density: NDArray, axis: NDArray, variants: int) -> tuple[Level, ..
 
 
 def _to_one_side(density: Values, axis: Values) -> Values:
-    """Axes of every population turned to the side of their principal direction."""
+    """Axes of every population, with the sign of their principal direction."""
     turned = np.empty_like(axis)
     for k, (weight, vectors) in enumerate(zip(density, axis, strict=True)):
         flat, share = vectors.reshape(-1, 3), weight.reshape(-1)
@@ -75,15 +75,15 @@ def _joined(blocks: Values) -> Values:
 
 
 def _around(many: int, few: int) -> Values:
-    """Weights (few, many) of the nodes of a period in those of a coarser one: tents as wide as two of its cells."""
+    """Weights (few, many) from the nodes of a period to those of a coarser one: tents two coarse cells wide."""
     ratio = many / few
     apart = np.abs(np.arange(few)[:, None] * ratio - np.arange(many))
     weights = np.maximum(1.0 - apart / ratio, 0.0) + np.maximum(1.0 - (many - apart) / ratio, 0.0)
-    return (weights / ratio).astype(np.float32)  # by columns they sum to few / many: means stay what they are
+    return (weights / ratio).astype(np.float32)  # each column sums to few / many, so the mean is kept
 
 
 def _upwards(many: int, few: int) -> Values:
-    """The same along the height, (few + 1, many + 1): there is nothing below the lowest and above the highest node."""
+    """The same along the height, (few + 1, many + 1): matter ends at the lowest and the highest node."""
     ratio = many / few
     apart = np.abs(np.arange(few + 1)[:, None] * ratio - np.arange(many + 1))
     weights = np.maximum(1.0 - apart / ratio, 0.0) / ratio

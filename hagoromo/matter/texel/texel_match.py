@@ -1,9 +1,9 @@
-"""Match: the coarse levels of a texel brought to pass and send back the light that the finest one does.
+"""Match: the coarse levels of a texel transmit and reflect the light that the finest level does.
 
-Means over cells do not show how matter hides itself: yarns hide what is behind them, gaps let light through, and light
-goes with the exponential of the density. So the densities of a level are scaled until a flat layer of it passes as much
-light as one of the finest level, and the light of every population until it sends back as much: means over PAIRS of
-directions.
+Averaging densities over cells loses occlusion: yarns hide what is behind them, gaps transmit light, and the
+transmittance is an exponential of the density. The densities of a level are scaled until a flat layer of it transmits
+as much light as one of the finest level, and the light of every population until it reflects as much, in the mean over
+PAIRS of directions.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from hagoromo.transport.medium import THINNEST
 from hagoromo.transport.textures import STEPS, Textures
 from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 
-PAIRS = 128  # of directions to the eye and to a lamp
+PAIRS = 128  # pairs of directions, to the eye and to a lamp
 STEEPEST = math.cos(math.radians(75))  # least cosine between them and the normal
 BEHIND = 4  # every so many pairs have the lamp on the other side of the layer
-SIDE = 12  # rays a side of a period, for each pair
-PART = 0.35  # optical depth of a step, at most
-DRAWN = 0.01  # how strongly scales are drawn to one factor for all directions
-LEAST, MOST = 1e-3, 10.0  # factors on densities that are looked for
-FAR = 1e3  # m
+SIDE = 12  # rays along each side of a period, for each pair
+PART = 0.35  # largest optical depth of a step
+DRAWN = 0.01  # strength of the regularisation towards one factor for all directions
+LEAST, MOST = 1e-3, 10.0  # range of the factors on densities
+FAR = 1e3  # [m] distance of the lamps
 SEED = 1
 
 
@@ -78,7 +78,7 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance]) -> Texel
 
 
 def light_sent(texel: Texel, level: int, tau: float, materials: Sequence[Reflectance]) -> NDArray[np.float64]:
-    """Light that a flat layer of one level sends back for each of PAIRS, per population, body and interface [1/sr].
+    """Light that a flat layer of one level reflects for each of PAIRS, per population, body and interface [1/sr].
 
     (PAIRS, populations, 2), per unit of irradiance on a plane that faces the lamp.
     """
@@ -115,11 +115,11 @@ class Layer:
         dr.eval(self.lattice, self.steps, self.part, start)
 
     def place(self, on: Any) -> OnSurface:
-        """Where the rays are `on` [m] behind the layer's face."""
+        """Points of the rays at a distance `on` [m] behind the face of the layer."""
         return self.face.moved(-on, self.rays.to_eye, self.per_metre)
 
     def light(self, here: OnSurface) -> list[Any]:
-        """Density times what the elements of a place send back: body and interface of every population."""
+        """Density times the light that the elements at a place reflect: body and interface of every population."""
         way = self.rays.to_lamp
         depth, _ = self.textures.through(self.box, self.row, here, way, FAR, self.tau)
         arrived, radiance = dr.exp(-depth), []
@@ -133,7 +133,7 @@ class Layer:
 
 @dr.syntax
 def _through(layer: Layer) -> tuple[Any, list[Any]]:
-    """∫ ρ ds [m] along the rays, and the light that the layer's materials send back: body and interface of each."""
+    """∫ ρ ds [m] along the rays, and the light that the materials of the layer reflect: body and interface of each."""
     kinds, count, tau = arrays(), dr.width(layer.rays.u), layer.tau
     k, passed = dr.zeros(kinds.Float, count), dr.zeros(kinds.Float, count)
     sent = [dr.zeros(kinds.Float, count) for _ in range(2 * len(layer.materials))]
@@ -157,9 +157,9 @@ def _sent(layer: Layer) -> NDArray[np.float64]:
 
 
 def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
-    """Numbers of `LightScale`, (populations, 2, SCALES), that bring the light `sent` nearest to that `wanted`.
+    """Numbers of `LightScale`, (populations, 2, SCALES), that bring the light `sent` closest to the light `wanted`.
 
-    Least squares over the pairs, drawn a little to one factor for all.
+    Least squares over the pairs, with a weak regularisation towards one factor for all.
     """
     scales = unscaled(sent.shape[1])
     for k, c in np.ndindex(scales.shape[:2]):
@@ -182,7 +182,7 @@ def _textures(texel: Texel) -> Textures:
 
 
 def _factor(depth: NDArray, passed: float) -> float:
-    """By what to multiply optical depths so that `passed` of the light is left, on the mean."""
+    """Factor on the optical depths that makes the mean transmittance equal `passed`."""
     from scipy.optimize import root_scalar
 
     def excess(logarithm: float) -> float:
@@ -203,7 +203,7 @@ def _added(old: list[Any], gain: Any, new: list[Any]) -> list[Any]:
 
 
 def _directions(rng: np.random.Generator) -> NDArray[np.float64]:
-    """PAIRS unit vectors above the layer, even over the cosine with the normal."""
+    """PAIRS unit vectors above the layer, uniform in the cosine with the normal."""
     turn, cosine = 2.0 * math.pi * rng.random(PAIRS), STEEPEST + (1.0 - STEEPEST) * rng.random(PAIRS)
     sine = np.sqrt(1.0 - cosine**2)
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1)
