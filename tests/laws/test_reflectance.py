@@ -68,6 +68,12 @@ def test_fresnel_limits(n):
     assert fresnel(1e-7, n) == pytest.approx(1.0, abs=1e-5)  # 1 − F falls as 4 n² c / √(n²−1)
 
 
+@pytest.mark.parametrize("cosine", [1e-3, 0.3, 0.7, 1.0])
+def test_without_a_boundary_nothing_is_reflected(cosine):
+    """n = 1: g = c, so F = 0 at every angle; with g² as the paper prints it air would reflect in air."""
+    assert fresnel(cosine, 1.0) == pytest.approx(0.0, abs=1e-20)
+
+
 def test_squared_angle_is_arccos_squared():
     angle = np.concatenate([np.linspace(0, 0.12, 401), np.linspace(0.12, 3.14, 401)])
     got = np.array(squared_angle(arrays().Float64(np.cos(angle))))
