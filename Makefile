@@ -1,12 +1,12 @@
-# make setup | data | demo | test | test-slow | bench | figures | gallery | real | relit | lamps | near | spectra | coverage | merl:
-# each sets up what it needs.
+# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | real | relit | lamps | near | spectra |
+# coverage | merl: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow bench real relit lamps near spectra coverage merl figures gallery
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl figures gallery
 
 setup: $(READY)
 
@@ -34,6 +34,11 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/pytest -n 2 -m slow
+
+# The site of the documents, into out/docs; a dead link or a public name without a docstring fails.
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo out/docs/index.html
 
 # The march, how it grows, what bounds it, and its peers (a quarter of an hour; 6 GiB): docs/performance.md.
 bench: $(PEERS)

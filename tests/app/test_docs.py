@@ -1,0 +1,72 @@
+"""The site of the documents: it builds without a warning, has every public name, and every citation of the model leads
+to a section of it.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hagoromo
+
+ROOT = Path(__file__).parents[2]
+CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
+SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
+NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The site as `make docs` builds it: a dead link, an unknown citation or a name without a docstring ends it."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(folder)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return folder
+
+
+def test_every_public_name_is_in_the_reference(site):
+    pages = "".join(page.read_text(encoding="utf-8") for page in (site / "reference" / "api").glob("*.html"))
+    missing = [name for name in NAMES if f'id="hagoromo.{name}"' not in pages]
+    assert NAMES and not missing
+
+
+def test_every_command_is_in_the_reference(site):
+    page = (site / "reference" / "commands.html").read_text(encoding="utf-8")
+    for verb in ("measure", "render", "compare", "calibrate-lamps", "info"):
+        assert f'id="{verb}"' in page
+
+
+def test_the_site_loads_nothing_from_elsewhere(site):
+    """Pages work without a network: links may lead out, but no script, style, font or picture comes from there."""
+    loads = re.compile(r'<(?:script|img|iframe|source)[^>]* src="?https?:|<link[^>]* href="?https?:[^>]*stylesheet')
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 40
+    assert [page.name for page in pages if loads.search(page.read_text(encoding="utf-8"))] == []
+
+
+def test_equations_are_drawn(site):
+    """No LaTeX is left for a script to set, but in the labels of the drawings."""
+    page = (site / "model" / "reflection.html").read_text(encoding="utf-8")
+    assert page.count('class="equation"') > 20 and "arithmatex" not in page
+
+
+def test_citations_of_the_model_lead_to_its_sections():
+    """Every "MODEL §n" in the code, the tests and the benchmarks is a heading "§n" of docs/model with its anchor."""
+    sections = {}
+    for page in (ROOT / "docs" / "model").glob("*.md"):
+        for number, anchor in SECTION.findall(page.read_text(encoding="utf-8")):
+            assert anchor == number.replace(".", "-") and number not in sections
+            sections[number] = page.name
+    cited = {
+        (number, path.name)
+        for room in ("hagoromo", "hagoromo_figures", "studies", "tests", "benchmarks")
+        for path in (ROOT / room).rglob("*.py")
+        for number in CITED.findall(path.read_text(encoding="utf-8"))
+    }
+    assert len(cited) > 20 and sections
+    assert {(number, name) for number, name in cited if number not in sections} == set()
