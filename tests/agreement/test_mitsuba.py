@@ -1,0 +1,100 @@
+"""Mitsuba's path tracer, an independent solver of the same equations, sees the same absolute radiance as the render.
+
+Single scattering: `volpath` of depth 2 in a cloud whose phase function is a matte sphere's, and `path` of depth 2 on
+Lambert surfaces. Pictures are judged block by block (`blocks_agree`) against Mitsuba's own variance, estimated from
+independent renders; significance 0.1 %, fixed seeds. The judge must also refuse our picture made 3 % brighter.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.backend import mitsuba
+from hagoromo.image.settings import Settings
+from tests.judges import blocks_agree
+
+PIXELS, BLOCK = 32, 8  # pixels a side of the picture, and of a block
+FOCAL = 2.5  # focal length over the width: every block shows matter, else few lucky paths decide and Z is not normal
+EYE, LAMP, INTENSITY = (0.0, 0.0, 3.0), (2.0, 2.5, 2.0), 27.0  # [m], [m], [W/sr]
+ALPHA, TAU = 0.3, 3.0  # [1/sr], [1/m]
+VOXELS = 24
+RENDERS, PATHS = 16, 16  # independent renders by Mitsuba, paths a pixel of each
+OURS_BIAS = 0.005  # of a block: steps of the march, and few of the infinitely many rays of a pixel
+SOFT = Settings(samples=4, shadows="march", tolerance=0.01)  # for a cloud, whose radiance varies little in a pixel
+SHARP = Settings(samples=64)  # for outlines of surfaces
+MATTE = hg.Spectrum.constant(1.0)
+
+
+def cloud() -> np.ndarray:
+    """Density (z, y, x) of a soft, lopsided ball of noise in the cube −1…1 m, which ends before the cube does."""
+    centres = (np.arange(VOXELS) + 0.5) / VOXELS * 2.0 - 1.0
+    z, y, x = np.meshgrid(centres, centres, centres, indexing="ij")
+    ball = np.clip((0.85 - np.sqrt(x**2 + y**2 + z**2)) * 2.0, 0.0, 1.0)
+    return (ball * (1.0 + 0.5 * x) * np.random.default_rng(1).uniform(0.5, 1.5, ball.shape)).astype(np.float32)
+
+
+def camera() -> hg.Camera:
+    middle = PIXELS / 2.0
+    pinhole = hg.Camera(PIXELS, PIXELS, (FOCAL * PIXELS, FOCAL * PIXELS), (middle, middle))
+    return pinhole.look_at(EYE, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def pictures_of_mitsuba(integrator: str, objects: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Mean radiance (height, width) [W m⁻² sr⁻¹] of independent renders, and the variance of that mean."""
+    mi = mitsuba()
+    look = mi.ScalarTransform4f().look_at(EYE, [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    film = {"type": "hdrfilm", "width": PIXELS, "height": PIXELS, "component_format": "float32",
+            "pixel_format": "rgb", "rfilter": {"type": "box"}}  # fmt: skip
+    fov = 2.0 * math.degrees(math.atan(0.5 / FOCAL))
+    sensor = {"type": "perspective", "fov": fov, "to_world": look, "near_clip": 0.01, "far_clip": 100.0}
+    lamp = {"type": "point", "position": list(LAMP), "intensity": {"type": "rgb", "value": INTENSITY}}
+    scene = mi.load_dict({
+        "type": "scene", "integrator": {"type": integrator, "max_depth": 2, "rr_depth": 1000},
+        "sensor": {**sensor, "film": film, "sampler": {"type": "independent"}}, "lamp": lamp, **objects,
+    })  # fmt: skip
+    renders = np.array([np.array(mi.render(scene, spp=PATHS, seed=seed))[..., 1] for seed in range(RENDERS)])
+    return renders.mean(axis=0), renders.var(axis=0, ddof=1) / RENDERS
+
+
+def assert_same_radiance(ours: hg.Image, mean: np.ndarray, variance: np.ndarray) -> None:
+    """And brighter by 3 %, of which OURS_BIAS is granted, it is another picture."""
+    radiance = ours.weights[..., 0]
+    assert blocks_agree(mean, radiance, variance, BLOCK, relative_bias=OURS_BIAS)
+    assert not blocks_agree(mean, 1.03 * radiance, variance, BLOCK, relative_bias=OURS_BIAS)
+
+
+@pytest.mark.parametrize("tau", [TAU, 10.0 * TAU])
+def test_the_march_sees_the_radiance_of_volpath(tau):
+    """A cloud of optical depth 3, and of 30, with its own shadow: the albedo of matter of spheres is π α."""
+    mi, density = mitsuba(), cloud()
+    pose = np.eye(4)
+    pose[:3, 3] = -1.0
+    matter = hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, MATTE, element="sphere")
+    box = hg.VolumeBox.from_arrays(density, np.zeros((*density.shape, 3)), 2.0 / VOXELS, tau, [matter], pose=pose)
+    ours = hg.render(hg.Scene(camera(), (hg.Lamp(position=LAMP, intensity=INTENSITY),), (box,)), SOFT)
+    # f [1/sr] of a matte sphere, at χ = ∠(L, V); Mitsuba counts the angle from straight on
+    phase = np.arccos(-np.linspace(-1.0, 1.0, 361))
+    values = np.sin(phase) + (math.pi - phase) * np.cos(phase)
+    place = mi.ScalarTransform4f().translate([-1.0, -1.0, -1.0]).scale(2.0)
+    grid = {"type": "gridvolume", "grid": mi.VolumeGrid(density[..., None]), "to_world": place, "raw": True}
+    medium = {
+        "type": "heterogeneous", "albedo": {"type": "constvolume", "value": math.pi * ALPHA}, "scale": tau,
+        "sigma_t": grid, "phase": {"type": "tabphase", "values": ",".join(f"{value:.9g}" for value in values)},
+    }  # fmt: skip
+    theirs = pictures_of_mitsuba("volpath", {"box": {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}})
+    assert_same_radiance(ours, *theirs)
+
+
+def test_surfaces_see_the_radiance_of_path():
+    """A Lambert ball before a wall that it shades: f = α cos θ of ours is a reflectance of π α."""
+    mi, matter = mitsuba(), hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, MATTE)
+    wall = np.diag([2.0, 2.0, 1.0, 1.0])
+    wall[2, 3] = -0.9
+    surfaces = (hg.Surface.sphere((0.1, -0.2, 0.0), 0.6, matter), hg.Surface(matter, "rectangle", pose=wall))
+    ours = hg.render(hg.Scene(camera(), (hg.Lamp(position=LAMP, intensity=INTENSITY),), (), surfaces), SHARP)
+    paint = {"type": "diffuse", "reflectance": {"type": "rgb", "value": math.pi * ALPHA}}
+    ball = {"type": "sphere", "center": [0.1, -0.2, 0.0], "radius": 0.6, "bsdf": paint}
+    plane = {"type": "rectangle", "to_world": mi.ScalarTransform4f(wall.tolist()), "bsdf": paint}
+    assert_same_radiance(ours, *pictures_of_mitsuba("path", {"ball": ball, "plane": plane}))
