@@ -82,9 +82,9 @@ def main(scratch: Path, tiles: int = 24, lamps: int = 96) -> None:
     """
     source, record = photographs(lamps), dict[str, Any]()
     clock = _Clock(record)
-    with tile_store(source, scratch, lambda share, step: print(f"{step}", flush=True)) as store:
+    with tile_store(source, scratch, lambda share, step="": print(f"{step}", flush=True)) as store:
         clock.lap("store")
-        coarse = solve_coarse(store, 1.02 * DISTANCE, progress=lambda share, step: print(step, flush=True))
+        coarse = solve_coarse(store, 1.02 * DISTANCE, progress=lambda share, step="": print(step, flush=True))
         clock.lap("coarse")
         chosen = range(0, store.count, max(store.count // tiles, 1))
         fine = solve_tiles(store, coarse, tiles=chosen)

@@ -7,7 +7,6 @@ Enters: nothing. Leaves: results.json, coverage.md and coverage.png, which belon
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,36 +14,35 @@ import numpy as np
 import tyro
 
 from hagoromo import __version__
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.material.estimate import estimate_material
+from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
 
 SIMULATIONS = 200
 QUANTITIES = ("alpha", "beta", "gamma", "n", "specular_albedo", "body_colour")
-Progress = Callable[[float, str], None]
 
 
 def coverage_study(
-    out: str | Path, simulations: int = SIMULATIONS, force: bool = False, progress: Progress | None = None
+    out: str | Path, simulations: int = SIMULATIONS, force: bool = False, progress: Progress = silent
 ) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
-    tell = progress or (lambda share, step: None)
     rows, cases = [], [(bench, level) for bench in BENCHES for level in FULL_WELLS]
     with whole_folder(out, force) as home:
         for i, (bench, level) in enumerate(cases):
             found = []
             for k in range(simulations):
-                tell((i + k / simulations) / len(cases), f"{bench}, {level}")
+                progress((i + k / simulations) / len(cases), f"{bench}, {level}")
                 found.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
             rows += [{"bench": bench, "level": level, **row} for row in table(found)]
         record = {"hagoromo": __version__, "simulations": simulations, "rows": rows}
         write_json(home / "results.json", record)
         write_coverage_page(home, record)
-        tell(1.0, "")
+        progress(1.0, "")
     return record
 
 

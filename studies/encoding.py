@@ -7,7 +7,7 @@ object says little: the response is what all of them share.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,14 +20,14 @@ from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.photometric_prior import Prior
 from hagoromo.measurement.normals.views import Array, Views, views
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, silent
 
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
 PIXELS = 2000  # of each object that are fitted
 LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
-Progress = Callable[[float, str], None]
 
 
-def encoding_study(captures: Mapping[str, Capture], progress: Progress | None = None) -> dict[str, Any]:
+def encoding_study(captures: Mapping[str, Capture], progress: Progress = silent) -> dict[str, Any]:
     """Relative residual of every object under every hypothesis; the exponent that each asks for, their mean and error.
 
     The photographs hold recorded values, 1 at white. Returns {"residuals": {object: {hypothesis: …}}, "exponents":
@@ -35,8 +35,7 @@ def encoding_study(captures: Mapping[str, Capture], progress: Progress | None = 
     """
     residuals: dict[str, dict[str, float]] = {}
     for i, (name, capture) in enumerate(captures.items()):
-        if progress:
-            progress(i / len(captures), name)
+        progress(i / len(captures), name)
         seen = views(capture)
         count = len(seen.rows)
         seen = seen.pixels(np.sort(np.random.default_rng(0).choice(count, min(PIXELS, count), replace=False)))

@@ -7,7 +7,6 @@ Enters: a folder with merl_sgd.json and merl_abc.json. Leaves: results.json, mer
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import tyro
 from tyro.conf import Positional
 
 from hagoromo import __version__
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
@@ -25,6 +24,7 @@ from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.sight import Array
+from hagoromo.progress import Progress, silent
 from studies.goniometer import cosines_of, goniometer, readings
 from studies.merl_page import write_merl_page
 from studies.merl_rival import fit_ggx
@@ -33,7 +33,6 @@ from studies.merl_truth import Truth, read_truths
 NOISE = 0.01  # relative, of each reading
 SEED = 0
 METHODS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -51,16 +50,13 @@ class Row:
     model_error: float
 
 
-def merl_study(
-    folder: str | Path, out: str | Path, force: bool = False, progress: Progress | None = None
-) -> dict[str, Any]:
+def merl_study(folder: str | Path, out: str | Path, force: bool = False, progress: Progress = silent) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
-    tell = progress or (lambda share, step: None)
     rows = []
     with whole_folder(out, force) as home:
         cases = [(kind, name, of) for kind, named in read_truths(folder).items() for name, of in named.items()]
         for i, (kind, name, truth) in enumerate(cases):
-            tell(i / len(cases), name)
+            progress(i / len(cases), name)
             rows.append(study(kind, name, truth, np.random.default_rng([SEED, i])))
         record = {
             "hagoromo": __version__,
@@ -72,7 +68,7 @@ def merl_study(
         }
         write_json(home / "results.json", record)
         write_merl_page(home, record)
-        tell(1.0, "")
+        progress(1.0, "")
     return record
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_lambert, solve_normals
 from hagoromo.measurement.normals.views import Array, views
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, silent
 from studies.leave_one_out import METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
 from studies.rig import Unevenness, evened, flat_field
 from studies.uw_psm import sphere_normals
@@ -30,7 +31,6 @@ INNER = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix
 SAMPLES = 4  # rays a pixel of the relief's picture
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
 BANDS = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,9 @@ def study_object(
     capture: Capture,
     others: Sequence[Unevenness],
     aside: Sequence[int],
-    tell: Progress,
-    share: tuple[float, float] = (0.0, 1.0),
+    progress: Progress = silent,
 ) -> ObjectStudy:
-    """Study of one object with the lamps in `aside` kept aside in turn; share: begin and length told to `tell`.
+    """Study of one object with the lamps in `aside` kept aside in turn.
 
     others: the lamps as the other objects told them.
     """
@@ -86,7 +85,7 @@ def study_object(
     found = solve_normals(even)
     each = []
     for i, lamp in enumerate(aside):
-        tell(share[0] + share[1] * i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")
+        progress(i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")
         kept = keep_aside(capture, even, field, lamp)
         each.append([score(kept.photograph, kept.predictions[method]) for method in METHODS])
     scores = dict(zip(METHODS, np.moveaxis(np.array(each), 1, 0), strict=True))

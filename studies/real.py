@@ -7,7 +7,7 @@ Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: results.json, pictu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,14 @@ import tyro
 from tyro.conf import Positional
 
 from hagoromo import __version__
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.calibration.lamps import LampReading
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.normals.normals import solve_normals
 from hagoromo.measurement.normals.views import Array
+from hagoromo.progress import Progress, part_of, silent
 from studies.encoding import encoding_study
 from studies.leave_one_out import METHODS
 from studies.object_study import study_object
@@ -31,33 +32,30 @@ from studies.rig import Unevenness, unevenness
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
-Progress = Callable[[float, str], None]
-
 
 def real_study(
     folder: str | Path,
     out: str | Path,
     objects: Sequence[str] = OBJECTS,
     force: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
-    tell = progress or (lambda share, step: None)
     with whole_folder(out, force) as home:
-        tell(0.0, "lamps")
+        progress(0.0, "lamps")
         _, lamps = read_lamps(folder)
         captures = {name: read_object(folder, name, lamps) for name in OBJECTS}
-        tell(0.01, "response")
+        progress(0.01, "response")
         response = encoding_study(captures)
         told: dict[str, Unevenness] = {}
         for i, (name, capture) in enumerate(captures.items()):
-            tell(0.1 + 0.1 * i / len(captures), f"lamps over {name}")
+            progress(0.1 + 0.1 * i / len(captures), f"lamps over {name}")
             told[name] = unevenness(solve_normals(capture))
         studies = []
         for i, name in enumerate(objects):
             others = [one for other, one in told.items() if other != name]
-            share = 0.2 + 0.78 * i / len(objects), 0.78 / len(objects)
-            studies.append(study_object(folder, captures[name], others, range(LAMPS), tell, share))
+            of_object = part_of(progress, 0.2 + 0.78 * i / len(objects), 0.78 / len(objects))
+            studies.append(study_object(folder, captures[name], others, range(LAMPS), of_object))
         record = {
             "hagoromo": __version__,
             "lamps": [{**lamp.record(), "off_their_reading_deg": off} for lamp, off in _agreement(folder, lamps)],
@@ -69,7 +67,7 @@ def real_study(
         for study in studies:
             write_pictures(study, home / study.name)
         write_real_report(home / "report.html", record, studies)
-        tell(1.0, "")
+        progress(1.0, "")
     return record
 
 

@@ -8,7 +8,7 @@ Enters: the folder of the uw_psm set (see `uw_psm`). Leaves: a folder for each o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +17,18 @@ from tyro.conf import Positional
 
 from hagoromo import __version__
 from hagoromo.app.page import Page, image
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.relight.relight import relight_capture
 from hagoromo.app.relight.relit import PREDICTIONS, Relit
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.capture import save_capture
+from hagoromo.progress import Progress, silent
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
 HELD = (0, 4, 8)  # lamps kept aside, of twelve
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
-Progress = Callable[[float, str], None]
 
 
 def relit_objects(
@@ -36,15 +36,14 @@ def relit_objects(
     out: str | Path,
     objects: Sequence[str] = OBJECTS,
     force: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> dict[str, tuple[Relit, ...]]:
     """Relight each of `objects`, write everything to the folder `out`, and give what was found, object by object."""
-    tell = progress or (lambda share, step: None)
     found: dict[str, tuple[Relit, ...]] = {}
     with whole_folder(out, force) as home:
         _, lamps = read_lamps(folder)
         for i, name in enumerate(objects):
-            tell(i / len(objects), name)
+            progress(i / len(objects), name)
             (home / name).mkdir()
             save_capture(read_object(folder, name, lamps), home / name / "capture")
             held = [f"{name} {k}" for k in HELD]
@@ -52,7 +51,7 @@ def relit_objects(
         record = {name: [one.record() for one in relit] for name, relit in found.items()}
         write_json(home / "results.json", {"hagoromo": __version__, "held": list(HELD), "objects": record})
         _write_index(home / "index.html", found)
-        tell(1.0, "")
+        progress(1.0, "")
     return found
 
 

@@ -9,7 +9,7 @@ results.json.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 from hagoromo import __version__
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.calibration.response.chart import chart_spectra
 from hagoromo.camera.response import Response
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.progress import Progress, silent
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from studies.table import print_table
 
@@ -35,14 +36,12 @@ PENALTIES = np.logspace(-6, 1, 22)  # of the rival, relative to the scale of its
 BRIGHT = 0.05  # of a curve's peak, above which coverage is told apart
 CHARTS = (("D65",), ("A",), ("D65", "A"), ("D65", "FL11"))
 Array = NDArray[np.float64]
-Progress = Callable[[float, str], None]
 
 
 def response_study(
-    folder: str | Path, out: str | Path, every: int = 1, force: bool = False, progress: Progress | None = None
+    folder: str | Path, out: str | Path, every: int = 1, force: bool = False, progress: Progress = silent
 ) -> dict[str, Any]:
     """The study over every n-th camera, written to the folder `out`; gives the record of results.json."""
-    tell = progress or (lambda share, step: None)
     with whole_folder(out, force) as home:
         cameras = dict(list(read_cameras(Path(folder) / CAMERAS).items())[::every])
         lights = known_lights()
@@ -53,14 +52,14 @@ def response_study(
         }
         rows = {}
         for i, (name, matrix) in enumerate(designs.items()):
-            tell(i / len(designs), name)
+            progress(i / len(designs), name)
             rows[name] = score(matrix, cameras)
         others = read_rawtoaces(Path(folder) / OTHERS)
         for name in list(designs)[:2] if others else []:
             rows[f"{name}, {len(others)} of rawtoaces"] = score(designs[name], others)
         record = {"hagoromo": __version__, "noise": NOISE, "cameras": list(cameras), "rows": rows}
         write_json(home / "results.json", record)
-        tell(1.0, "")
+        progress(1.0, "")
     return record
 
 

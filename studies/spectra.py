@@ -7,7 +7,6 @@ Enters: a folder with camera_sensitivities/camspec_28_cameras.csv and nist_skin/
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,10 @@ import tyro
 from tyro.conf import Positional
 
 from hagoromo import __version__
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
+from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.spectra.prior_spectra import read_spectra
 from studies.spectra_bench import CAMERAS, NOISE, SOURCES, TARGETS, Bench, read_bench
 from studies.spectra_cases import Case, chart_case, skin_cases, study_case, surfaces_case
@@ -28,40 +28,38 @@ from studies.table import print_table
 
 SKIN = Path("nist_skin") / "nist_skin_70_subjects_250_1000nm.csv"
 SLOW = 7  # of the cameras, every seventh where a method takes minutes over all
-Progress = Callable[[float, str], None]
 
 
 def spectra_study(
-    folder: str | Path, out: str | Path, force: bool = False, progress: Progress | None = None
+    folder: str | Path, out: str | Path, force: bool = False, progress: Progress = silent
 ) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
-    tell = progress or (lambda share, step: None)
     with whole_folder(out, force) as home:
-        tell(0.0, "cameras")
+        progress(0.0, "cameras")
         bench = read_bench(Path(folder) / CAMERAS)
         few = Bench(dict(list(bench.cameras.items())[::SLOW]), bench.colours)
         skin = read_spectra(Path(folder) / SKIN)
         chart, skins = chart_case(skin), skin_cases(skin)
         rows = []
         for i, sources in enumerate(SOURCES):
-            tell(0.05 + 0.05 * i, f"chart, {sources}")
+            progress(0.05 + 0.05 * i, f"chart, {sources}")
             rows.append(ours(chart, bench, sources))
         for i, case in enumerate(skins):
-            tell(0.25 + 0.1 * i, case.name)
+            progress(0.25 + 0.1 * i, case.name)
             rows.append(ours(case, bench, "D65"))
-        tell(0.4, "surfaces kept out")
+        progress(0.4, "surfaces kept out")
         kept_out = surfaces_case()
         rows.append(ours(kept_out, few, "D65"))
         for case, cameras in ((chart, bench), (skins[0], bench), (kept_out, few)):
-            tell(0.5, f"{case.name}, other methods")
+            progress(0.5, f"{case.name}, other methods")
             rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
-        tell(0.55, "recoveries")
+        progress(0.55, "recoveries")
         rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
         record = {"hagoromo": __version__, "noise": NOISE, "rows": [row.record() for row in rows]}
         record["cameras"] = list(bench.cameras)
         write_json(home / "results.json", record)
         write_spectra_report(home / "report.html", record, rows, chart, bench)
-        tell(1.0, "")
+        progress(1.0, "")
     return record
 
 

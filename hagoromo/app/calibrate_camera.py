@@ -14,6 +14,7 @@ from hagoromo.calibration.camera.calibrate_camera import Calibration, Model, cal
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
+from hagoromo.progress import Progress, silent
 
 
 def parse_board(corners: str, square: float, marker: float, dictionary: str, window: int | None) -> Board:
@@ -25,14 +26,20 @@ def parse_board(corners: str, square: float, marker: float, dictionary: str, win
 
 
 def calibrate_to(
-    photographs: Mapping[str, NDArray], board: Board, out: Path, coefficients: Model, square_pixels: bool, force: bool
+    photographs: Mapping[str, NDArray],
+    board: Board,
+    out: Path,
+    coefficients: Model,
+    square_pixels: bool,
+    force: bool,
+    progress: Progress = silent,
 ) -> tuple[Calibration, tuple[Path, Path]]:
     """The calibration, and the paths of its record and its plot."""
     plot = out.with_suffix(".png")
     if plot == out:
         raise InputError(f"{out} is to be a record: give a name that ends in .json")
     with whole_file(out, force) as record, whole_file(plot, force) as picture:
-        found = calibrate_camera(photographs, board, coefficients, square_pixels)
+        found = calibrate_camera(photographs, board, coefficients, square_pixels, progress)
         write_json(record, found.record())
         picture.write_bytes(residual_plot(found))
     return found, (out, plot)

@@ -10,7 +10,7 @@ import tyro
 from tyro.conf import Positional, UseAppendAction
 
 import hagoromo as hg
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, verb, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file
@@ -46,7 +46,8 @@ def calibrate_camera(
     from hagoromo.app.calibrate_camera import calibrate_to, parse_board
 
     target = parse_board(board, square, marker, dictionary, window)
-    found, written = calibrate_to(_pictures(photographs), target, out, coefficients, square_pixels, force)
+    with progress_bar("calibrate camera") as progress:
+        found, written = calibrate_to(_pictures(photographs), target, out, coefficients, square_pixels, force, progress)
     print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
     for axis, value in zip("xy", found.camera.focal, strict=True):
         print(f"focal length {axis} {value:.2f} ± {found.standard_deviation[f'fl_{axis}']:.2f} px")

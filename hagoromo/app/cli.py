@@ -23,7 +23,7 @@ from tyro.conf import Positional
 import hagoromo as hg
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import signals_as_interrupt
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, whole_folder
@@ -237,7 +237,7 @@ def render(
     if tolerance is not None:
         settings = replace(settings, tolerance=tolerance)
     with progress_bar("render") as progress:
-        image = hg.render(loaded, settings, lambda share: progress(share, "rays"))
+        image = hg.render(loaded, settings, progress)
     wrote(*image.save(out, loaded.camera.response, force))
 
 

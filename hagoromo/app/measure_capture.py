@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,8 +23,7 @@ from hagoromo.measurement.surface.depth import surface_from_normals
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.stillness import moved
-
-Progress = Callable[[float, str], None]
+from hagoromo.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ def measure_capture(
     out: str | Path,
     known: Known | None = None,
     force: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Measurement:
     """Measure the capture in `folder` and write the result to the folder `out`, whole or not at all.
 
@@ -65,7 +63,7 @@ def measure_capture(
         return measured
 
 
-def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress | None = None) -> Measurement:
+def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress = silent) -> Measurement:
     """Measure `capture` and write the result to the folder `home`; see `measure_capture`.
 
     points.exr is the shape, given or solved; where it was solved, body.exr holds the α c_b of each pixel, variance.exr
@@ -94,7 +92,7 @@ def fill_measured(capture: Capture, home: Path, known: Known, progress: Progress
 
 
 def _of_unknown_shape(
-    capture: Capture, known: Known, progress: Progress | None
+    capture: Capture, known: Known, progress: Progress
 ) -> tuple[Measurement, Capture, NDArray[np.float32], dict[str, NDArray[np.float32]]]:
     """The measurement, the capture with the shape solved, the bodies (h, w, C), the variances of the shape (h, w)."""
     camera = capture.photographs[0].camera

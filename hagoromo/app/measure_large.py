@@ -6,7 +6,6 @@ labels are full size.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,11 +20,11 @@ from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_s
 from hagoromo.measurement.surface.tiles import Fine, solve_coarse, solve_tiles
 from hagoromo.photograph.capture import TRANSFORMS, Capture, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.progress import Progress, part_of, silent
 
 LARGEST = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
 BYTES = 100  # of a value: value, variance, light, model and weights in double precision, and their copies
 STORING, COARSE = 0.3, 0.1  # shares of the work
-Progress = Callable[[float, str], None]
 
 
 def large_source(folder: str | Path) -> FolderSource | None:
@@ -48,20 +47,15 @@ def needs_tiles(photograph: Photograph, count: int) -> bool:
 
 
 def solve_large(
-    source: Source, home: Path, distance: float, progress: Progress | None = None
+    source: Source, home: Path, distance: float, progress: Progress = silent
 ) -> tuple[Measurement, Capture, Fine]:
     """The measurement of the small capture of `source`, that capture with its shape, and the full-size maps.
 
     home: folder for the scratch. distance: about, to the surface [m].
     """
-    tell = progress or (lambda share, step: None)
-
-    def part(begin: float, length: float) -> Progress:
-        return lambda share, step: tell(begin + length * share, step)
-
-    with tile_store(source, home, part(0.0, STORING)) as store:
-        coarse = solve_coarse(store, distance, progress=part(STORING, COARSE))
-        fine = solve_tiles(store, coarse, part(STORING + COARSE, 1.0 - STORING - COARSE))
+    with tile_store(source, home, part_of(progress, 0.0, STORING)) as store:
+        coarse = solve_coarse(store, distance, progress=part_of(progress, STORING, COARSE))
+        fine = solve_tiles(store, coarse, part_of(progress, STORING + COARSE, 1.0 - STORING - COARSE))
         measured = measurement_of(coarse.capture, coarse.found)
         small = replace(coarse.capture, points=coarse.surface.points, normals=coarse.found.normals)
     return measured, small, fine

@@ -18,7 +18,8 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import scene_and_settings
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
-from hagoromo.transport.film import Film, Progress
+from hagoromo.progress import Progress, part_of, silent
+from hagoromo.transport.film import Film
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.transport.march import march
@@ -28,19 +29,17 @@ from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, map
 COARSEST = 32  # texels a side of a shadow map
 
 
-def render(scene: Scene | str | Path, settings: Settings | None = None, progress: Progress | None = None) -> Image:
+def render(scene: Scene | str | Path, settings: Settings | None = None, progress: Progress = silent) -> Image:
     """The image that the scene's camera would see, as weights.
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
-    progress: called with the share done, 0…1. `InputError` for a file that describes no scene.
+    `InputError` for a file that describes no scene.
     """
     scene, settings = scene_and_settings(scene, settings)
     light = Light(scene, settings)
     film = Film(scene.camera, light.channels)
     for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
-        film.add(
-            light.along, point, progress and (lambda share, done=sample: progress((done + share) / settings.samples))
-        )
+        film.add(light.along, point, part_of(progress, sample / settings.samples, 1.0 / settings.samples))
     return Image(*film.mean(), light.palette, metadata(scene, settings))
 
 

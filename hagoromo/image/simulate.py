@@ -6,7 +6,6 @@ of each pixel meets (0 where it meets none, or matter in a volume box first).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +23,7 @@ from hagoromo.image.scene_file import scene_and_settings
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, part_of, silent
 
 CLEAR = 1e-3  # share of a pixel's light from volume boxes above which its surface counts as hidden
 
@@ -43,7 +43,7 @@ def simulate(
     scene: Scene | str | Path,
     settings: Settings | None = None,
     name: str = "",
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress = silent,
     percentile: float = 99.5,
 ) -> Capture:
     """One photograph per lamp of `scene`, by its camera's response and sensor, with the true surface beside them.
@@ -57,10 +57,8 @@ def simulate(
         raise InputError(f"camera {scene.camera.name!r} has no response or no sensor: a photograph needs both")
     photographs = []
     for k, lamp in enumerate(scene.lamps):
-        step = f"lamp {k + 1} of {len(scene.lamps)}"
-        tell = (lambda share, k=k, step=step: progress((k + share) / len(scene.lamps), step)) if progress else None
-        lit = scene.with_lamps(lamp)
-        image = render(lit, settings, tell)
+        lit, count = scene.with_lamps(lamp), len(scene.lamps)
+        image = render(lit, settings, part_of(progress, k / count, 1.0 / count, f"lamp {k + 1} of {count}"))
         photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}", percentile))
     shape = seen_shape(scene) if scene.surfaces else None
     points, normals = (None, None) if shape is None else shape[:2]

@@ -11,7 +11,7 @@ is 1: matter several times as thick is opaque). Paths are relative to the folder
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from hagoromo.files.whole import replaceable_folder
 from hagoromo.matter.fingerprint import fingerprint
 from hagoromo.matter.recipes.recipe import Recipe
 from hagoromo.matter.registry import kind_names, kind_of
+from hagoromo.progress import Progress, silent
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.build_store import build_box
 from hagoromo.volume.store.plan import BoxPlan
@@ -28,27 +29,23 @@ from hagoromo.volume.store.plan import BoxPlan
 ALL = {
     "kind": text, "material": table, "name": (text, ""), "seed": (count, 0), "resolution": (positive, 1.0),
 }  # fmt: skip
-Progress = Callable[[float], None]
 
 
-def build(recipe: Mapping[str, Any] | str | Path, progress: Progress | None = None) -> VolumeBox:
+def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -> VolumeBox:
     """The volume box of a recipe: the path of a TOML file, or its tables; see the head of this module for the keys.
 
-    progress: called with the share of the work that is done, 0…1. Raises `InputError` that names the wrong key, or an
-    unknown key together with the known ones.
+    Raises `InputError` that names the wrong key, or an unknown key together with the known ones.
     """
     plan, where, _ = _planned(recipe)
-    if progress:
-        progress(0.0)
+    progress(0.0)
     with described(where):
         box = plan.box()
-    if progress:
-        progress(1.0)
+    progress(1.0)
     return box
 
 
 def build_to(
-    recipe: Mapping[str, Any] | str | Path, path: str | Path, force: bool = False, progress: Progress | None = None
+    recipe: Mapping[str, Any] | str | Path, path: str | Path, force: bool = False, progress: Progress = silent
 ) -> None:
     """Build the box of a recipe at `path`, block by block. Memory holds one block; an interrupted build is resumed.
 

@@ -7,7 +7,6 @@ with its standard error, its 95 % interval and whether the photographs tell it a
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,12 +30,12 @@ from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import default_channels
+from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import write_materials
 
 SEED = 0  # of the choice of pixels; the same capture gives the same measurement
 FULL_COLOUR = 5.0  # standard deviations at which a residual's picture is fully red or blue
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ def measure(
     labels: NDArray[np.integer] | None = None,
     n: float | None = None,
     colour_from_highlights: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Measurement:
     """Reflectance of every material of `capture`, whose points and normals are known.
 
@@ -74,17 +73,16 @@ def measure(
     without it their spectra and the camera's response are trusted (white is 1 where no response is known).
     Raises `InputError` when the shape or the lamps are missing, no pixel is usable, or a fit does not settle.
     """
-    tell = progress or (lambda share, step: None)
     _check(capture, labels, n)
     capture = without_plateaus(capture)
-    tell(0.0, "materials")
+    progress(0.0, "materials")
     labels = split_by_gloss(capture, segment(capture)) if labels is None else np.asarray(labels, np.int64)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
     numbers = [number for number in np.unique(labels) if number >= 0]
     found: dict[int, MaterialEstimate] = {}
     refused = []
     for i, number in enumerate(numbers):
-        tell((i + 1) / (len(numbers) + 2), f"material {i + 1} of {len(numbers)}")
+        progress((i + 1) / (len(numbers) + 2), f"material {i + 1} of {len(numbers)}")
         try:
             found[number] = _material(capture, labels, number, n, colour)
         except InputError as error:
@@ -96,14 +94,14 @@ def measure(
     index = np.full(labels.max() + 2, -1)
     index[list(found)] = np.arange(len(found))
     labels, materials = index[np.where(labels >= 0, labels, -1)], tuple(found.values())
-    tell((len(numbers) + 1) / (len(numbers) + 2), "residuals")
+    progress((len(numbers) + 1) / (len(numbers) + 2), "residuals")
     white = None if colour is None else colour.value
     materials, gloss = gloss_map(capture, labels, materials, white)
     body = body_map(capture, labels, materials, white, gloss)
     predicted, separation = _parted(capture, body)
     residuals = tuple(_residual(*pair) for pair in zip(capture.photographs, predicted, strict=True))
     normals = np.where(known_shape(capture)[..., None], np.nan_to_num(shape(capture)[1]), 0.0).astype(np.float32)
-    tell(1.0, "")
+    progress(1.0, "")
     return Measurement(materials, labels, predicted, residuals, normals, colour, body, separation)
 
 

@@ -6,7 +6,6 @@ another size compiles no new kernel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Protocol
 
 import drjit as dr
@@ -16,10 +15,10 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.files.door import check_memory
+from hagoromo.progress import Progress, silent
 
-RAYS = 1 << 21  # rays marched at once; progress is told, and an interrupt heard, between
+RAYS = 1 << 21  # rays marched at once; progress is reported, and an interrupt heard, between
 TILE = (4, 4)  # neighbouring rays share lanes: columns, rows
-Progress = Callable[[float], None]
 
 
 class Answer(Protocol):
@@ -47,11 +46,8 @@ class Film:
         """Number of pixels."""
         return self.width * self.height
 
-    def add(self, answer: Answer, point: NDArray, progress: Progress | None = None) -> None:
-        """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each.
-
-        `progress` is told the share done, 0…1.
-        """
+    def add(self, answer: Answer, point: NDArray, progress: Progress = silent) -> None:
+        """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each."""
         kinds = arrays()
         met = dr.zeros(kinds.Float, self.pixels * self.values)
         dr.make_opaque(met)
@@ -68,8 +64,7 @@ class Film:
             dr.scatter(met, kinds.ArrayXf([*channels, alpha]), row * width + column, inside)
             dr.eval(met)
             dr.sync_thread()
-            if progress:
-                progress(min(start + RAYS, count) / count)
+            progress(min(start + RAYS, count) / count)
         self.sums = np.add(self.sums, met.numpy(), dtype=np.float64) if self.samples else met.numpy()
         self.samples += 1
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from hagoromo.image.simulate import seen_shape, simulate
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import fill_measurement, measure
 from hagoromo.photograph.capture import load_capture, save_capture
+from hagoromo.progress import Progress, part_of, silent
 from hagoromo_figures.demo.figures import FIGURES, Cast
 from hagoromo_figures.demo.measurement import coverage, named, rightly_labelled, rows
 from hagoromo_figures.demo.relit import relit
@@ -30,7 +31,6 @@ from hagoromo_figures.demo.samples import FOCAL_MM, LAMP, PRESET, bench, bench_c
 
 LAMPS_MEASURED = 3  # of the bench's lamps; the last is kept aside
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -63,34 +63,34 @@ SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.
 
 @dataclass
 class Stages:
-    """Tells progress by stage and keeps how long each took [s]."""
+    """Reports progress by stage and keeps how long each took [s]."""
 
-    tell: Progress
+    progress: Progress
     seconds: dict[str, float] = field(default_factory=dict)
     done: float = 0.0
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:
-        """A function to call with the share of this stage done (0–1) and the step at hand."""
+        """Progress of the stage called `name`."""
         start, share = time.perf_counter(), SHARES[name]
-        self.tell(self.done, name)
-        yield lambda part, step="": self.tell(self.done + share * min(part, 1.0), f"{name}: {step}" if step else name)
+        self.progress(self.done, name)
+        yield part_of(self.progress, self.done, share, name)
         self.done += share
         self.seconds[name] = time.perf_counter() - start
 
 
-def demo(out: str | Path, size: str = "small", force: bool = False, progress: Progress | None = None) -> Path:
+def demo(out: str | Path, size: str = "small", force: bool = False, progress: Progress = silent) -> Path:
     """Run the paper into the folder `out`, whole or not at all; the path of its report.html.
 
-    size: small (minutes on two cores) or full (larger pictures, finer boxes). progress: told the share done and the
-    stage. The same size gives the same numbers. `InputError` for an unknown size or an existing folder without `force`.
+    size: small (minutes on two cores) or full (larger pictures, finer boxes). The same size gives the same numbers.
+    `InputError` for an unknown size or an existing folder without `force`.
     """
     if size not in SIZES:
         raise InputError(f"size is {size!r}: give one of small, full")
-    stages = Stages(progress or (lambda share, step: None))
+    stages = Stages(progress)
     with whole_folder(out, force) as home:
         _run(home, size, SIZES[size], stages)
-    stages.tell(1.0, "")
+    stages.progress(1.0, "")
     return Path(out) / "report.html"
 
 
@@ -101,12 +101,12 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
     truth = true_reflectances(camera)
     samples = bench(truth, camera)
     settings = Settings(samples=size.capture_samples, seed=size.seed)
-    with stages.stage("capture") as tell:
-        save_capture(simulate(samples, settings, "samples", tell, percentile=100.0), home / "capture")
+    with stages.stage("capture") as progress:
+        save_capture(simulate(samples, settings, "samples", progress, percentile=100.0), home / "capture")
         surface = seen_shape(samples).surface
-    with stages.stage("measurement") as tell:
+    with stages.stage("measurement") as progress:
         capture = load_capture(home / "capture", frames=slice(0, LAMPS_MEASURED))
-        measurement = named(measure(capture, progress=tell), surface, list(truth))
+        measurement = named(measure(capture, progress=progress), surface, list(truth))
         (home / "measure").mkdir()
         fill_measurement(measurement, home / "measure")
         table = rows(measurement.materials, truth, response, lamp)
@@ -115,8 +115,8 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
         aside = load_capture(home / "capture", frames=slice(LAMPS_MEASURED, None)).photographs[0]
         view = relit(samples, found, aside, surface >= 0, settings)
         view.write(home / "relit")
-    with stages.stage("figures") as tell:
-        figures = _figures(home, found, size, tell)
+    with stages.stage("figures") as progress:
+        figures = _figures(home, found, size, progress)
     with stages.stage("report"):
         record = {
             "hagoromo": __version__,
@@ -134,19 +134,15 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
         write_report(home / "report.html", report)
 
 
-def _figures(home: Path, found: dict[str, Any], size: Size, tell: Progress) -> dict[str, Image]:
+def _figures(home: Path, found: dict[str, Any], size: Size, progress: Progress) -> dict[str, Image]:
     """Render every figure to EXR and PNG; they are given back as read from their files."""
     camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
     (home / "figures").mkdir()
     cast = Cast(found, size.resolution, size.seed)
     for k, figure in enumerate(size.figures):
-
-        def told(share: float, step: str, k: int = k, figure: str = figure) -> None:
-            tell((k + share) / len(size.figures), f"{figure.replace('_', ' ')}, {step}")
-
-        told(0.0, "boxes")
-        scene = cast.scene(figure, camera, lambda share, told=told: told(0.5 * share, "boxes"))
+        of_figure = part_of(progress, k / len(size.figures), 1.0 / len(size.figures), figure.replace("_", " "))
+        scene = cast.scene(figure, camera, part_of(of_figure, 0.0, 0.5, "boxes"))
         settings = Settings(samples=size.figure_samples, seed=size.seed)
-        image = render(scene, settings, lambda share, told=told: told(0.5 + 0.5 * share, "rays"))
+        image = render(scene, settings, part_of(of_figure, 0.5, 0.5, "rays"))
         image.save(home / "figures" / f"{figure}.exr", camera.response)
     return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in size.figures}

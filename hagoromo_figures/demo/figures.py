@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.progress import Progress
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo_figures.demo.studio import background, ball_around, framed, studio_lamps, turned_upright
@@ -76,14 +77,14 @@ class Cast:
         self.measured, self.resolution, self.seed = measured, resolution, seed
         self.materials, self._boxes = wardrobe(measured), {}
 
-    def scene(self, name: str, camera: Camera, tell: Callable[[float], None]) -> Scene:
-        """The scene of one of FIGURES; `tell` is told the share done."""
+    def scene(self, name: str, camera: Camera, progress: Progress) -> Scene:
+        """The scene of one of FIGURES."""
         shot, boxes = FIGURES[name], []
         wanted = [(who, part) for who in shot.figures for part in PARTS[who] if part not in shot.without]
         for number, (who, part) in enumerate(wanted):
+            progress(number / len(wanted))
             box = self._box(who, part)
             boxes.append(box.with_pose(_placed(*shot.figures[who]) @ box.pose))
-            tell((number + 1) / len(wanted))
         camera = turned_upright(camera) if shot.upright else camera
         middle, extent = ball_around(boxes)
         if shot.seen:

@@ -12,7 +12,7 @@ import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.app.interrupt import heed, signals_as_interrupt
-from hagoromo.app.progress import progress_bar
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.files.png import write_png
 
 

@@ -32,7 +32,9 @@ def told():
 def out(tmp_path_factory, told):
     """The folder of a tiny demo."""
     folder = tmp_path_factory.mktemp("demo") / "out"
-    assert demo(folder, size="tiny", progress=lambda share, step: told.append((share, step))) == folder / "report.html"
+    assert (
+        demo(folder, size="tiny", progress=lambda share, step="": told.append((share, step))) == folder / "report.html"
+    )
     return folder
 
 
@@ -123,7 +125,7 @@ def test_an_existing_folder_is_refused_before_any_work(out):
 
 
 def test_an_interrupt_leaves_nothing(tmp_path):
-    def interrupted(share, step):
+    def interrupted(share, step=""):
         if step.startswith("measurement: "):
             raise KeyboardInterrupt
 

@@ -171,7 +171,7 @@ def test_a_build_cut_off_while_packing_goes_on_with_it(tmp_path, monkeypatch):
             build_box(plan, path, "ball")
     assert not path.exists()
     told: list[float] = []
-    build_box(plan, path, "ball", progress=told.append)
+    build_box(plan, path, "ball", progress=lambda share, step="": told.append(share))
     assert told == sorted(told) and told[-1] == 1.0
     assert packed_is_used(path, monkeypatch) and build_store.BUILT in told
     packed = load_box(path)

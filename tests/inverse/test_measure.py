@@ -242,7 +242,7 @@ def test_measurement_is_written_whole(tmp_path, ball):
 
 def test_progress_runs_from_0_to_1(ball):
     shares = []
-    measure(ball, progress=lambda share, step: shares.append(share))
+    measure(ball, progress=lambda share, step="": shares.append(share))
     assert shares[0] == 0 and shares[-1] == 1 and shares == sorted(shares)
 
 

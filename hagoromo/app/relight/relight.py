@@ -7,7 +7,7 @@ are for `compare`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.progress import Progress, part_of, silent
 
-Progress = Callable[[float, str], None]
 MEASURING = 0.3  # share of the work, about
 
 
@@ -32,7 +32,7 @@ def relight_capture(
     against: str | Path | None = None,
     known: Known | None = None,
     force: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> tuple[Relit, ...]:
     """Predict photographs from the others of the capture in `folder`, and write all of it to the folder `out`.
 
@@ -40,19 +40,18 @@ def relight_capture(
     object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, none is held.
     `InputError` for names that are not in the capture, both of hold and against, or too few photographs left.
     """
-    tell = progress or (lambda share, step: None)
     with whole_folder(out, force) as home:
         rest, aside = _split(load_capture(folder), hold, against)
         (home / "measured").mkdir()
-        fill_measured(rest, home / "measured", known or Known(), lambda share, step: tell(MEASURING * share, step))
+        fill_measured(rest, home / "measured", known or Known(), part_of(progress, 0.0, MEASURING))
         stage = fill_stage(rest, home)
         found = []
         for number, photograph in enumerate(aside):
-            tell(MEASURING + (1.0 - MEASURING) * number / len(aside), photograph.name)
+            progress(MEASURING + (1.0 - MEASURING) * number / len(aside), photograph.name)
             found.append(relit(stage, photograph, number))
         write_json(home / "relit.json", [one.record() for one in found])
         write_relight_page(home / "report.html", rest.name, len(rest.photographs), found)
-        tell(1.0, "")
+        progress(1.0, "")
     return tuple(found)
 
 

@@ -7,7 +7,7 @@ counts from the centre of the first pixel and we from the image's corner, so all
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from hagoromo.calibration.camera.board import Board, Corners
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
+from hagoromo.progress import Progress, silent
 
 Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitted, the first ones of OpenCV's order
 NAMES = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS)
@@ -67,21 +68,19 @@ def calibrate_camera(
     board: Board,
     coefficients: Model = 5,
     square_pixels: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = silent,
 ) -> Calibration:
     """Fit a camera to photographs of a board.
 
     photographs: name → (height, width) or (height, width, 3), 8 or 16 bits or float. coefficients: how many of the lens
     are fitted, the others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length.
-    progress: told the name of each photograph as it is searched.
     `InputError` for photographs of different sizes, fewer than three boards found, boards all parallel to one another
     or a camera that they do not determine.
     """
     _check(photographs)
     corners: dict[str, Corners] = {}
-    for name, photograph in photographs.items():
-        if progress:
-            progress(name)
+    for number, (name, photograph) in enumerate(photographs.items()):
+        progress(number / len(photographs), name)
         found = board.find(photograph)
         if found is not None:
             corners[name] = found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -23,8 +23,8 @@ from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
 from hagoromo.light.lamp_spread import Spread, check_spread
+from hagoromo.progress import Progress, part_of, silent
 
-Progress = Callable[[float, str], None]
 Reading = LampReading | LampPlace
 Picture = str | Path | NDArray
 
@@ -53,7 +53,7 @@ def calibrate_lamps(
     reference: MatteReference | None = None,
     mirror: Sequence[float] = (),
     transfer: Transfer8 | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> LampCalibration:
     """One lamp per photograph, from its mirror images on chrome balls.
 
@@ -74,7 +74,7 @@ def calibrate_lamps(
         raise InputError("no --mask of a chrome ball is given: give one per ball")
     lens = camera if isinstance(camera, Camera) or camera is None else read_camera(camera)
     sets = _photograph_sets(photographs, len(shapes), moved, transfer, bool(reference or len(mirror)))
-    balls, readings = _readings(sets, shapes, radius, lens, progress or (lambda share, step: None))
+    balls, readings = _readings(sets, shapes, radius, lens, progress)
     if reference is not None:
         strengths = _by_reference(sets[0], readings, reference, lens)
     elif len(mirror):
@@ -121,12 +121,9 @@ def _readings(
         raise InputError("several balls place near lamps: give their --radius [m] and a calibrated --camera")
     balls, readings = [], []
     for i, (mask, photographs) in enumerate(zip(masks, sets, strict=True)):
-
-        def part(share: float, step: str, i: int = i) -> None:
-            progress((i + share) / len(masks), step)
-
+        of_ball = part_of(progress, i / len(masks), 1.0 / len(masks))
         try:
-            ball, lamps = lamps_from_ball(photographs, _picture(mask), camera, part)
+            ball, lamps = lamps_from_ball(photographs, _picture(mask), camera, of_ball)
         except InputError as error:
             raise InputError(f"{_name(mask, i)}: {error}" if several else str(error)) from error
         balls.append(ball)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from numpy.typing import NDArray
 
@@ -11,13 +11,14 @@ from hagoromo.calibration.lamps.highlight import LampReading, find_highlight, re
 from hagoromo.calibration.lamps.outline import check_focus, refined
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.progress import Progress, silent
 
 
 def lamps_from_ball(
     photographs: Mapping[str, NDArray],
     mask: NDArray,
     camera: Camera | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress = silent,
 ) -> tuple[Ball, tuple[LampReading, ...]]:
     """One far lamp per photograph of a chrome ball, and the ball.
 
@@ -46,6 +47,5 @@ def lamps_from_ball(
             readings.append(read_lamp(name, find_highlight(photograph, ball), ball))
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-        if progress:
-            progress((i + 1) / len(photographs), name)
+        progress((i + 1) / len(photographs), name)
     return ball, tuple(readings)

@@ -6,7 +6,6 @@ lamps light the object unevenly.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,11 +19,11 @@ from hagoromo.measurement.normals.pixel_fit import CAUCHY
 from hagoromo.measurement.normals.shading import GRAZING, Gloss
 from hagoromo.measurement.normals.views import Array, Views, views
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, silent
 
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)
 START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start
 REWEIGHTINGS = 10
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ def solve_normals(
     capture: Capture,
     labels: NDArray[np.integer] | None = None,
     prior: Prior | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> NormalMap:
     """Normals of `capture` from four lamps or more; labels (h, w) of materials are found by body colour if not given.
 
@@ -53,15 +52,14 @@ def solve_normals(
 
     `InputError` when the photographs cannot tell normals (see `views`).
     """
-    tell = progress or (lambda share, step: None)
-    tell(0.0, "normals")
+    progress(0.0, "normals")
     seen = views(capture)
     normals, body = robust_lambert(seen)
-    tell(0.2, "materials")
+    progress(0.2, "materials")
     if labels is None:
         labels = _segmented(capture, seen, normals)
     seen, fit = solve_fit(seen, labels, normals, body, prior)
-    tell(1.0, "")
+    progress(1.0, "")
     return NormalMap(
         seen.image(fit.normals.astype(np.float32)),
         seen.image(fit.variance.astype(np.float32), np.inf),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.measurement.normals.normals import NormalMap, Progress, solve_normals
+from hagoromo.measurement.normals.normals import NormalMap, solve_normals
 from hagoromo.measurement.normals.photometric_fit import independent_share
 from hagoromo.measurement.normals.photometric_model import Fit, precision
 from hagoromo.measurement.normals.photometric_prior import Prior
@@ -22,6 +22,7 @@ from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.surface.depth import DepthTold, Surface, surface_from_normals
 from hagoromo.measurement.surface.depth_pull import depth_pull
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, silent
 
 ROUNDS = 6
 SIMPLE = 2  # rounds in which bodies are Lambert's and lamps where they are said to be: the shape is still wrong
@@ -44,15 +45,13 @@ def has_near_lamps(capture: Capture) -> bool:
     return any(lamp.position is not None for photograph in capture.photographs for lamp in photograph.lamps)
 
 
-def solve_shape(
-    capture: Capture, distance: float, prior: Prior | None = None, progress: Progress | None = None
-) -> Shape:
+def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Shape:
     """Normals and surface of `capture` under near lamps, from a first guess of its mean depth `distance` [m].
 
     Points of the capture, if it has them, are where it starts from. `InputError` as `solve_normals`, and for a distance
     that is none.
     """
-    tell, prior = progress or (lambda share, step: None), prior or Prior()
+    prior = prior or Prior()
     camera = capture.photographs[0].camera
     if not (np.isfinite(distance) and distance > 0.0):
         raise InputError(f"the distance of the surface is {distance} m: give a length above 0")
@@ -63,7 +62,7 @@ def solve_shape(
     labels: NDArray[np.integer] | None = np.zeros((camera.height, camera.width), np.intp)
     strict = replace(prior, strength=STRICT, slope=STRICT, direction=STRICT, roughness=STRICT, exponent=STRICT)
     for round_ in range(ROUNDS):
-        tell(round_ / ROUNDS, f"shape, round {round_ + 1}")
+        progress(round_ / ROUNDS, f"shape, round {round_ + 1}")
         here = replace(capture, points=np.asarray(points, np.float32))
         early = round_ < SIMPLE
         found = solve_normals(here, labels if early else None, strict if early else prior)
@@ -75,7 +74,7 @@ def solve_shape(
         if not early and change < SETTLED:
             break
     surface = surface_from_normals(found.normals, camera, middle, found.variance, told)
-    tell(1.0, "")
+    progress(1.0, "")
     return Shape(found, surface, round_ + 1)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,10 +23,10 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.normals.views import Stack, check_lamps, enough
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.progress import Progress, silent
 
 SIDE = 192  # pixels of a tile's side: all lamps of one in a few hundred megabytes
 COARSE_PIXELS = 30_000  # at most, of the small capture
-Progress = Callable[[float, str], None]
 
 
 class Source(Protocol):
@@ -105,12 +105,12 @@ class TileStore:
 
 
 @contextmanager
-def tile_store(source: Source, beside: Path, progress: Progress | None = None) -> Iterator[TileStore]:
+def tile_store(source: Source, beside: Path, progress: Progress = silent) -> Iterator[TileStore]:
     """The tiles of `source` in a scratch folder within `beside`, which is removed when the block ends.
 
     `InputError` when the photographs do not go together (see `views.check_lamps`) or the disk is too small.
     """
-    tell, first = progress or (lambda share, step: None), source.photograph(0)
+    first = source.photograph(0)
     height, width, channels = first.values.shape
     tiles = -(-height // SIDE) * -(-width // SIDE)
     needed = 2.0 * tiles * source.count * 2 * channels * SIDE**2
@@ -125,7 +125,7 @@ def tile_store(source: Source, beside: Path, progress: Progress | None = None) -
         path, scale, coarse, lamps = Path(scratch) / "tiles", np.ones(source.count), [], []
         path.touch()
         for k in range(source.count):
-            tell(k / source.count, f"photograph {k + 1} of {source.count}")
+            progress(k / source.count, f"photograph {k + 1} of {source.count}")
             photograph = first if k == 0 else source.photograph(k)
             check_lamps([first, photograph], fewest=1)
             scale[k] = _write(path, (k, source.count), photograph)

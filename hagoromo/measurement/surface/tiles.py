@@ -6,7 +6,6 @@ solved for its normals and body colours, and its depth is integrated around the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,9 +22,9 @@ from hagoromo.measurement.surface.depth import Surface, anchored_surface, surfac
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, silent
 
 MARGIN = 2  # coarse pixels around a tile that its depth is integrated with, so that neighbours meet
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +52,7 @@ class Fine:
     depth_variance: NDArray[np.float32]
 
 
-def solve_coarse(
-    store: TileStore, distance: float, prior: Prior | None = None, progress: Progress | None = None
-) -> Coarse:
+def solve_coarse(store: TileStore, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Coarse:
     """Everything that the tiles share, from the small capture; distance: about, to the surface [m]."""
     capture = store.coarse
     if has_near_lamps(capture):
@@ -66,9 +63,9 @@ def solve_coarse(
     return Coarse(capture, found, surface_from_normals(found.normals, camera, distance, found.variance))
 
 
-def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress | None = None, tiles: range | None = None) -> Fine:
+def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, tiles: range | None = None) -> Fine:
     """All tiles (or those in `tiles`), from what is known of the coarse capture. `InputError` when nothing is lit."""
-    tell, camera = progress or (lambda share, step: None), store.camera
+    camera = store.camera
     size = camera.height, camera.width
     fine = Fine(
         np.zeros((*size, 3), np.float32),
@@ -80,14 +77,14 @@ def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress | None = No
     )
     known = tiles or range(store.count)
     for i, tile in enumerate(known):
-        tell(0.7 * i / len(known), f"normals of tile {i + 1} of {len(known)}")
+        progress(0.7 * i / len(known), f"normals of tile {i + 1} of {len(known)}")
         _solve_tile(store, coarse, tile, fine)
     if not np.isfinite(fine.variance).any():
         raise InputError("no pixel is lit by three lamps: expose longer")
     for i, tile in enumerate(known):
-        tell(0.7 + 0.3 * i / len(known), f"depth of tile {i + 1} of {len(known)}")
+        progress(0.7 + 0.3 * i / len(known), f"depth of tile {i + 1} of {len(known)}")
         _integrate_tile(store, coarse, tile, fine)
-    tell(1.0, "")
+    progress(1.0, "")
     return fine
 
 

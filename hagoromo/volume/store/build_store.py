@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.resumable import resumable_folder
+from hagoromo.progress import Progress, part_of, silent
 from hagoromo.volume.store.blocks import Block, filled, kept_bricks, matter_flags
 from hagoromo.volume.store.box_group import BoxGroup
 from hagoromo.volume.store.box_store import save_box
@@ -28,12 +28,12 @@ def build_box(
     path: str | Path,
     fingerprint: str,
     force: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
 ) -> None:
     """Build the box of `plan` at `path`, whole or not at all.
 
     fingerprint: text that differs for plans of different voxels; a run that was cut off is taken up again by the next
-    one with the same, see `resumable_folder`, which also says what is raised. progress: told the share done, 0…1.
+    one with the same, see `resumable_folder`, which also says what is raised.
     """
     blocks = plan.blocks
     if plan.header.texel:  # small: built in memory
@@ -58,10 +58,9 @@ def build_box(
             if not path.exists():
                 _note(path, noted)
             bricks.append(noted)
-            if progress:
-                progress(BUILT * (number + 1) / len(parts))
+            progress(BUILT * (number + 1) / len(parts))
         group.finish(kept_bricks(*_joined(bricks), blocks.shape))
-        write_packed(folder, (lambda share: progress(BUILT + (1.0 - BUILT) * share)) if progress else None)
+        write_packed(folder, part_of(progress, BUILT, 1.0 - BUILT))
 
 
 def _joined(bricks: list[Bricks]) -> Bricks:

@@ -8,7 +8,7 @@ shows that the arrays have changed. Arrays, in table order: `density` (bricks, 9
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError, described
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
+from hagoromo.progress import Progress, silent
 from hagoromo.volume.bricks import Bricks, Grid, check_bricks
 from hagoromo.volume.store.brick_writer import DENSEST, packed_voxels
 from hagoromo.volume.store.open_box import OpenBox, open_box
@@ -39,8 +40,8 @@ INFINITE = 0x7C00  # bits of an infinite half; of NaN or infinity when all of th
 Values = dict[str, NDArray]
 
 
-def write_packed(folder: Path, progress: Callable[[float], None] | None = None) -> None:
-    """Write the packed bricks of the whole box in `folder`; memory follows a chunk. progress: told the share, 0…1."""
+def write_packed(folder: Path, progress: Progress = silent) -> None:
+    """Write the packed bricks of the whole box in `folder`; memory follows a chunk."""
     box = open_box(folder)
     count = len(box.places)
     if not count:
@@ -62,8 +63,7 @@ def write_packed(folder: Path, progress: Callable[[float], None] | None = None) 
         return begin
 
     for begin in in_order(write, _chunks(box)):
-        if progress:
-            progress(1.0 - begin / count)
+        progress(1.0 - begin / count)
     group.attrs.update({"format": FORMAT, "seal": seal(box.arrays.values())})  # last: what is cut off has no seal
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
+from hagoromo.progress import Progress, part_of, silent
 
 
 def calibrate_lamps_from_object(
@@ -24,7 +25,7 @@ def calibrate_lamps_from_object(
     *,
     camera: Camera | str | Path | None = None,
     transfer: Transfer8 | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress = silent,
 ) -> SelfCalibration:
     """Directions and relative strengths of far lamps, each with its error, from the object's own shading.
 
@@ -39,9 +40,8 @@ def calibrate_lamps_from_object(
         raise InputError("no photograph of the object is given: give one per lamp")
     lens = camera if isinstance(camera, Camera) or camera is None else read_camera(camera)
     light = lamp_photographs(photographs, transfer, linear=True)
-    call = progress or (lambda share, step: None)
-    start = self_calibrate(light, _inside(mask), lens, progress=lambda share, step: call(0.5 * share, step))
-    refined = refined_lamps(light, _inside(mask), lens, start, lambda share, step: call(0.5 + 0.5 * share, step))
+    start = self_calibrate(light, _inside(mask), lens, progress=part_of(progress, 0.0, 0.5))
+    refined = refined_lamps(light, _inside(mask), lens, start, part_of(progress, 0.5, 0.5))
     return replace(refined, perspective=lens is not None)
 
 

@@ -8,7 +8,7 @@ when albedo is left out of account, beside a third of the bound on how far integ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
 from hagoromo.light.lamp import Lamp
+from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
 USABLE = 1.7  # times the best scale's figure up to which another scale is an independent opinion
@@ -108,7 +109,7 @@ def self_calibrate(
     mask: NDArray[np.bool_],
     camera: Camera | None = None,
     seed: int = 0,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress = silent,
 ) -> SelfCalibration:
     """One far lamp per photograph of an object.
 
@@ -116,9 +117,8 @@ def self_calibrate(
     within its outline against the background. camera: None for a view from afar. `InputError` where too little is seen
     of the object, lamps lie in one plane with it, or its surface tells nothing (flat, or too rough).
     """
-    tell = progress or (lambda share, step: None)
     light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
-    scales = scales_of(light.mean(axis=3), on_object, tangent, tell)
+    scales = scales_of(light.mean(axis=3), on_object, tangent, progress)
     best = scales[0]
     found = best.solved(USUAL)
     lamps, convex = found.lamps, best.turned_away(found.pixels)
@@ -130,14 +130,14 @@ def self_calibrate(
     random = np.random.default_rng(seed)
     draws = []
     for i in range(DRAWS):
-        tell(0.6 + 0.4 * i / DRAWS, "errors")
+        progress(0.6 + 0.4 * i / DRAWS, "errors")
         draws.append(best.drawn(random).solved(USUAL, found).lamps)
     angle, ratio = (np.hypot(a, b) for a, b in zip(_apart(lamps, opinions), _apart(lamps, draws), strict=True))
     to_lamp = lamps * flip / np.linalg.norm(lamps, axis=1, keepdims=True)
     strength = np.linalg.norm(lamps, axis=1, keepdims=True) * colours(light[:, on_object])
     if camera is not None:
         to_lamp = to_lamp * [1.0, -1.0, -1.0] @ camera.camera_to_world[:3, :3].T
-    tell(1.0, "")
+    progress(1.0, "")
     return SelfCalibration(
         tuple(photographs),
         to_lamp,

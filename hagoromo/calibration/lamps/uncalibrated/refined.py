@@ -6,7 +6,7 @@ bodies and lamps that light the object unevenly accounted for (`joint_surface.py
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from hagoromo.measurement.normals.photometric_fit import FLOOR
 from hagoromo.measurement.normals.photometric_prior import Prior
 from hagoromo.measurement.normals.pixel_fit import CAUCHY
 from hagoromo.measurement.surface.height_field import height_field
+from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 6000  # of the object
 ROUNDS, STEPS, TRIALS = 3, 13, 6
@@ -41,10 +42,9 @@ def refined_lamps(
     mask: NDArray[np.bool_],
     camera: Camera | None,
     start: SelfCalibration,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress = silent,
 ) -> SelfCalibration:
     """`start`, of the same photographs, mask and camera, with directions, strengths and their errors refined."""
-    tell = progress or (lambda share, step: None)
     light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
     turn = np.eye(3) if camera is None else (camera.camera_to_world[:3, :3] * IMAGE_AXES).T
     values, used = lit(light.mean(axis=3)[:, on_object])
@@ -53,11 +53,11 @@ def refined_lamps(
     on_surface[on_object] = told
     strength = np.log(start.strength.mean(axis=1))
     lamps = start.to_lamp @ turn.T * np.exp(strength - strength.mean())[:, None]
-    fit = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, tell)
+    fit = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, progress)
     error, of_strength = _errors(fit, start)
     found = np.exp(fit.guess.lamps[:, :1]) * colours(light[:, on_object])
     to_lamp = fit.guess.to_lamp @ turn
-    tell(1.0, "")
+    progress(1.0, "")
     return replace(
         start,
         to_lamp=to_lamp,
@@ -89,7 +89,7 @@ def _fitted(
     mask: NDArray[np.bool_],
     tangent: Array,
     lamps: Array,
-    tell: Callable[[float, str], None],
+    progress: Progress,
 ) -> JointSurface:
     """The joint surface over `mask`, from lamps (K, 3) strength times direction."""
     field = height_field(mask, tangent)
@@ -109,9 +109,9 @@ def _fitted(
     seen, prior = Seen(values / unit, used, place, field, np.full(len(lamps), START_ERROR)), Prior()
     step = JointSurface(seen, guess, prior)
     for i in range(ROUNDS):
-        tell(i / (ROUNDS + 1), "surface")
+        progress(i / (ROUNDS + 1), "surface")
         step = _settled(JointSurface(replace(seen, model_error=_model_error(step)), step.guess, prior))
-    tell(ROUNDS / (ROUNDS + 1), "errors")
+    progress(ROUNDS / (ROUNDS + 1), "errors")
     return step
 
 

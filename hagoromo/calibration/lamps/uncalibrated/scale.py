@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from hagoromo.calibration.lamps.uncalibrated.integrability import Rows, first_ro
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
 from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
 from hagoromo.errors import InputError
+from hagoromo.progress import Progress
 
 SCALES, STEPS = (1, 2, 3), (1, 2)  # binning, and pixels to the neighbours that are compared
 FEWEST_ROWS = 100  # of integrability
@@ -90,11 +90,11 @@ class Scale:
         return float(np.mean(np.sum(outward * pixels[:, :2], axis=1)[edge] > 0.0)) if edge.any() else 0.5
 
 
-def scales_of(light: Array, mask: NDArray[np.bool_], tangent: Array, tell: Callable[[float, str], None]) -> list[Scale]:
+def scales_of(light: Array, mask: NDArray[np.bool_], tangent: Array, progress: Progress) -> list[Scale]:
     """All scales of light (K, h, w) at which the object is large enough, the best told first."""
     found: list[Scale] = []
     for i, k in enumerate(SCALES):
-        tell(0.2 * i, "shading")
+        progress(0.2 * i, "shading")
         shine, where = np.stack([binned(picture, k) for picture in light]), binned(mask, k) == 1.0
         try:
             factors = factorise(shine, where)

@@ -5,16 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from hagoromo.app.interrupt import heed
-
-
-class Progress(Protocol):
-    """Told the share done (0–1) and, where it helps, the name of the step at hand."""
-
-    def __call__(self, share: float, step: str = "") -> None:
-        """Show it."""
+from hagoromo.progress import Progress
 
 
 @contextmanager
@@ -27,7 +20,8 @@ def progress_bar(title: str) -> Iterator[Progress]:
         yield lambda share, step="": heed()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
 
     columns = (
         TextColumn("{task.description}"),
@@ -35,7 +29,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0)
 
         def shown(share: float, step: str = "") -> None:
