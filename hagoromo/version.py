@@ -1,3 +1,3 @@
-"""Version of the package, for the records that results carry."""
+"""Version of the package, for the wheel and for the records that results carry. CITATION.cff repeats it."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
