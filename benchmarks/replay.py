@@ -18,7 +18,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.transport import lighting as lighting_module
 from hagoromo.transport import medium as medium_module
-from hagoromo.transport.crossing import Crossing, Taken
+from hagoromo.transport.crossing import Crossing, MarchState
 from hagoromo.transport.lighting import Lighting, Materials
 from hagoromo.transport.march import CUT, march
 from hagoromo.transport.medium import THINNEST, Medium
@@ -33,8 +33,8 @@ TILE = 16  # rays whose words of a step share a cache line
 
 
 @dataclass
-class Counted(Taken):
-    """Taken, and in how many steps."""
+class Counted(MarchState):
+    """A `MarchState` that counts steps."""
 
     count: Any = None
 
@@ -44,11 +44,11 @@ class CountedCrossing(Crossing):
 
     def start(self) -> Counted:
         """Before the first sample."""
-        taken = super().start()
-        return Counted(**vars(taken), count=dr.zeros(arrays().UInt, dr.width(taken.part)))
+        state = super().start()
+        return Counted(**vars(state), count=dr.zeros(arrays().UInt, dr.width(state.part)))
 
-    def _at(self, step: Any, number: Any, taken: Any, part: Any, parts: Any) -> Counted:
-        return Counted(**vars(super()._at(step, number, taken, part, parts)), count=taken.count + 1)
+    def _moved(self, step: Any, number: Any, state: Any, part: Any, parts: Any) -> Counted:
+        return Counted(**vars(super()._moved(step, number, state, part, parts)), count=state.count + 1)
 
 
 class Replayed(Medium):
@@ -106,22 +106,22 @@ def walked(medium: Replayed, origin: Any, direction: Any, write: bool = False) -
     """Number of steps of every ray, each written down if asked."""
     kinds = arrays()
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
-    taken = crossing.start()
+    state = crossing.start()
     passed, cut = dr.ones(kinds.Float, dr.width(direction)), CUT * medium.tolerance
-    while crossing.unfinished(taken) & (passed > cut):
-        step, count = medium.next(crossing, taken), taken.count
+    while crossing.unfinished(state) & (passed > cut):
+        step, count = medium.next(crossing, state), state.count
         density, shaded = kinds.Float(0), kinds.Bool(False)
         if step.brick < 0:
-            taken = crossing.leave(step, taken)
+            state = crossing.skip_empty(step, state)
         else:
             density, clear = medium.density(step)
             depth = step.tau * density * step.length
-            shaded = (depth > THINNEST) & ~crossing.too_coarse(taken, depth)
+            shaded = (depth > THINNEST) & ~crossing.must_split(state, depth)
             passed *= dr.select(shaded, dr.exp(-depth), 1.0)
-            taken = crossing.after(step, depth, clear, taken)
+            state = crossing.advance(step, depth, clear, state)
         if dr.hint(write, mode="scalar"):
             medium.write(step, count, density, shaded)
-    return taken.count
+    return state.count
 
 
 @dr.syntax
@@ -206,7 +206,7 @@ class Answering(Replayed):
     def __init__(self, medium: Replayed) -> None:
         vars(self).update(vars(medium))
 
-    def next(self, crossing: Crossing, taken: Any) -> Any:
+    def next(self, crossing: Crossing, state: Any) -> Any:
         """As `Medium.next`."""
-        self.word = self.recorded(self.answer, taken.count)
-        return super().next(crossing, taken)
+        self.word = self.recorded(self.answer, state.count)
+        return super().next(crossing, state)

@@ -28,19 +28,19 @@ def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
     """Steps and samples of matter of every ray, as the march takes them."""
     kinds, width = arrays(), dr.width(direction)
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
-    taken = crossing.start()
+    state = crossing.start()
     passed, steps, samples = dr.ones(kinds.Float, width), dr.zeros(kinds.UInt, width), dr.zeros(kinds.UInt, width)
     cut = CUT * medium.tolerance
-    while crossing.unfinished(taken) & (passed > cut):
-        step = medium.next(crossing, taken)
+    while crossing.unfinished(state) & (passed > cut):
+        step = medium.next(crossing, state)
         steps += 1
         if step.brick < 0:
-            taken = crossing.leave(step, taken)
+            state = crossing.skip_empty(step, state)
         else:
             density, clear = medium.density(step)
             depth = step.tau * density * step.length
-            passed *= dr.select(crossing.too_coarse(taken, depth), 1.0, dr.exp(-depth))
+            passed *= dr.select(crossing.must_split(state, depth), 1.0, dr.exp(-depth))
             samples += 1
-            taken = crossing.after(step, depth, clear, taken)
-        taken = crossing.exchange(taken)
+            state = crossing.advance(step, depth, clear, state)
+        state = crossing.enter_next_box(state)
     return steps, samples

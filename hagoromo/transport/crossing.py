@@ -42,18 +42,18 @@ class Ray:
 
 
 @dataclass
-class Taken:
-    """How far rays are: the next sample in each slot, and which part of how many of it comes next.
+class MarchState:
+    """The next sample of each slot, and sub-sample `part` of `parts`.
 
-    Where boxes are exchanged, also the rays in the slots, and the last box that was let in.
+    With more boxes than slots also the ray in each slot, and the box that was entered last.
     """
 
-    numbers: list[Any]
-    part: Any
-    parts: Any
-    rays: list[Ray]
-    entered: Any
-    box: Any
+    numbers: list[Any]  # of the next sample, one per slot
+    part: Any  # 0 … parts − 1
+    parts: Any  # sub-samples that the sample is split into
+    rays: list[Ray]  # one per slot; empty where there is a slot for every box
+    entered: Any  # distance at which the ray entered `box` [m]
+    box: Any  # number of the box entered last
 
 
 @dataclass
@@ -89,90 +89,92 @@ class Crossing:
         self.exchanged = frames.count > frames.slots
         self.rays = [] if self.exchanged else [self.ray(arrays().UInt(k)) for k in range(frames.count)]
 
-    def start(self) -> Taken:
+    def start(self) -> MarchState:
         """Before the first sample of every box."""
         kinds = arrays()
         rays = dr.width(self.direction, self.origin)
         numbers = [dr.zeros(kinds.UInt, rays) for _ in range(min(self.frames.slots, self.frames.count))]
-        taken = Taken(numbers, dr.zeros(kinds.UInt, rays), dr.ones(kinds.UInt, rays), [], kinds.Float(0), kinds.UInt(0))
+        state = MarchState(
+            numbers, dr.zeros(kinds.UInt, rays), dr.ones(kinds.UInt, rays), [], kinds.Float(0), kinds.UInt(0)
+        )
         if self.exchanged:
-            taken.entered, taken.box = dr.full(kinds.Float, -dr.inf, rays), dr.zeros(kinds.UInt, rays)
+            state.entered, state.box = dr.full(kinds.Float, -dr.inf, rays), dr.zeros(kinds.UInt, rays)
             nothing = self.ray(dr.zeros(kinds.UInt, rays))
             nothing.end = dr.zeros(kinds.UInt, rays)
-            taken.rays = [nothing] * self.frames.slots
+            state.rays = [nothing] * self.frames.slots
             for _ in numbers:
-                taken = self.exchange(taken)
-        return taken
+                state = self.enter_next_box(state)
+        return state
 
-    def unfinished(self, taken: Taken) -> Any:
+    def unfinished(self, state: MarchState) -> Any:
         """Whether a sample is left in any slot."""
-        rays = self._rays(taken)
-        left = taken.numbers[0] < rays[0].end
-        for number, ray in zip(taken.numbers[1:], rays[1:], strict=True):
+        rays = self._rays(state)
+        left = state.numbers[0] < rays[0].end
+        for number, ray in zip(state.numbers[1:], rays[1:], strict=True):
             left |= number < ray.end
         return left
 
-    def nearest(self, taken: Taken) -> tuple[Any, Any, Any, Ray]:
+    def nearest(self, state: MarchState) -> tuple[Any, Any, Any, Ray]:
         """Slot, distance of the middle, length and ray of the sample next in depth."""
-        rays = self._rays(taken)
+        rays = self._rays(state)
         slot, ray = arrays().UInt(0), rays[0]
-        distance, length = self._sample(ray, taken.numbers[0])
+        distance, length = self._sample(ray, state.numbers[0])
         for k in range(1, len(rays)):
-            other, other_length = self._sample(rays[k], taken.numbers[k])
+            other, other_length = self._sample(rays[k], state.numbers[k])
             first = other < distance
             slot = dr.select(first, k, slot)
             distance, length = dr.select(first, other, distance), dr.select(first, other_length, length)
             ray = _select(first, rays[k], ray)
         return slot, distance, length, ray
 
-    def leave(self, step: Step, taken: Taken) -> Taken:
-        """On to the first sample beyond the empty bricks (or blocks) around the one that the sample lies in."""
+    def skip_empty(self, step: Step, state: MarchState) -> MarchState:
+        """Skip to the first sample behind the empty bricks (or blocks of them) around this one."""
         kinds = arrays()
-        number, ray = self._in_slot(step.slot, taken)
+        number, ray = self._in_slot(step.slot, state)
         reach, size = ((-step.brick) >> 1) - 1, dr.select((step.brick & 1) == 1, 6, kinds.Int(3))
         cell = kinds.Array3i(step.place) >> size
         face = dr.select(ray.direction > 0.0, cell + 1 + reach, cell - reach) << size
         distance = dr.min((kinds.Array3f(face) - ray.origin) / ray.direction)
         samples = dr.ceil((distance - ray.near) / ray.step + (self.phase - 0.5))
         number = dr.maximum(number + 1, kinds.UInt(dr.fmax(samples, 0.0)))
-        return self._at(step, number, taken, kinds.UInt(0), kinds.UInt(1))
+        return self._moved(step, number, state, kinds.UInt(0), kinds.UInt(1))
 
-    def on(self, step: Step, taken: Taken) -> Taken:
-        """On to the next whole sample."""
-        number, _ = self._in_slot(step.slot, taken)
-        return self._at(step, number + 1, taken, arrays().UInt(0), arrays().UInt(1))
+    def next_sample(self, step: Step, state: MarchState) -> MarchState:
+        """Go to the next whole sample."""
+        number, _ = self._in_slot(step.slot, state)
+        return self._moved(step, number + 1, state, arrays().UInt(0), arrays().UInt(1))
 
-    def after(self, step: Step, depth: Any, clear: Any, taken: Taken) -> Taken:
-        """On from a sample of optical depth `depth`: again in parts, to its next part, or to the next sample.
+    def advance(self, step: Step, depth: Any, clear: Any, state: MarchState) -> MarchState:
+        """Advance past a sample of optical depth `depth`: to its first or next sub-sample, or to the next sample.
 
-        clear: distance [m] around it in which there is no matter, if that is known.
+        clear: distance around it without matter [m]; None where unknown.
         """
         UInt = arrays().UInt
-        number, ray = self._in_slot(step.slot, taken)
-        whole = dr.ceil(depth * arrays().Float(taken.parts) / self.frames.fine)
+        number, ray = self._in_slot(step.slot, state)
+        whole = dr.ceil(depth * arrays().Float(state.parts) / self.frames.fine)
         parts = dr.maximum(UInt(dr.fmin(whole, MOST_PARTS)), 1)
-        again, last = self.too_coarse(taken, depth), taken.part + 1 >= taken.parts
-        part = dr.select(again | last, UInt(0), taken.part + 1)
+        again, last = self.must_split(state, depth), state.part + 1 >= state.parts
+        part = dr.select(again | last, UInt(0), state.part + 1)
         following = number + 1
         if clear is not None:
             following = number + dr.maximum(UInt(CLEAR * clear / ray.step), 1)
         number = dr.select(last & ~again, following, number)
-        return self._at(step, number, taken, part, dr.select(again | last, parts, taken.parts))
+        return self._moved(step, number, state, part, dr.select(again | last, parts, state.parts))
 
-    def too_coarse(self, taken: Taken, depth: Any) -> Any:
-        """Whether the next sample, of optical depth `depth`, is to be taken again in (more) parts."""
-        return (depth > COARSE * self.frames.fine) & (taken.part == 0) & (taken.parts < MOST_PARTS)
+    def must_split(self, state: MarchState, depth: Any) -> Any:
+        """Whether the sample is too dense for one step: its optical depth `depth` calls for (more) sub-samples."""
+        return (depth > COARSE * self.frames.fine) & (state.part == 0) & (state.parts < MOST_PARTS)
 
-    def exchange(self, taken: Taken) -> Taken:
-        """Let the box that the ray enters next into a slot whose box it has left, if there is one."""
+    def enter_next_box(self, state: MarchState) -> MarchState:
+        """Give the slot of a box that the ray has left to the box that it enters next, if there is one."""
         if not self.exchanged:
-            return taken
-        slot, free = arrays().UInt(0), taken.numbers[0] >= taken.rays[0].end
-        for k in range(1, len(taken.rays)):
-            also = ~free & (taken.numbers[k] >= taken.rays[k].end)
+            return state
+        slot, free = arrays().UInt(0), state.numbers[0] >= state.rays[0].end
+        for k in range(1, len(state.rays)):
+            also = ~free & (state.numbers[k] >= state.rays[k].end)
             slot, free = dr.select(also, k, slot), free | also
 
-        def entered(state: Taken, slot: Any) -> Taken:
+        def entered(state: MarchState, slot: Any) -> MarchState:
             box, when = next_box(self, state.entered, state.box)
             found = box < self.frames.boxes
             ray = self.ray(dr.select(found, box, 0))
@@ -180,10 +182,10 @@ class Crossing:
             here = [slot == k for k in range(len(state.rays))]
             numbers = [dr.select(h, 0, number) for h, number in zip(here, state.numbers, strict=True)]
             rays = [_select(h, ray, old) for h, old in zip(here, state.rays, strict=True)]
-            return Taken(numbers, state.part, state.parts, rays, when, box)
+            return MarchState(numbers, state.part, state.parts, rays, when, box)
 
-        open_ = free & (taken.box < self.frames.boxes)
-        return dr.if_stmt((taken, slot), open_, entered, lambda state, slot: state)
+        open_ = free & (state.box < self.frames.boxes)
+        return dr.if_stmt((state, slot), open_, entered, lambda state, slot: state)
 
     def ray(self, box: Any) -> Ray:
         """The ray on the lattice of box number `box` (UInt); without samples where it misses the box."""
@@ -215,24 +217,24 @@ class Crossing:
         leave = dr.fmin(dr.min(kinds.Array3f(*map(dr.fmax, *faces))), self.far)
         return start, along, enter, leave
 
-    def _rays(self, taken: Taken) -> list[Ray]:
+    def _rays(self, state: MarchState) -> list[Ray]:
         """The rays in the slots."""
-        return taken.rays if self.exchanged else self.rays
+        return state.rays if self.exchanged else self.rays
 
-    def _in_slot(self, slot: Any, taken: Taken) -> tuple[Any, Ray]:
+    def _in_slot(self, slot: Any, state: MarchState) -> tuple[Any, Ray]:
         """Number of the next sample, and ray, of a slot."""
-        rays = self._rays(taken)
-        number, ray = taken.numbers[0], rays[0]
+        rays = self._rays(state)
+        number, ray = state.numbers[0], rays[0]
         for k in range(1, len(rays)):
-            number, ray = dr.select(slot == k, taken.numbers[k], number), _select(slot == k, rays[k], ray)
+            number, ray = dr.select(slot == k, state.numbers[k], number), _select(slot == k, rays[k], ray)
         return number, ray
 
-    def _at(self, step: Step, number: Any, taken: Taken, part: Any, parts: Any) -> Taken:
-        """Where the ray is once the slot of `step` stands at `number`."""
+    def _moved(self, step: Step, number: Any, state: MarchState, part: Any, parts: Any) -> MarchState:
+        """The state with sample `number` next in the slot of `step`."""
         numbers = [number]
-        if len(taken.numbers) > 1:
-            numbers = [dr.select(step.slot == k, number, old) for k, old in enumerate(taken.numbers)]
-        return Taken(numbers, part, parts, taken.rays, taken.entered, taken.box)
+        if len(state.numbers) > 1:
+            numbers = [dr.select(step.slot == k, number, old) for k, old in enumerate(state.numbers)]
+        return MarchState(numbers, part, parts, state.rays, state.entered, state.box)
 
     def _sample(self, ray: Ray, number: Any) -> tuple[Any, Any]:
         """Middle and length of a sample; behind all others once the box is done. The first and last may be shorter."""

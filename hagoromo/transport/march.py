@@ -38,26 +38,26 @@ def march(
     `skip=False` steps through empty bricks too.
     """
     crossing = medium.cross(origin, direction, near, far, phase, cone=cone)
-    taken = crossing.start()
+    state = crossing.start()
     transmittance = dr.ones(arrays().Float, dr.width(direction))
     channels = [dr.zeros(arrays().Float, dr.width(direction)) for _ in range(lighting.materials.palette.channels)]
     cut = CUT * medium.tolerance
-    while crossing.unfinished(taken) & (transmittance > cut):
-        step = medium.next(crossing, taken)
+    while crossing.unfinished(state) & (transmittance > cut):
+        step = medium.next(crossing, state)
         if step.brick < 0:
-            taken = crossing.leave(step, taken) if skip else crossing.on(step, taken)
+            state = crossing.skip_empty(step, state) if skip else crossing.next_sample(step, state)
         else:
             density, clear = medium.density(step)
             depth = step.tau * density * step.length
-            if (depth > THINNEST) & ~crossing.too_coarse(taken, depth):
+            if (depth > THINNEST) & ~crossing.must_split(state, depth):
                 step.distance = step.centroid(depth)
                 met = light_from_sample(medium, lighting, step, origin, direction)
                 passed = dr.exp(-depth)
                 gain = transmittance * (1.0 - passed)
                 channels = added(channels, gain, met)
                 transmittance *= passed
-            taken = crossing.after(step, depth, clear, taken)
-        taken = crossing.exchange(taken)
+            state = crossing.advance(step, depth, clear, state)
+        state = crossing.enter_next_box(state)
     ended = transmittance <= cut
     scale = dr.select(ended, 1.0 / (1.0 - transmittance), 1.0)
     return [channel * scale for channel in channels], dr.select(ended, 0.0, transmittance)
@@ -84,16 +84,16 @@ def optical_depth(
 ) -> Any:
     """∫ σ du along rays from `near` to `far` [m], by brute march; ends beyond `deepest`. stride: see `Medium.cross`."""
     crossing = medium.cross(origin, direction, near, far, stride=stride)
-    taken = crossing.start()
+    state = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
-    while crossing.unfinished(taken) & (depth < deepest):
-        step = medium.next(crossing, taken)
+    while crossing.unfinished(state) & (depth < deepest):
+        step = medium.next(crossing, state)
         if step.brick < 0:
-            taken = crossing.leave(step, taken)
+            state = crossing.skip_empty(step, state)
         else:
             density, clear = medium.density(step)
             met = step.tau * density * step.length
-            depth += dr.select(crossing.too_coarse(taken, met), 0.0, met)
-            taken = crossing.after(step, met, clear, taken)
-        taken = crossing.exchange(taken)
+            depth += dr.select(crossing.must_split(state, met), 0.0, met)
+            state = crossing.advance(step, met, clear, state)
+        state = crossing.enter_next_box(state)
     return depth

@@ -4,15 +4,15 @@ Every box is walked on samples of its own, half a voxel apart; where boxes overl
 first, so extinctions add. A sample of more than a certain optical depth is taken in parts instead.
 
     crossing = medium.cross(origin, direction, near, far)
-    taken = crossing.start()
-    while crossing.unfinished(taken):
-        step = medium.next(crossing, taken)                # the next sample in depth, and the brick it lies in
-        if step.brick < 0:  taken = crossing.leave(step, taken)      # to the end of the empty space around
+    state = crossing.start()
+    while crossing.unfinished(state):
+        step = medium.next(crossing, state)                # the next sample in depth, and its brick
+        if step.brick < 0:  state = crossing.skip_empty(step, state)
         else:               density, clear = medium.density(step)
                             depth = step.tau * density * step.length
-                            if ~crossing.too_coarse(taken, depth):  ...
-                            taken = crossing.after(step, depth, clear, taken)
-        taken = crossing.exchange(taken)                   # the next box, where one has been left
+                            if ~crossing.must_split(state, depth):  ...
+                            state = crossing.advance(step, depth, clear, state)
+        state = crossing.enter_next_box(state)             # where the ray has left a box
 
 Grids are held here, in a plain object, so that loops do not take them into their state.
 """
@@ -28,7 +28,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, clip, lookup
 from hagoromo.transport.chart import OnSurface, SurfaceFrame, place_on_surface, surface_frame
-from hagoromo.transport.crossing import EDGE, Cone, Crossing, Step, Taken
+from hagoromo.transport.crossing import EDGE, Cone, Crossing, MarchState, Step
 from hagoromo.transport.frames import TOLERANCE, Frames
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
@@ -116,13 +116,13 @@ class Medium:
         """
         return Crossing(self.frames, (origin, direction, near, far), phase, stride, cone)
 
-    def next(self, crossing: Crossing, taken: Taken) -> Step:
+    def next(self, crossing: Crossing, state: MarchState) -> Step:
         """The sample next in depth over all boxes."""
         kinds = arrays()
-        slot, distance, length, ray = crossing.nearest(taken)
+        slot, distance, length, ray = crossing.nearest(state)
         whole = length
-        length = length / kinds.Float(taken.parts)
-        distance = dr.fma(kinds.Float(taken.part) + 0.5, length, dr.fma(whole, -0.5, distance))
+        length = length / kinds.Float(state.parts)
+        distance = dr.fma(kinds.Float(state.part) + 0.5, length, dr.fma(whole, -0.5, distance))
         place = dr.fma(ray.direction, distance, ray.origin)
         place = type(place)(*(clip(place[k], 0.0, ray.last[k] - EDGE) for k in range(3)))
         cell = kinds.Array3i(place) >> 3

@@ -159,18 +159,18 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone:
     """March every ray once through the boxes and lay its knots into `target`."""
     kinds, count = arrays(), dr.width(target.ray)
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf), cone=cone)
-    taken = crossing.start()
+    state = crossing.start()
     nothing = dr.zeros(kinds.Float, count)
     depth, reached = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
     fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
-    while crossing.unfinished(taken) & (depth < HIDDEN):
-        step = medium.next(crossing, taken)
+    while crossing.unfinished(state) & (depth < HIDDEN):
+        step = medium.next(crossing, state)
         if step.brick < 0:
-            taken = crossing.leave(step, taken)
+            state = crossing.skip_empty(step, state)
         else:
             density, clear = medium.density(step)
             met = step.tau * density * step.length
-            if (met > THINNEST) & ~crossing.too_coarse(taken, met):
+            if (met > THINNEST) & ~crossing.must_split(state, met):
                 begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), reached)
                 if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
                     far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
@@ -191,10 +191,10 @@ def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone:
                 x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, met, depth) - fan.depth
                 fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
                 fan.low, fan.high, reached = low, high, end
-            taken = crossing.after(step, met, clear, taken)
-        taken = crossing.exchange(taken)
+            state = crossing.advance(step, met, clear, state)
+        state = crossing.enter_next_box(state)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
-        if (reached >= 0.0) & ~(crossing.unfinished(taken) & (depth < HIDDEN)):
+        if (reached >= 0.0) & ~(crossing.unfinished(state) & (depth < HIDDEN)):
             target.lay(fan.knots, reached, fan.best(reached))
 
 
