@@ -14,9 +14,9 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
-from hagoromo.image.kept import Kept
 from hagoromo.image.render import Light, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_cache import SceneCache
 from hagoromo.image.scene_file import scene_and_settings
 from hagoromo.image.settings import Settings
 from hagoromo.transport.film import Film
@@ -55,14 +55,14 @@ class Preview:
     def __init__(self, settings: Settings | None = None, seconds: float = FIRST) -> None:
         if not seconds > 0:
             raise InputError(f"the first picture is to come after {seconds} s: give a number above 0")
-        self.settings, self.seconds, self.kept = settings or Settings(), seconds, Kept()
+        self.settings, self.seconds, self.cache = settings or Settings(), seconds, SceneCache()
         self.rays = {False: RAYS, True: RAYS}  # of a first picture; True: with shadows to be made
         self.least = {False: math.inf, True: math.inf}  # s, that a first picture took
 
     def pictures(self, scene: Scene) -> Iterator[Image]:
         """Pictures of `scene`; the last one is what `render` gives."""
         start, size = time.perf_counter(), scene.camera.width * scene.camera.height
-        new_shadows = self.kept.key("maps")[:1] != (shadow_casters(scene, self.settings),)
+        new_shadows = self.cache.key("maps")[:1] != (shadow_casters(scene, self.settings),)
         coarse = strides(size, self.rays[new_shadows])
         points = pixel_points(self.settings.samples, self.settings.seed)
         steps = [(stride, pixel_points(1, 0)[0]) for stride in coarse] + [(1, point) for point in points]
@@ -70,7 +70,7 @@ class Preview:
         record = metadata(scene, self.settings)
         for number, (stride, point) in enumerate(steps):
             if number <= len(coarse):  # each coarse picture and the first whole one start anew
-                light = Light(scene, self.settings, self.kept, stride)
+                light = Light(scene, self.settings, self.cache, stride)
                 film = Film(scene.camera, light.channels, stride)
             film.add(light.along, point)
             level = {"stride": stride, "samples": film.samples, "share": sum(work[: number + 1]) / sum(work)}

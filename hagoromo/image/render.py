@@ -13,8 +13,8 @@ import numpy as np
 from hagoromo import __version__
 from hagoromo.backend import arrays, name
 from hagoromo.image.image import Image
-from hagoromo.image.kept import Kept
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_cache import SceneCache
 from hagoromo.image.scene_file import scene_and_settings
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
@@ -51,12 +51,12 @@ def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
 class Light:
     """A scene made ready for rays: its medium, surfaces, materials, lamps and shadow maps.
 
-    kept: what was made for the scene before; what is still as it was is not made, or brought to the device, again.
+    cache: what an earlier scene left on the device; values that did not change are used again.
     stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, kept: Kept | None = None, stride: int = 1) -> None:
-        kept, camera = kept or Kept(), scene.camera
+    def __init__(self, scene: Scene, settings: Settings, cache: SceneCache | None = None, stride: int = 1) -> None:
+        cache, camera = cache or SceneCache(), scene.camera
         texels = None if stride == 1 else math.isqrt(camera.width * camera.height) // stride
         width = stride / (max(camera.focal) * math.sqrt(settings.samples if stride == 1 else 1))
         self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
@@ -64,12 +64,12 @@ class Light:
         bases = [box.basis for box in scene.boxes]
         self.palette = palette_of(reflectances, [s for b in bases for s in b], [lamp.spectrum for lamp in scene.lamps])
         self.channels = self.palette.channels
-        self.medium = _medium(scene, settings, kept)
+        self.medium = _medium(scene, settings, cache)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
-        self.surfaces = _surfaces(scene, kept)
+        self.surfaces = _surfaces(scene, cache)
         boxes_shade: Attenuation | None = None
         if self.medium and settings.shadows == "map":
-            boxes_shade = _maps(scene, settings, self.medium, kept, texels)
+            boxes_shade = _maps(scene, settings, self.medium, cache, texels)
         elif self.medium and settings.shadows == "march":
             boxes_shade = brute_attenuation(self.medium)
         attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
@@ -114,20 +114,20 @@ def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
     return (boxes, settings.tolerance), lamps
 
 
-def _medium(scene: Scene, settings: Settings, kept: Kept) -> Medium | None:
+def _medium(scene: Scene, settings: Settings, cache: SceneCache) -> Medium | None:
     """The scene's boxes on the device; None without boxes."""
     if not scene.boxes:
         return None
     boxes, _ = shadow_casters(scene, settings)
-    return kept.get("medium", boxes, lambda: Medium(scene.boxes, settings.tolerance))
+    return cache.get("medium", boxes, lambda: Medium(scene.boxes, settings.tolerance))
 
 
-def _surfaces(scene: Scene, kept: Kept) -> Surfaces | None:
+def _surfaces(scene: Scene, cache: SceneCache) -> Surfaces | None:
     """The scene's surfaces as Mitsuba holds them; None without surfaces."""
     if not scene.surfaces:
         return None
     figures = tuple(surface.figure for surface in scene.surfaces)
-    return kept.get("surfaces", figures, lambda: Surfaces(scene.surfaces))
+    return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces))
 
 
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
@@ -140,14 +140,14 @@ def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> 
     return share
 
 
-def _maps(scene: Scene, settings: Settings, medium: Medium, kept: Kept, texels: int | None) -> Any:
+def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:
     """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
     casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
     resolution = resolution or fitting_resolution(medium, settings.tolerance)
     if texels:
         resolution = min(resolution, max(texels, COARSEST))
-        if kept.key("maps")[:1] == (casters,):
-            resolution = max(resolution, *kept.key("maps")[1:])
-    return kept.get(
+        if cache.key("maps")[:1] == (casters,):
+            resolution = max(resolution, *cache.key("maps")[1:])
+    return cache.get(
         "maps", (casters, resolution), lambda: mapped_attenuation(medium, scene.lamps, resolution, settings.tolerance)
     )

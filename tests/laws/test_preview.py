@@ -182,7 +182,7 @@ def test_what_did_not_change_is_not_made_again(scene):
 
     def things(seen):
         list(view.pictures(seen))
-        return {name: thing for name, (_, thing) in view.kept._things.items()}
+        return {name: thing for name, (_, thing) in view.cache._entries.items()}
 
     first = things(scene)
     assert set(first) == {"medium", "surfaces", "maps"}
@@ -198,11 +198,11 @@ def test_finer_shadows_than_needed_are_kept(scene):
     """A camera that moves sees the finest shadows at once; a lamp that moves begins with coarse ones."""
     view = coarse_view()
     list(view.pictures(scene))
-    finest = view.kept.key("maps")[1]
+    finest = view.cache.key("maps")[1]
     next(view.pictures(CHANGES["camera"](scene)))
-    assert view.kept.key("maps")[1] == finest
+    assert view.cache.key("maps")[1] == finest
     next(view.pictures(CHANGES["lamps moved"](scene)))
-    assert view.kept.key("maps")[1] < finest
+    assert view.cache.key("maps")[1] < finest
 
 
 def test_a_late_first_picture_has_fewer_rays_the_next_time(scene):
