@@ -14,7 +14,7 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
-from hagoromo.image.render import Light, metadata, pixel_points, shadow_casters
+from hagoromo.image.render import PreparedScene, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_cache import SceneCache
 from hagoromo.image.scene_file import scene_and_settings
@@ -70,11 +70,11 @@ class Preview:
         record = metadata(scene, self.settings)
         for number, (stride, point) in enumerate(steps):
             if number <= len(coarse):  # each coarse picture and the first whole one start anew
-                light = Light(scene, self.settings, self.cache, stride)
-                film = Film(scene.camera, light.channels, stride)
-            film.add(light.along, point)
+                prepared = PreparedScene(scene, self.settings, self.cache, stride)
+                film = Film(scene.camera, prepared.channels, stride)
+            film.add(prepared.radiance, point)
             level = {"stride": stride, "samples": film.samples, "share": sum(work[: number + 1]) / sum(work)}
-            image = Image(*film.mean(), light.palette, record | {"preview": level})
+            image = Image(*film.mean(), prepared.palette, record | {"preview": level})
             if number == 0:
                 self._learn(new_shadows, math.ceil(size / stride**2), time.perf_counter() - start)
             yield image

@@ -36,11 +36,11 @@ def render(scene: Scene | str | Path, settings: Settings | None = None, progress
     `InputError` for a file that describes no scene.
     """
     scene, settings = scene_and_settings(scene, settings)
-    light = Light(scene, settings)
-    film = Film(scene.camera, light.channels)
+    prepared = PreparedScene(scene, settings)
+    film = Film(scene.camera, prepared.channels)
     for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
-        film.add(light.along, point, part_of(progress, sample / settings.samples, 1.0 / settings.samples))
-    return Image(*film.mean(), light.palette, metadata(scene, settings))
+        film.add(prepared.radiance, point, part_of(progress, sample / settings.samples, 1.0 / settings.samples))
+    return Image(*film.mean(), prepared.palette, metadata(scene, settings))
 
 
 def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
@@ -48,8 +48,8 @@ def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
     return {"version": __version__, "backend": name(), "settings": asdict(settings), "scene": scene.record()}
 
 
-class Light:
-    """A scene made ready for rays: its medium, surfaces, materials, lamps and shadow maps.
+class PreparedScene:
+    """A scene on the device, ready for rays: medium, surfaces, materials, lamps and shadow maps.
 
     cache: what an earlier scene left on the device; values that did not change are used again.
     stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
@@ -75,8 +75,8 @@ class Light:
         attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
         self.lighting = Lighting(scene.lamps, Materials(reflectances, self.palette), attenuation, bases)
 
-    def along(self, origin: Any, direction: Any, phase: Any = 0.0) -> tuple[list[Any], Any]:
-        """Weights of the radiance towards `origin` along rays, and the share of them that ends on matter."""
+    def radiance(self, origin: Any, direction: Any, phase: Any = 0.0) -> tuple[list[Any], Any]:
+        """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity)."""
         kinds, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [kinds.Float(0)] * self.channels
         if self.surfaces:

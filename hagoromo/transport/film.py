@@ -21,11 +21,11 @@ RAYS = 1 << 21  # rays marched at once; progress is reported, and an interrupt h
 TILE = (4, 4)  # neighbouring rays share lanes: columns, rows
 
 
-class Answer(Protocol):
-    """What rays find: weights of the radiance towards `origin`, one Float per channel, and the share that ends."""
+class RayRadiance(Protocol):
+    """Radiance along rays: its weights, one Float per channel, and alpha 0…1 (opacity)."""
 
     def __call__(self, origin: Any, direction: Any, phase: Any) -> tuple[list[Any], Any]:
-        """Of rays from origin [m] along unit directions (Array3f, world); phase of the march, 0…1."""
+        """Along rays from `origin` [m] in unit `direction` (Array3f, world); phase of the march, 0…1."""
         ...
 
 
@@ -46,7 +46,7 @@ class Film:
         """Number of pixels."""
         return self.width * self.height
 
-    def add(self, answer: Answer, point: NDArray, progress: Progress = silent) -> None:
+    def add(self, radiance: RayRadiance, point: NDArray, progress: Progress = silent) -> None:
         """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each."""
         kinds = arrays()
         met = dr.zeros(kinds.Float, self.pixels * self.values)
@@ -58,7 +58,7 @@ class Film:
             number = dr.arange(kinds.UInt, min(RAYS, count - start)) + dr.opaque(kinds.UInt, start)
             column, row = tile_place(number, width)
             x, y = (kinds.Float(column) + dx) * stride, (kinds.Float(row) + dy) * stride
-            channels, alpha = answer(*self.camera.rays(x, y), phase)
+            channels, alpha = radiance(*self.camera.rays(x, y), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
             dr.scatter(met, kinds.ArrayXf([*channels, alpha]), row * width + column, inside)

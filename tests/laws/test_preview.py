@@ -10,7 +10,7 @@ import pytest
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.preview import Preview, preview, strides
-from hagoromo.image.render import Light, render
+from hagoromo.image.render import PreparedScene, render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface
@@ -142,7 +142,7 @@ def test_a_scene_is_let_go_with_its_picture(scene):
     gc.disable()
     try:
         render(scene)
-        left = [thing for thing in gc.get_objects() if isinstance(thing, Light)]
+        left = [thing for thing in gc.get_objects() if isinstance(thing, PreparedScene)]
     finally:
         gc.enable()
     assert not left
