@@ -32,6 +32,10 @@ class Camera:
     distortion: OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6); given 4 or 5 of them, the others are 0. world_to_camera:
     (4, 4) rigid pose [m].
     response, sensor: colour response and noise, where known. Raises `InputError` when a figure makes no camera.
+
+    >>> camera = hg.Camera(640, 480, focal=(800, 800), principal=(320, 240))
+    >>> camera.project([0.1, 0.0, 2.0]).tolist()  # 800 px · 0.1 m / 2 m to the right of the principal point
+    [360.0, 240.0]
     """
 
     width: int

@@ -32,6 +32,10 @@ class Response:
     """Spectral sensitivities of a sensor's channels, linear between the wavelengths and 0 outside.
 
     wavelengths: (n,) [nm], strictly increasing. values: (n, channels), finite, relative. channels: their names.
+
+    >>> camera = hg.Response.load("canon_eos_300d")
+    >>> camera.channels, [int(camera.wavelengths[k]) for k in camera.values.argmax(axis=0)]  # most sensitive at [nm]
+    (('R', 'G', 'B'), [590, 530, 475])
     """
 
     wavelengths: NDArray[np.float64]

@@ -35,6 +35,10 @@ class Sensor:
     exposure: electrons per unit of ρ. full_well: electrons a pixel holds. read_noise: standard deviation [e⁻].
     gain: electrons per DN. black_level: DN of no light. bits: of a DN, 1–16.
     mosaic: colours of the first 2 × 2 pixels by rows ("RGGB", ...), "" for a sensor that measures every channel.
+
+    >>> sensor = hg.Sensor(exposure=1000, full_well=30_000, read_noise=5, gain=2, black_level=64, bits=14)
+    >>> sensor.white_level  # DN: the well is full at 64 + 30,000/2, below 2¹⁴ − 1
+    15064.0
     """
 
     exposure: float

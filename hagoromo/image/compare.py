@@ -63,6 +63,11 @@ def compare(
     width). peak: of linear images, the value that is white. `InputError` for one image of display values and one of
     linear values, a peak of display values or one that is not above 0, sizes that differ, values that are not finite,
     and an empty mask.
+
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> found = hg.compare(1.02 * reference, reference, peak=1.0)
+    >>> round(found.relative_rmse, 4), round(found.psnr), found.pixels  # psnr: 20 log10(1/0.01) dB
+    (0.02, 40, 256)
     """
     one, other = _read(a, "the first image"), _read(b, "the second image")
     if one.displayed != other.displayed:

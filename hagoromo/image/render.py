@@ -34,6 +34,15 @@ def render(scene: Scene | str | Path, settings: Settings | None = None, progress
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
     `InputError` for a file that describes no scene.
+
+    A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
+
+    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
+    >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=matte)
+    >>> image = hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0), intensity=2.0),), surfaces=(ball,)))
+    >>> image.weights.shape, round(float(image.weights[3, 4].sum()), 4)
+    ((7, 9, 2), 0.5)
     """
     scene, settings = scene_and_settings(scene, settings)
     prepared = PreparedScene(scene, settings)

@@ -16,6 +16,13 @@ class Settings:
 
     tolerance: of the picture, root mean square over its mean where there is matter: the steps of the march follow it
     and the voxels, so that halving it changes the picture by less.
+
+    >>> hg.Settings(samples=16, tolerance=0.02).shadows
+    'map'
+    >>> hg.Settings(samples=0)
+    Traceback (most recent call last):
+    ...
+    hagoromo.errors.InputError: samples is 0: give 1 or more rays a pixel
     """
 
     samples: int = 1

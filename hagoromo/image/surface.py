@@ -28,6 +28,10 @@ class Surface:
     """A surface with one reflectance: `shape` of SHAPES, or a mesh of vertices (n, 3) [m] and faces (m, 3).
 
     pose: shape to world, (4, 4) affine (scale included). smooth: interpolate the normals of a mesh's vertices.
+
+    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
+    [0.1, 0.1, 0.2]
     """
 
     reflectance: Reflectance

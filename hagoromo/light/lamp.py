@@ -21,6 +21,10 @@ class Lamp:
     spectrum: relative spectrum of the light. axis: (3,) where a point lamp shines brightest, world, made unit, and
     axis_power: μ of its fall-off cosᵘ of the angle from there (1: a bare LED); without an axis it shines alike all
     around. `InputError` when the numbers make no lamp.
+
+    >>> to_lamp, irradiance = hg.Lamp(position=(0, 0, 2), intensity=8).direction_and_irradiance([0, 0, 0])
+    >>> to_lamp.tolist(), float(irradiance)  # 8 W/sr at 2 m: 2 W/m²
+    ([0.0, 0.0, 1.0], 2.0)
     """
 
     position: NDArray[np.float64] | None

@@ -35,6 +35,13 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -
     """The volume box of a recipe: the path of a TOML file, or its tables; see the head of this module for the keys.
 
     Raises `InputError` that names the wrong key, or an unknown key together with the known ones.
+
+    >>> material = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
+    >>> shape = {"form": "sphere", "radius_mm": 2.0}
+    >>> box = hg.build({"kind": "solid", "shape": shape, "voxel_mm": 0.5, "material": material})
+    >>> volume = box.bricks.dense()[0].astype(float).sum() * 0.5**3  # mm³, of a ball of 4/3 π 2³ = 33.5
+    >>> bool(abs(volume / 33.5 - 1) < 0.1)  # a soft edge of a voxel enlarges it
+    True
     """
     plan, where, _ = _planned(recipe)
     progress(0.0)

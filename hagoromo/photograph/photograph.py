@@ -21,6 +21,12 @@ class Photograph:
     it and what lit it. native: (height, width, channels), true where the sensor itself measured the channel and the
     value is independent of its neighbours; None when it did everywhere. Raises `InputError` when the shapes differ, a
     valid pixel is not finite or has no variance.
+
+    >>> camera = hg.Camera(5, 3, (10, 10), (2.5, 1.5))
+    >>> grey = np.full((3, 5, 3), 0.2)
+    >>> shot = hg.Photograph(grey, variance=0.01 * grey, mask=np.ones((3, 5), bool), camera=camera)
+    >>> shot.values.dtype, int(shot.mask.sum())
+    (dtype('float32'), 15)
     """
 
     values: NDArray[np.float32]

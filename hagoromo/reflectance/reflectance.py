@@ -33,6 +33,10 @@ class Reflectance:
     alpha, beta: weights of body and interface [1/sr]; gamma: half width of the facets [rad]; n: refractive index;
     body_colour, interface_colour: Spectra without unit; element: plane, cylinder or sphere.
     Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
+
+    >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+    >>> round(matte.body_albedo, 4)  # π · 0.2 · 0.5
+    0.3142
     """
 
     alpha: float

@@ -31,6 +31,13 @@ class VolumeBox:
     heights [m] instead of densities, and normals instead of axes (see `chart`). lift: [m], above 0 for an opaque skin
     of plane elements that stands for a surface and does not shade itself: whether light reaches a point of it is looked
     up so far along the point's axis, and twice as far towards the lamp.
+
+    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> density, axis = np.ones((3, 5, 7)), np.zeros((3, 5, 7, 3))  # (z, y, x)
+    >>> axis[..., 2] = 1.0
+    >>> box = hg.VolumeBox.from_arrays(density, axis, voxel_size=0.01, tau=200.0, materials=[matte])
+    >>> np.round(box.size, 6).tolist()  # (x, y, z) [m]
+    [0.07, 0.05, 0.03]
     """
 
     bricks: Bricks

@@ -34,6 +34,13 @@ class Board:
     columns, rows: inner corners (one less than squares). square: side of a square [m]. marker: side of a ChArUco marker
     [m], 0 for a chessboard. dictionary: OpenCV's name of the markers, such as "5X5_100". window: half side [px] of the
     sub-pixel search of chessboard corners; None takes that of `corner_windows`, a corner at a time.
+
+    >>> hg.Board(9, 6, square=0.025).columns
+    9
+    >>> hg.Board(1, 6, square=0.025)
+    Traceback (most recent call last):
+    ...
+    hagoromo.errors.InputError: a board has at least 3x3 inner corners: given 1x6
     """
 
     columns: int
