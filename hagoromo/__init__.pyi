@@ -10,7 +10,7 @@ from .light.lamp import Lamp as Lamp
 from .camera.response import Response as Response
 from .camera.sensor import Sensor as Sensor
 from .camera.camera import Camera as Camera
-from .camera.formats.camera_file import read_views as read_views, write_views as write_views
+from .camera.formats.camera_file import read_camera as read_camera, read_views as read_views, write_views as write_views
 
 # Photographs
 from .photograph.photograph import Photograph as Photograph
@@ -27,7 +27,10 @@ from .photograph.capture import Capture as Capture, load_capture as load_capture
 
 # Calibration
 from .calibration.camera.board import Board as Board
-from .calibration.camera.calibrate_camera import calibrate_camera as calibrate_camera
+from .calibration.camera.calibrate_camera import (
+    CameraCalibration as CameraCalibration,
+    calibrate_camera as calibrate_camera,
+)
 from .calibration.lamps.lamp_calibration import LampCalibration as LampCalibration
 from .calibration.lamps.calibrate_lamps import MatteReference as MatteReference, calibrate_lamps as calibrate_lamps
 from .calibration.lamps.uncalibrated.far_lamps import SelfCalibration as SelfCalibration
@@ -35,7 +38,12 @@ from .calibration.lamps.uncalibrated.calibrate_from_object import (
     calibrate_lamps_from_object as calibrate_lamps_from_object,
 )
 from .calibration.response.chart import chart_spectra as chart_spectra
-from .calibration.response.calibrate_response import calibrate_response as calibrate_response
+from .calibration.response.calibrate_response import (
+    Pairs as Pairs,
+    ResponseCalibration as ResponseCalibration,
+    calibrate_response as calibrate_response,
+    read_pairs as read_pairs,
+)
 from .calibration.response.chart_response import response_from_chart as response_from_chart
 
 # Reflectance and its measurement

@@ -6,13 +6,13 @@ import io
 
 import numpy as np
 
-from hagoromo.calibration.camera.calibrate_camera import Calibration
+from hagoromo.calibration.camera.calibrate_camera import CameraCalibration
 
 MARKED, PLAIN = "#b5341d", "#2f5d9b"
 LONGEST = 0.05  # of the image's width: how long the arrow of a residual of three rms is drawn
 
 
-def residual_plot(found: Calibration) -> bytes:
+def residual_plot(found: CameraCalibration) -> bytes:
     """PNG: residual arrows over the image, residuals of x against y, rms per photograph with the outliers marked."""
     from matplotlib.figure import Figure
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 from tyro.conf import Positional, UseAppendAction
@@ -13,7 +15,9 @@ import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, verb, wrote
 from hagoromo.errors import InputError
-from hagoromo.files.whole import replaceable_file
+from hagoromo.files.whole import replaceable_file, whole_file
+
+DOUBTFUL = 0.03  # relative noise of a reading beyond which it is rather the spectra or the light that are wrong
 
 calibrations = tyro.extras.SubcommandApp()
 
@@ -43,17 +47,23 @@ def calibrate_camera(
         square_pixels: one focal length for both axes.
         window: half side [px] of the search for a corner (default: as far as no other edge comes in).
     """
-    from hagoromo.app.calibrate_camera import calibrate_to, parse_board
+    from hagoromo.app.calibration_plot import residual_plot
 
-    target = parse_board(board, square, marker, dictionary, window)
-    with progress_bar("calibrate camera") as progress:
-        found, written = calibrate_to(_pictures(photographs), target, out, coefficients, square_pixels, force, progress)
+    plot = out.with_suffix(".png")
+    if plot == out:
+        raise InputError(f"{out} is to be a record: give a name that ends in .json")
+    target = _board(board, square, marker, dictionary, window)
+    replaceable_file(out, force)
+    with whole_file(plot, force) as picture, progress_bar("calibrate camera") as progress:
+        found = hg.calibrate_camera(photographs, target, coefficients, square_pixels, progress)
+        picture.write_bytes(residual_plot(found))
+    found.save(out, force)
     print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
     for axis, value in zip("xy", found.camera.focal, strict=True):
         print(f"focal length {axis} {value:.2f} ± {found.standard_deviation[f'fl_{axis}']:.2f} px")
     for name in found.outliers:
         print(f"{name}: rms {found.boards[name]:.3f} px, far above the others: look at it, or leave it out")
-    wrote(*written)
+    wrote(out, plot)
 
 
 @verb(calibrations, "lamps")
@@ -141,16 +151,45 @@ def calibrate_response(
         chart: spectra of the patches: a chart of colour-science, or a CSV with a column per patch.
         corners: x y of the chart's corners [px], clockwise from the first patch's, where the chart is not found.
     """
-    from hagoromo.app.calibrate_response import ChartSetting, calibrate_response_to
+    from hagoromo.app.response_plot import response_plot
 
-    found, paths = calibrate_response_to(sources, ChartSetting(chart, lamp, corners), out, force)
+    targets = (*hg.ResponseCalibration.paths(out), out.with_suffix(".png"))
+    for path in targets:
+        replaceable_file(path, force)
+    found = _response(sources, lamp, chart, corners)
+    with whole_file(targets[-1], force) as picture:
+        picture.write_bytes(response_plot(found))
+    found.save(out, force)
+    if found.noise.max() > DOUBTFUL:
+        warnings.warn(
+            f"known spectra explain the readings to {100 * found.noise.max():.0f} % only: are they linear in light, "
+            "without glare, and do the spectra belong to them?",
+            stacklevel=2,
+        )
     for channel, residual, noise in zip(found.response.channels, found.residual, found.noise, strict=True):
         print(f"{channel}: residual {100 * residual:.2f} % of the mean reading, noise {100 * noise:.2f} %")
-    wrote(*paths)
+    wrote(*targets)
 
 
-def _pictures(paths: Sequence[Path]) -> dict[str, Any]:
-    """Name → pixels, see `by_name`."""
-    from hagoromo.files.picture import by_name, read_picture
+def _board(corners: str, square: float, marker: float, dictionary: str, window: int | None) -> hg.Board:
+    """The board of a command line: corners such as "9x6"."""
+    found = re.fullmatch(r"(\d+)x(\d+)", corners)
+    if found is None:
+        raise InputError(f"--board is {corners!r}: give inner corners as columns x rows, such as 9x6")
+    return hg.Board(int(found[1]), int(found[2]), square, marker, dictionary, window)
 
-    return {name: read_picture(path) for name, path in by_name(paths).items()}
+
+def _response(
+    sources: Sequence[Path], lamps: Sequence[str], chart: str, corners: Sequence[float]
+) -> hg.ResponseCalibration:
+    if not lamps:
+        if len(sources) != 1 or sources[0].suffix.lower() != ".csv":
+            raise InputError("give one CSV of pairs, or photographs of a chart with a --lamp for each")
+        return hg.calibrate_response(sources[0])
+    if corners and len(corners) != 8 * len(sources):
+        asked = f"{len(sources)} photographs have {8 * len(sources)}"
+        raise InputError(f"--corners has {len(corners)} numbers: {asked}, x and y of four corners each")
+    import numpy as np
+
+    places = list(np.reshape(corners, (len(sources), 4, 2))) if corners else None
+    return hg.response_from_chart(sources, lamps, chart, places)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hagoromo.calibration.response.calibrate_response import calibrate_response, overlap_matrix, read_pairs
+from hagoromo.calibration.response.calibrate_response import Pairs, calibrate_response, overlap_matrix, read_pairs
 from hagoromo.camera.response import Response, camera_response
 from hagoromo.errors import InputError
 from hagoromo.files.table import write_table
@@ -29,7 +29,7 @@ def spectra_and_readings(
 def test_response_is_found_from_exact_readings():
     """Tolerance: 0.5 % of the peak, to which readings exact to 1e-5 tell curves 10 nm apart."""
     wavelengths, spectra, readings, true = spectra_and_readings(11, 0.0, narrowest=4.0)
-    found = calibrate_response(wavelengths, spectra, readings)
+    found = calibrate_response(Pairs(wavelengths, spectra, readings))
     assert (found.response.values >= 0).all()
     assert np.abs(found.response.values - true.values).max() < 5e-3 * true.values.max()
 
@@ -39,7 +39,7 @@ def test_response_from_noisy_readings_predicts_others():
     are averaged over about 20 parameters.
     """
     wavelengths, spectra, readings, _ = spectra_and_readings(11, 0.005)
-    found = calibrate_response(wavelengths, spectra, readings)
+    found = calibrate_response(Pairs(wavelengths, spectra, readings))
     _, others, exact, _ = spectra_and_readings(12, 0.0)
     for channel, name in enumerate(readings):
         predicted = others @ overlap_matrix(wavelengths) @ found.response.values[:, channel]
@@ -63,7 +63,7 @@ def test_pairs_are_read_from_a_table(tmp_path):
     np.testing.assert_array_equal(spectra, [[3, 5, 7], [4, 6, 8]])
     assert list(readings) == ["R", "G"]
     with pytest.raises(InputError, match="fewest"):
-        calibrate_response(wavelengths, spectra, readings)
+        calibrate_response(Pairs(wavelengths, spectra, readings))
     for missing, said in [(("400",), "increasing wavelengths"), (("R", "G"), "no header")]:
         write_table(tmp_path / "bad.csv", {k: v for k, v in columns.items() if k not in missing})
         with pytest.raises(InputError, match=said):

@@ -73,7 +73,7 @@ def test_response_from_charts_lies_within_its_intervals():
     tube = Spectrum.named("FL11")
     lamps = [LAMP, tube.scaled(BRIGHT / float(white(tube, CAMERA).max()))]
     photographs = [photograph_of_chart(lamp) for lamp in lamps]
-    found, _ = response_from_chart(photographs, lamps, chart_spectra(), [CORNERS, CORNERS])
+    found = response_from_chart(photographs, lamps, chart_spectra(), [CORNERS, CORNERS])
     at = found.response.wavelengths
     true = np.stack([CAMERA.curve(channel).at(at) for channel in range(3)], axis=1) * 50000.0 / BRIGHT
     inside = (true >= found.interval_95[..., 0]) & (true <= found.interval_95[..., 1])

@@ -7,8 +7,9 @@ counts from the centre of the first pixel and we from the image's corner, so all
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,8 +17,12 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.camera.board import Board, Corners
 from hagoromo.camera.camera import Camera
+from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
+from hagoromo.files.picture import by_name, read_picture
+from hagoromo.files.record import list_of, number, read_json, table, take, text, write_json
+from hagoromo.files.whole import whole_file
 from hagoromo.progress import Progress, silent
 
 Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitted, the first ones of OpenCV's order
@@ -29,7 +34,7 @@ OUTLIER = 3.5  # robust standard deviations of a view's log rms above the median
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class CameraCalibration:
     """A calibrated camera and how well it is known.
 
     standard_deviation: of each of `NAMES` that was fitted [px, or 1 for the distortion]. rms: of the corners' residuals
@@ -47,6 +52,14 @@ class Calibration:
     corners: dict[str, NDArray[np.float64]]
     residuals: dict[str, NDArray[np.float64]]
 
+    def __repr__(self) -> str:
+        """The residual and the focal length."""
+        width = self.standard_deviation.get("fl_x", 0.0)
+        return (
+            f"CameraCalibration(rms {self.rms:.3f} px over {len(self.boards)} photographs, "
+            f"focal length {self.camera.focal[0]:.2f} ± {width:.2f} px)"
+        )
+
     def record(self) -> dict[str, Any]:
         """The JSON record: keys of nerfstudio's `transforms.json`, then what is known about them."""
         camera = self.camera
@@ -62,25 +75,47 @@ class Calibration:
             "outliers": list(self.outliers),
         }
 
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write camera.json, which `read_camera` reads; `InputError` where it exists without `force`."""
+        with whole_file(path, force) as partial:
+            write_json(partial, self.record())
+        return Path(path)
+
+    @staticmethod
+    def load(path: str | Path) -> CameraCalibration:
+        """The calibration that `save` wrote; the file holds no corners and residuals, so they are empty."""
+        keys = {
+            "standard_deviation": table, "rms_px": number, "boards_rms_px": table,
+            "skipped": list_of(text), "outliers": list_of(text),
+        }  # fmt: skip
+        key = take(read_json(path), keys, str(path), strict=False)
+        names = tuple(key["skipped"]), tuple(key["outliers"])
+        return CameraCalibration(
+            read_camera(path), key["standard_deviation"], key["rms_px"], key["boards_rms_px"], *names, {}, {}
+        )
+
 
 def calibrate_camera(
-    photographs: Mapping[str, NDArray],
+    photographs: Sequence[str | Path] | Mapping[str, NDArray],
     board: Board,
     coefficients: Model = 5,
     square_pixels: bool = False,
     progress: Progress = silent,
-) -> Calibration:
+) -> CameraCalibration:
     """Fit a camera to photographs of a board.
 
-    photographs: name → (height, width) or (height, width, 3), 8 or 16 bits or float. coefficients: how many of the lens
+    photographs: files (PNG, JPEG or TIFF), or name → (height, width) or (height, width, 3), 8 or 16 bits or float. All
+    are of one size, three or more. coefficients: how many of the lens
     are fitted, the others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length.
     `InputError` for photographs of different sizes, fewer than three boards found, boards all parallel to one another
     or a camera that they do not determine.
     """
+    if not isinstance(photographs, Mapping):
+        photographs = {name: read_picture(path) for name, path in by_name([Path(p) for p in photographs]).items()}
     _check(photographs)
     corners: dict[str, Corners] = {}
-    for number, (name, photograph) in enumerate(photographs.items()):
-        progress(number / len(photographs), name)
+    for count, (name, photograph) in enumerate(photographs.items()):
+        progress(count / len(photographs), name)
         found = board.find(photograph)
         if found is not None:
             corners[name] = found
@@ -120,7 +155,9 @@ def _flags(coefficients: Model, square_pixels: bool) -> int:
     return sum(fixed[coefficients]) + (cv2.CALIB_FIX_ASPECT_RATIO if square_pixels else 0)
 
 
-def _fit(corners: Mapping[str, Corners], skipped: tuple[str, ...], size: tuple[int, int], flags: int) -> Calibration:
+def _fit(
+    corners: Mapping[str, Corners], skipped: tuple[str, ...], size: tuple[int, int], flags: int
+) -> CameraCalibration:
     import cv2
 
     points, image = ([getattr(found, what) for found in corners.values()] for what in ("points", "image"))
@@ -150,7 +187,7 @@ def _fit(corners: Mapping[str, Corners], skipped: tuple[str, ...], size: tuple[i
         for p, r, t in zip(points, rotations, shifts, strict=True)
     ]
     boards = dict(zip(corners, map(float, errors.ravel()), strict=True))
-    return Calibration(
+    return CameraCalibration(
         camera,
         {name: spread for name, spread in deviation.items() if spread > 0.0},
         float(rms),

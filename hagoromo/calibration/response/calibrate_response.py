@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 from hagoromo.calibration.response.positive_curve import fit_positive_curve
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.table import read_table
+from hagoromo.files.table import read_table, write_table
+from hagoromo.files.whole import whole_file
 
 FEWEST_PAIRS = 5
 
@@ -37,11 +39,53 @@ class ResponseCalibration:
     noise: NDArray[np.float64]
     length: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        """The channels and their residuals."""
+        residuals = zip(self.response.channels, self.residual, strict=True)
+        return f"ResponseCalibration({', '.join(f'{name}: residual {100 * r:.2f} %' for name, r in residuals)})"
 
-def read_pairs(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    def save(self, path: str | Path, force: bool = False) -> tuple[Path, Path]:
+        """Write the curves to the CSV `path`, which `Response.load` reads, and their 95 % intervals beside it.
+
+        Both paths. `InputError` for a name that does not end in .csv, or a file that exists without `force`.
+        """
+        curves, bounds = self.paths(path)
+        wavelength = {"wavelength_nm": self.response.wavelengths}
+        ends = {
+            f"{name}_{end}": self.interval_95[:, channel, k]
+            for channel, name in enumerate(self.response.channels)
+            for k, end in enumerate(("low", "high"))
+        }
+        with whole_file(curves, force) as response, whole_file(bounds, force) as intervals:
+            values = dict(zip(self.response.channels, self.response.values.T, strict=True))
+            write_table(response, wavelength | values)
+            write_table(intervals, wavelength | ends)
+        return curves, bounds
+
+    @staticmethod
+    def paths(path: str | Path) -> tuple[Path, Path]:
+        """The files of the curves and of their intervals; `InputError` where `path` does not end in .csv."""
+        path = Path(path)
+        if path.suffix.lower() != ".csv":
+            raise InputError(f"{path} is to be a table: give a name that ends in .csv")
+        return path, path.with_name(f"{path.stem}_interval.csv")
+
+
+class Pairs(NamedTuple):
+    """Known spectra and what the camera read of them.
+
+    wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in any one unit.
+    """
+
+    wavelengths: NDArray[np.float64]
+    spectra: NDArray[np.float64]
+    readings: dict[str, NDArray[np.float64]]
+
+
+def read_pairs(path: str | Path) -> Pairs:
     """Pairs in a CSV file, a row per spectrum: columns named by wavelength [nm] hold it, the others the readings.
 
-    Gives wavelengths (n,), spectra (pairs, n) and readings, channel → (pairs,). `InputError` for other tables.
+    `InputError` for other tables.
     """
     table = read_table(path)
     at = {name: float(name) for name in table if _is_number(name)}
@@ -49,17 +93,16 @@ def read_pairs(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float6
     channels = {name: column for name, column in table.items() if name not in at}
     if len(at) < 3 or (np.diff(wavelengths) <= 0).any():
         raise InputError(f"{path}: name three or more columns by increasing wavelengths in nm, such as 400,410,420")
-    return wavelengths, np.stack([table[name] for name in at], axis=1), channels
+    return Pairs(wavelengths, np.stack([table[name] for name in at], axis=1), channels)
 
 
-def calibrate_response(
-    wavelengths: NDArray[np.float64], spectra: NDArray[np.float64], readings: dict[str, NDArray[np.float64]]
-) -> ResponseCalibration:
+def calibrate_response(pairs: Pairs | str | Path) -> ResponseCalibration:
     """Fit R_c(λ) > 0 to ρ_c = ∫ C_i(λ) R_c(λ) dλ.
 
-    wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in any one unit.
+    pairs: known spectra and the camera's readings of them, or a CSV file of them, see `read_pairs`.
     `InputError` when there are fewer than five pairs, or a channel reads nothing.
     """
+    wavelengths, spectra, readings = pairs if isinstance(pairs, Pairs) else read_pairs(pairs)
     # eq. (10) for piecewise linear C and R: ρ = C M R
     return solve_response(wavelengths, spectra @ overlap_matrix(wavelengths), readings)
 

@@ -3,32 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.calibration.response.calibrate_response import ResponseCalibration, solve_response
-from hagoromo.calibration.response.chart import ChartReading, read_chart
+from hagoromo.calibration.response.chart import ChartReading, chart_spectra, read_chart
 from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr
+from hagoromo.files.picture import read_picture
 from hagoromo.light.spectrum import Spectrum, integrate_product
 
 STEP = 10.0  # [nm] between the wavelengths of the curves
 
 
 def response_from_chart(
+    photographs: Sequence[str | Path | NDArray[Any]],
+    lamps: Sequence[str | Path | Spectrum],
+    chart: str | Path | Sequence[Spectrum] = "BabelColor Average",
+    corners: Sequence[ArrayLike] | None = None,
+) -> ResponseCalibration:
+    """The response that explains what linear photographs show of a chart of 24 patches under `lamps`, one each.
+
+    photographs: developed EXR or 16-bit files of one exposure, or arrays (height, width, 3), NaN where invalid. lamps:
+    spectra in one unit, names or CSV files. chart: name of a chart of colour-science, a CSV with a column per patch,
+    or the patches' spectra. corners: of the chart in each photograph (4, 2) [px]; found when not given. Clipped
+    patches are left out.
+
+    One lamp measures only the product of its spectrum and the response: an error in the lamp's spectrum is not noticed.
+    """
+    pictures = [_linear(one) if isinstance(one, (str, Path)) else np.asarray(one) for one in photographs]
+    spectra = [Spectrum.load(str(lamp) if isinstance(lamp, Path) else lamp) for lamp in lamps]
+    patches = chart_spectra(str(chart)) if isinstance(chart, (str, Path)) else chart
+    return read_response(pictures, spectra, patches, corners)[0]
+
+
+def read_response(
     photographs: Sequence[NDArray[Any]],
     lamps: Sequence[Spectrum],
     chart: Sequence[Spectrum],
     corners: Sequence[ArrayLike] | None = None,
 ) -> tuple[ResponseCalibration, tuple[ChartReading, ...]]:
-    """The response that explains what `photographs` (h, w, 3), linear, show of `chart` under `lamps`, one each.
-
-    The photographs are of one exposure and the lamps' spectra in one unit. corners: of the chart in each photograph
-    (4, 2) [px]; found when not given. Patches that are clipped are left out. Also gives the readings.
-
-    One lamp tells the product of its spectrum and the response only: a wrong spectrum of it goes unseen.
-    """
+    """As `response_from_chart`, from arrays and spectra; with what was read of the chart in each photograph."""
     if len(photographs) != len(lamps) or not photographs:
         raise InputError(f"{len(photographs)} photographs and {len(lamps)} lamps are given: give one lamp for each")
     if corners is not None and len(corners) != len(photographs):
@@ -51,3 +69,15 @@ def response_from_chart(
                 values.append(value)
     red, green, blue = np.array(values).T
     return solve_response(wavelengths, np.array(rows), {"R": red, "G": green, "B": blue}), tuple(readings)
+
+
+def _linear(path: str | Path) -> NDArray:
+    """(h, w, 3) of a developed EXR, NaN where it is invalid, or of a 16-bit picture."""
+    if Path(path).suffix.lower() != ".exr":
+        return read_picture(path)[..., :3]
+    channels, _ = read_exr(path)
+    missing = [name for name in "RGB" if name not in channels]
+    if missing:
+        raise InputError(f"{path} has no channel {', '.join(missing)}: give a developed photograph")
+    values = np.stack([channels[name] for name in "RGB"], axis=2)
+    return np.where(channels["A"][..., None] > 0.0, values, np.nan) if "A" in channels else values
