@@ -4,16 +4,9 @@ import drjit as dr
 import numpy as np
 import pytest
 
+import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.light.lamp import Lamp
-from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS, element_weights
-from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Lighting, Materials, palette_of
-from hagoromo.transport.march import march
-from hagoromo.transport.medium import Medium
-from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.voxels import PlainVoxels
 
 FIGURES = (0.23, 0.41, 0.27, 1.45)  # alpha, beta, gamma, n
 
@@ -47,12 +40,14 @@ def test_gradient_of_f(element, which):
     assert np.quantile(np.abs(derivative - difference), 0.97) < 1e-7 * np.abs(difference).max()
 
 
-def march_of(medium, lighting):
-    kinds = arrays()
-    x = dr.linspace(kinds.Float, -0.03, 0.03, 127)
-    origin, direction = kinds.Array3f(x, 0.013, -1.0), kinds.Array3f(0.0, 0.0, 1.0) + 0 * x
-    channels, passed = march(medium, lighting, origin, direction, kinds.Float(0), kinds.Float(9))
-    return channels[0] + channels[1], passed
+RAYS = 127
+ORIGINS = np.stack([np.linspace(-0.03, 0.03, RAYS), np.full(RAYS, 0.013), np.full(RAYS, -1.0)], axis=1)
+FORWARD = np.broadcast_to([0.0, 0.0, 1.0], (RAYS, 3))
+
+
+def both(light: hg.RayLight) -> list[np.ndarray]:
+    """The sum of the body's and the interface's weights, and the transmittance."""
+    return [light.weights[:, 0] + light.weights[:, 1], light.transmittance]
 
 
 @pytest.fixture
@@ -64,39 +59,25 @@ def ball():
         radius = dr.norm(offset)
         return dr.fmin(dr.fmax((0.06 - radius) / 0.03, 0.0), 1.0), offset / dr.fmax(radius, 1e-6)
 
-    material = Reflectance(*FIGURES, Spectrum.constant(1.0))
+    material = hg.Reflectance(*FIGURES, hg.Spectrum.constant(1.0))
     pose = np.eye(4)
     pose[:3, 3] = -0.08
-    box = VolumeBox.from_field(field, (24, 24, 24), 0.16 / 24, 20.0, [material], pose=pose)
-    lighting = Lighting(
-        [Lamp(to_lamp=(0.3, 0.2, -1.0))], Materials([material], palette_of([material], [], [Spectrum.constant(1.0)]))
-    )
-    medium = Medium([box])
-    held = box.bricks.read(0, box.bricks.kept)
-    values = np.concatenate([held["density"][..., None], held["axis"]], axis=-1).astype(np.float32)
-    medium.voxels = PlainVoxels(arrays().Float(values.ravel()))
-    return medium, lighting
+    box = hg.VolumeBox.from_field(field, (24, 24, 24), 0.16 / 24, 20.0, [material], pose=pose)
+    camera = hg.Camera(8, 6, (10.0, 10.0), (4.0, 3.0)).look_at((0.0, 0.013, -1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    scene = hg.Scene(camera, (hg.Lamp(to_lamp=(0.3, 0.2, -1.0)),), (box,))
+    return hg.RayMarch(scene, hg.Settings(shadows="none"), differentiable=True)
 
 
 def test_gradient_of_the_march_by_density(ball):
-    medium, lighting = ball
-    kinds, voxels = arrays(), arrays().Float(medium.voxels.values)
-    change = np.random.default_rng(4).uniform(0, 1, (dr.width(voxels) // 4, 4)) * (
-        np.array(voxels).reshape(-1, 4)[:, :1] > 0
-    )
+    voxels = np.array(ball.voxels)
+    change = np.random.default_rng(4).uniform(0, 1, (voxels.size // 4, 4)) * (voxels.reshape(-1, 4)[:, :1] > 0)
     change[:, 1:] = 0  # density only
-    change = kinds.Float(change.ravel().astype(np.float32))
-    dr.enable_grad(medium.voxels.values)
-    dr.set_grad(medium.voxels.values, change)
-    values = march_of(medium, lighting)
-    dr.enqueue(dr.ADMode.Forward, medium.voxels.values)
-    dr.traverse(dr.ADMode.Forward)
-    derivatives = [np.array(dr.grad(value)) for value in values]
+    derivatives = both(ball.derivative(ORIGINS, FORWARD, voxels=change)[1])
     h = 2e-3
     ends = []
     for sign in (1, -1):
-        medium.voxels.values = voxels + sign * h * change
-        ends.append([np.array(value) for value in march_of(medium, lighting)])
+        ball.voxels = (voxels + sign * h * change.ravel()).astype(np.float32)
+        ends.append(both(ball(ORIGINS, FORWARD)))
     for derivative, high, low in zip(derivatives, *ends, strict=True):
         difference = (high - low) / (2 * h)
         # single precision: 1e-7 / h on values near 1
@@ -105,20 +86,31 @@ def test_gradient_of_the_march_by_density(ball):
 
 def test_gradient_of_the_march_by_colour(ball):
     """The body coefficient enters linearly: its derivative is the body part itself."""
-    medium, lighting = ball
-    rows = np.array(lighting.materials.rows)
+    rows = np.array(ball.materials)
     entry = 5  # the first coefficient on the palette, after alpha, beta, gamma, n and element
-    dr.enable_grad(lighting.materials.rows)
-    dr.set_grad(lighting.materials.rows, arrays().Float((np.arange(rows.size) == entry).astype(np.float32)))
-    value, _ = march_of(medium, lighting)
-    dr.enqueue(dr.ADMode.Forward, lighting.materials.rows)
-    dr.traverse(dr.ADMode.Forward)
-    derivative = np.array(dr.grad(value))
+    unit = np.arange(rows.size) == entry
+    derivative = both(ball.derivative(ORIGINS, FORWARD, materials=unit)[1])[0]
     ends = []
     for sign in (1, -1):
-        moved = rows.copy()
-        moved[entry] += sign * 0.25
-        lighting.materials.rows = arrays().Float(moved)
-        ends.append(np.array(march_of(medium, lighting)[0]))
+        ball.materials = (rows + sign * 0.25 * unit).astype(np.float32)
+        ends.append(both(ball(ORIGINS, FORWARD))[0])
     difference = (ends[0] - ends[1]) / 0.5
     assert np.abs(derivative - difference).max() < 1e-5 * np.abs(difference).max() > 0
+
+
+def test_rays_of_arrays_and_of_dr_jit_give_the_same_light(ball):
+    light, kinds = ball(ORIGINS, FORWARD), arrays()
+    x = kinds.Float(ORIGINS[:, 0].astype(np.float32))
+    weights, transmittance = ball.along(kinds.Array3f(x, 0.013, -1.0), kinds.Array3f(0.0, 0.0, 1.0) + 0 * x)
+    np.testing.assert_array_equal(light.weights[:, 0], np.array(weights[0]))
+    np.testing.assert_array_equal(light.transmittance, np.array(transmittance))
+    np.testing.assert_array_equal(hg.march(ball, ORIGINS, FORWARD).weights, light.weights)
+
+
+def test_changes_that_do_not_fit_are_refused(ball):
+    with pytest.raises(hg.InputError, match="nothing changes"):
+        ball.derivative(ORIGINS, FORWARD)
+    with pytest.raises(hg.InputError, match="materials: the change has 2 numbers"):
+        ball.derivative(ORIGINS, FORWARD, materials=[1.0, 0.0])
+    with pytest.raises(hg.InputError, match=r"\(rays, 3\)"):
+        hg.march(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
