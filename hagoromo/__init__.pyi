@@ -22,6 +22,7 @@ from .photograph.development.development import (
 )
 from .photograph.development.develop import develop as develop
 from .photograph.gather import gather as gather
+from .photograph.lit_photographs import capture as capture, load_lamps as load_lamps
 from .photograph.convert import convert as convert
 from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture
 
@@ -57,20 +58,24 @@ from .reflectance.spectra.spectrum_estimate import (
 from .reflectance.material.materials_file import read_materials as read_materials
 from .measurement.known_shape import measure as measure
 
+from .reflectance.sampling import density_to_lamp as density_to_lamp, sample_to_lamp as sample_to_lamp
+
 # Volume boxes
 from .volume.box import VolumeBox as VolumeBox
 from .volume.store.box_store import load_box as load_box, save_box as save_box
 from .volume.store.zarr_plan import box_from_zarr as box_from_zarr
-from .matter.build import build as build
+from .matter.build import build as build, build_to as build_to
 
 # Scenes and images
 from .image.surface import Surface as Surface
 from .image.scene import Scene as Scene
 from .image.scene_file import load_scene as load_scene
+from .transport.lighting import Palette as Palette
 from .image.image import Image as Image, read_image as read_image
 from .image.settings import Settings as Settings
 from .image.simulate import simulate as simulate
 from .image.render import render as render
+from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
 from .image.compare import Comparison as Comparison, compare as compare
 

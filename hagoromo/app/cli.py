@@ -155,6 +155,47 @@ def develop(
 
 
 @verb(verbs)
+def capture(
+    photographs: Positional[tuple[Path, ...]],
+    lamps: Path,
+    out: Out,
+    camera: Path | None = None,
+    response: str | None = None,
+    mask: tuple[Path, ...] = (),
+    spectrum: str | None = None,
+    intensity: tuple[float, ...] = (),
+    undistorted: bool = False,
+    transfer: Literal["linear", "srgb"] | None = None,
+    force: Force = False,
+) -> None:
+    """Developed photographs of one view, one lamp on in each → a capture, which `measure` reads.
+
+    Args:
+        photographs: EXR of `develop`, or linear PNG or TIFF, all from one place.
+        lamps: lamps.json of `calibrate lamps`: a photograph has the lamp of its name, or else of its place in the
+            order.
+        camera: camera.json of `calibrate camera`, or OpenCV's YAML: the one given to `calibrate lamps`; without it the
+            view is taken for orthographic.
+        response: CSV of `calibrate response`, or the name of a known camera.
+        mask: PNG that is white on the object: one for all photographs, or one each.
+        spectrum: of the lamps: a name such as A or D65, or a CSV.
+        intensity: of the lamps, in place of that of lamps.json: one number, or one per channel. A far lamp of intensity
+            3.1416 makes a white patch that faces it read 1.
+        undistorted: the photographs have no lens distortion (those of `develop --undistort` state it themselves).
+        transfer: of 8-bit photographs.
+    """
+    with whole_folder(out, force) as partial:
+        result = hg.capture(
+            photographs, lamps, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
+            undistorted=undistorted, transfer=transfer, name=out.name,
+        )  # fmt: skip
+        result.save(partial)
+    for photograph in result.photographs:
+        print(f"{photograph.name}: lamp {photograph.lamps[0].name or 'without a name'}")
+    wrote(out)
+
+
+@verb(verbs)
 def convert(
     cameras: Positional[Path],
     out: Out,

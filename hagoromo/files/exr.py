@@ -32,6 +32,16 @@ def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mappi
         file.write(str(path))
 
 
+def read_header(path: str | Path) -> dict[str, str]:
+    """The text metadata of the first part, without its channels; `InputError` when the file is missing or no EXR."""
+    found = existing_file(path)
+    with found.open("rb") as file:
+        if file.read(4) != MAGIC:
+            raise InputError(f"{found} is no EXR file: give one")
+    header = _open(found, header_only=True).header()
+    return {name: value for name, value in header.items() if isinstance(value, str)}
+
+
 def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
     """Channels, name → (height, width) float32, and the text metadata of the first part.
 

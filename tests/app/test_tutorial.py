@@ -1,4 +1,4 @@
-"""The tutorial is run as it stands on its page: every block of commands, in a folder of its own."""
+"""The tutorial is run as it stands on its page: every block of commands and of Python, in a folder of its own."""
 
 import json
 import os
@@ -16,24 +16,22 @@ from hagoromo.files.record import read_json
 from studies.lab import lab
 
 PAGE = Path(__file__).parents[2] / "docs" / "tutorial.md"
-# Stands for `hagoromo` and `python` on the path: notes its arguments, and what is given on standard input.
+# Stands for `hagoromo` and `python` on the path: notes its arguments.
 NOTED = """#!{python}
 import json, os, sys
-text = sys.stdin.read() if sys.argv[1:] == ["-"] else ""
-print(json.dumps([os.path.basename(sys.argv[0]), sys.argv[1:], text]), file=open(os.environ["NOTES"], "a"))
+print(json.dumps([os.path.basename(sys.argv[0]), sys.argv[1:]]), file=open(os.environ["NOTES"], "a"))
 """
 
 
-def blocks() -> list[str]:
-    return re.findall(r"^```sh\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+def blocks() -> list[tuple[str, str]]:
+    page = re.sub(r"^> ?", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)  # notes hold commands as well
+    return re.findall(r"^```(sh|python)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
 
 
-def run(name: str, arguments: list[str], text: str) -> None:
+def run(name: str, arguments: list[str]) -> None:
     """What a shell would have run, in this process: importing everything anew would take most of the time."""
     if name == "hagoromo":
         assert main(arguments) == 0, arguments
-    elif arguments == ["-"]:
-        exec(compile(text, str(PAGE), "exec"), {})
     else:
         assert arguments[:3] == ["-m", "studies.lab", "--out"] and arguments[4] == "--width"
         lab(arguments[3], int(arguments[5]))
@@ -51,7 +49,10 @@ def home(tmp_path_factory):
     environment = os.environ | {"PATH": f"{folder / 'bin'}:{os.environ['PATH']}", "NOTES": str(notes)}
     os.chdir(folder)
     try:
-        for block in blocks():
+        for language, block in blocks():
+            if language == "python":
+                exec(compile(block, str(PAGE), "exec"), {})
+                continue
             notes.write_text("")
             subprocess.run(["bash", "-euo", "pipefail", "-c", block], env=environment, check=True)
             for line in notes.read_text().splitlines():
