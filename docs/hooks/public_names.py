@@ -46,10 +46,11 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 
 @cache
 def names_by_room() -> dict[str, list[str]]:
-    """Room → its public names in the order of `hagoromo.__all__`; rooms in the order of the flow of data."""
+    """Room → its public names in the order of the stub; rooms in the order of the flow of data."""
     package = _package()
     found: dict[str, list[str]] = defaultdict(list)
-    for name in public_names():
+    order = list(package.members)
+    for name in sorted(public_names(), key=lambda name: order.index(name) if name in order else -1):
         if name.startswith("__"):
             continue
         if name not in package.members:
