@@ -1,4 +1,4 @@
-"""What pages name must exist: source files, `make` targets, and the verbs and options of commands; else no site is built."""
+"""What pages name must exist: source files, make targets, and verbs and options of commands; else no site is built."""
 
 from __future__ import annotations
 
