@@ -81,7 +81,7 @@ def _box(path: Path) -> Facts:
         "size": [n * box.header.voxel_size for n in box.shape[::-1]],
         "pose": box.header.pose.tolist(),
         "tau": box.header.tau,
-        "lift": box.header.lift,
+        "shadow_bias": box.header.shadow_bias,
         "materials": [material.name for material in box.header.materials],
         "bricks": f"{box.kept} hold matter, {box.bytes / 2**20:.1f} MiB",
         **{key: _short(value) for key, value in box.header.provenance.items()},

@@ -20,7 +20,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 NOWHERE = 1e6  # m, where a ray that meets nothing looks for lamps, in vain: outside all boxes
-LIFT = 2e-5  # how far a point is lifted off its surface before it looks for lamps, of the scene's extent
+SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,24 +109,24 @@ class Surfaces:
         order[numbers] = np.arange(len(shapes))
         self.order = lookup(kinds.UInt, order)
         corners = np.concatenate([surface.corners() for surface in surfaces])
-        self.lift = dr.opaque(kinds.Float, LIFT * float(np.linalg.norm(np.ptp(corners, axis=0))))
+        self.shadow_bias = dr.opaque(kinds.Float, SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
     def meet(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
-        """Distance [m] (inf: none), point lifted off the surface, unit normal facing the eye, and number of hits."""
+        """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
         mi, kinds = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         flat, normal = kinds.Array3f(hit.n), kinds.Array3f(hit.sh_frame.n)
         back = dr.dot(flat, direction) > 0
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
         surface = dr.gather(kinds.UInt, self.order, dr.reinterpret_array(kinds.UInt, hit.shape))
-        point = dr.fma(direction, dr.fmin(hit.t, NOWHERE), origin) + flat * self.lift
+        point = dr.fma(direction, dr.fmin(hit.t, NOWHERE), origin) + flat * self.shadow_bias
         return kinds.Float(hit.t), point, normal, surface
 
     def visible(self, point: Any, to_lamp: Any, distance: Any) -> Any:
         """Whether no surface stands between points and the lamp."""
         mi = mitsuba()
         ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to_lamp))
-        ray.maxt = dr.fma(mi.Float(distance), 1.0 - 1e-5, -self.lift)
+        ray.maxt = dr.fma(mi.Float(distance), 1.0 - 1e-5, -self.shadow_bias)
         return ~self.scene.ray_test(ray)
 
 

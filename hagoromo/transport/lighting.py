@@ -169,7 +169,7 @@ class Lighting:
                         for light, scale in zip((body, interface), scales, strict=True)
                     )
                 weights.append((body * element.share, interface * element.share))
-            clear = elements[0].lit_at(point, to_lamp)
+            clear = elements[0].shadow_origin(point, to_lamp)
             irradiance = irradiance * self._passed(number, lit, clear, to_lamp, distance, within)
             for (body, interface), share in zip(weights, coefficients, strict=True):
                 for j in range(len(palette.colours)):

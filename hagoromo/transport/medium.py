@@ -38,28 +38,30 @@ from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, 
 
 THINNEST = 1e-6  # optical depth of a step below which it holds no matter
 ABSENT = -(2**31)  # shift of a box that has no such grid
-ALONG = 2.0  # lifts, towards the lamp
+BIAS_TO_LAMP = 2.0  # of the shadow bias, towards the lamp; once more it goes along the axis
 
 
 @dataclass
 class Element:
     """Elements of a sample: unit axis in the world, material, share of the sample, scales of body and interface.
 
-    lift: of an opaque skin, see `VolumeBox` [m]; None where no box has any.
+    shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any.
     """
 
     axis: Any
     material: Any
     share: Any = 1.0
     scales: tuple[LightScale, LightScale] | None = None
-    lift: Any = None
+    shadow_bias: Any = None
 
-    def lit_at(self, point: Any, to_lamp: Any) -> Any:
-        """Where the light that reaches the element at `point` is looked for: clear of its own skin.
+    def shadow_origin(self, point: Any, to_lamp: Any) -> Any:
+        """Origin of the shadow ray of the element at `point`, offset by its shadow bias so as to miss its own skin.
 
-        Along the axis, so that a grazing lamp sees it, and towards the lamp, which moves no shadow of what is farther.
+        The offset along the axis lets light in at grazing angles. That towards the lamp moves no other shadow.
         """
-        return point if self.lift is None else dr.fma(self.axis + ALONG * to_lamp, self.lift, point)
+        return (
+            point if self.shadow_bias is None else dr.fma(self.axis + BIAS_TO_LAMP * to_lamp, self.shadow_bias, point)
+        )
 
 
 @dataclass
@@ -93,8 +95,8 @@ class Medium:
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, tolerance)
         self.textures = self.frames.textures
-        lifts = np.array([box.lift for box in self.boxes], np.float32)
-        self.lifts = lookup(kinds.Float, lifts) if lifts.any() else None
+        shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
+        self.shadow_biases = lookup(kinds.Float, shadow_biases) if shadow_biases.any() else None
         self.tolerance = dr.opaque(kinds.Float, tolerance / TOLERANCE)  # in units of the usual one
         dr.eval(self.coarse, self.fine)
 
@@ -155,8 +157,8 @@ class Medium:
 
     def elements(self, step: Step) -> tuple[list[Element], Within | None]:
         """What the matter of a sample in a kept brick is made of, and where in a texel it is, if boxes have some."""
-        lift = None if self.lifts is None else dr.gather(arrays().Float, self.lifts, step.box)
-        plain = Element(self.axis(step), self.material(step), lift=lift)
+        shadow_bias = None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.box)
+        plain = Element(self.axis(step), self.material(step), shadow_bias=shadow_bias)
         textures = self.textures
         if textures is None:
             return [plain], None
@@ -171,7 +173,7 @@ class Medium:
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
             share = dr.select(textured, each[k] * scale, float(k == 0))
             material = plain.material + dr.select(textured, k, arrays().UInt(0))
-            found.append(Element(axis, material, share, scales[k], lift))
+            found.append(Element(axis, material, share, scales[k], shadow_bias))
         return found, Within(textured, step.box, step.level, step.tau, here, frame)
 
     def through(self, within: Within, to_lamp: Any, stop: Any) -> tuple[Any, Any]:

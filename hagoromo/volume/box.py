@@ -28,9 +28,9 @@ class VolumeBox:
     pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m] (σ = τ ρ). materials: one Reflectance
     per material number. basis: spectra that the per-voxel body colours are coefficients of (empty: a material's own).
     texel: micro-structure that the box's chart maps onto a surface; `bricks` then hold shares 0…1 of the `band` of
-    heights [m] instead of densities, and normals instead of axes (see `chart`). lift: [m], above 0 for an opaque skin
-    of plane elements that stands for a surface and does not shade itself: whether light reaches a point of it is looked
-    up so far along the point's axis, and twice as far towards the lamp.
+    heights [m] instead of densities, and normals instead of axes (see `chart`). shadow_bias: offset of the
+    origin of shadow rays along the normal [m], and twice as far towards the lamp; above 0 for an opaque skin of plane
+    elements that stands for a surface and must not shade itself.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> density, axis = np.ones((3, 5, 7)), np.zeros((3, 5, 7, 3))  # (z, y, x)
@@ -50,15 +50,17 @@ class VolumeBox:
     provenance: dict[str, Any] = field(default_factory=dict)
     texel: Texel | None = None
     band: tuple[float, float] = (0.0, 1.0)
-    lift: float = 0.0
+    shadow_bias: float = 0.0
 
     def __post_init__(self) -> None:
         for key in ("voxel_size", "tau"):
             value = getattr(self, key)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"volume box {self.name!r}: {key} is {value}: give a finite number above 0")
-        if not (np.isfinite(self.lift) and self.lift >= 0 and not (self.lift and self.texel)):
-            raise InputError(f"volume box {self.name!r}: lift is {self.lift}: give 0 or more [m], and 0 for a texel")
+        if not (np.isfinite(self.shadow_bias) and self.shadow_bias >= 0 and not (self.shadow_bias and self.texel)):
+            raise InputError(
+                f"volume box {self.name!r}: shadow_bias is {self.shadow_bias}: give 0 or more [m]; with a texel give 0"
+            )
         if not self.materials:
             raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
         if len(self.materials) > MATERIALS:

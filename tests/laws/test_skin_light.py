@@ -146,10 +146,12 @@ def test_another_eye_sees_the_same_surface():
     assert np.sqrt(np.mean((shown - true)[whole] ** 2)) < 0.02
 
 
-def test_a_lift_is_kept_in_files_and_must_be_a_length():
+def test_a_shadow_bias_is_kept_in_files_and_must_be_a_length():
     box = stood("ball", "matte", COARSE)[2]
     record = header_of(box).record()
-    assert header_from_record(record, "here").lift == box.lift > 0.0
+    assert header_from_record(record, "here").shadow_bias == box.shadow_bias > 0.0
+    old = {"lift" if key == "shadow_bias" else key: value for key, value in record.items()}
+    assert header_from_record(old, "here").shadow_bias == box.shadow_bias
     for wrong in (-1.0, float("nan")):
-        with pytest.raises(InputError, match="lift is"):
-            VolumeBox(box.bricks, box.voxel_size, box.tau, box.materials, lift=wrong)
+        with pytest.raises(InputError, match="shadow_bias is"):
+            VolumeBox(box.bricks, box.voxel_size, box.tau, box.materials, shadow_bias=wrong)

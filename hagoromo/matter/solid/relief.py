@@ -2,7 +2,7 @@
 
 Particles in a skin shade each other: with the light attenuated on its way in and out, an opaque skin of particles
 that reflect f shows f cosθ_i / (cosθ_i + cosθ_r) (Lommel 1889, Seeliger 1887), and where it bends some light passes the
-terminator. A surface does not: the box has a `lift`, past its own skin, and shows f under every lamp from every side.
+terminator. A surface does not: the box has a `shadow_bias` past its own skin, and shows f under every lamp.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DEPTH = 36.0  # optical depth of the skin: what is seen of it lies within a thir
 RIM = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN = 4  # voxels around the surface
-LIFT = 1.0  # voxel from what is seen to past the outer half of the edge: shadows of others end as much too early
+SHADOW_BIAS = 1.0  # voxel from what is seen to past the outer half of the edge: shadows of others end as much too early
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def relief_plan(
         to_world,
         tuple(smooth_rgb_basis() if basis is None else basis),
         "relief",
-        lift=LIFT * voxel,
+        shadow_bias=SHADOW_BIAS * voxel,
     )
     return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel, field.occupied))
 

@@ -32,7 +32,7 @@ class BoxHeader:
     provenance: dict[str, Any] = field(default_factory=dict)
     texel: Texel | None = None
     band: tuple[float, float] = (0.0, 1.0)
-    lift: float = 0.0
+    shadow_bias: float = 0.0
 
     def box(self, bricks: Bricks) -> VolumeBox:
         """The volume box of this header and `bricks`."""
@@ -41,8 +41,8 @@ class BoxHeader:
     def record(self) -> dict[str, Any]:
         """Plain values, as the attribute `hagoromo` of a box on disk has them."""
         chart = {"texel": self.texel.record(), "band": list(self.band)} if self.texel else {}
-        lift = {"lift": self.lift} if self.lift else {}
-        return chart | lift | {
+        shadow_bias = {"shadow_bias": self.shadow_bias} if self.shadow_bias else {}
+        return chart | shadow_bias | {
             "format": FORMAT, "voxel_size": self.voxel_size, "tau": self.tau, "name": self.name,
             "pose": self.pose.ravel().tolist(), "materials": [m.record() for m in self.materials],
             "basis": [s.record() for s in self.basis], "provenance": self.provenance,
@@ -61,8 +61,10 @@ def header_from_record(record: Any, where: str) -> BoxHeader:
     spec = {
         "format": count, "voxel_size": positive, "tau": positive, "name": (text, ""), "pose": numbers(16),
         "materials": list_of(anything), "basis": (list_of(anything), []), "provenance": (table, {}),
-        "texel": (table, None), "band": (numbers(2), (0.0, 1.0)), "lift": (number, 0.0),
+        "texel": (table, None), "band": (numbers(2), (0.0, 1.0)), "shadow_bias": (number, 0.0),
     }  # fmt: skip
+    if isinstance(record, dict) and "lift" in record:  # the name of shadow_bias until version 0.1
+        record = {"shadow_bias" if key == "lift" else key: value for key, value in record.items()}
     taken = take(record, spec, where)
     taken.pop("texel")  # its numbers; what they say of arrays is read with these
     if taken.pop("format") != FORMAT:
