@@ -25,7 +25,6 @@ FLOW = (  # what is drawn: noun, what it is, the verb that makes the next one, t
     ("VolumeBox", "density, axis, material", "render", "image"),
     ("Image", "geometric weights", "", ""),
 )
-BELOW_ALL = ("files", "backend", "errors", "version")  # nearly every room imports them: no lines are drawn to these
 ROW, LEFT, WIDTH, LETTERS = 48, 205, 900, 78
 INK, PAPER, LINE = "currentColor", "var(--md-default-bg-color)", "var(--md-primary-fg-color)"
 
@@ -75,6 +74,8 @@ def data_flow() -> str:
 def rooms_and_imports() -> str:
     """SVG of the rooms, commands above and files below, with a line from each room to those that it imports."""
     order, parts = rooms(), []
+    names = [room.name for room in order]
+    used_by_all = names[names.index("light") + 1 :]  # nearly every room imports them: no lines are drawn to these
     place = {room.name: 20 + ROW * k for k, room in enumerate(order)}
     for layer in sorted({room.layer for room in order}):
         ys = [place[room.name] for room in order if room.layer == layer]
@@ -84,7 +85,7 @@ def rooms_and_imports() -> str:
                 f'fill="{LINE}" opacity="0.12"/>'
             )
     for (importer, imported), count in sorted(imports().items()):
-        if imported not in BELOW_ALL:
+        if imported not in used_by_all:
             a, b = place[importer] + 19, place[imported] + 19
             reach = LEFT - 12 - 19 * abs(b - a) / ROW
             parts.append(
