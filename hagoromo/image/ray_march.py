@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.image.render import Light
+from hagoromo.image.render import PreparedScene
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.transport.medium import Medium
@@ -40,36 +40,36 @@ class RayMarch:
 
     def __init__(self, scene: Scene, settings: Settings | None = None, differentiable: bool = False) -> None:
         self.scene = scene
-        self._light = Light(scene, settings or Settings())
-        self.palette = self._light.palette
-        if differentiable and self._light.medium is not None:
-            self._light.medium.voxels = _plain_voxels(self._light.medium)
+        self._prepared = PreparedScene(scene, settings or Settings())
+        self.palette = self._prepared.palette
+        if differentiable and self._prepared.medium is not None:
+            self._prepared.medium.voxels = _plain_voxels(self._prepared.medium)
 
     @property
     def voxels(self) -> Any:
         """Density and axis of every stored voxel, flat."""
-        medium = self._light.medium
+        medium = self._prepared.medium
         if medium is None or not isinstance(medium.voxels, PlainVoxels):
             raise InputError("the voxels are packed: prepare the scene with RayMarch(scene, differentiable=True)")
         return medium.voxels.values
 
     @voxels.setter
     def voxels(self, values: Any) -> None:
-        assert self.voxels is not None and self._light.medium is not None
-        self._light.medium.voxels = PlainVoxels(arrays().Float(values))
+        assert self.voxels is not None and self._prepared.medium is not None
+        self._prepared.medium.voxels = PlainVoxels(arrays().Float(values))
 
     @property
     def materials(self) -> Any:
         """The rows of the materials, flat."""
-        return self._light.lighting.materials.rows
+        return self._prepared.lighting.materials.rows
 
     @materials.setter
     def materials(self, values: Any) -> None:
-        self._light.lighting.materials.rows = arrays().Float(values)
+        self._prepared.lighting.materials.rows = arrays().Float(values)
 
     def along(self, origin: Any, direction: Any) -> tuple[list[Any], Any]:
         """Weights (a Dr.Jit Float per channel) and transmittance of Dr.Jit rays, Array3f in the world, unit."""
-        weights, coverage = self._light.along(origin, direction)
+        weights, coverage = self._prepared.radiance(origin, direction)
         return weights, 1.0 - coverage
 
     def __call__(self, origins: ArrayLike, directions: ArrayLike) -> RayLight:
