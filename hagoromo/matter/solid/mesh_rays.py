@@ -75,7 +75,7 @@ class MeshRays:
         return way
 
     def _next(self, point: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
-        """The next face along a ray: whether there is one, the distance behind it, ±1 where the ray leaves or enters."""
+        """The next face along a ray: whether there is one, the distance behind it, ±1 as it leaves or enters."""
         mi = mitsuba()
         hit = self._scene.ray_intersect(mi.Ray3f(mi.Point3f(point), mi.Vector3f(direction)))
         is_hit = hit.is_valid()
