@@ -63,21 +63,24 @@ class Surface:
 
     @classmethod
     def sphere(cls, centre: Sequence[float], radius: float, reflectance: Reflectance, name: str = "") -> Surface:
-        """An exact sphere [m]."""
+        """An exact sphere: `centre` (x, y, z) and `radius` in metres; `name` stands in records and messages."""
         pose = np.diag([radius, radius, radius, 1.0])
         pose[:3, 3] = centre
         return cls(reflectance, "sphere", pose=pose, name=name)
 
     @classmethod
     def floor(cls, height: float, half_width: float, reflectance: Reflectance, name: str = "floor") -> Surface:
-        """A square at z = height, facing up [m]."""
+        """A square that faces up (+z) at z = `height`, its sides 2 · `half_width` long, in metres."""
         pose = np.diag([half_width, half_width, 1.0, 1.0])
         pose[2, 3] = height
         return cls(reflectance, "rectangle", pose=pose, name=name)
 
     @classmethod
     def from_file(cls, path: str | Path, reflectance: Reflectance, **record: Any) -> Surface:
-        """A mesh file; several parts become one mesh."""
+        """The mesh in the file at `path` (PLY, OBJ, …, in metres); several parts become one mesh.
+
+        record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file without faces.
+        """
         mesh = read_mesh(path)
         return cls(reflectance, "mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces), **record)
 

@@ -14,8 +14,10 @@ from hagoromo.reflectance.torrance_sparrow import LN2, cosines, facet_density
 
 
 def sample_to_lamp(view: Any, share: Any, gamma: Any, choice: Any, u: Any, v: Any) -> Any:
-    """Direction to the lamp [local axes, normal = +z] for the eye `view`, from three uniform numbers in [0, 1).
+    """Direction to the lamp for the eye `view`, drawn nearly as the reflectance sends light (Array3f, normal = +z).
 
+    view: unit direction to the eye. share: probability, 0…1, of the interface part; the rest is drawn by the cosine of
+    Lambert's law. gamma: half width of the facets [rad]. choice, u, v: three independent uniform numbers in [0, 1).
     A mirrored direction may fall below the horizon: it carries density there and the reflectance is 0.
     """
     kind, turn = type(view), 2.0 * math.pi * v
@@ -28,7 +30,11 @@ def sample_to_lamp(view: Any, share: Any, gamma: Any, choice: Any, u: Any, v: An
 
 
 def density_to_lamp(to_lamp: Any, view: Any, share: Any, gamma: Any) -> Any:
-    """Density of `sample_to_lamp` per solid angle [1/sr] at the direction `to_lamp`."""
+    """Probability density per solid angle [1/sr] with which `sample_to_lamp` gives the direction `to_lamp`.
+
+    view, share, gamma: as there; directions are unit, in local axes with the normal along +z. The integral over the
+    sphere is 1 (chi-square test in tests/laws/test_reflectance.py).
+    """
     at = cosines(type(view)(0, 0, 1), to_lamp, view)
     diffuse = dr.fmax(at.incidence, 0.0) / math.pi
     half = _half_density(at.half, gamma) + _half_density(-at.half, gamma)  # Q and −Q mirror V alike

@@ -43,7 +43,11 @@ class ChartReading:
 
 
 def chart_spectra(source: str | Path = "BabelColor Average") -> tuple[Spectrum, ...]:
-    """Reflectances of the 24 patches: a chart of colour-science by name, or a CSV with a column per patch, in order."""
+    """Reflectances of the 24 patches of a colour chart, in reading order from dark skin to black: 24 Spectra, 0…1.
+
+    source: a chart of colour-science by name, or a CSV with a wavelength column [nm] and one column per patch.
+    `InputError` for an unknown name, or another number of patches.
+    """
     columns, wavelengths = _columns(source)
     if len(columns) != PATCHES:
         raise InputError(f"chart {source} has {len(columns)} spectra: a chart of {PATCHES} patches is needed")

@@ -31,9 +31,11 @@ SMALL = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS[:4])  # every record of a cam
 
 
 def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
-    """The views in a file or folder: OpenCV, COLMAP, nerfstudio, Middlebury, or what `calibrate camera` wrote.
+    """The views in a file or folder: name of the image → its camera, posed in the world [m].
 
-    size: (width, height) [px] of the images, for a format that does not tell it. A camera without image is named "".
+    path: OpenCV's YAML or JSON, a folder of COLMAP's, nerfstudio's transforms.json or its folder, Middlebury's
+    _par.txt, or the camera.json of `calibrate camera`. size: (width, height) [px] of the images, for a format that does not hold
+    it. A camera without an image is named "". `InputError` for a file of no such format, or a damaged one.
     """
     path = Path(path)
     if path.is_dir():
@@ -54,15 +56,19 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
 
 
 def read_camera(path: str | Path) -> Camera:
-    """The one camera in a file of cameras, at the world's origin; `InputError` when it holds several."""
+    """The one camera in the file or folder `path`, moved to the world's origin: its lens and its size [px].
+
+    path: as of `read_views`. `InputError` where its views were taken with several lenses.
+    """
     lens = only_lens(read_views(path), str(path))
     return Camera(lens.width, lens.height, lens.focal, lens.principal, lens.distortion, name=Path(path).stem)
 
 
 def write_views(path: str | Path, views: Mapping[str, Camera], kind: Format | None = None, force: bool = False) -> None:
-    """Write views, whole or not at all.
+    """Write views (name of the image → camera) in another program's format, whole or not at all.
 
-    kind: the format; None takes that of the suffix (`BY_SUFFIX`; none is a folder of COLMAP's).
+    path: file, or folder for COLMAP. kind: the format; None takes that of the suffix (`BY_SUFFIX`; no suffix is a
+    folder of COLMAP's). force: replace what is there. `InputError` where it exists, or where the format cannot hold the lens.
     """
     kind = kind or BY_SUFFIX.get(Path(path).suffix.lower())
     if kind is None:

@@ -52,7 +52,10 @@ def write_materials(materials: Sequence[MaterialEstimate], path: str | Path, for
 
 
 def read_materials(path: str | Path) -> tuple[MaterialEstimate, ...]:
-    """The estimates in materials.json; `InputError` for a file that `write_materials` would not write."""
+    """The estimates in the materials.json at `path`, as `hagoromo measure` writes it, in its order.
+
+    `InputError` for a file that `write_materials` would not write; it names the material and the key.
+    """
     record = read_json(path)
     if not isinstance(record, list):
         raise InputError(f"{path} must hold a list of materials: given {type(record).__name__}")

@@ -24,7 +24,10 @@ from hagoromo.volume.table import BLOCK
 
 
 def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
-    """Write `box` as a Zarr group at `path`, whole or not at all; loaded again it has the same bits."""
+    """Write `box` as a Zarr v3 group at `path`, whole or not at all; loaded again it has the same bits.
+
+    force: replace what is there; without it an existing `path` is an `InputError`.
+    """
     colours = max(len(box.basis), 1) if box.bricks.colour is not None else 0
     with whole_folder(path, force) as folder:
         if box.texel:
