@@ -34,8 +34,8 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
     """The views in a file or folder: name of the image → its camera, posed in the world [m].
 
     path: OpenCV's YAML or JSON, a folder of COLMAP's, nerfstudio's transforms.json or its folder, Middlebury's
-    _par.txt, or the camera.json of `calibrate camera`. size: (width, height) [px] of the images, for a format that does not hold
-    it. A camera without an image is named "". `InputError` for a file of no such format, or a damaged one.
+    _par.txt, or the camera.json of `calibrate camera`. size: (width, height) [px] of the images, for a format
+    that does not hold it. A camera without an image is named "". `InputError` for a file of no such format, or a damaged one.
     """
     path = Path(path)
     if path.is_dir():
@@ -68,7 +68,8 @@ def write_views(path: str | Path, views: Mapping[str, Camera], kind: Format | No
     """Write views (name of the image → camera) in another program's format, whole or not at all.
 
     path: file, or folder for COLMAP. kind: the format; None takes that of the suffix (`BY_SUFFIX`; no suffix is a
-    folder of COLMAP's). force: replace what is there. `InputError` where it exists, or where the format cannot hold the lens.
+    folder of COLMAP's). force: replace what is there. `InputError` where it exists, or where the format cannot hold
+    the lens.
     """
     kind = kind or BY_SUFFIX.get(Path(path).suffix.lower())
     if kind is None:
