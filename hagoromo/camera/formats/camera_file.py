@@ -35,7 +35,8 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
 
     path: OpenCV's YAML or JSON, a folder of COLMAP's, nerfstudio's transforms.json or its folder, Middlebury's
     _par.txt, or the camera.json of `calibrate camera`. size: (width, height) [px] of the images, for a format
-    that does not hold it. A camera without an image is named "". `InputError` for a file of no such format, or a damaged one.
+    that does not hold it. A camera without an image is named "". `InputError` for a file of no such format, or a
+    damaged one.
     """
     path = Path(path)
     if path.is_dir():
