@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from markupsafe import Markup
 from tyro.conf import Positional
 
 from hagoromo import __version__
-from hagoromo.app.page import Page, image
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.relight.relight import relight_capture
 from hagoromo.app.relight.relit import PREDICTIONS, Relit
+from hagoromo.app.report.page import image, write_page
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.light.colour import srgb_encode
@@ -56,31 +57,32 @@ def relit_objects(
 
 
 def _write_index(path: Path, found: dict[str, tuple[Relit, ...]]) -> None:
-    page = Page("Relit objects", f"Real objects under lamps that were kept aside, by Hagoromo {__version__}.")
-    page.section(
-        "What this is",
-        f"The photometric-stereo set of the University of Washington: 8-bit photographs under {LAMPS} lamps, whose "
-        f"directions a chrome ball tells. Of each object {len(HELD)} photographs were kept aside at once; the others "
-        "were measured, the surface built as volume boxes, and these rendered under the lamps kept aside. How unevenly "
-        "the lamps light the field of view is not known here: some per cent of every difference.",
-    )
-    head = ("object", "prediction", "relative rmse", "ΔE00, mean", "PSNR [dB]", "SSIM")
     rows = []
     for name, relit in found.items():
         for key, text in PREDICTIONS.items():
             figures = [one.compared[key] for one in relit]
             means = {k: float(np.mean([f[k] for f in figures])) for k in MEANS}
-            link = f'<a href="{name}/relit/report.html">{name}</a>'
+            link = Markup('<a href="{0}/relit/report.html">{0}</a>').format(name)
             rows.append(
                 [link, text, f"{100 * means['relative_rmse']:.1f} %", f"{means['delta_e_2000']:.2f}",
                  f"{means['psnr']:.1f}", f"{means['ssim']:.3f}"]
             )  # fmt: skip
-    page.table("Means over the photographs kept aside; each object has its page.", head, rows, group=len(PREDICTIONS))
+    objects = []
     for name, relit in found.items():
         one = relit[0]
         shown = [("photograph, kept aside", one.photograph), *((PREDICTIONS[k], v) for k, v in one.predictions.items())]
-        page.figure(f"{name}, lamp {HELD[0]}.", *(image(srgb_encode(view), text) for text, view in shown))
-    path.write_text(page.html(), encoding="utf-8")
+        pictures = [image(srgb_encode(view), f"{name}: {text}", text) for text, view in shown]
+        objects.append({"name": name, "lamp": HELD[0], "pictures": pictures})
+    write_page(
+        path,
+        "relit_objects.html.j2",
+        "studies",
+        lamps=LAMPS,
+        held=len(HELD),
+        rows=rows,
+        group=len(PREDICTIONS),
+        objects=objects,
+    )
 
 
 def main(folder: Positional[Path], out: Path, objects: tuple[str, ...] = OBJECTS, force: bool = False) -> None:

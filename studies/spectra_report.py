@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hagoromo.app.page import Page
+from hagoromo.app.report.page import drawing, write_page
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 from hagoromo_figures.demo.plots import panels, svg_text
@@ -24,49 +23,42 @@ CAMERA = "Canon 5DMarkII"  # of the drawn spectra; the first camera where it is 
 
 def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row], chart: Case, bench: Bench) -> None:
     """Write the page to `path`: one self-contained HTML file."""
-    noise, cameras = 100.0 * record["noise"], len(record["cameras"])
-    lead = f"{cameras} cameras with {noise:g} % noise; Hagoromo {record['hagoromo']}."
-    page = Page("Spectra from colours", lead)
-    page.section(
-        "Colour errors",
-        "A surface is photographed under the lamps of the second column; its colour is predicted under the others. No "
-        "tested spectrum is in a prior or a training set: near copies of the chart's patches are taken out, people and "
-        "surfaces are kept out by turns. The recoveries start from CIE colours under D65: the exact ones, or those "
-        "that a root polynomial makes of a camera's. They, and the surfaces kept out, are over every seventh camera.",
-    )
-    head = ("case", "photographed under", "method", *(f"ΔE00 {lamp}" for lamp in TARGETS), "95 % regions hold")
-    page.table("Median / 95th percentile.", head, [_cells(row) for row in record["rows"]])
-    page.section("Readings of other cameras")
-    head = ("case", "photographed under", "D65 [%]", "A [%]", "95 % regions hold", "probability of the priors")
-    with_cameras = [_camera_cells(row) for row in record["rows"] if "camera_b_percent" in row]
-    page.table("Relative error of another camera's channel: median / 95th percentile.", head, with_cameras)
-    page.section("Distributions, spectra and regions")
-    page.figure("Share of chart patches and cameras below a colour error, one photograph under D65.", _shares(rows))
     camera = CAMERA if CAMERA in bench.cameras else next(iter(bench.cameras))
+    charts = []
     for sources in ("D65", "filters"):
         found = estimate(chart, bench.readings(camera, sources), np.random.default_rng(0))
-        page.figure(
-            f"The chart through {escape(camera)}, photographed under {sources}: true spectra (black), estimates and "
-            "their 95 % intervals (blue).",
-            _spectra(chart, found),
+        charts.append(
+            {
+                "sources": sources,
+                "spectra": drawing(_spectra(chart, found), f"Spectra of the chart under {sources}"),
+                "regions": drawing(_regions(chart, found, bench.colours["A"]), f"Chromaticities, {sources}"),
+            }
         )
-        page.figure(
-            f"The same under lamp A in the plane of x and y: true (points) and 95 % regions, {sources}.",
-            _regions(chart, found, bench.colours["A"]),
-        )
-    path.write_text(page.html(), encoding="utf-8")
+    head = ("case", "photographed under", "method", *(f"ΔE00 {lamp}" for lamp in TARGETS))
+    write_page(
+        path,
+        "spectra.html.j2",
+        "studies",
+        record=record,
+        head=(*head, "coverage of the 95 % regions"),
+        rows=[_cells(row) for row in record["rows"]],
+        camera_rows=[_camera_cells(row) for row in record["rows"] if "camera_b_percent" in row],
+        shares=drawing(_shares(rows), "Cumulative distribution of the colour errors of four methods"),
+        camera=camera,
+        charts=charts,
+    )
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
     scores = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["delta_e_2000"].values()]
     held = ", ".join(f"{100 * share:.1f} %" for share in row.get("coverage", {}).values())
-    return [escape(row["case"]), escape(row["sources"]), escape(row["method"]), *scores, held]
+    return [row["case"], row["sources"], row["method"], *scores, held]
 
 
 def _camera_cells(row: dict[str, Any]) -> list[str]:
     scores = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["camera_b_percent"].values()]
-    told = ", ".join(f"{escape(name)} {share:.3f}" for name, share in row["probability"].items())
-    return [escape(row["case"]), escape(row["sources"]), *scores, f"{100 * row['camera_b_coverage']:.1f} %", told]
+    told = ", ".join(f"{name} {share:.3f}" for name, share in row["probability"].items())
+    return [row["case"], row["sources"], *scores, f"{100 * row['camera_b_coverage']:.1f} %", told]
 
 
 def _shares(rows: Sequence[Row]) -> str:

@@ -1,0 +1,68 @@
+"""Page: a Jinja2 template and values → one self-contained HTML file.
+
+Every value is escaped, because names of files, lamps and materials come from strangers. Only pictures, and the few
+pieces of text that this package writes as `Markup`, enter as HTML. Templates extend base.html.j2, which holds the look,
+and number their figures and tables by the macros of parts.html.j2.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from hagoromo.app.display import data_uri
+from hagoromo.version import __version__
+
+HERE = "hagoromo.app.report"
+NUMBER = re.compile(r"[\s(]*[−+±-]?\s*[\d∞]")
+
+
+def write_page(path: Path, template: str, package: str = HERE, **values: Any) -> None:
+    """Write the page of `template`, which lies in the folder `templates` of `package`, to `path`."""
+    path.write_text(page_text(template, package, **values), encoding="utf-8")
+
+
+def page_text(template: str, package: str = HERE, **values: Any) -> str:
+    """The HTML of `template`, in the folder `templates` of `package`, filled with `values`."""
+    loaders = [PackageLoader(name) for name in dict.fromkeys((package, HERE))]
+    environment = Environment(
+        loader=ChoiceLoader(loaders),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        extensions=["jinja2.ext.do"],
+    )
+    environment.filters |= {"number_columns": number_columns, "thousands": thousands}
+    environment.globals |= {"version": __version__}
+    return environment.get_template(template).render(count=Counter(), **values)
+
+
+def image(picture: NDArray[np.uint8], alt: str, title: str = "", lossless: bool = False) -> Markup:
+    """An <img> that carries its `picture` (height, width[, 3]). alt: what it shows. title: stands under it."""
+    label = Markup('<span class="label">{}</span>').format(title) if title else Markup("")
+    return Markup('<img alt="{}" src="{}">').format(alt, data_uri(picture, lossless)) + label
+
+
+def drawing(svg: str, alt: str) -> Markup:
+    """An <svg> of this package's own plots. alt: what it shows, for those who do not see it."""
+    return Markup('<svg role="img" aria-label="{}"').format(alt) + Markup(svg.removeprefix("<svg"))
+
+
+def number_columns(rows: Sequence[Sequence[str]]) -> list[bool]:
+    """Per column of a table, whether its cells are numbers, which are then aligned on the right."""
+    columns = [[str(cell) for cell in column if str(cell)] for column in zip(*rows, strict=True)]
+    return [bool(column) and all(NUMBER.match(cell) or cell in "–" for cell in column) for column in columns]
+
+
+def thousands(number: float) -> str:
+    """A whole number with thin spaces between thousands."""
+    return f"{number:,.0f}".replace(",", "\u202f")

@@ -1,0 +1,95 @@
+"""Reports: every page escapes names, loads nothing from elsewhere, and says in words what its pictures show."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from hagoromo.app.measure_report import write_measure_report
+from hagoromo.app.relight.relight_page import write_relight_page
+from hagoromo.app.relight.relit import PREDICTIONS, Relit
+from hagoromo.app.report.page import drawing, image, number_columns, page_text
+from hagoromo.measurement.known_shape import measure
+from tests.inverse.simulated_ball import Truth, simulate
+
+HOSTILE = "<script>alert('\"&amp;\"')</script>"
+GREY = np.full((5, 7, 3), 128, np.uint8)
+
+
+class Elements(HTMLParser):
+    """Tags of a page, with their attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+
+def assert_harmless(text: str) -> None:
+    """No script, nothing loaded, every picture with words; figures numbered from 1."""
+    elements = Elements(text).found
+    assert not {"script", "link", "iframe", "object", "embed", "base", "form"} & {tag for tag, _ in elements}
+    assert "@import" not in text and "url(http" not in text
+    for tag, attributes in elements:
+        assert not any(name.startswith("on") for name in attributes)
+        if tag == "img":
+            assert attributes["alt"] and (attributes["src"] or "").startswith("data:image/")
+        if tag == "svg":
+            assert attributes["role"] == "img" and attributes["aria-label"]
+    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.</b>", text)]
+    assert numbers and numbers == list(range(1, len(numbers) + 1))
+
+
+def test_the_report_of_a_measurement_is_harmless(tmp_path):
+    ball = simulate([Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)], 1)
+    capture = replace(
+        ball, name=HOSTILE, photographs=tuple(replace(photograph, name=HOSTILE) for photograph in ball.photographs)
+    )
+    measured = measure(capture)
+    named = tuple(replace(m, name=HOSTILE, remarks=(HOSTILE,)) for m in measured.materials)
+    write_measure_report(tmp_path / "report.html", capture, replace(measured, materials=named))
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert_harmless(text)
+    assert "&lt;script&gt;" in text and "did not converge" not in text
+
+
+def test_the_report_of_relit_photographs_is_harmless(tmp_path):
+    picture = np.linspace(0.1, 0.9, 13 * 17 * 3).reshape(13, 17, 3)
+    figures = {"relative_rmse": 0.1, "delta_e_2000": 1.0, "psnr": None, "ssim": 0.9, "pixels": 221}
+    one = Relit(
+        name=HOSTILE,
+        photograph=picture,
+        predictions={key: 0.9 * picture for key in PREDICTIONS},
+        mask=np.ones((13, 17), bool),
+        compared={key: figures for key in PREDICTIONS},
+        lamps=(HOSTILE,),
+        number=0,
+        white=1.0,
+    )
+    write_relight_page(tmp_path / "report.html", HOSTILE, 3, [one])
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert_harmless(text)
+    assert text.count("<img") == 7
+
+
+def test_words_of_pictures_are_escaped():
+    assert "<script" not in image(GREY, HOSTILE, HOSTILE) and "<script" not in drawing("<svg></svg>", HOSTILE)
+
+
+def test_a_fit_that_did_not_converge_has_its_line():
+    values = {"name": "", "rows": [], "parameters": 4, "remarks": [], "separation": None, "gloss": None}
+    text = page_text("measure.html.j2", photographs=[], unconverged=["skin: 40 steps"], **values)
+    assert "Fits that did not converge" in text and "<li>skin: 40 steps</li>" in text
+
+
+@pytest.mark.parametrize(
+    ("column", "numeric"),
+    [(["1.5", "−3 %", "–"], True), (["∞", ""], True), (["skin", "1"], False), (["", ""], False), (["0.1 … 0.2"], True)],
+)
+def test_columns_of_numbers_are_recognised(column, numeric):
+    assert number_columns([[cell] for cell in column]) == [numeric]
