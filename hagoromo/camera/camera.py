@@ -64,6 +64,12 @@ class Camera:
         placed.setflags(write=False)
         keep(self, "world_to_camera", placed)
 
+    def __repr__(self) -> str:
+        """The name, the size, the focal length and the place."""
+        where = ", ".join(f"{x:.4g}" for x in self.position)
+        focal = f"{self.focal[0]:.6g}, {self.focal[1]:.6g}"
+        return f"Camera({self.name!r}, {self.width} × {self.height} px, focal length ({focal}) px, at ({where}) m)"
+
     @staticmethod
     def preset(name: str, focal_mm: float = 55.0, binning: int = 1) -> Camera:
         """A camera by name, at the origin, looking along +z.

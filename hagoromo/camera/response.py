@@ -17,6 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import inside
 from hagoromo.files.table import read_table
 from hagoromo.light.colour import colour_matching
+from hagoromo.light.curves_plot import curves_png
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
 
 # Two-sided Gaussians of the stand-in for the EOS 300D: height, centre [nm], widths below and above it [nm].
@@ -55,6 +56,17 @@ class Response:
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "channels", tuple(channels))
         object.__setattr__(self, "name", name)
+
+    def __repr__(self) -> str:
+        """The name, the channels and the range of the wavelengths."""
+        first, last = self.wavelengths[[0, -1]]
+        return f"Response({self.name!r}, channels {' '.join(self.channels)}, {first:g}–{last:g} nm)"
+
+    def _repr_png_(self) -> bytes:
+        """The curves, in a notebook."""
+        return curves_png(
+            self.wavelengths, dict(zip(self.channels, self.values.T, strict=True)), "relative sensitivity"
+        )
 
     @staticmethod
     def load(source: str | Path, folder: str | Path | None = None) -> Response:

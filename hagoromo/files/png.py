@@ -17,6 +17,11 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16."""
+    Path(path).write_bytes(png_bytes(image))
+
+
+def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """The content of a PNG file of `image`: (height, width), (height, width, 3) or (…, 4), uint8 or uint16."""
     import cv2
 
     if image.dtype not in (np.uint8, np.uint16):
@@ -25,8 +30,8 @@ def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -
         raise InputError(f"a PNG is (height, width), with 3 or 4 channels if any: given shape {image.shape}")
     done, encoded = cv2.imencode(".png", _swapped(image))
     if not done:
-        raise OSError(f"{path} could not be encoded as PNG")
-    Path(path).write_bytes(encoded.tobytes())
+        raise OSError(f"an image of shape {image.shape} could not be encoded as PNG")
+    return encoded.tobytes()
 
 
 def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:

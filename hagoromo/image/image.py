@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
-from hagoromo.files.png import write_png
+from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.whole import whole_file
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
@@ -48,8 +48,19 @@ class Image:
     palette: Palette
     metadata: dict[str, Any] = field(default_factory=dict)
 
-    def expose(self, response: Response, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.float32]:
+    def __repr__(self) -> str:
+        """The size and the number of weights."""
+        height, width, channels = self.weights.shape
+        return f"Image({width} × {height} px, {channels} weights a pixel)"
+
+    def _repr_png_(self) -> bytes:
+        """The image in a notebook."""
+        return png_bytes(self.display())
+
+    def expose(self, response: Response | None, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.float32]:
         """ρ_c of eq. (10) for every pixel: (height, width, channels). `lamps`: other spectra, one per lamp group."""
+        if response is None:
+            raise InputError("the camera has no response: give one, such as hg.Response.load('canon_eos_300d')")
         lamps = self.palette.lamps if lamps is None else tuple(lamps)
         if len(lamps) != len(self.palette.lamps):
             raise InputError(f"{len(lamps)} lamp spectra given: the image has {len(self.palette.lamps)} lamp groups")

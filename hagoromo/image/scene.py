@@ -50,6 +50,12 @@ class Scene:
             where = np.round(self.camera.position, 4).tolist()
             raise InputError(f"the camera at {where} m looks at nothing: turn it towards the scene")
 
+    def __repr__(self) -> str:
+        """The camera's size, and the numbers of lamps, boxes and surfaces."""
+        size = f"{self.camera.width} × {self.camera.height} px"
+        counts = f"lamps: {len(self.lamps)}, boxes: {len(self.boxes)}, surfaces: {len(self.surfaces)}"
+        return f"Scene(camera of {size}, {counts})"
+
     def with_camera(self, camera: Camera) -> Scene:
         """The same scene through another camera."""
         return replace(self, camera=camera)

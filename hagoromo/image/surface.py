@@ -61,6 +61,11 @@ class Surface:
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
             raise InputError(f"{who}: faces are {faces.shape}: give (m, 3) indices of its {len(vertices)} vertices")
 
+    def __repr__(self) -> str:
+        """The name, the shape and the reflectance's name."""
+        faces = "" if self.faces is None else f" of {len(self.faces)} faces"
+        return f"Surface({self.name!r}, {self.shape}{faces}, reflectance {self.reflectance.name!r})"
+
     @classmethod
     def sphere(cls, centre: Sequence[float], radius: float, reflectance: Reflectance, name: str = "") -> Surface:
         """An exact sphere: `centre` (x, y, z) and `radius` in metres; `name` stands in records and messages."""

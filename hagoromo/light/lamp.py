@@ -62,6 +62,13 @@ class Lamp:
         object.__setattr__(self, "axis", along)
         object.__setattr__(self, "axis_power", float(axis_power))
 
+    def __repr__(self) -> str:
+        """The name, where the light comes from, and how strong it is."""
+        near = self.position is not None
+        place = ", ".join(f"{x:.4g}" for x in (self.position if near else self.to_lamp))  # type: ignore[union-attr]
+        where = f"position ({place}) m" if near else f"to_lamp ({place})"
+        return f"Lamp({self.name!r}, {where}, intensity {self.intensity})"
+
     def direction_and_irradiance(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit directions to the lamp (..., 3) and irradiance facing the lamp at `points` (..., 3) [m].
 

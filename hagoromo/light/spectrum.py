@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.record import inside, numbers, take
 from hagoromo.files.table import read_table
+from hagoromo.light.curves_plot import curves_png
 
 VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10)
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions
@@ -49,6 +50,16 @@ class Spectrum:
         if (np.diff(self.wavelengths) <= 0).any():
             at = self.wavelengths[1:][np.diff(self.wavelengths) <= 0][0]
             raise InputError(f"the wavelengths of a spectrum must increase: they do not at {at:g} nm")
+
+    def __repr__(self) -> str:
+        """The range of the wavelengths and of the values."""
+        low, high = self.values.min(), self.values.max()
+        values = f"{low:.4g}" if low == high else f"{len(self.values)} values of {low:.4g}–{high:.4g}"
+        return f"Spectrum({self.wavelengths[0]:g}–{self.wavelengths[-1]:g} nm, {values})"
+
+    def _repr_png_(self) -> bytes:
+        """The curve, in a notebook."""
+        return curves_png(self.wavelengths, {"": self.values}, "value")
 
     @staticmethod
     def constant(value: float) -> Spectrum:

@@ -23,7 +23,7 @@ from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.files.exr import read_exr, write_exr
-from hagoromo.files.png import write_png
+from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import inside, list_of, one_of, positive, read_json, table, take, text, write_json
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
@@ -58,6 +58,7 @@ FRAME = {
 }
 OF_ONE_FRAME = ("file_path", "name", "mask_path", "transform_matrix", "lamps")
 VECTORS = {"points": ("P.X", "P.Y", "P.Z"), "normals": ("N.X", "N.Y", "N.Z")}  # EXR channels
+SHEET_COLUMNS, SHEET_WIDTH = 4, 800  # photographs in a row, and px of a row, of the picture in a notebook
 BYTES_PER_VALUE = 9  # value, variance and native of a photograph
 
 
@@ -89,6 +90,31 @@ class Capture:
                 raise InputError(f"{what} of shape {vectors.shape} for a photograph that needs {size}: make them fit")
             if vectors is not None and not all(np.allclose(c.matrix, cameras[0].matrix, rtol=1e-6) for c in cameras):
                 raise InputError(f"{what} are of one view, the photographs of several: leave {what} out")
+
+    def __repr__(self) -> str:
+        """The name, the photographs and what is known of the shape."""
+        height, width = self.photographs[0].values.shape[:2]
+        shape = "unknown shape" if self.points is None or self.normals is None else "known shape"
+        return f"Capture({self.name!r}, {len(self.photographs)} photographs of {width} × {height} px, {shape})"
+
+    def _repr_png_(self) -> bytes:
+        """All photographs, reduced, side by side, in a notebook."""
+        import cv2
+
+        columns = min(len(self.photographs), SHEET_COLUMNS)
+        width = SHEET_WIDTH // columns
+        tiles = []
+        for photograph in self.photographs:
+            picture = photograph.display()
+            height = max(round(width * picture.shape[0] / picture.shape[1]), 1)
+            tiles.append(np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8))
+        tall = max(tile.shape[0] for tile in tiles)
+        rows = -(-len(tiles) // columns)
+        sheet = np.full((rows * tall, columns * width, 3), 255, np.uint8)
+        for k, tile in enumerate(tiles):
+            top, left = k // columns * tall, k % columns * width
+            sheet[top : top + tile.shape[0], left : left + width] = tile
+        return png_bytes(sheet)
 
     def save(self, folder: str | Path, force: bool = False) -> Path:
         """Write the capture to `folder`; see `save_capture`."""

@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.files.png import png_bytes
+from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
+
+KEY = 0.9  # display value of the brightest half percent of a photograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,26 @@ class Photograph:
     lamps: tuple[Lamp, ...] = field(default=())
     name: str = ""
     native: NDArray[np.bool_] | None = None
+
+    def __repr__(self) -> str:
+        """The name, the size and the lamps."""
+        height, width, channels = self.values.shape
+        lamps = ", ".join(lamp.name or "a lamp without a name" for lamp in self.lamps) or "no lamp"
+        return f"Photograph({self.name!r}, {width} × {height} px, {channels} channels, lit by {lamps})"
+
+    def _repr_png_(self) -> bytes:
+        """The photograph in a notebook."""
+        return png_bytes(self.display())
+
+    def display(self) -> NDArray[np.uint8]:
+        """8-bit picture (height, width, 3) for people: the camera's own colours (grey unless there are three channels),
+        the 99.5th percentile of the valid pixels just below white.
+        """
+        values = np.nan_to_num(self.values.astype(np.float64))
+        if values.shape[2] != 3:
+            values = np.repeat(values.mean(axis=2, keepdims=True), 3, axis=2)
+        valid = values[self.mask].max(axis=1) if self.mask.any() else np.ones(1)
+        return srgb_encode(values * (KEY / max(float(np.percentile(valid, 99.5)), 1e-30)))
 
     def __post_init__(self) -> None:
         """Check shapes and numbers once."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,25 @@ class VolumeBox:
         if len(self.basis) > 4:
             raise InputError(f"volume box {self.name!r}: basis has {len(self.basis)} spectra: give at most 4")
         object.__setattr__(self, "pose", rigid_pose(self.pose, f"the pose of volume box {self.name!r}"))
+
+    def __repr__(self) -> str:
+        """The name, the voxels and the materials."""
+        voxels = " × ".join(map(str, self.bricks.shape[::-1]))
+        names = ", ".join(material.name or "without a name" for material in self.materials)
+        return f"VolumeBox({self.name!r}, {voxels} voxels of {1e3 * self.voxel_size:.4g} mm, materials: {names})"
+
+    def _repr_html_(self) -> str:
+        """A table of figures, in a notebook."""
+        facts = {
+            "voxels (x, y, z)": " × ".join(map(str, self.bricks.shape[::-1])),
+            "voxel size": f"{1e3 * self.voxel_size:.4g} mm",
+            "size (x, y, z)": " × ".join(f"{1e3 * n * self.voxel_size:.4g}" for n in self.bricks.shape[::-1]) + " mm",
+            "bricks that hold matter": str(self.bricks.kept),
+            "extinction τ": f"{self.tau:.4g} per metre at density 1",
+            "materials": ", ".join(material.name or "without a name" for material in self.materials),
+        }
+        rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in facts.items())
+        return f"<table><caption>Volume box {escape(self.name)}</caption>{rows}</table>"
 
     @classmethod
     def from_arrays(
