@@ -11,8 +11,8 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from peers_scene import ALPHA, EYE, INTENSITY, VOXEL, Scene
 
-CUT = 1e-3  # transmittance where a ray ends
-DEEPEST = 10.0  # optical depth where a shadow is black
+REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance where a ray ends
+REFERENCE_OPAQUE_DEPTH = 10.0  # optical depth where a shadow is black
 
 
 def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
@@ -42,7 +42,7 @@ def march(density, axis, directions, lamps, step, tau, plane, shadows, far):
             near, far_end = crossing(x, y, z, dx, dy, dz)
             t = max(near, np.float32(0.0)) + np.float32(0.5) * step
             passed, light = np.float32(1.0), np.float32(0.0)
-            while t < far_end and passed > CUT:
+            while t < far_end and passed > REFERENCE_END_TRANSMITTANCE:
                 px, py, pz = x + t * dx, y + t * dy, z + t * dz
                 depth = tau * trilinear(density, px, py, pz) * step
                 if depth > 0.0:
@@ -86,7 +86,7 @@ def transmittance(density, x, y, z, lx, ly, lz, distance, step, tau):
     """Share of a lamp's light that arrives at a point."""
     end = min(crossing(x, y, z, lx, ly, lz)[1], distance)
     t, depth = np.float32(0.5) * step, np.float32(0.0)
-    while t < end and depth < DEEPEST:
+    while t < end and depth < REFERENCE_OPAQUE_DEPTH:
         depth += tau * trilinear(density, x + t * lx, y + t * ly, z + t * lz) * step
         t += step
     return math.exp(-depth)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from peers_scene import ALPHA, EYE, INTENSITY, VOXEL, Scene, sphere_phase
 from scipy.ndimage import map_coordinates
 
-CUT = 1e-3  # transmittance where a ray ends
-DEEPEST = 10.0  # optical depth where a shadow is black
+REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance where a ray ends
+REFERENCE_OPAQUE_DEPTH = 10.0  # optical depth where a shadow is black
 
 
 def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
@@ -27,7 +27,7 @@ def march(scene: Scene, axis: list[NDArray] | None, step: float) -> NDArray:
     light, passed = np.zeros(len(directions), np.float32), np.ones(len(directions), np.float32)
     for number in range(int(np.ceil((far - near).max() / step))):
         t = near + (number + 0.5) * step
-        going = np.flatnonzero((t < far) & (passed > CUT))
+        going = np.flatnonzero((t < far) & (passed > REFERENCE_END_TRANSMITTANCE))
         points = origin + t[going, None] * directions[going]
         depth = scene.tau * step * read(scene.density, points)
         matter = depth > 0.0
@@ -63,7 +63,7 @@ def transmittance(scene: Scene, points: NDArray, to_lamp: NDArray, step: float) 
     depth = np.zeros(len(points), np.float32)
     for number in range(int(np.ceil(far.max(initial=0.0) / step))):
         t = (number + 0.5) * step
-        going = np.flatnonzero((t < far) & (depth < DEEPEST))
+        going = np.flatnonzero((t < far) & (depth < REFERENCE_OPAQUE_DEPTH))
         depth[going] += scene.tau * step * read(scene.density, points[going] + t * to_lamp[going])
     return np.exp(-depth)
 

@@ -11,7 +11,7 @@ from hagoromo.backend import arrays
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Element
 
-CUT = 1e-3  # transmittance at which rays end
+REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance at which rays end
 
 
 class Grid:
@@ -45,18 +45,18 @@ def plain_march(grid: Grid, tau: float, lighting: Lighting, origin: Any, directi
     end = dr.min(dr.maximum(near, far))
     passed = dr.ones(kinds.Float, dr.width(direction))
     channels = [dr.zeros(kinds.Float, dr.width(direction)) for _ in range(2)]
-    while (t < end) & (passed > CUT):
+    while (t < end) & (passed > REFERENCE_END_TRANSMITTANCE):
         point = dr.fma(direction, t, origin)
         voxel = grid.at(point)
         depth = tau * voxel[0] * step
         if depth > 1e-6:
             axis = dr.normalize(kinds.Array3f(voxel[1], voxel[2], voxel[3]) + 1e-9)
             material = kinds.UInt(0)
-            met = lighting.reflected(
+            radiance = lighting.reflected_radiance(
                 point, -direction, [Element(axis, material)], [lighting.materials.coefficients(material)]
             )
             gain = passed * (1.0 - dr.exp(-depth))
-            channels = [dr.fma(gain, met[0], channels[0]), dr.fma(gain, met[1], channels[1])]
+            channels = [dr.fma(gain, radiance[0], channels[0]), dr.fma(gain, radiance[1], channels[1])]
             passed *= dr.exp(-depth)
         t += step
     return channels[0] + channels[1]

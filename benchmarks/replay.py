@@ -20,8 +20,8 @@ from hagoromo.transport import lighting as lighting_module
 from hagoromo.transport import medium as medium_module
 from hagoromo.transport.crossing import Crossing, MarchState
 from hagoromo.transport.lighting import Lighting, Materials
-from hagoromo.transport.march import CUT, march
-from hagoromo.transport.medium import THINNEST, Medium
+from hagoromo.transport.march import END_TRANSMITTANCE, march
+from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium
 from hagoromo.volume import voxels as voxels_module
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import BLOCK, BRICKS
@@ -107,18 +107,18 @@ def walked(medium: Replayed, origin: Any, direction: Any, write: bool = False) -
     kinds = arrays()
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
     state = crossing.start()
-    passed, cut = dr.ones(kinds.Float, dr.width(direction)), CUT * medium.tolerance
+    passed, cut = dr.ones(kinds.Float, dr.width(direction)), END_TRANSMITTANCE * medium.tolerance
     while crossing.unfinished(state) & (passed > cut):
         step, count = medium.next(crossing, state), state.count
         density, shaded = kinds.Float(0), kinds.Bool(False)
         if step.brick < 0:
             state = crossing.skip_empty(step, state)
         else:
-            density, clear = medium.density(step)
+            density, clearance = medium.density(step)
             depth = step.tau * density * step.length
-            shaded = (depth > THINNEST) & ~crossing.must_split(state, depth)
+            shaded = (depth > NEGLIGIBLE_OPTICAL_DEPTH) & ~crossing.must_split(state, depth)
             passed *= dr.select(shaded, dr.exp(-depth), 1.0)
-            state = crossing.advance(step, depth, clear, state)
+            state = crossing.advance(step, depth, clearance, state)
         if dr.hint(write, mode="scalar"):
             medium.write(step, count, density, shaded)
     return state.count

@@ -10,7 +10,7 @@ import drjit as dr
 import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.transport.film import tile_place
-from hagoromo.transport.march import CUT
+from hagoromo.transport.march import END_TRANSMITTANCE
 from hagoromo.transport.medium import Medium
 
 
@@ -30,17 +30,17 @@ def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
     state = crossing.start()
     passed, steps, samples = dr.ones(kinds.Float, width), dr.zeros(kinds.UInt, width), dr.zeros(kinds.UInt, width)
-    cut = CUT * medium.tolerance
+    cut = END_TRANSMITTANCE * medium.tolerance
     while crossing.unfinished(state) & (passed > cut):
         step = medium.next(crossing, state)
         steps += 1
         if step.brick < 0:
             state = crossing.skip_empty(step, state)
         else:
-            density, clear = medium.density(step)
+            density, clearance = medium.density(step)
             depth = step.tau * density * step.length
             passed *= dr.select(crossing.must_split(state, depth), 1.0, dr.exp(-depth))
             samples += 1
-            state = crossing.advance(step, depth, clear, state)
+            state = crossing.advance(step, depth, clearance, state)
         state = crossing.enter_next_box(state)
     return steps, samples

@@ -21,14 +21,16 @@ from hagoromo.image.scene_file import scene_and_settings
 from hagoromo.image.settings import Settings
 from hagoromo.transport.film import Film
 
-FIRST = 0.1  # s, until the first picture
-RAYS = 1 << 15  # of a first picture, before any has been timed
-FEWEST = 1 << 8  # rays of a first picture, however long they took
-AIM = 0.8  # of the time until the first picture: the next one may be slower
-STEP = 4  # times as many rays, or as few, from one first picture to the next: one stride
+FIRST_SECONDS = 0.1  # time until the first picture [s]
+FIRST_RAYS = 1 << 15  # rays of a first picture before any has been timed
+FEWEST_RAYS = 1 << 8  # rays of a first picture at least
+TIME_SHARE = 0.8  # share of the allowed time that is planned: the next picture may be slower
+RAY_GROWTH = 4  # largest factor on the rays from one first picture to the next: one halving of the stride
 
 
-def preview(scene: Scene | str | Path, settings: Settings | None = None, seconds: float = FIRST) -> Iterator[Image]:
+def preview(
+    scene: Scene | str | Path, settings: Settings | None = None, seconds: float = FIRST_SECONDS
+) -> Iterator[Image]:
     """Pictures of `scene`, each better than the last; the last one is what `render` gives.
 
     scene: a `Scene`, or the path of a scene TOML. seconds: until the first picture, about. See `Preview`, which keeps
@@ -60,11 +62,11 @@ class Preview:
     (camera pixels along a side of one of its own), its samples and the share of the work done, 0…1.
     """
 
-    def __init__(self, settings: Settings | None = None, seconds: float = FIRST) -> None:
+    def __init__(self, settings: Settings | None = None, seconds: float = FIRST_SECONDS) -> None:
         if not seconds > 0:
             raise InputError(f"the first picture is to come after {seconds} s: give a number above 0")
         self.settings, self.seconds, self.cache = settings or Settings(), seconds, SceneCache()
-        self.rays = {False: RAYS, True: RAYS}  # of a first picture; True: with shadows to be made
+        self.rays = {False: FIRST_RAYS, True: FIRST_RAYS}  # of a first picture; True: with shadows to be made
         self.least = {False: math.inf, True: math.inf}  # s, that a first picture took
 
     def pictures(self, scene: Scene) -> Iterator[Image]:
@@ -88,14 +90,14 @@ class Preview:
             yield image
 
     def _learn(self, new_shadows: bool, rays: int, seconds: float) -> None:
-        """A first picture of `rays` took `seconds`: so many next time as would be there within AIM of the time.
+        """A first picture of `rays` took `seconds`: so many next time as would be there within TIME_SHARE of the time.
 
         The shortest time so far stands for what a picture costs however few its rays.
         """
         least = self.least[new_shadows] = min(self.least[new_shadows], seconds)
-        spare, spent = AIM * self.seconds - least, max(seconds - least, 1e-9)
-        growth = min(max(spare / spent, 1 / STEP), STEP)
-        self.rays[new_shadows] = max(int(rays * growth), FEWEST)
+        spare, spent = TIME_SHARE * self.seconds - least, max(seconds - least, 1e-9)
+        growth = min(max(spare / spent, 1 / RAY_GROWTH), RAY_GROWTH)
+        self.rays[new_shadows] = max(int(rays * growth), FEWEST_RAYS)
 
 
 def strides(size: int, rays: int) -> list[int]:

@@ -26,7 +26,7 @@ from hagoromo.transport.march import march
 from hagoromo.transport.medium import Element, Medium
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 
-COARSEST = 32  # texels a side of a shadow map
+COARSEST_MAP = 32  # texels along a side of a shadow map at least
 
 
 def render(scene: Scene | str | Path, settings: Settings | None = None, progress: Progress = silent) -> Image:
@@ -89,10 +89,10 @@ class PreparedScene:
         kinds, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [kinds.Float(0)] * self.channels
         if self.surfaces:
-            far, point, normal, surface = self.surfaces.meet(origin, direction)
+            far, point, normal, surface = self.surfaces.intersect(origin, direction)
             material = self.first_on_surface + surface
             coefficients = self.lighting.materials.coefficients(material)
-            light = self.lighting.reflected(point, -direction, [Element(normal, material)], [coefficients])
+            light = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, kinds.Float(0))
@@ -144,8 +144,8 @@ def _surfaces(scene: Scene, cache: SceneCache) -> Surfaces | None:
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
     """Share of a lamp's light that passes all boxes and surfaces on its way to a point."""
 
-    def share(lamp: int, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
-        passed = boxes_shade(lamp, point, to_lamp, distance, within) if boxes_shade else arrays().Float(1)
+    def share(lamp: int, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
+        passed = boxes_shade(lamp, point, to_lamp, distance, texel_hit) if boxes_shade else arrays().Float(1)
         return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
 
     return share
@@ -156,7 +156,7 @@ def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, t
     casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
     resolution = resolution or fitting_resolution(medium, settings.tolerance)
     if texels:
-        resolution = min(resolution, max(texels, COARSEST))
+        resolution = min(resolution, max(texels, COARSEST_MAP))
         if cache.key("maps")[:1] == (casters,):
             resolution = max(resolution, *cache.key("maps")[1:])
     return cache.get(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hagoromo.errors import InputError
-from hagoromo.transport.frames import TOLERANCE
+from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
 SHADOWS = ("map", "march", "none")
 
@@ -28,7 +28,7 @@ class Settings:
     samples: int = 1
     shadows: str = "map"
     shadow_resolution: int | None = None
-    tolerance: float = TOLERANCE
+    tolerance: float = DEFAULT_TOLERANCE
     seed: int = 0
 
     def __post_init__(self) -> None:

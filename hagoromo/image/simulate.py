@@ -72,7 +72,7 @@ def seen_shape(scene: Scene) -> Shape:
     x, y = kinds.Float(number % camera.width) + 0.5, kinds.Float(number // camera.width) + 0.5
     origin, direction = camera.rays(x, y)
     surfaces = Surfaces(scene.surfaces)  # must outlive the evaluation of the rays
-    distance, _, normal, surface = surfaces.meet(origin, direction)
+    distance, _, normal, surface = surfaces.intersect(origin, direction)
     seen = dr.isfinite(distance) & kinds.Bool(_in_the_open(scene).ravel())
     point = dr.select(seen, origin + direction * dr.select(seen, distance, 0.0), 0.0)
     normal = dr.select(seen, normal, 0.0)

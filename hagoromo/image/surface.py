@@ -19,7 +19,7 @@ from hagoromo.files.mesh import read_mesh
 from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
-NOWHERE = 1e6  # m, where a ray that meets nothing looks for lamps, in vain: outside all boxes
+MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
 SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 
 
@@ -119,7 +119,7 @@ class Surfaces:
         corners = np.concatenate([surface.corners() for surface in surfaces])
         self.shadow_bias = dr.opaque(kinds.Float, SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
-    def meet(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
+    def intersect(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
         mi, kinds = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
@@ -127,7 +127,7 @@ class Surfaces:
         back = dr.dot(flat, direction) > 0
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
         surface = dr.gather(kinds.UInt, self.order, dr.reinterpret_array(kinds.UInt, hit.shape))
-        point = dr.fma(direction, dr.fmin(hit.t, NOWHERE), origin) + flat * self.shadow_bias
+        point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
         return kinds.Float(hit.t), point, normal, surface
 
     def visible(self, point: Any, to_lamp: Any, distance: Any) -> Any:

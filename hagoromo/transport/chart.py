@@ -25,13 +25,13 @@ from hagoromo.volume.voxels import (
     unpacked,
 )
 
-ONE = 65536.0  # a period
-APART = 4.5  # voxels: neighbours whose u or v differ by more are not on one sheet (a diagonal is 1.7, gathers are more)
-SHARP = 8.0  # steepness of a hem: presence falls from 1 to 0 over this part of what the chart says
+PERIOD = 65536.0  # fixed-point units of a period of the texel
+SHEET_GAP = 4.5  # [voxel] neighbours whose u or v differ by more lie on two sheets (a diagonal is 1.7, gathers more)
+HEM_STEEPNESS = 8.0  # presence falls from 1 to 0 within 1 / HEM_STEEPNESS of the charted ramp across a hem
 
 
 @dataclass
-class OnSurface:
+class SurfacePoint:
     """Where points are on the surface of a box with a chart.
 
     tile_u, tile_v: Int, whole periods; u, v: 0…1, the rest. height [m]. presence: 0…1.
@@ -44,13 +44,13 @@ class OnSurface:
     height: Any
     presence: Any
 
-    def moved(self, on: Any, way: Any, per_metre: Sequence[Any]) -> OnSurface:
+    def moved(self, on: Any, way: Any, per_metre: Sequence[Any]) -> SurfacePoint:
         """`on` [m] along a straight `way` (along u, v, normal) over a flat surface; periods per metre along u and v."""
         Int = arrays().Int
         u, v = dr.fma(on * way.x, per_metre[0], self.u), dr.fma(on * way.y, per_metre[1], self.v)
         over_u, over_v = dr.floor(u), dr.floor(v)
         tiles = self.tile_u + Int(over_u), self.tile_v + Int(over_v)
-        return OnSurface(*tiles, u - over_u, v - over_v, dr.fma(on, way.z, self.height), self.presence)
+        return SurfacePoint(*tiles, u - over_u, v - over_v, dr.fma(on, way.z, self.height), self.presence)
 
 
 @dataclass
@@ -73,12 +73,12 @@ class SurfaceFrame:
 def chart_words(u: Any, v: Any, along_u: Any, presence: Any) -> Any:
     """The four words of voxels, Array4u; u, v: Float, in periods."""
     kinds = arrays()
-    bits = kinds.UInt(kinds.Float(presence) * ONE)
+    bits = kinds.UInt(kinds.Float(presence) * PERIOD)
     return kinds.Array4u(_fixed(u), _fixed(v), dr.reinterpret_array(kinds.UInt, packed_axis(along_u)), bits)
 
 
 @dataclass
-class Laid:
+class ChartScale:
     """What is common to the charts of a box: per metre along u and v, periods in fixed point; voxel [m]; band [m]."""
 
     per_u: Any
@@ -88,7 +88,7 @@ class Laid:
     span: Any
 
 
-def place_on_surface(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any], place: Any, laid: Laid) -> Any:
+def surface_point_at(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any], place: Any, scale: ChartScale) -> Any:
     """Where samples at `place` [lattice] are, tangent along u and normal in box axes: OnSurface, Array3f, Array3f.
 
     bricks: their numbers in `charts` (words, UInt) and in `voxels`. Where the voxels around a place are on different
@@ -101,7 +101,7 @@ def place_on_surface(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any],
     reference = dr.gather(kinds.Array4u, charts, start + (steps.z * STORED + steps.y) * STORED + steps.x)
     along = [[kinds.Float(kinds.Int(packet[k] - reference[k])) for packet in packets] for k in range(2)]
     near = [
-        (dr.abs(u) < APART * laid.voxel * laid.per_u) & (dr.abs(v) < APART * laid.voxel * laid.per_v)
+        (dr.abs(u) < SHEET_GAP * scale.voxel * scale.per_u) & (dr.abs(v) < SHEET_GAP * scale.voxel * scale.per_v)
         for u, v in zip(*along, strict=True)
     ]
     one_sheet = near[0]
@@ -117,16 +117,16 @@ def place_on_surface(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any],
         )  # fmt: skip
 
     def apart(place: Any, part: Any, brick: Any) -> Any:
-        return _on_one_sheet(voxels, brick, place, laid, (along, presence, tangents, near))
+        return _on_one_sheet(voxels, brick, place, scale, (along, presence, tangents, near))
 
     u, v, share, there, along_u, normal = dr.if_stmt((place, part, bricks[1]), one_sheet, smooth, apart)
     tile_u, u = _whole_and_rest(reference[0], u)
     tile_v, v = _whole_and_rest(reference[1], v)
-    there = dr.fmin(dr.fmax(dr.fma(there * (1.0 / ONE) - 0.5, SHARP, 0.5), 0.0), 1.0)
-    return OnSurface(tile_u, tile_v, u, v, dr.fma(share, laid.span, laid.low), there), along_u, normal
+    there = dr.fmin(dr.fmax(dr.fma(there * (1.0 / PERIOD) - 0.5, HEM_STEEPNESS, 0.5), 0.0), 1.0)
+    return SurfacePoint(tile_u, tile_v, u, v, dr.fma(share, scale.span, scale.low), there), along_u, normal
 
 
-def _on_one_sheet(voxels: PackedVoxels, brick: Any, place: Any, laid: Laid, corners: tuple[Any, ...]) -> Any:
+def _on_one_sheet(voxels: PackedVoxels, brick: Any, place: Any, scale: ChartScale, corners: tuple[Any, ...]) -> Any:
     """As trilinear values, of the `near` ones of eight voxels only, each followed along its plane to the place."""
     kinds, (along, presence, tangents, near) = arrays(), corners
     start, part = corner(brick, place)
@@ -140,11 +140,11 @@ def _on_one_sheet(voxels: PackedVoxels, brick: Any, place: Any, laid: Laid, corn
         weight = dr.select(near[k], weights[0] * weights[1] * weights[2] + 1e-6, 0.0)
         n = dr.normalize(unpacked(dr.gather(kinds.Int, voxels.axes, start + offset)) + 1e-9)
         t = dr.normalize(unpacked(tangents[k]) + 1e-9)
-        away = kinds.Array3f(*(part[j] - side[j] for j in range(3))) * laid.voxel
+        away = kinds.Array3f(*(part[j] - side[j] for j in range(3))) * scale.voxel
         total += weight
-        u = dr.fma(weight, dr.fma(dr.dot(t, away), laid.per_u, along[0][k]), u)
-        v = dr.fma(weight, dr.fma(dr.dot(dr.cross(n, t), away), laid.per_v, along[1][k]), v)
-        share = dr.fma(weight, heights[k] + dr.dot(n, away) / laid.span, share)
+        u = dr.fma(weight, dr.fma(dr.dot(t, away), scale.per_u, along[0][k]), u)
+        v = dr.fma(weight, dr.fma(dr.dot(dr.cross(n, t), away), scale.per_v, along[1][k]), v)
+        share = dr.fma(weight, heights[k] + dr.dot(n, away) / scale.span, share)
         there = dr.fma(weight, presence[k], there)
         along_u, normal = along_u + t * weight, normal + n * weight
     scale = dr.rcp(total)
@@ -162,12 +162,12 @@ def _whole_and_rest(word: Any, moved: Any) -> tuple[Any, Any]:
     """Whole periods (Int), and the rest of them, of a word and a Float of words beside it."""
     kinds = arrays()
     moved = moved + kinds.Float(word & 0xFFFF)
-    whole = dr.floor(moved * (1.0 / ONE))
-    return (kinds.Int(word) >> 16) + kinds.Int(whole), dr.fma(moved, 1.0 / ONE, -whole)
+    whole = dr.floor(moved * (1.0 / PERIOD))
+    return (kinds.Int(word) >> 16) + kinds.Int(whole), dr.fma(moved, 1.0 / PERIOD, -whole)
 
 
 def _fixed(periods: Any) -> Any:
     """Periods as 16.16 bits, which wrap beyond ±32768."""
     kinds = arrays()
     whole = dr.floor(periods)
-    return kinds.UInt((kinds.Int(whole) << 16) + kinds.Int((periods - whole) * ONE))
+    return kinds.UInt((kinds.Int(whole) << 16) + kinds.Int((periods - whole) * PERIOD))

@@ -15,11 +15,11 @@ import drjit as dr
 from hagoromo.backend import arrays
 from hagoromo.transport.frames import Frame, Frames
 
-COARSE = 2.0  # times FINE: optical depth from which a sample is taken in parts
-MOST_PARTS = 32
-CLEAR = 0.8  # share of a distance without matter that is passed at once: between voxels it is told by interpolation
-EDGE = 1e-3  # the last interpolation cell ends this much before the last voxel centre [voxel]
-Cone = tuple[Any, Any]  # width of a ray at its origin [m], and by how much it widens per metre
+SPLIT_FACTOR = 2.0  # a sample is split where its optical depth exceeds this many times SUB_SAMPLE_DEPTH
+MOST_SUB_SAMPLES = 32  # of one sample
+CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
+LATTICE_MARGIN = 1e-3  # [voxel] from the last voxel centre that samples keep, so that interpolation stays inside
+Cone = tuple[Any, Any]  # footprint of a ray: its width at the origin [m], and the growth of that per metre [1]
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Ray:
     direction: Any
     near: Any
     far: Any
-    end: Any  # number of samples
+    sample_count: Any
     step: Any
     last: Any
     tau: Any
@@ -100,7 +100,7 @@ class Crossing:
         if self.exchanged:
             state.entered, state.box = dr.full(kinds.Float, -dr.inf, rays), dr.zeros(kinds.UInt, rays)
             nothing = self.ray(dr.zeros(kinds.UInt, rays))
-            nothing.end = dr.zeros(kinds.UInt, rays)
+            nothing.sample_count = dr.zeros(kinds.UInt, rays)
             state.rays = [nothing] * self.frames.slots
             for _ in numbers:
                 state = self.enter_next_box(state)
@@ -109,9 +109,9 @@ class Crossing:
     def unfinished(self, state: MarchState) -> Any:
         """Whether a sample is left in any slot."""
         rays = self._rays(state)
-        left = state.numbers[0] < rays[0].end
+        left = state.numbers[0] < rays[0].sample_count
         for number, ray in zip(state.numbers[1:], rays[1:], strict=True):
-            left |= number < ray.end
+            left |= number < ray.sample_count
         return left
 
     def nearest(self, state: MarchState) -> tuple[Any, Any, Any, Ray]:
@@ -144,41 +144,41 @@ class Crossing:
         number, _ = self._in_slot(step.slot, state)
         return self._moved(step, number + 1, state, arrays().UInt(0), arrays().UInt(1))
 
-    def advance(self, step: Step, depth: Any, clear: Any, state: MarchState) -> MarchState:
+    def advance(self, step: Step, depth: Any, clearance: Any, state: MarchState) -> MarchState:
         """Advance past a sample of optical depth `depth`: to its first or next sub-sample, or to the next sample.
 
-        clear: distance around it without matter [m]; None where unknown.
+        clearance: distance around it without matter [m]; None where unknown.
         """
         UInt = arrays().UInt
         number, ray = self._in_slot(step.slot, state)
         whole = dr.ceil(depth * arrays().Float(state.parts) / self.frames.fine)
-        parts = dr.maximum(UInt(dr.fmin(whole, MOST_PARTS)), 1)
+        parts = dr.maximum(UInt(dr.fmin(whole, MOST_SUB_SAMPLES)), 1)
         again, last = self.must_split(state, depth), state.part + 1 >= state.parts
         part = dr.select(again | last, UInt(0), state.part + 1)
         following = number + 1
-        if clear is not None:
-            following = number + dr.maximum(UInt(CLEAR * clear / ray.step), 1)
+        if clearance is not None:
+            following = number + dr.maximum(UInt(CLEARANCE_SHARE * clearance / ray.step), 1)
         number = dr.select(last & ~again, following, number)
         return self._moved(step, number, state, part, dr.select(again | last, parts, state.parts))
 
     def must_split(self, state: MarchState, depth: Any) -> Any:
         """Whether the sample is too dense for one step: its optical depth `depth` calls for (more) sub-samples."""
-        return (depth > COARSE * self.frames.fine) & (state.part == 0) & (state.parts < MOST_PARTS)
+        return (depth > SPLIT_FACTOR * self.frames.fine) & (state.part == 0) & (state.parts < MOST_SUB_SAMPLES)
 
     def enter_next_box(self, state: MarchState) -> MarchState:
         """Give the slot of a box that the ray has left to the box that it enters next, if there is one."""
         if not self.exchanged:
             return state
-        slot, free = arrays().UInt(0), state.numbers[0] >= state.rays[0].end
+        slot, free = arrays().UInt(0), state.numbers[0] >= state.rays[0].sample_count
         for k in range(1, len(state.rays)):
-            also = ~free & (state.numbers[k] >= state.rays[k].end)
+            also = ~free & (state.numbers[k] >= state.rays[k].sample_count)
             slot, free = dr.select(also, k, slot), free | also
 
         def entered(state: MarchState, slot: Any) -> MarchState:
             box, when = next_box(self, state.entered, state.box)
             found = box < self.frames.boxes
             ray = self.ray(dr.select(found, box, 0))
-            ray.end = dr.select(found, ray.end, 0)
+            ray.sample_count = dr.select(found, ray.sample_count, 0)
             here = [slot == k for k in range(len(state.rays))]
             numbers = [dr.select(h, 0, number) for h, number in zip(here, state.numbers, strict=True)]
             rays = [_select(h, ray, old) for h, old in zip(here, state.rays, strict=True)]
@@ -198,7 +198,7 @@ class Crossing:
             textured = textures.textured(box)
             level, step = dr.select(textured, row, level), dr.select(textured, finest, step)
         step = step * self.stride
-        samples = dr.ceil((leave - enter) / step + (self.phase - EDGE))
+        samples = dr.ceil((leave - enter) / step + (self.phase - LATTICE_MARGIN))
         met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
         end = kinds.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
         return Ray(
@@ -242,7 +242,7 @@ class Crossing:
         begin = dr.fma(dr.fmax(before, 0.0), ray.step, ray.near)
         length = dr.fmin(dr.fma(before + 1.0, ray.step, ray.near), ray.far) - begin
         middle = dr.fma(length, 0.5, begin)
-        return (middle if self.frames.slots == 1 else dr.select(number < ray.end, middle, math.inf)), length
+        return (middle if self.frames.slots == 1 else dr.select(number < ray.sample_count, middle, math.inf)), length
 
 
 @dr.syntax

@@ -17,8 +17,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.files.door import check_memory
 from hagoromo.progress import Progress, silent
 
-RAYS = 1 << 21  # rays marched at once; progress is reported, and an interrupt heard, between
-TILE = (4, 4)  # neighbouring rays share lanes: columns, rows
+RAYS_AT_ONCE = 1 << 21  # rays of one launch; progress is reported, and an interrupt taken, between launches
+TILE = (4, 4)  # columns, rows of pixels whose rays are numbered side by side, to share vector lanes
 
 
 class RayRadiance(Protocol):
@@ -49,23 +49,25 @@ class Film:
     def add(self, radiance: RayRadiance, point: NDArray, progress: Progress = silent) -> None:
         """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each."""
         kinds = arrays()
-        met = dr.zeros(kinds.Float, self.pixels * self.values)
-        dr.make_opaque(met)
+        sample_values = dr.zeros(kinds.Float, self.pixels * self.values)
+        dr.make_opaque(sample_values)
         dx, dy, phase, stride = (dr.opaque(kinds.Float, float(number)) for number in (*point, self.stride))
         width, height = (dr.opaque(kinds.UInt, size) for size in (self.width, self.height))
         count = tiled(self.width, self.height)
-        for start in range(0, count, RAYS):
-            number = dr.arange(kinds.UInt, min(RAYS, count - start)) + dr.opaque(kinds.UInt, start)
+        for start in range(0, count, RAYS_AT_ONCE):
+            number = dr.arange(kinds.UInt, min(RAYS_AT_ONCE, count - start)) + dr.opaque(kinds.UInt, start)
             column, row = tile_place(number, width)
             x, y = (kinds.Float(column) + dx) * stride, (kinds.Float(row) + dy) * stride
             channels, alpha = radiance(*self.camera.rays(x, y), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
-            dr.scatter(met, kinds.ArrayXf([*channels, alpha]), row * width + column, inside)
-            dr.eval(met)
+            dr.scatter(sample_values, kinds.ArrayXf([*channels, alpha]), row * width + column, inside)
+            dr.eval(sample_values)
             dr.sync_thread()
-            progress(min(start + RAYS, count) / count)
-        self.sums = np.add(self.sums, met.numpy(), dtype=np.float64) if self.samples else met.numpy()
+            progress(min(start + RAYS_AT_ONCE, count) / count)
+        self.sums = (
+            np.add(self.sums, sample_values.numpy(), dtype=np.float64) if self.samples else sample_values.numpy()
+        )
         self.samples += 1
 
     def mean(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

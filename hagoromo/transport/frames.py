@@ -15,9 +15,10 @@ from hagoromo.transport.textures import Textures
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
 
-TOLERANCE = 0.04  # of a picture: root mean square over its mean, where there is matter; half-voxel steps
-STEPS, FINE = 2.0, 0.35  # per voxel, and optical depth of a part of a step, at that tolerance
-WIDTH = 26  # floats of a box's row: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
+DEFAULT_TOLERANCE = 0.04  # relative RMSE of an image where there is matter [1]: steps of half a voxel reach it
+STEPS_PER_VOXEL = 2.0  # steps along a voxel edge, at DEFAULT_TOLERANCE
+SUB_SAMPLE_DEPTH = 0.35  # optical depth of a sub-sample, at DEFAULT_TOLERANCE
+ROW_FLOATS = 26  # per box: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
 
 
 @dataclass
@@ -38,19 +39,19 @@ class Frames:
     """The frames of all boxes; `slots` is how many of them a ray may be in at once."""
 
     def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
-        """Errors of a march go with the square of its steps: `tolerance` (see TOLERANCE) sets them for all boxes."""
-        kinds, finer = arrays(), math.sqrt(tolerance / TOLERANCE)
+        """The error of a march grows with the square of its steps: `tolerance` sets the steps in all boxes."""
+        kinds, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
         self.textures: Textures | None = None
         if any(box.texel for box in boxes):
             self.textures = Textures([(box.texel, box.band, box.voxel_size) for box in boxes], finer)
-        self.fine = dr.opaque(kinds.Float, FINE * finer)
+        self.fine = dr.opaque(kinds.Float, SUB_SAMPLE_DEPTH * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
-        floats = np.zeros((len(boxes), WIDTH), np.float32)
+        floats = np.zeros((len(boxes), ROW_FLOATS), np.float32)
         whole = np.zeros((len(boxes), 3), np.int32)
         for row, numbers, box, start in zip(floats, whole, boxes, starts, strict=True):
             row[:12] = box.lattice_from_world[:3].T.ravel()
             row[12:15] = np.array(box.bricks.shape[::-1]) - 1
-            row[15:17] = box.tau, box.voxel_size / STEPS * finer
+            row[15:17] = box.tau, box.voxel_size / STEPS_PER_VOXEL * finer
             row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
             _, my, mx = blocks_shape(box.bricks.lattice)
             numbers[:] = mx, mx * my, start
@@ -71,7 +72,7 @@ class Frames:
             return self.only[0]
         kinds = arrays()
         x, y, z, shift, last = (self._vector(box, k) for k in range(0, 15, 3))
-        tau, step = (dr.gather(kinds.Float, self.floats, box * WIDTH + k) for k in (15, 16))
+        tau, step = (dr.gather(kinds.Float, self.floats, box * ROW_FLOATS + k) for k in (15, 16))
         row, layer, first = (dr.gather(kinds.Int, self.whole, box * 3 + k) for k in range(3))
         return Frame([x, y, z], shift, last, tau, step, row, layer, first)
 
@@ -81,7 +82,7 @@ class Frames:
 
     def _vector(self, box: Any, first: int) -> Any:
         kinds = arrays()
-        return kinds.Array3f(*(dr.gather(kinds.Float, self.floats, box * WIDTH + first + k) for k in range(3)))
+        return kinds.Array3f(*(dr.gather(kinds.Float, self.floats, box * ROW_FLOATS + first + k) for k in range(3)))
 
 
 def most_at_once(boxes: Sequence[VolumeBox]) -> int:

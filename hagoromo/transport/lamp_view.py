@@ -12,7 +12,7 @@ from hagoromo.backend import arrays, opaque_vector
 from hagoromo.light.lamp import Lamp
 
 TICKS = 65535.0
-WIDEST = math.tan(math.radians(75))  # a wider view from the lamp is mapped onto an octahedron
+WIDEST_TANGENT = math.tan(math.radians(75))  # of the half angle; a wider view is mapped onto an octahedron
 
 
 class LampView:
@@ -94,7 +94,7 @@ def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
     span = max(away - 1.01 * radius, 0.0), away + 1.01 * radius
     across, along = (corners - lamp.position) @ axes[:2].T, (corners - lamp.position) @ axes[2]
     extent = float(np.max(np.abs(across) / along[:, None])) if (along > 0).all() else math.inf
-    if extent > WIDEST:
+    if extent > WIDEST_TANGENT:
         return LampView("octahedron", lamp.position, axes, 1.0, span)
     return LampView("pyramid", lamp.position, axes, 1.01 * extent, span)
 

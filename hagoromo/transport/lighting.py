@@ -117,7 +117,7 @@ class Lighting:
         """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none)."""
         kinds, self.materials, self.attenuation = arrays(), materials, attenuation
         bodies = materials.palette.bodies
-        self.painted = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
+        self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
         self.lamps: list[tuple[Any, Any, bool, int]] = []
         for lamp in lamps:
             if not isinstance(lamp.intensity, (int, float)):
@@ -130,18 +130,18 @@ class Lighting:
             group = position_of(lamp.spectrum, materials.palette.lamps)
             self.lamps.append((where, dr.opaque(kinds.Float, float(lamp.intensity)), lamp.position is not None, group))
 
-    def paint(self, coefficients: list[Any], box: Any, colour: Any) -> list[Any]:
+    def with_voxel_colour(self, coefficients: list[Any], box: Any, colour: Any) -> list[Any]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""
-        painted = list(coefficients)
-        for number, places in self.painted.items():
+        mixed = list(coefficients)
+        for number, places in self.voxel_bases.items():
             here = box == number
             for j in range(len(self.materials.palette.bodies)):
-                found = colour[places.index(j)] if j in places else 0.0
-                painted[j] = dr.select(here, found, painted[j])
-        return painted
+                value = colour[places.index(j)] if j in places else 0.0
+                mixed[j] = dr.select(here, value, mixed[j])
+        return mixed
 
-    def reflected(
-        self, point: Any, to_eye: Any, elements: list[Element], coefficients: list[list[Any]], within: Any = None
+    def reflected_radiance(
+        self, point: Any, to_eye: Any, elements: list[Element], coefficients: list[list[Any]], texel_hit: Any = None
     ) -> list[Any]:
         """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel.
 
@@ -149,7 +149,7 @@ class Lighting:
         """
         palette = self.materials.palette
         channels: list[Any] = [arrays().Float(0)] * palette.channels
-        eye = within.frame.inwards(to_eye) if within else None
+        eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
         for number, (where, intensity, near, group) in enumerate(self.lamps):
             to_lamp, distance, irradiance = where, math.inf, intensity
             if near:
@@ -157,7 +157,7 @@ class Lighting:
                 squared = dr.squared_norm(offset)
                 inverse = dr.rsqrt(squared)
                 to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
-            ways = (eye, within.frame.inwards(to_lamp)) if within else ()
+            ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
             weights, lit = [], arrays().Bool(False)
             for element in elements:
                 body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
@@ -165,12 +165,12 @@ class Lighting:
                 if element.scales:
                     scales = [scale.at(*ways) for scale in element.scales]
                     body, interface = (
-                        dr.select(within.textured, light * scale, light)
+                        dr.select(texel_hit.textured, light * scale, light)
                         for light, scale in zip((body, interface), scales, strict=True)
                     )
                 weights.append((body * element.share, interface * element.share))
-            clear = elements[0].shadow_origin(point, to_lamp)
-            irradiance = irradiance * self._passed(number, lit, clear, to_lamp, distance, within)
+            origin = elements[0].shadow_origin(point, to_lamp)
+            irradiance = irradiance * self._transmittance(number, lit, origin, to_lamp, distance, texel_hit)
             for (body, interface), share in zip(weights, coefficients, strict=True):
                 for j in range(len(palette.colours)):
                     weight = (body if j < len(palette.bodies) else interface) * share[j]
@@ -178,16 +178,16 @@ class Lighting:
                     channels[k] = dr.fma(irradiance, weight, channels[k])
         return channels
 
-    def _passed(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any, within: Any) -> Any:
+    def _transmittance(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
         """Share of a lamp's light that arrives; looked up only where matter is turned towards the lamp (`lit`)."""
         attenuation = self.attenuation
         if attenuation is None:
             return 1.0
         return dr.if_stmt(
-            args=(point, to_lamp, arrays().Float(distance), within),
+            args=(point, to_lamp, arrays().Float(distance), texel_hit),
             cond=lit,
-            true_fn=lambda point, to_lamp, distance, within: attenuation(lamp, point, to_lamp, distance, within),
-            false_fn=lambda point, to_lamp, distance, within: arrays().Float(0),
+            true_fn=lambda point, to_lamp, distance, texel_hit: attenuation(lamp, point, to_lamp, distance, texel_hit),
+            false_fn=lambda point, to_lamp, distance, texel_hit: arrays().Float(0),
         )
 
 

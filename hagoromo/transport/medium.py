@@ -27,17 +27,17 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays, clip, lookup
-from hagoromo.transport.chart import OnSurface, SurfaceFrame, place_on_surface, surface_frame
-from hagoromo.transport.crossing import EDGE, Cone, Crossing, MarchState, Step
-from hagoromo.transport.frames import TOLERANCE, Frames
+from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
+from hagoromo.transport.crossing import LATTICE_MARGIN, Cone, Crossing, MarchState, Step
+from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.texel import LightScale
 from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
 
-THINNEST = 1e-6  # optical depth of a step below which it holds no matter
-ABSENT = -(2**31)  # shift of a box that has no such grid
+NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty
+NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
 BIAS_TO_LAMP = 2.0  # of the shadow bias, towards the lamp; once more it goes along the axis
 
 
@@ -65,21 +65,21 @@ class Element:
 
 
 @dataclass
-class Within:
+class TexelHit:
     """Where a sample is in a texel; meaningless where `textured` is false."""
 
     textured: Any
     box: Any
     level: Any
     tau: Any
-    here: OnSurface
+    here: SurfacePoint
     frame: SurfaceFrame
 
 
 class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
 
-    def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = TOLERANCE) -> None:
+    def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> None:
         kinds, self.boxes = arrays(), tuple(boxes)
         for name in ("density", "axis", "colour", "material", "chart"):
             in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
@@ -97,7 +97,7 @@ class Medium:
         self.textures = self.frames.textures
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(kinds.Float, shadow_biases) if shadow_biases.any() else None
-        self.tolerance = dr.opaque(kinds.Float, tolerance / TOLERANCE)  # in units of the usual one
+        self.tolerance = dr.opaque(kinds.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         dr.eval(self.coarse, self.fine)
 
     def cross(
@@ -126,7 +126,7 @@ class Medium:
         length = length / kinds.Float(state.parts)
         distance = dr.fma(kinds.Float(state.part) + 0.5, length, dr.fma(whole, -0.5, distance))
         place = dr.fma(ray.direction, distance, ray.origin)
-        place = type(place)(*(clip(place[k], 0.0, ray.last[k] - EDGE) for k in range(3)))
+        place = type(place)(*(clip(place[k], 0.0, ray.last[k] - LATTICE_MARGIN) for k in range(3)))
         cell = kinds.Array3i(place) >> 3
         block, inner = cell >> 3, cell & (BLOCK - 1)
         outer = dr.gather(
@@ -155,7 +155,7 @@ class Medium:
         nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
         return dr.if_stmt((step, density), textures.textured(step.box), looked_up, nothing)
 
-    def elements(self, step: Step) -> tuple[list[Element], Within | None]:
+    def elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
         """What the matter of a sample in a kept brick is made of, and where in a texel it is, if boxes have some."""
         shadow_bias = None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.box)
         plain = Element(self.axis(step), self.material(step), shadow_bias=shadow_bias)
@@ -174,19 +174,19 @@ class Medium:
             share = dr.select(textured, each[k] * scale, float(k == 0))
             material = plain.material + dr.select(textured, k, arrays().UInt(0))
             found.append(Element(axis, material, share, scales[k], shadow_bias))
-        return found, Within(textured, step.box, step.level, step.tau, here, frame)
+        return found, TexelHit(textured, step.box, step.level, step.tau, here, frame)
 
-    def through(self, within: Within, to_lamp: Any, stop: Any) -> tuple[Any, Any]:
+    def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Any, stop: Any) -> tuple[Any, Any]:
         """Optical depth of the texel between a sample and where light comes in, and the way to there [m]."""
         assert self.textures is not None
-        way = within.frame.inwards(to_lamp)
-        return self.textures.through(within.box, within.level, within.here, way, stop, within.tau)
+        way = texel_hit.frame.inwards(to_lamp)
+        return self.textures.optical_depth(texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau)
 
-    def _charted(self, step: Step) -> tuple[OnSurface, Any, Any]:
+    def _charted(self, step: Step) -> tuple[SurfacePoint, Any, Any]:
         """Where a sample in a kept brick of a box with a chart is on its surface, tangent along u and normal."""
         assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
         bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
-        return place_on_surface(self.charts, self.voxels, bricks, step.place, self.textures.laid(step.box))
+        return surface_point_at(self.charts, self.voxels, bricks, step.place, self.textures.chart_scale(step.box))
 
     def axis(self, step: Step) -> Any:
         """Unit axis, in the world, at a sample in a kept brick."""
@@ -207,7 +207,7 @@ class Medium:
         start, part = corner(self._brick_in(self.material_shift, step), step.place)
         nearest = dr.select(part > 0.5, arrays().Array3u(1), arrays().Array3u(0))
         offset = (nearest.z * STORED + nearest.y) * STORED + nearest.x
-        has = dr.gather(arrays().Int, self.material_shift, step.box) != ABSENT
+        has = dr.gather(arrays().Int, self.material_shift, step.box) != NO_GRID
         return first + UInt(dr.gather(arrays().UInt8, self.materials, start + offset, has))
 
     def _in_world(self, box: Any, vector: Any) -> Any:
@@ -219,14 +219,14 @@ class Medium:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
         kinds = arrays()
         shift = dr.gather(kinds.Int, shift, step.box)
-        return kinds.UInt(dr.select(shift == ABSENT, 0, step.brick + shift))
+        return kinds.UInt(dr.select(shift == NO_GRID, 0, step.brick + shift))
 
     def _optional(self, name: str) -> tuple[Any, Any]:
         """A grid that some boxes have (None: no box), and per box how its brick numbers differ there."""
         grids: list[Grid | None] = [getattr(box.bricks, name) for box in self.boxes]
         values = next((grid.values for grid in grids if grid is not None), None)
         shifts = [
-            ABSENT if grid is None else grid.first - box.bricks.density.first
+            NO_GRID if grid is None else grid.first - box.bricks.density.first
             for grid, box in zip(grids, self.boxes, strict=True)
         ]
         return values, lookup(arrays().Int, np.array(shifts, np.int32))

@@ -21,18 +21,18 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.transport.crossing import Cone
 from hagoromo.transport.film import TILE, tile_place
 from hagoromo.transport.lamp_view import view_from
-from hagoromo.transport.medium import THINNEST, Medium
-from hagoromo.transport.textures import HIDDEN
+from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium
+from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
 
 GROUPS = 5
 KNOTS = 3 * GROUPS + 1
 WORDS = 4 * (GROUPS + 1)  # of 32 bits, of a ray
-TOLERANCE = 0.003  # of transmittance, between knots; it doubles with each knot that a ray needs beyond EASY
-EASY = 10
-LOOSEST = 2.0  # optical depth that a knot may be off, at most
-GAP_DEPTH = 1.0 / 512.0  # optical depth since the last knot below which a gap gets no knots
-DEPTHS = 4096.0  # steps of optical depth: 16 bits up to 16
-UNUSED = 0xFFFF  # a knot beyond all places, of no depth
+KNOT_TOLERANCE = 0.003  # error of the transmittance between knots; doubles with each knot after STRICT_KNOTS
+STRICT_KNOTS = 10  # knots that keep KNOT_TOLERANCE
+LARGEST_KNOT_ERROR = 2.0  # error of the optical depth between knots, at most
+GAP_DEPTH = 1.0 / 512.0  # a gap in matter gets knots where the optical depth since the last knot exceeds this
+DEPTH_UNITS = 4096.0  # units per optical depth of 1: 16 bits reach 16
+UNUSED = 0xFFFF  # tick of an unused knot, behind all others
 LAST_TICK = float(UNUSED - 1)
 
 
@@ -49,13 +49,13 @@ class Fan:
     rises: Any  # ∫ x y dx and ∫ x² dx over the points (x, y) seen from the knot: the best slope is their ratio
     runs: Any
 
-    def to(self, distance: Any, depth: Any) -> tuple[Any, Any]:
+    def narrowed(self, distance: Any, depth: Any) -> tuple[Any, Any]:
         """Slopes of the lines that pass a further point, too; none, if the first is above the second."""
         inverse = dr.rcp(dr.fmax(distance - self.at, 1e-9))  # parts of overlapping boxes may end at one distance
         rise = depth - self.depth
         return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
 
-    def best(self, distance: Any) -> Any:
+    def depth_at(self, distance: Any) -> Any:
         """Optical depth at a distance on the line that passes the points with the least square error."""
         slope = clip(self.rises / dr.fmax(self.runs, 1e-30), self.low, self.high)
         return dr.fma(slope, distance - self.at, self.depth)
@@ -78,7 +78,7 @@ class ShadowMaps:
         lamp, lane = lane // each, lane % each
         column, row = tile_place(lane, self.size)
         a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
-        target = Target(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
+        writer = KnotWriter(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
         origin, direction = self.views[0].ray(a, b)
         cone = self.views[0].cone(self.size)
         for number, view in enumerate(self.views[1:], 1):
@@ -86,14 +86,14 @@ class ShadowMaps:
             origin, direction = (
                 dr.select(here, n, o) for n, o in zip(view.ray(a, b), (origin, direction), strict=True)
             )
-            target.near, target.scale = (
-                dr.select(here, n, o) for n, o in zip(view.ticks(), (target.near, target.scale), strict=True)
+            writer.near, writer.scale = (
+                dr.select(here, n, o) for n, o in zip(view.ticks(), (writer.near, writer.scale), strict=True)
             )
             cone = tuple(dr.select(here, n, o) for n, o in zip(view.cone(self.size), cone, strict=True))
-        lay_knots(medium, origin, direction, target, cone)
+        write_knots(medium, origin, direction, writer, cone)
         dr.eval(self.words)
 
-    def look(self, lamp: int, point: Any) -> tuple[Any, Any]:
+    def transmittance(self, lamp: int, point: Any) -> tuple[Any, Any]:
         """Share of a lamp's light, 0…1, that arrives at `point` (Array3f, world), and by how much the three rays around
         it differ in that.
         """
@@ -111,7 +111,7 @@ class ShadowMaps:
         most, least = dr.fmax(dr.fmax(first, second), last), dr.fmin(dr.fmin(first, second), last)
         return passed, most - least
 
-    def width(self, lamp: int, point: Any) -> Any:
+    def ray_spacing(self, lamp: int, point: Any) -> Any:
         """Distance [m] between the rays of a map at `point`."""
         view = self.views[lamp]
         width, spread = view.cone(self.size)
@@ -132,20 +132,20 @@ class ShadowMaps:
         after, end = kinds.Float(end >> 16), kinds.Float(end & UNUSED)
         part = clip((tick - begin) / dr.fmax(end - begin, 1.0), 0.0, 1.0)
         part = dr.select(end == float(UNUSED), 0.0, part)
-        return dr.fma(part, after - before, before) * (1.0 / DEPTHS)
+        return dr.fma(part, after - before, before) * (1.0 / DEPTH_UNITS)
 
 
-class Target:
+class KnotWriter:
     """Where the knots of rays go: their numbers, and how their distances become ticks. Held out of a loop's state."""
 
     def __init__(self, words: Any, ray: Any, near: Any, scale: Any) -> None:
         self.words, self.ray, self.near, self.scale = words, ray, near, scale
 
-    def lay(self, knot: Any, distance: Any, depth: Any) -> None:
+    def write(self, knot: Any, distance: Any, depth: Any) -> None:
         """Write knot number `knot` of every ray."""
         kinds = arrays()
         tick = kinds.UInt(clip((distance - self.near) * self.scale + 0.5, 0.0, LAST_TICK))
-        word = tick | (kinds.UInt(dr.fmin(depth * DEPTHS + 0.5, float(UNUSED))) << 16)
+        word = tick | (kinds.UInt(dr.fmin(depth * DEPTH_UNITS + 0.5, float(UNUSED))) << 16)
         group, place = knot // 3, knot % 3
         start = self.ray * WORDS + 4 * group
         dr.scatter(self.words, word, start + 4 + place, group < GROUPS)
@@ -155,52 +155,52 @@ class Target:
 
 
 @dr.syntax
-def lay_knots(medium: Medium, origin: Any, direction: Any, target: Target, cone: Cone) -> None:
-    """March every ray once through the boxes and lay its knots into `target`."""
-    kinds, count = arrays(), dr.width(target.ray)
+def write_knots(medium: Medium, origin: Any, direction: Any, writer: KnotWriter, cone: Cone) -> None:
+    """March every ray once through the boxes and lay its knots into `writer`."""
+    kinds, count = arrays(), dr.width(writer.ray)
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf), cone=cone)
     state = crossing.start()
     nothing = dr.zeros(kinds.Float, count)
-    depth, reached = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
+    depth, covered = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
     fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
-    while crossing.unfinished(state) & (depth < HIDDEN):
+    while crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH):
         step = medium.next(crossing, state)
         if step.brick < 0:
             state = crossing.skip_empty(step, state)
         else:
-            density, clear = medium.density(step)
-            met = step.tau * density * step.length
-            if (met > THINNEST) & ~crossing.must_split(state, met):
-                begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), reached)
-                if begin > dr.fma(step.length, 0.5, reached):  # the first matter, or a gap
+            density, clearance = medium.density(step)
+            step_depth = step.tau * density * step.length
+            if (step_depth > NEGLIGIBLE_OPTICAL_DEPTH) & ~crossing.must_split(state, step_depth):
+                begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), covered)
+                if begin > dr.fma(step.length, 0.5, covered):  # the first matter, or a gap
                     far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
                     if far_side:
-                        target.lay(fan.knots, reached, depth)
-                    if far_side | (reached < 0.0):
+                        writer.write(fan.knots, covered, depth)
+                    if far_side | (covered < 0.0):
                         number = dr.select(far_side, fan.knots + 1, fan.knots)
-                        target.lay(number, begin, depth)
+                        writer.write(number, begin, depth)
                         fan = fan_from(number + 1, begin, depth)
-                end = dr.fmax(dr.fma(step.length, 0.5, step.distance), reached)
-                depth += met
-                low, high = fan.to(end, depth)
+                end = dr.fmax(dr.fma(step.length, 0.5, step.distance), covered)
+                depth += step_depth
+                low, high = fan.narrowed(end, depth)
                 if low > high:  # no line passes all points: the knot is where the last one did
-                    knot = fan.best(reached)
-                    target.lay(fan.knots, reached, knot)
-                    fan = fan_from(fan.knots + 1, reached, knot)
-                    low, high = fan.to(end, depth)
-                x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, met, depth) - fan.depth
+                    knot = fan.depth_at(covered)
+                    writer.write(fan.knots, covered, knot)
+                    fan = fan_from(fan.knots + 1, covered, knot)
+                    low, high = fan.narrowed(end, depth)
+                x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, step_depth, depth) - fan.depth
                 fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
-                fan.low, fan.high, reached = low, high, end
-            state = crossing.advance(step, met, clear, state)
+                fan.low, fan.high, covered = low, high, end
+            state = crossing.advance(step, step_depth, clearance, state)
         state = crossing.enter_next_box(state)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
-        if (reached >= 0.0) & ~(crossing.unfinished(state) & (depth < HIDDEN)):
-            target.lay(fan.knots, reached, fan.best(reached))
+        if (covered >= 0.0) & ~(crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH)):
+            writer.write(fan.knots, covered, fan.depth_at(covered))
 
 
 def fan_from(knots: Any, at: Any, depth: Any) -> Fan:
     """All lines from a knot: the last one of `knots`."""
     kinds = arrays()
-    many = kinds.Float(1 << (dr.maximum(knots, EASY) - EASY))
-    spare = dr.select(knots < KNOTS - 1, dr.fmin(TOLERANCE * many * dr.exp(depth), LOOSEST), dr.inf)
+    many = kinds.Float(1 << (dr.maximum(knots, STRICT_KNOTS) - STRICT_KNOTS))
+    spare = dr.select(knots < KNOTS - 1, dr.fmin(KNOT_TOLERANCE * many * dr.exp(depth), LARGEST_KNOT_ERROR), dr.inf)
     return Fan(knots, at, depth, kinds.Float(0), kinds.Float(dr.inf), spare, kinds.Float(0), kinds.Float(0))

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, check_entries, clip, lookup
 from hagoromo.files.door import check_memory
-from hagoromo.transport.chart import ONE, Laid, OnSurface
+from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
 from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
-from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST, axis_between, half_value, lerp, packed_axis
+from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST_DENSITY, axis_between, half_value, lerp, packed_axis
 
-STEPS = 2.0  # per shortest edge of a cell
-WITHIN = 2.0  # steps of a ray from the eye, that a step to a lamp within the texel is long
-HIDDEN = 6.5  # optical depth at which a lamp counts as hidden: exp(−6.5) = 1.5e-3 of its light
-FARTHEST = 6.0  # thicknesses that light comes through a texel at most: beyond, the surface is not flat
-MOST_STEPS = 64.0
-DOUBT = 0.35  # voxels by which heights may be off where sheets are close
-EDGE = 1e-3  # the last cell along the height ends this much before its last node [cell]
+STEPS_PER_CELL = 2.0  # steps of a camera ray along the shortest edge of a cell
+SHADOW_STEP = 2.0  # length of a step towards a lamp within the texel, in steps of a camera ray
+HIDDEN_OPTICAL_DEPTH = 6.5  # a lamp behind it counts as hidden: exp(−6.5) = 1.5e-3 of its light
+LONGEST_PATH = 6.0  # longest path of light through a texel, in thicknesses: farther the surface is not flat
+MOST_SHADOW_STEPS = 64.0  # towards one lamp within the texel
+HEIGHT_ERROR = 0.35  # [voxel] error of interpolated heights where sheets are close
+CELL_MARGIN = 1e-3  # [cell] by which the last cell along the height ends before its last node
 
 
 @dataclass
@@ -52,12 +52,12 @@ class Lattice:
         """Of one population."""
         return self.deep * self.across * self.high
 
-    def corner(self, here: OnSurface) -> Corner:
+    def corner(self, here: SurfacePoint) -> Corner:
         """The node, u and v being counted through the variant that stands there."""
         kinds = arrays()
         variant = (_mixed(here.tile_u, here.tile_v) >> 16) * self.variants >> 16
         u, v = here.u * kinds.Float(self.cells), here.v * kinds.Float(self.deep - 1)
-        h = clip((here.height - self.bottom) * self.inverse, 0.0, 1.0) * (kinds.Float(self.high - 1) - EDGE)
+        h = clip((here.height - self.bottom) * self.inverse, 0.0, 1.0) * (kinds.Float(self.high - 1) - CELL_MARGIN)
         column, row = dr.minimum(kinds.UInt(u), self.cells - 1), dr.minimum(kinds.UInt(v), self.deep - 2)
         node = kinds.UInt(h)
         part = kinds.Array3f(u - kinds.Float(column), v - kinds.Float(row), h - kinds.Float(node))
@@ -67,10 +67,10 @@ class Lattice:
 class Textures:
     """Rows of numbers per box and per level, and the pools of all levels."""
 
-    def __init__(self, laid: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0) -> None:
-        """laid: the texel of every box, its band of heights and its voxel [m]. finer: factor on the length of steps."""
+    def __init__(self, boxes: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0) -> None:
+        """boxes: of each its texel, band of heights [m] and voxel size [m]. finer: factor on the length of steps."""
         kinds = arrays()
-        texels = list({id(texel): texel for texel, *_ in laid if texel}.values())
+        texels = list({id(texel): texel for texel, *_ in boxes if texel}.values())
         levels = [level for texel in texels for level in texel.levels]
         count = sum(_entries(level) for level in levels)
         check_entries(count, "the texels of all boxes together")
@@ -82,14 +82,14 @@ class Textures:
         words = np.array([(offset, *row) for offset, row in zip(offsets, rows, strict=False)], np.uint32)
         self.rows = lookup(kinds.UInt, words)
         edges = np.concatenate([texel.edges for texel in texels])
-        self.steps = lookup(kinds.Float, (edges / STEPS * finer).astype(np.float32))
+        self.steps = lookup(kinds.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
         scale = np.zeros((len(levels), self.populations, 2, SCALES), np.float32)
         for row, level in zip(scale, levels, strict=True):
             row[: len(level.scale)] = level.scale
         self.scale = lookup(kinds.Float, scale)
-        whole, floats = np.zeros((len(laid), 4), np.uint32), np.ones((len(laid), 8), np.float32)
-        for numbers, row, (texel, band, voxel) in zip(whole, floats, laid, strict=True):
+        whole, floats = np.zeros((len(boxes), 4), np.uint32), np.ones((len(boxes), 8), np.float32)
+        for numbers, row, (texel, band, voxel) in zip(whole, floats, boxes, strict=True):
             if texel:
                 numbers[:] = places[id(texel)], len(texel.levels), texel.variants, texel.populations
                 row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
@@ -121,13 +121,13 @@ class Textures:
         bottom, inverse, low, span = dr.gather(kinds.Array4f, self.floats, 2 * box)
         height, voxel = dr.fma(share, span, low), dr.gather(kinds.Float, self.floats, box * 8 + 7)
         outside = dr.fmax(bottom - height, height - bottom - dr.rcp(inverse))
-        return dr.fmax(dr.fma(voxel, -DOUBT, outside), 0.0)
+        return dr.fmax(dr.fma(voxel, -HEIGHT_ERROR, outside), 0.0)
 
-    def laid(self, box: Any) -> Laid:
+    def chart_scale(self, box: Any) -> ChartScale:
         """How the texel lies on the chart of a box."""
         _, _, low, span = dr.gather(arrays().Array4f, self.floats, 2 * box)
         per_u, per_v, _, voxel = dr.gather(arrays().Array4f, self.floats, 2 * box + 1)
-        return Laid(per_u * ONE, per_v * ONE, voxel, low, span)
+        return ChartScale(per_u * PERIOD, per_v * PERIOD, voxel, low, span)
 
     def lattice(self, box: Any, level: Any) -> Lattice:
         """What look-ups in one level have in common."""
@@ -137,13 +137,13 @@ class Textures:
         bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
         return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
 
-    def density(self, lattice: Lattice, here: OnSurface) -> Any:
+    def density(self, lattice: Lattice, here: SurfacePoint) -> Any:
         """Density of all populations together; 0 above and below the texel."""
-        within = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
+        inside = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
         density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
-        return dr.select(within, density, 0.0)
+        return dr.select(inside, density, 0.0)
 
-    def densities(self, lattice: Lattice, here: OnSurface) -> list[Any]:
+    def densities(self, lattice: Lattice, here: SurfacePoint) -> list[Any]:
         """Density of every population."""
         found = []
         for k in range(self.populations):
@@ -152,7 +152,7 @@ class Textures:
             found.append(dr.select(number > 0, value, 0.0))
         return found
 
-    def axes(self, lattice: Lattice, here: OnSurface) -> list[Any]:
+    def axes(self, lattice: Lattice, here: SurfacePoint) -> list[Any]:
         """Axis of every population along (u, v, normal), not normalised."""
         corner = lattice.corner(here)
         steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
@@ -170,21 +170,22 @@ class Textures:
         each = [LightScale(numbers[k : k + SCALES]) for k in range(0, len(numbers), SCALES)]
         return list(zip(each[::2], each[1::2], strict=True))
 
-    def through(self, box: Any, level: Any, here: OnSurface, way: Any, stop: Any, tau: Any) -> tuple[Any, Any]:
-        """Optical depth along a straight `way` (along u, v, normal; unit) out of the texel, and its length [m].
+    def optical_depth(self, box: Any, level: Any, here: SurfacePoint, way: Any, stop: Any, tau: Any) -> tuple[Any, Any]:
+        """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
-        It ends at `stop` [m] if that is nearer, and is not followed beyond HIDDEN. The surface is taken as flat.
+        The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
+        is taken for flat.
         """
         kinds, lattice = arrays(), self.lattice(box, level)
         per_metre = [dr.gather(kinds.Float, self.floats, box * 8 + k) for k in (4, 5)]
         thickness = dr.rcp(lattice.inverse)
         rising = way.z > 0
         room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
-        reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, FARTHEST * thickness))
-        step = WITHIN * dr.gather(kinds.Float, self.steps, level)
-        count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_STEPS)
+        reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
+        step = SHADOW_STEP * dr.gather(kinds.Float, self.steps, level)
+        count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_SHADOW_STEPS)
         length = reach / count
-        enough = HIDDEN / (tau * length)
+        enough = HIDDEN_OPTICAL_DEPTH / (tau * length)
 
         def one(k: Any, passed: Any) -> tuple[Any, Any]:
             there = here.moved((k + 0.5) * length, way, per_metre)
@@ -230,7 +231,7 @@ def _pairs(level: Level) -> NDArray[np.uint32]:
     """Densities as halves, each with the next above it."""
     total = level.density.astype(np.float32).sum(axis=0, keepdims=True).astype(np.float16)
     density = np.concatenate([total, level.density])
-    halves = np.where(density < SMALLEST, np.float16(0), density).view(np.uint16).astype(np.uint32)
+    halves = np.where(density < SMALLEST_DENSITY, np.float16(0), density).view(np.uint16).astype(np.uint32)
     above = np.concatenate([halves[..., 1:], np.zeros_like(halves[..., :1])], axis=-1)
     return (halves | above << np.uint32(16)).ravel().astype(np.uint32)
 

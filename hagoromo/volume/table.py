@@ -17,7 +17,7 @@ from hagoromo.files.door import check_memory
 
 BLOCK = 8  # bricks a side
 BRICKS = BLOCK**3  # bricks of a block
-AT_ONCE = 1 << 13  # blocks whose distances are sought at once
+BLOCKS_AT_ONCE = 1 << 13  # blocks whose distances are sought at once
 
 
 class BrickTable(NamedTuple):
@@ -89,8 +89,8 @@ def _distances(
     rows = np.concatenate([rows, np.zeros((1, BLOCK, BLOCK), np.uint8)])  # the last: an empty block
     places = np.stack(np.unravel_index(held, coarse.shape), axis=-1)
     around = np.pad(coarse, 1, constant_values=-1)
-    for start in range(0, len(held), AT_ONCE):
-        here = places[start : start + AT_ONCE]
+    for start in range(0, len(held), BLOCKS_AT_ONCE):
+        here = places[start : start + BLOCKS_AT_ONCE]
         window = np.zeros((len(here), 3 * BLOCK, 3 * BLOCK), np.uint32)
         for z, y, x in np.ndindex(3, 3, 3):
             block = around[here[:, 0] + z, here[:, 1] + y, here[:, 2] + x]

@@ -19,11 +19,11 @@ BRICK = 8  # voxels a side
 STORED = BRICK + 1  # voxels a side as kept
 VOXELS = STORED**3
 PAIRS = STORED * STORED * BRICK
-SMALLEST = 2.0**-14  # density, below which there is none: smaller halves would need denormal singles, which are cut
+SMALLEST_DENSITY = 2.0**-14  # less counts as 0: smaller halves would need denormal singles, which kernels flush
 HALF_EXPONENT = 2.0**112  # between the exponents of half and single precision: the same bits mean so much less
 X_BITS, Y_BITS, Z_BITS = 11, 11, 10  # of an axis: x lowest
 X_FULL, Y_FULL, Z_FULL = (float(2 ** (bits - 1) - 1) for bits in (X_BITS, Y_BITS, Z_BITS))
-ROUNDED = 1.01  # square of the length of an axis above which it is more than a rounded unit vector
+LONGEST_SQUARED_AXIS = 1.01  # squared length of a unit axis that was rounded; a longer axis is brought to 1
 X_UNIT, Y_UNIT, Z_UNIT = 2.0 ** (X_BITS - 32) / X_FULL, 2.0 ** (Y_BITS - 32) / Y_FULL, 2.0 ** (Z_BITS - 32) / Z_FULL
 
 
@@ -132,7 +132,7 @@ def unpacked(word: Any) -> Any:
 def packed_density(density: Any) -> Any:
     """Pairs of halves of densities ≥ 0, Float (k · 729): UInt (k · 648)."""
     kinds = arrays()
-    density = dr.select(density < SMALLEST, 0.0, density)
+    density = dr.select(density < SMALLEST_DENSITY, 0.0, density)
     # a half's bits are those of the single 2¹¹² times smaller, without its last 13
     halves = dr.reinterpret_array(kinds.UInt, kinds.Float(kinds.Float16(density)) * (1.0 / HALF_EXPONENT)) >> 13
     dr.eval(halves)
@@ -145,7 +145,7 @@ def packed_axis(axis: Any) -> Any:
     """Bits of axes of length ≤ 1 (longer ones are brought to 1), Array3f: Int."""
     kinds = arrays()
     squared = dr.squared_norm(axis)
-    axis = axis * dr.select(squared > ROUNDED, dr.rsqrt(squared), 1.0)
+    axis = axis * dr.select(squared > LONGEST_SQUARED_AXIS, dr.rsqrt(squared), 1.0)
     axis = kinds.Array3f(*(clip(axis[k], -1.0, 1.0) for k in range(3)))
     x = kinds.Int(dr.round(axis.x * X_FULL)) & (2**X_BITS - 1)
     y, z = kinds.Int(dr.floor(axis.y * Y_FULL)), kinds.Int(dr.floor(axis.z * Z_FULL))

@@ -70,7 +70,7 @@ def upper(point):
 
 def test_a_block_that_only_shares_the_matter_of_the_next_survives_a_resumed_build(tmp_path, monkeypatch):
     shape, path, write = (66, 9, 70), tmp_path / "box.zarr", BoxGroup.write
-    monkeypatch.setattr(field_blocks, "AT_ONCE", 1)
+    monkeypatch.setattr(field_blocks, "BRICKS_AT_ONCE", 1)
     plan = BoxPlan(BoxHeader(VOXEL, 1.0, (GREY,)), FieldBlocks(upper, shape, VOXEL))
 
     def failing(group, block, values):

@@ -31,7 +31,7 @@ import sys, time
 from hagoromo.app.cli import main
 from hagoromo.volume.store import field_blocks
 from hagoromo.volume.store.box_group import BoxGroup
-field_blocks.AT_ONCE = 1
+field_blocks.BRICKS_AT_ONCE = 1
 write = BoxGroup.write
 BoxGroup.write = lambda *a: (time.sleep(0.3), write(*a))
 sys.exit(main(["build", *sys.argv[1:]]))
@@ -41,7 +41,7 @@ sys.exit(main(["build", *sys.argv[1:]]))
 @pytest.fixture
 def recipe(tmp_path, monkeypatch) -> Path:
     """A recipe that is built in eight parts, a block each."""
-    monkeypatch.setattr(field_blocks, "AT_ONCE", 1)
+    monkeypatch.setattr(field_blocks, "BRICKS_AT_ONCE", 1)
     path = tmp_path / "ball.toml"
     path.write_text(RECIPE)
     return path

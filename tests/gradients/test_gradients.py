@@ -52,7 +52,7 @@ def both(light: hg.RayLight) -> list[np.ndarray]:
 
 @pytest.fixture
 def ball():
-    """A thin soft ball, its grid in single precision; rays pass it, so CUT, which cuts the gradient, is not met."""
+    """A thin soft ball, its grid in single precision; rays pass it whole: an early end would cut the gradient."""
 
     def field(p):
         offset = p - 0.08

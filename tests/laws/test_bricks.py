@@ -17,7 +17,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.brick_writer import BrickWriter
 from hagoromo.volume.store.fill_bricks import candidates
 from hagoromo.volume.table import BLOCK, in_table_order, table_of
-from hagoromo.volume.voxels import SMALLEST
+from hagoromo.volume.voxels import SMALLEST_DENSITY
 
 WHITE = Spectrum.constant(1.0)
 MATTER = Reflectance(0.25, 0.2, 0.25, 1.5, WHITE)
@@ -43,8 +43,8 @@ def test_densities_come_back_exactly_and_axes_to_their_bits():
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     box = VolumeBox.from_arrays(density, axis, 0.01, 1.0, [MATTER])
     again, turned = box.bricks.dense()
-    assert np.array_equal(again, np.where(density < SMALLEST, np.float16(0), density))
-    off = np.abs(turned - axis)[density >= SMALLEST].max(axis=0)
+    assert np.array_equal(again, np.where(density < SMALLEST_DENSITY, np.float16(0), density))
+    off = np.abs(turned - axis)[density >= SMALLEST_DENSITY].max(axis=0)
     assert (off < np.array([0.5 / 1023, 0.5 / 1023, 0.5 / 511]) + 2.0**-11).all()
 
 

@@ -21,9 +21,9 @@ from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.chart import OnSurface
-from hagoromo.transport.medium import THINNEST
-from hagoromo.transport.textures import STEPS, Textures
+from hagoromo.transport.chart import SurfacePoint
+from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
+from hagoromo.transport.textures import STEPS_PER_CELL, Textures
 from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 
 PAIRS = 128  # pairs of directions, to the eye and to a lamp
@@ -105,23 +105,23 @@ class Layer:
         self.box, self.row = kinds.UInt(0), dr.opaque(kinds.UInt, level)
         self.lattice = textures.lattice(self.box, self.row)
         densest = float(texel.levels[level].density.astype(np.float32).sum(axis=0).max())
-        step = min(float(texel.edges[level]) / STEPS, PART / (tau * max(densest, 1e-3)))
+        step = min(float(texel.edges[level]) / STEPS_PER_CELL, PART / (tau * max(densest, 1e-3)))
         length = (texel.top - texel.bottom) / dr.abs(rays.to_eye.z)
         self.steps = dr.ceil(length / step)
         self.part = length / self.steps
         start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
-        self.face = OnSurface(rays.tile, kinds.Int(0), rays.u, rays.v, start, kinds.Float(1))
+        self.face = SurfacePoint(rays.tile, kinds.Int(0), rays.u, rays.v, start, kinds.Float(1))
         self.per_metre = 1.0 / texel.period[0], 1.0 / texel.period[1]
         dr.eval(self.lattice, self.steps, self.part, start)
 
-    def place(self, on: Any) -> OnSurface:
+    def place(self, on: Any) -> SurfacePoint:
         """Points of the rays at a distance `on` [m] behind the face of the layer."""
         return self.face.moved(-on, self.rays.to_eye, self.per_metre)
 
-    def light(self, here: OnSurface) -> list[Any]:
+    def light(self, here: SurfacePoint) -> list[Any]:
         """Density times the light that the elements at a place reflect: body and interface of every population."""
         way = self.rays.to_lamp
-        depth, _ = self.textures.through(self.box, self.row, here, way, FAR, self.tau)
+        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, FAR, self.tau)
         arrived, radiance = dr.exp(-depth), []
         densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
@@ -141,7 +141,7 @@ def _through(layer: Layer) -> tuple[Any, list[Any]]:
         here = layer.place((k + 0.5) * layer.part)
         density = layer.textures.density(layer.lattice, here)
         depth = tau * density * layer.part
-        if depth > THINNEST:
+        if depth > NEGLIGIBLE_OPTICAL_DEPTH:
             if dr.hint(len(layer.materials) > 0, mode="scalar"):
                 gain = dr.exp(-tau * passed) * (1.0 - dr.exp(-depth)) / density
                 sent = _added(sent, gain, layer.light(here))

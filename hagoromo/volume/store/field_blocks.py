@@ -18,7 +18,7 @@ from hagoromo.volume.store.fill_bricks import bricks_from_field, candidates
 from hagoromo.volume.table import BLOCK, in_table_order
 from hagoromo.volume.voxels import BRICK
 
-AT_ONCE = 1 << 12  # bricks evaluated together, but no less than a block
+BRICKS_AT_ONCE = 1 << 12  # bricks evaluated together, but no less than a block
 SHAPES = {"density": (), "axis": (3,), "body_colour": (4,), "material": ()}  # of a voxel
 INNER = BRICK**3  # voxels of a brick that it does not share with those before it
 
@@ -54,7 +54,7 @@ class FieldBlocks:
             return []
         blocks = np.array(list(self._ranges), np.int32)
         starts = np.array([begin for begin, _ in self._ranges.values()])
-        groups = np.flatnonzero(np.diff(starts // AT_ONCE, prepend=-1))
+        groups = np.flatnonzero(np.diff(starts // BRICKS_AT_ONCE, prepend=-1))
         return np.split(blocks, groups[1:])
 
     def read(self, part: NDArray[np.integer]) -> Iterator[tuple[Block, dict[str, NDArray]]]:

@@ -31,7 +31,7 @@ from hagoromo.volume.store.zarr_blocks import Tile, ZarrBlocks, in_order
 from hagoromo.volume.table import BLOCK
 from hagoromo.volume.voxels import BRICK
 
-AT_ONCE = 1 << 12  # bricks sent to the device together, or a few more
+BRICKS_AT_ONCE = 1 << 12  # bricks sent to the device together, or a few more
 Values = dict[str, NDArray]  # by array
 Layers = dict[Tile, Future[dict[tuple[int, ...], Values]]]  # what others share of a tile, by OFFSETS from them to it
 
@@ -141,12 +141,12 @@ def _check_nothing_lost(source: ZarrBlocks, tile: Tile, density: NDArray, places
 
 
 def _gathered(blocks: Iterator[tuple[int, Values]]) -> Iterator[tuple[int, Values]]:
-    """Blocks that follow each other, last first, put together into AT_ONCE bricks."""
+    """Blocks that follow each other, last first, put together into BRICKS_AT_ONCE bricks."""
     held: list[Values] = []
     begin = count = 0
     for first, values in blocks:
         bricks = len(values["density"])
-        if held and (first + bricks != begin or count >= AT_ONCE):
+        if held and (first + bricks != begin or count >= BRICKS_AT_ONCE):
             yield begin, _joined(held)
             held, count = [], 0
         held.append(values)
