@@ -1,7 +1,6 @@
 """Photograph a ball by a simulated camera under three lamps, and measure its reflectance from the photographs."""
 
 import hagoromo as hg
-from hagoromo.image.simulate import simulate
 
 # A glazed ball of 6 cm; α, β in 1/sr, γ in rad.
 glaze = hg.Reflectance(0.10, 1.5, 0.18, 1.5, body_colour=hg.Spectrum([400, 550, 700], [0.4, 0.9, 1.3]), name="glaze")
@@ -12,7 +11,7 @@ camera = hg.Camera.preset("canon_eos_kiss_digital", binning=8).look_at(eye=(0.0,
 white = hg.Spectrum.named("D65")
 lamps = [hg.Lamp(position=place, spectrum=white) for place in ((0.2, -0.8, 0.3), (0.0, -0.2, 0.9), (0.0, 0.4, -0.8))]
 
-capture = simulate(hg.Scene(camera, tuple(lamps), surfaces=(ball,)), name="ball")
+capture = hg.simulate(hg.Scene(camera, tuple(lamps), surfaces=(ball,)), name="ball")
 material = hg.measure(capture).materials[0]
 
 # A measured body colour has a mean of 1 over the channels, so alpha is that of the glaze times its mean colour.

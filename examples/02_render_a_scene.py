@@ -6,7 +6,6 @@ from pathlib import Path
 import drjit as dr
 
 import hagoromo as hg
-from hagoromo.image.settings import Settings
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples")
 folder.mkdir(parents=True, exist_ok=True)
@@ -35,5 +34,5 @@ scene = hg.Scene(
     boxes=(box,),
     surfaces=(hg.Surface.floor(0.0, 2.0, grey),),
 )
-image = hg.render(scene, Settings(samples=2))
+image = hg.render(scene, hg.Settings(samples=2))
 print(*image.save(folder / "image.exr", scene.camera.response, force=True))

@@ -34,11 +34,13 @@ class Image:
     A weight is radiance per unit of lamp spectrum and colour [1/m² for a lamp intensity of 1].
     metadata: scene, settings, seed and version that made it.
 
-    >>> red = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum([400, 600, 700], [0, 0, 1]))
+    >>> reddish = hg.Spectrum([400, 600, 700], [0, 0, 1])
+    >>> red = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=reddish)
     >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
     >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=red)
     >>> image = hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0)),), surfaces=(ball,)))
-    >>> day, bulb = (image.expose(hg.Response.load("canon_eos_300d"), [hg.Spectrum.named(name)]) for name in ("D65", "A"))
+    >>> response = hg.Response.load("canon_eos_300d")
+    >>> day, bulb = (image.expose(response, [hg.Spectrum.named(name)]) for name in ("D65", "A"))
     >>> day.shape, bool(bulb[3, 4, 0] > day[3, 4, 0] > day[3, 4, 1])  # another lamp without another render
     ((7, 9, 3), True)
     """

@@ -1,5 +1,6 @@
 """Every example runs as it stands and says what it promises."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,14 @@ SAID = {
     "03_through_another_camera.py": ["canon_eos_300d", "Nikon", "R/G"],
     "04_preview.py": ["pixels after", "100% of the work", "preview.exr"],
 }
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_an_example_uses_public_names_only(name):
+    tree = ast.parse((EXAMPLES / name).read_text(encoding="utf-8"))
+    modules = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    modules += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    assert [module for module in modules if module.startswith("hagoromo")] == ["hagoromo"]
 
 
 def test_every_example_is_run():

@@ -28,6 +28,11 @@ def blocks() -> list[tuple[str, str]]:
     return re.findall(r"^```(sh|python)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
 
 
+def test_the_python_of_the_page_uses_public_names_only():
+    code = "\n".join(block for language, block in blocks() if language == "python")
+    assert code and set(re.findall(r"^(?:from|import) (hagoromo\S*)", code, re.MULTILINE)) == {"hagoromo"}
+
+
 def run(name: str, arguments: list[str]) -> None:
     """What a shell would have run, in this process: importing everything anew would take most of the time."""
     if name == "hagoromo":

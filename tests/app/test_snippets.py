@@ -1,0 +1,70 @@
+"""Every Python snippet of README and docs runs as it stands, beside a small capture and a scene.toml."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import hagoromo as hg
+
+ROOT = Path(__file__).parents[2]
+ELSEWHERE = ("tutorial.md",)  # runs with its commands, in test_tutorial.py
+SCENE = """
+[camera]
+preset = "canon_eos_kiss_digital"
+binning = 32
+eye = [0.0, -0.4, 0.0]
+
+[[lamp]]
+name = "key"
+position = [0.2, -0.8, 0.3]
+spectrum = "D65"
+
+[[lamp]]
+name = "top"
+position = [0.0, -0.2, 0.9]
+spectrum = "D65"
+
+[[lamp]]
+name = "rim"
+position = [0.0, 0.4, -0.8]
+spectrum = "D65"
+
+[[surface]]
+name = "ball"
+shape = "sphere"
+scale = 0.03
+reflectance = {alpha = 0.1, beta = 1.5, gamma = 0.18, n = 1.5, body_colour = 0.8}
+"""
+
+
+def snippets(page: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+PAGES = [
+    page
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    if page.name not in ELSEWHERE and snippets(page)
+]
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """A folder with scene.toml and capture/, photographs of that scene."""
+    folder = tmp_path_factory.mktemp("snippets")
+    (folder / "scene.toml").write_text(SCENE)
+    hg.simulate(folder / "scene.toml", name="ball").save(folder / "capture")
+    return folder
+
+
+def test_the_readme_has_a_snippet():
+    assert ROOT / "README.md" in PAGES
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_the_snippets_of_a_page_run(page, home, monkeypatch):
+    monkeypatch.chdir(home)
+    names = {}
+    for snippet in snippets(page):
+        exec(compile(snippet, str(page), "exec"), names)
