@@ -11,8 +11,8 @@ FOLDER = Path(__file__).parents[1] / "schemas"
 MARK = "<!-- schemas -->"
 HEAD = """## JSON Schemas { #schemas }
 
-Each file has a schema, made from the records that the program reads and writes. An editor checks a file by it: in TOML by
-a first line `#:schema PATH`.
+Each file has a schema, made from the records that the program reads and writes. An editor checks a file by it: in TOML
+by a first line `#:schema PATH`.
 
 | schema | of |
 |---|---|"""

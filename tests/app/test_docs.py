@@ -55,15 +55,6 @@ def test_equations_are_drawn(site):
     assert page.count('class="equation"') > 20 and "arithmatex" not in page
 
 
-@pytest.mark.parametrize("page", ["appearance_researcher", "colour_scientist"])
-def test_the_snippets_of_a_how_to_run(page):
-    text = (ROOT / "docs" / "howto" / f"{page}.md").read_text(encoding="utf-8")
-    snippets = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    assert snippets
-    for snippet in snippets:
-        exec(compile(snippet, page, "exec"), {})
-
-
 def test_citations_of_the_model_lead_to_its_sections():
     """Every "MODEL §n" in the code, the tests and the benchmarks is a heading "§n" of docs/model with its anchor."""
     sections = {}
