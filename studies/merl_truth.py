@@ -11,18 +11,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import number, numbers, positive, read_json, take, text
+from hagoromo.files.record import ForeignRecord, Positive, Vector, decode, read_json
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.torrance_sparrow import Cosines
 
-three = numbers(3)
-SGD = {
-    "name": text, "rhoD": three, "rhoS": three, "alpha": three, "p": three, "f0": three, "f1": three, "kap": three,
-    "lambda": three, "c": three, "k": three, "theta0": three,
-}  # fmt: skip
-ABC = {"name": text, "kD": three, "A": three, "B": positive, "C": number, "ior": positive}
+
+class ShiftedGammaRecord(ForeignRecord, frozen=True, rename={"lambda_": "lambda"}):
+    """A material of merl_sgd.json; three numbers: red, green, blue."""
+
+    name: str
+    rhoD: Vector
+    rhoS: Vector
+    alpha: Vector
+    p: Vector
+    f0: Vector
+    f1: Vector
+    kap: Vector
+    lambda_: Vector
+    c: Vector
+    k: Vector
+    theta0: Vector
+
+
+class AbcRecord(ForeignRecord, frozen=True):
+    """A material of merl_abc.json; three numbers: red, green, blue."""
+
+    name: str
+    kD: Vector
+    A: Vector
+    B: Positive
+    C: float
+    ior: Positive
+
 
 Truth = Callable[[Cosines], Array]
 
@@ -31,8 +54,8 @@ def read_truths(folder: str | Path) -> dict[str, dict[str, Truth]]:
     """The fits in `folder`, which has merl_sgd.json and merl_abc.json: kind of fit → material → its reflectance."""
     home = Path(folder)
     return {
-        "shifted gamma": _read(home / "merl_sgd.json", SGD, shifted_gamma),
-        "ABC": _read(home / "merl_abc.json", ABC, abc),
+        "shifted gamma": _read(home / "merl_sgd.json", ShiftedGammaRecord, shifted_gamma),
+        "ABC": _read(home / "merl_abc.json", AbcRecord, abc),
     }
 
 
@@ -46,7 +69,7 @@ def shifted_gamma(of: dict[str, Array], at: Cosines) -> Array:
     def unmasked(cosine: Array) -> Array:
         beyond = np.maximum(np.arccos(cosine) - of["theta0"], 0.0)
         with np.errstate(over="ignore"):  # c reaches 1e38, where nothing is left beyond θ₀
-            return np.clip(1.0 + of["lambda"] * (1.0 - np.exp(of["c"] * beyond ** of["k"])), 0.0, 1.0)
+            return np.clip(1.0 + of["lambda_"] * (1.0 - np.exp(of["c"] * beyond ** of["k"])), 0.0, 1.0)
 
     interface = density * fresnel * unmasked(at.incidence) * unmasked(at.view) / at.view
     return (of["rhoD"] * at.incidence + of["rhoS"] * interface) / np.pi
@@ -62,13 +85,13 @@ def abc(of: dict[str, Any], at: Cosines) -> Array:
     return (of["kD"] * at.incidence + density * fresnel * masking / at.view) / np.pi
 
 
-def _read(path: Path, spec: dict[str, Any], model: Callable[[dict[str, Any], Cosines], Array]) -> dict[str, Truth]:
+def _read(path: Path, kind: type[ForeignRecord], model: Callable[[dict[str, Any], Cosines], Array]) -> dict[str, Truth]:
     record = read_json(path)
     if not isinstance(record, list) or not record:
         raise InputError(f"{path} must be a list of materials: given {type(record).__name__}")
     found: dict[str, Truth] = {}
     for i, entry in enumerate(record):
-        fields = take(entry, spec, f"{path} material {i + 1}", strict=False)
-        of = {key: np.array(value) if isinstance(value, (tuple, list)) else value for key, value in fields.items()}
+        fields = structs.asdict(decode(entry, kind, f"{path} material {i + 1}"))
+        of = {key: np.array(value) if isinstance(value, tuple) else value for key, value in fields.items()}
         found[fields["name"]] = lambda at, of=of: model(of, at)
     return found

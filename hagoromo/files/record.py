@@ -1,43 +1,192 @@
-"""Records: TOML and JSON text as plain dictionaries, and the checks that each key passes.
+"""Records: TOML and JSON text → plain data → typed records, and the one line that says what is wrong with them.
 
-A key is described by its kind, a function that returns the checked value or raises `ValueError` with what was wanted:
+A record is a `msgspec.Struct` whose fields state type, range, unit and meaning; the JSON Schemas are made from the same
+fields (`hagoromo.files.schema`).
 
-    take(table, {"voxel_size": positive, "name": (text, "box")}, "skin.toml [box]")
+    class Slab(Record, kw_only=True):
+        voxel_size: Annotated[Positive, about("edge of a voxel [m]")]
+        name: Annotated[str, about("what messages call it")] = "slab"
 
-makes `voxel_size` required and gives `name` a default.
+    decode(read_toml("slab.toml"), Slab, "slab.toml")
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+import operator
 import os
+import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType, inspect
 
 from hagoromo.errors import InputError
 from hagoromo.files.door import read_bytes
+from hagoromo.version import __version__
 
-Kind = Callable[[Any], Any]
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, lt=1)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Count = Annotated[int, Meta(ge=0, le=2**32 - 1)]
+Pair = tuple[float, float]
+Vector = tuple[float, float, float]
+Matrix = Annotated[tuple[float, ...], Meta(min_length=16, max_length=16)]  # 4 × 4, by rows
+REFERENCE = "#/$defs/"
+STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")  # of the paths in msgspec's messages, such as $.lamp[0].name
+
+
+def about(text: str) -> Meta:
+    """The meaning of a field, with its unit in brackets: the description in its JSON Schema."""
+    return Meta(description=text)
+
+
+def like(*records: type, **other: Any) -> Meta:
+    """The JSON Schema of a field of plain data that a later step decodes as one of `records`.
+
+    other: schemas that the data may have besides, by any name, such as `number={"type": "number"}`.
+    """
+    LATER.update({record.__name__: record for record in records})
+    schemas = [*other.values(), *({"$ref": REFERENCE + record.__name__} for record in records)]
+    return Meta(extra_json_schema=schemas[0] if len(schemas) == 1 else {"anyOf": schemas})
+
+
+R = TypeVar("R", bound="ForeignRecord")
+LATER: dict[str, type] = {}  # records named by `like`, for the schemas
+
+
+class ForeignRecord(msgspec.Struct, frozen=True):
+    """A table of a file that other programs write too: keys that it does not know are passed over.
+
+    version_key: where a file has the version of its format, "" for a table that has none of its own; files without it
+    are of version 1. newest_version: the newest one that can be read. old_names: name of a key in old files → its name.
+    takes_null: whether null stands for a key that is left out.
+    """
+
+    version_key: ClassVar[str] = ""
+    newest_version: ClassVar[int] = 1
+    old_names: ClassVar[Mapping[str, str]] = {}
+    takes_null: ClassVar[bool] = False
+
+
+class Record(ForeignRecord, frozen=True, forbid_unknown_fields=True):
+    """A table of a file of our own: a key that it does not know is an error."""
+
+
+class Origin(ForeignRecord, frozen=True, kw_only=True):
+    """What wrote a file: the table `hagoromo` of the files that the package writes."""
+
+    format_version: Annotated[Count, about("version of the file's format; 1 where it is absent")] = 1
+    version: Annotated[str, about("version of the package that wrote the file")] = ""
+    settings: Annotated[dict[str, Any], about("settings that the result was made with")] = {}
+    seed: Annotated[Count | None, about("seed of the random numbers that the result was made with")] = None
+
+
+def origin(format_version: int = 1, **more: Any) -> dict[str, Any]:
+    """The table `hagoromo` of a file that this package writes; more: `settings`, `seed`."""
+    return {"format_version": format_version, "version": __version__, **more}
+
+
+def decode(data: Any, record: type[R], where: str) -> R:
+    """Plain data as a `record`. where: file and table, for the message.
+
+    `InputError` for a missing key, a value of another type or out of range, NaN or infinity, an unknown key of a
+    `Record`, and a file of a newer version of its format.
+    """
+    if isinstance(data, Mapping):
+        data = current(data, record, where)
+    for path, value in _numbers(data):
+        if not math.isfinite(value):
+            raise InputError(f"{_place(where, path)} must be a finite number: given {value}")
+    fields = () if getattr(record, "takes_null", True) else record.__struct_fields__
+    for key in fields if isinstance(data, dict) else ():
+        if data.get(key, UNSET) is None:
+            raise InputError(_refused((key,), data, record, where))
+    try:
+        return msgspec.convert(data, record)
+    except msgspec.ValidationError as error:
+        raise InputError(_explained(str(error), data, record, where)) from error
+
+
+def decode_one(data: Any, records: tuple[type[R], ...], where: str) -> R:
+    """Plain data as that of several records which it names by a key, such as `form = "sphere"`; see `decode`."""
+    return decode(data, functools.reduce(operator.or_, records), where)
+
+
+def current(data: Mapping[str, Any], record: type, where: str) -> dict[str, Any]:
+    """The table with its old keys renamed, its version checked."""
+    old = getattr(record, "old_names", {})
+    renamed: dict[str, Any] = {}
+    for key, value in data.items():
+        name = old.get(key, key)
+        if name in renamed:
+            raise InputError(f"{where} has {name!r} twice, once by its old name: keep one")
+        renamed[name] = value
+    version: Any = renamed
+    for key in filter(None, getattr(record, "version_key", "").split(".")):
+        version = version.get(key, 1) if isinstance(version, Mapping) else version
+    newest = getattr(record, "newest_version", 1)
+    if type(version) is int and version > newest:
+        raise InputError(f"{where} has format version {version}: this package reads up to {newest}, update Hagoromo")
+    return renamed
+
+
+def one_of(*names: str) -> Meta:
+    """One of these texts; an editor offers them in this order."""
+    pattern = "^(?:" + "|".join(map(re.escape, names)) + ")$"
+    return Meta(pattern=pattern, extra_json_schema={"enum": list(names)})
+
+
+def optional(name: str, source: type) -> Any:
+    """A record whose fields are those of `source` (a record or a NamedTuple), each of which may be left out.
+
+    See `given` for those that a table has.
+    """
+    hints = get_type_hints(source, include_extras=True)
+    names = getattr(source, "_fields", None) or getattr(source, "__struct_fields__", ())
+    fields = [(key, hints[key] | UnsetType, UNSET) for key in names]
+    made = msgspec.defstruct(name, fields, bases=(Record,), frozen=True, kw_only=True)
+    made.__doc__ = source.__doc__
+    return made
+
+
+def extended(name: str, base: type, source: type) -> Any:
+    """The record `base` with the fields of a NamedTuple and their defaults besides."""
+    hints, defaults = get_type_hints(source, include_extras=True), getattr(source, "_field_defaults", {})
+    made = msgspec.defstruct(
+        name, [(key, hints[key], value) for key, value in defaults.items()], bases=(base,), frozen=True, kw_only=True
+    )
+    made.__doc__ = base.__doc__
+    return made
+
+
+def given(record: Any) -> dict[str, Any]:
+    """The fields of an `optional` record that its table has."""
+    values = {name: getattr(record, name) for name in record.__struct_fields__}
+    return {name: value for name, value in values.items() if value is not UNSET}
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The tables of a TOML file; `InputError` when it is missing or no TOML."""
+    """The tables of a TOML file; `InputError` when it is missing or not valid TOML."""
     try:
         return tomllib.loads(read_bytes(path).decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path} is no TOML: {error}") from error
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not valid TOML: {_first_line(error)}") from error
 
 
 def read_json(path: str | Path) -> Any:
-    """The object in a JSON file; `InputError` when it is missing, no JSON, or holds NaN or Infinity."""
+    """The object in a JSON file; `InputError` when it is missing, not valid JSON, or holds NaN or Infinity."""
     data = read_bytes(path)
     try:
         return json.loads(data.decode("utf-8-sig"), parse_constant=_refuse)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON, it may be cut off: {error}") from error
+        raise InputError(f"{path} is not valid JSON, it may be cut off: {_first_line(error)}") from error
 
 
 def write_json(path: str | Path, record: Any) -> None:
@@ -49,29 +198,6 @@ def write_json(path: str | Path, record: Any) -> None:
     Path(path).write_text(text + "\n", encoding="utf-8")
 
 
-def take(record: Any, spec: Mapping[str, Kind | tuple[Kind, Any]], where: str, strict: bool = True) -> dict[str, Any]:
-    """The keys of `spec`, checked, with defaults filled in; a default is given as it is.
-
-    spec: key → kind for a required key, (kind, default) for another. where: file and table, for the message.
-    `InputError` for a missing key, a value not of its kind and, unless `strict` is off, an unknown key.
-    """
-    if not isinstance(record, Mapping):
-        raise InputError(f"{where} must be a table of keys: given {_shown(record)}")
-    unknown = [key for key in record if key not in spec]
-    if unknown and strict:
-        raise InputError(f"{where} has the unknown key {unknown[0]!r}: known are {', '.join(spec)}")
-    taken = {}
-    for key, entry in spec.items():
-        kind, default = entry if isinstance(entry, tuple) else (entry, None)
-        if key in record:
-            taken[key] = _checked(kind, record[key], f"{where}: {key}")
-        elif isinstance(entry, tuple):
-            taken[key] = default
-        else:
-            raise InputError(f"{where} lacks the key {key!r}: add it")
-    return taken
-
-
 def inside(folder: str | Path, relative: str) -> Path:
     """`relative`, a path that a file in `folder` names; `InputError` when it leads out of `folder`."""
     path = os.path.normpath(relative)
@@ -80,103 +206,153 @@ def inside(folder: str | Path, relative: str) -> Path:
     return Path(folder) / path
 
 
-def number(value: Any) -> float:
-    """A finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError("a finite number")
-    return float(value)
+Steps = tuple[str | int, ...]
 
 
-def positive(value: Any) -> float:
-    """A finite number above 0."""
-    if number(value) <= 0:
-        raise ValueError("a number above 0")
-    return float(value)
+def _explained(message: str, data: Any, record: type, where: str) -> str:
+    """msgspec's message in words: only its path and the name of a key are taken, all else is known from the record."""
+    text, _, path = message.partition(" - at `$")
+    steps: Steps = tuple(
+        name or (int(index) if index.isdigit() else index) for name, index in STEP.findall(path.rstrip("`"))
+    )
+    key = re.fullmatch(r"Object (contains unknown|missing required) field `(.*)`", text)
+    if key:
+        place, at = _place(where, steps), _type_at(record, data, steps)
+        if key[1].startswith("missing"):
+            return f"{place} lacks the key {key[2]!r}: add it"
+        return f"{place} has the unknown key {key[2]!r}: known are {', '.join(_keys(at))}"
+    if not re.match("Expected|Invalid|Number out|Integer value", text):
+        return f"{_place(where, steps)}: {text}"  # by a record's own check
+    while steps and not isinstance(steps[-1], str) and not _is_table(_type_at(record, data, steps)):
+        steps = steps[:-1]  # a list of plain values is judged as a whole
+    return _refused(steps, data, record, where)
 
 
-def count(value: Any) -> int:
-    """A whole number, 0 or more."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError("a whole number, 0 or more")
-    return value
+def _refused(steps: Steps, data: Any, record: type, where: str) -> str:
+    shown = repr(_value_at(data, steps))
+    wanted = _wanted(_type_at(record, data, steps))
+    return f"{_place(where, steps)} must be {wanted}: given {shown if len(shown) <= 60 else shown[:57] + '...'}"
 
 
-def text(value: Any) -> str:
-    """A string."""
-    if not isinstance(value, str):
-        raise ValueError("a text")
-    return value
+def _place(where: str, steps: Steps) -> str:
+    path = "".join(f"[{step}]" if isinstance(step, int) or step == "..." else f".{step}" for step in steps)
+    return f"{where}: {path.lstrip('.')}" if path else where
 
 
-def flag(value: Any) -> bool:
-    """True or false."""
-    if not isinstance(value, bool):
-        raise ValueError("true or false")
-    return value
-
-
-def table(value: Any) -> dict[str, Any]:
-    """A table of keys, to be taken apart in its turn."""
-    if not isinstance(value, dict):
-        raise ValueError("a table of keys")
-    return value
-
-
-def anything(value: Any) -> Any:
-    """A value that another door checks."""
-    return value
-
-
-def numbers(length: int | None = None) -> Kind:
-    """Kind: a list of `length` finite numbers (of any length for None), given back as a tuple."""
-    wanted = f"a list of {'' if length is None else f'{length} '}finite numbers"
-
-    def check(value: Any) -> tuple[float, ...]:
-        if not isinstance(value, (list, tuple)) or (length is not None and len(value) != length):
-            raise ValueError(wanted)
+def _value_at(data: Any, steps: Steps) -> Any:
+    for step in steps:
         try:
-            return tuple(number(entry) for entry in value)
-        except ValueError as error:
-            raise ValueError(wanted) from error
-
-    return check
-
-
-def one_of(*names: str) -> Kind:
-    """Kind: one of `names`."""
-
-    def check(value: Any) -> str:
-        if not isinstance(value, str) or value not in names:
-            raise ValueError("one of " + ", ".join(names))
-        return value
-
-    return check
+            data = data[step]
+        except (KeyError, IndexError, TypeError):
+            return data
+    return data
 
 
-def list_of(kind: Kind) -> Kind:
-    """Kind: a list whose entries are each of `kind`."""
+def _type_at(record: type, data: Any, steps: Steps) -> inspect.Type:
+    """The type of a record's part."""
+    kind = _bare(inspect.type_info(record), data)
+    for i, step in enumerate(steps):
+        here = _value_at(data, steps[: i + 1])
+        if isinstance(kind, inspect.StructType):
+            fields = {field.encode_name: field.type for field in kind.fields}
+            if step not in fields:  # the key that tells which record of a union it is
+                return inspect.LiteralType((kind.tag,))
+            kind = fields[str(step)]
+        elif isinstance(kind, inspect.UnionType):  # of records, by a key that none of them has
+            return inspect.LiteralType(tuple(one.tag for one in kind.types if isinstance(one, inspect.StructType)))
+        elif isinstance(kind, inspect.TupleType):
+            kind = kind.item_types[int(step)]
+        elif isinstance(kind, inspect.DictType):
+            kind = kind.value_type
+        else:
+            kind = getattr(kind, "item_type", kind)
+        kind = _bare(kind, here)
+    return kind
 
-    def check(value: Any) -> list[Any]:
-        if not isinstance(value, list):
-            raise ValueError("a list")
-        return [kind(entry) for entry in value]
 
-    return check
+def _bare(kind: inspect.Type, data: Any) -> inspect.Type:
+    """Without descriptions and, where a value may be one of several things, the one that `data` looks like."""
+    while isinstance(kind, inspect.Metadata):
+        kind = kind.type
+    if not isinstance(kind, inspect.UnionType):
+        return kind
+    types = [_bare(one, data) for one in kind.types if not isinstance(one, inspect.NoneType)]
+    tables = [one for one in types if isinstance(one, inspect.StructType)]
+    if isinstance(data, Mapping) and tables:
+        named = [one for one in tables if one.tag is not None and data.get(str(one.tag_field)) == one.tag]
+        types = named or tables
+    elif isinstance(data, (list, tuple)):
+        types = [one for one in types if _is_list(one)] or types
+    return types[0] if len(types) == 1 else inspect.UnionType(tuple(types))
 
 
-def _checked(kind: Kind, value: Any, where: str) -> Any:
-    try:
-        return kind(value)
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(f"{where} must be {error}: given {_shown(value)}") from error
+def _is_list(kind: inspect.Type) -> bool:
+    return isinstance(kind, (inspect.ListType, inspect.VarTupleType, inspect.TupleType))
 
 
-def _shown(value: Any) -> str:
-    shown = repr(value)
-    return shown if len(shown) <= 60 else shown[:57] + "..."
+def _is_table(kind: inspect.Type) -> bool:
+    return isinstance(kind, (inspect.StructType, inspect.DictType, inspect.UnionType))
+
+
+def _keys(kind: inspect.Type) -> list[str]:
+    if not isinstance(kind, inspect.StructType):
+        return []
+    return [*([str(kind.tag_field)] if kind.tag_field else []), *(field.encode_name for field in kind.fields)]
+
+
+def _wanted(kind: inspect.Type) -> str:
+    """What a value of a type is, in words."""
+    if isinstance(kind, (inspect.FloatType, inspect.IntType)):
+        return ("a whole number" if isinstance(kind, inspect.IntType) else "a finite number") + _range(kind)
+    if isinstance(kind, inspect.LiteralType):
+        return "one of " + ", ".join(str(value) for value in kind.values)
+    if isinstance(kind, inspect.UnionType):
+        return " or ".join(dict.fromkeys(_wanted(one) for one in kind.types))
+    if isinstance(kind, inspect.TupleType):
+        return f"a list of {len(kind.item_types)} {_plural(kind.item_types[0])}"
+    if isinstance(kind, (inspect.ListType, inspect.VarTupleType)):
+        least, most = kind.min_length, kind.max_length
+        count = "" if not least else f"{least} " if least == most else f"{least} or more "
+        return f"a list of {count}{_plural(kind.item_type)}"
+    if isinstance(kind, inspect.StrType) and kind.pattern:
+        return "one of " + ", ".join(name.replace("\\", "") for name in kind.pattern[4:-2].split("|"))
+    names = {inspect.StrType: "a text", inspect.BoolType: "true or false"}
+    return names.get(type(kind), "a table of keys")
+
+
+def _plural(kind: inspect.Type) -> str:
+    bare = _bare(kind, None)
+    words = {inspect.FloatType: "finite numbers", inspect.IntType: "whole numbers", inspect.StrType: "texts"}
+    if isinstance(bare, (inspect.FloatType, inspect.IntType)):
+        return words[type(bare)] + _range(bare)
+    return words.get(type(bare), "lists" if _is_list(bare) else "tables")
+
+
+def _range(kind: Any) -> str:
+    low = f" above {kind.gt:g}" if kind.gt is not None else "" if kind.ge is None else f" from {kind.ge:g}"
+    if kind.lt is not None:
+        return f"{low} to below {kind.lt:g}"
+    if kind.le is not None and kind.le < 2**32 - 1:
+        return f"{low} to {kind.le:g}"
+    return f", {kind.ge:g} or more" if kind.ge is not None else low
+
+
+def _numbers(data: Any) -> Iterator[tuple[Steps, float]]:
+    """All numbers with a fraction in plain data, with their paths; without recursion, as files may nest deeply."""
+    stack: list[tuple[Steps, Any]] = [((), data)]
+    while stack:
+        path, value = stack.pop()
+        if isinstance(value, float):
+            yield path, value
+        elif isinstance(value, Mapping):
+            stack.extend(((*path, str(key)), part) for key, part in value.items())
+        elif isinstance(value, (list, tuple)):
+            stack.extend(((*path, index), part) for index, part in enumerate(value))
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no JSON number")
+    raise ValueError(f"{constant} is no number of JSON")

@@ -19,9 +19,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import PRESETS, Camera
@@ -29,54 +30,107 @@ from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import (
-    anything,
-    count,
-    flag,
+    Count,
+    Matrix,
+    Pair,
+    Positive,
+    Record,
+    Vector,
+    about,
+    decode,
     inside,
-    list_of,
-    number,
-    numbers,
+    like,
     one_of,
-    positive,
     read_toml,
-    table,
-    take,
-    text,
 )
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.matter.build import build
-from hagoromo.photograph.transforms import lamp_from_record, sensor_from_record
-from hagoromo.reflectance.material.material_table import reflectance_from_table
+from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
+from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import load_box
 
 NOWHERE = (0.0, 0.0, 0.0)
-SCENE = {
-    "camera": table, "lamp": (list_of(table), []), "box": (list_of(table), []), "surface": (list_of(table), []),
-    "render": (table, {}),
-}  # fmt: skip
-CAMERA = {
-    "preset": (one_of(*PRESETS), None), "focal_mm": (positive, 55.0), "file": (text, None),
-    "size": (numbers(2), None), "focal": (numbers(2), None), "principal": (numbers(2), None),
-    "distortion": (numbers(), (0.0,) * 8), "binning": (count, 1), "eye": (numbers(3), None),
-    "target": (numbers(3), NOWHERE), "up": (numbers(3), (0.0, 0.0, 1.0)), "world_to_camera": (numbers(16), None),
-    "response": (text, None), "sensor": (table, None), "name": (text, None),
-}  # fmt: skip
-PLACE = {"position": (numbers(3), None), "rotation_deg": (numbers(3), None), "pose": (numbers(16), None)}
-BOX = {
-    "file": (text, None), "recipe": (text, None), "tau": (positive, None), "materials": (list_of(table), None),
-    "name": (text, None), **PLACE,
-}  # fmt: skip
-SURFACE = {
-    "shape": (one_of(*SHAPES), None), "mesh": (text, None), "smooth": (flag, True), "scale": (anything, 1.0),
-    "reflectance": table, "name": (text, ""), **PLACE,
-}  # fmt: skip
-RENDER = {
-    "samples": count, "shadows": one_of(*SHADOWS), "shadow_resolution": count,
-    "tolerance": number, "seed": count,
-}  # fmt: skip
+
+
+class SceneCamera(Record, frozen=True, kw_only=True):
+    """The camera of a scene: one of `preset`, `file` or `size`; and either `eye` or `world_to_camera`."""
+
+    preset: Annotated[Annotated[str, one_of(*PRESETS)] | None, about("a known camera")] = None
+    focal_mm: Annotated[Positive, about("focal length of the preset's lens [mm]")] = 55.0
+    file: Annotated[str | None, about("camera.json of `calibrate camera`")] = None
+    size: Annotated[Pair | None, about("[width, height] of the image [px]")] = None
+    focal: Annotated[Pair | None, about("focal lengths [α_x, α_y] [px], with size")] = None
+    principal: Annotated[Pair | None, about("principal point [x, y] [px]; default: the middle")] = None
+    distortion: Annotated[tuple[float, ...], about("4, 5 or 8 coefficients of OpenCV")] = (0.0,) * 8
+    binning: Annotated[Count, about("pixels along each axis that are taken together")] = 1
+    eye: Annotated[Vector | None, about("position of the camera, world axes [m]")] = None
+    target: Annotated[Vector, about("point that the camera looks at, world axes [m]")] = NOWHERE
+    up: Annotated[Vector, about("direction that is up in the image, world axes")] = (0.0, 0.0, 1.0)
+    world_to_camera: Annotated[Matrix | None, about("pose in OpenCV's axes, 4 × 4 by rows [m]")] = None
+    response: Annotated[str | None, about("spectral response: a name or a CSV file")] = None
+    sensor: Annotated[dict[str, Any] | None, like(SensorRecord), about("the sensor, for simulated photographs")] = None
+    name: Annotated[str | None, about("name of the camera")] = None
+
+
+class Place(Record, frozen=True, kw_only=True):
+    """Where a thing stands: `position` and `rotation_deg`, or `pose`."""
+
+    position: Annotated[Vector | None, about("shift, world axes [m]")] = None
+    rotation_deg: Annotated[Vector | None, about("turns about x, then y, then z [°]")] = None
+    pose: Annotated[Matrix | None, about("4 × 4 by rows [m], in place of position and rotation_deg")] = None
+
+
+class SceneBox(Place, frozen=True, kw_only=True):
+    """A volume box: a file, or a recipe that is built when the scene is loaded."""
+
+    file: Annotated[str | None, about("volume box, a folder such as cloth.zarr")] = None
+    recipe: Annotated[str | None, about("recipe, a file such as cloth.toml, in place of file")] = None
+    tau: Annotated[Positive | None, about("extinction coefficient where the density is 1 [1/m]")] = None
+    materials: Annotated[
+        list[Annotated[dict[str, Any], MATERIAL]] | None, about("materials in place of the box's own, in their order")
+    ] = None
+    name: Annotated[str | None, about("name of the box")] = None
+
+
+class SceneSurface(Place, frozen=True, kw_only=True):
+    """A surface: a shape of unit size, or a mesh."""
+
+    shape: Annotated[
+        Annotated[str, one_of(*SHAPES)] | None, about("shape of unit size, before its place and scale")
+    ] = None
+    mesh: Annotated[str | None, about("mesh file, in place of shape")] = None
+    smooth: Annotated[bool, about("whether normals of a mesh are interpolated")] = True
+    scale: Annotated[float | Vector, about("factor on the size, one number or one an axis")] = 1.0
+    reflectance: Annotated[dict[str, Any], MATERIAL, about("its reflectance")]
+    name: Annotated[str, about("name of the surface")] = ""
+
+
+class RenderRecord(Record, frozen=True, kw_only=True):
+    """How a scene is rendered."""
+
+    samples: Annotated[Count, about("rays a pixel")] = Settings.samples
+    shadows: Annotated[str, one_of(*SHADOWS), about("how shadows are found")] = Settings.shadows
+    shadow_resolution: Annotated[Count | None, about("texels a side of a shadow map; default: fitting")] = None
+    tolerance: Annotated[float, about("error of the picture, root mean square over its mean, 1e-4…1")] = (
+        Settings.tolerance
+    )
+    seed: Annotated[Count, about("seed of the random numbers")] = Settings.seed
+
+
+class SceneRecord(Record, frozen=True, kw_only=True):
+    """A scene: camera, lamps, volume boxes, surfaces; metres, paths inside the folder of the file."""
+
+    version_key = "format_version"
+
+    camera: Annotated[dict[str, Any], like(SceneCamera), about("the camera")]
+    lamp: Annotated[list[Annotated[dict[str, Any], like(LampRecord)]], about("the lamps")] = []
+    box: Annotated[list[Annotated[dict[str, Any], like(SceneBox)]], about("the volume boxes")] = []
+    surface: Annotated[list[Annotated[dict[str, Any], like(SceneSurface)]], about("the surfaces")] = []
+    render: Annotated[dict[str, Any], like(RenderRecord), about("how the scene is rendered")] = {}
+    format_version: Annotated[Count, about("version of the format of scene files")] = 1
 
 
 def load_scene(path: str | Path) -> tuple[Scene, Settings]:
@@ -85,16 +139,15 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
     `InputError` names the file, the table and the key that is wrong; an unknown key together with the known ones.
     """
     path = Path(path)
-    record, folder = take(read_toml(path), SCENE, str(path)), path.parent
-    kinds = {key: (kind, getattr(Settings, key)) for key, kind in RENDER.items()}
+    record, folder = decode(read_toml(path), SceneRecord, str(path)), path.parent
     try:
         scene = Scene(
-            _camera(record["camera"], folder, f"{path} [camera]"),
-            tuple(lamp_from_record(one, folder, f"{path} lamp {i + 1}") for i, one in enumerate(record["lamp"])),
-            tuple(_box(one, folder, f"{path} box {i + 1}") for i, one in enumerate(record["box"])),
-            tuple(_surface(one, folder, f"{path} surface {i + 1}") for i, one in enumerate(record["surface"])),
+            _camera(record.camera, folder, f"{path} [camera]"),
+            tuple(lamp_from_record(one, folder, f"{path} lamp {i + 1}") for i, one in enumerate(record.lamp)),
+            tuple(_box(one, folder, f"{path} box {i + 1}") for i, one in enumerate(record.box)),
+            tuple(_surface(one, folder, f"{path} surface {i + 1}") for i, one in enumerate(record.surface)),
         )
-        return scene, Settings(**take(record["render"], kinds, f"{path} [render]"))
+        return scene, Settings(**structs.asdict(decode(record.render, RenderRecord, f"{path} [render]")))
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
 
@@ -108,73 +161,75 @@ def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = No
 
 
 def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:
-    key = take(record, CAMERA, where)
-    given = [name for name in ("preset", "file", "size") if key[name] is not None]
+    key = decode(record, SceneCamera, where)
+    given = [name for name in ("preset", "file", "size") if getattr(key, name) is not None]
     if len(given) != 1:
         raise InputError(f"{where}: give one of preset, file or size (with focal): given {', '.join(given) or 'none'}")
-    camera = _lens(key, given[0], folder, where)
-    if key["response"] is not None:
-        camera = replace(camera, response=Response.load(key["response"], folder))
-    if key["sensor"] is not None:
-        camera = replace(camera, sensor=sensor_from_record(key["sensor"], 16, 1.0, 100.0, where))
-    camera = replace(camera, name=key["name"] or camera.name).binned(key["binning"])
-    if (key["eye"] is None) == (key["world_to_camera"] is None):
+    camera = _lens(key, folder, where)
+    if key.response is not None:
+        camera = replace(camera, response=Response.load(key.response, folder))
+    if key.sensor is not None:
+        camera = replace(camera, sensor=sensor_from_record(key.sensor, 16, 1.0, 100.0, where))
+    camera = replace(camera, name=key.name or camera.name).binned(key.binning)
+    if (key.eye is None) == (key.world_to_camera is None):
         raise InputError(f"{where}: give either eye (with target and up) or world_to_camera")
-    if key["eye"] is not None:
-        return camera.look_at(key["eye"], key["target"], key["up"])
-    return camera.with_pose(np.reshape(key["world_to_camera"], (4, 4)))
+    if key.eye is not None:
+        return camera.look_at(key.eye, key.target, key.up)
+    return camera.with_pose(np.reshape(np.array(key.world_to_camera), (4, 4)))
 
 
-def _lens(key: dict[str, Any], given: str, folder: Path, where: str) -> Camera:
-    if given == "preset":
-        return Camera.preset(key["preset"], key["focal_mm"])
-    if given == "file":
-        return read_camera(inside(folder, key["file"]))
-    if key["focal"] is None:
+def _lens(key: SceneCamera, folder: Path, where: str) -> Camera:
+    if key.preset is not None:
+        return Camera.preset(key.preset, key.focal_mm)
+    if key.file is not None:
+        return read_camera(inside(folder, key.file))
+    if key.focal is None or key.size is None:
         raise InputError(f"{where}: size needs focal = [α_x, α_y] [px] beside it")
-    width, height = key["size"]
-    return Camera(width, height, key["focal"], key["principal"] or (width / 2, height / 2), key["distortion"])
+    width, height = key.size
+    return Camera(int(width), int(height), key.focal, key.principal or (width / 2, height / 2), key.distortion)
 
 
 def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
-    key = take(record, BOX, where)
-    if (key["file"] is None) == (key["recipe"] is None):
+    key = decode(record, SceneBox, where)
+    if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
-    box = load_box(inside(folder, key["file"])) if key["file"] else build(inside(folder, key["recipe"]))
-    box = replace(box, **{name: key[name] for name in ("tau", "name") if key[name] is not None})
-    if key["materials"] is not None:
+    box = load_box(inside(folder, key.file)) if key.file else build(inside(folder, key.recipe or ""))
+    stated = {"tau": key.tau, "name": key.name}
+    box = replace(box, **{name: value for name, value in stated.items() if value is not None})
+    if key.materials is not None:
         listed = [
             reflectance_from_table(material, folder, f"{where} material {i + 1}")
-            for i, material in enumerate(key["materials"])
+            for i, material in enumerate(key.materials)
         ]
         box = box.with_materials(listed)
     return box.with_pose(_pose(key, where) @ box.pose)
 
 
 def _surface(record: dict[str, Any], folder: Path, where: str) -> Surface:
-    key = take(record, SURFACE, where)
-    if (key["shape"] is None) == (key["mesh"] is None):
+    key = decode(record, SceneSurface, where)
+    if (key.shape is None) == (key.mesh is None):
         raise InputError(f"{where}: give either shape ({', '.join(SHAPES)}) or mesh (a file)")
-    scale = key["scale"] if isinstance(key["scale"], list) else [key["scale"]] * 3
-    scale = take({"scale": scale}, {"scale": numbers(3)}, where)["scale"]
+    scale = key.scale if isinstance(key.scale, tuple) else (key.scale,) * 3
     pose = _pose(key, where) @ np.diag([*scale, 1.0])
-    reflectance = reflectance_from_table(key["reflectance"], folder, f"{where} reflectance")
-    if key["mesh"] is None:
-        return Surface(reflectance, key["shape"], pose=pose, name=key["name"])
-    name = key["name"] or Path(key["mesh"]).stem
-    return Surface.from_file(inside(folder, key["mesh"]), reflectance, pose=pose, smooth=key["smooth"], name=name)
+    reflectance = reflectance_from_table(key.reflectance, folder, f"{where} reflectance")
+    if key.shape is not None:
+        return Surface(reflectance, key.shape, pose=pose, name=key.name)
+    mesh = str(key.mesh)
+    return Surface.from_file(
+        inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem
+    )
 
 
-def _pose(key: dict[str, Any], where: str) -> NDArray[np.float64]:
+def _pose(key: Place, where: str) -> NDArray[np.float64]:
     """(4, 4) of a place, without its scale."""
-    if key["pose"] is not None:
-        if key["position"] is not None or key["rotation_deg"] is not None:
+    if key.pose is not None:
+        if key.position is not None or key.rotation_deg is not None:
             raise InputError(f"{where}: pose says all: leave position and rotation_deg out")
-        return np.reshape(key["pose"], (4, 4))
+        return np.reshape(key.pose, (4, 4))
     pose = np.eye(4)
-    for axis, angle in enumerate(np.radians(key["rotation_deg"] or NOWHERE)):
+    for axis, angle in enumerate(np.radians(key.rotation_deg or NOWHERE)):
         turn, (i, j) = np.eye(4), ((axis + 1) % 3, (axis + 2) % 3)
         turn[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
         pose = turn @ pose
-    pose[:3, 3] = key["position"] or NOWHERE
+    pose[:3, 3] = key.position or NOWHERE
     return pose

@@ -10,19 +10,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import inside, numbers, take
+from hagoromo.files.record import Record, about, decode, inside, like
 from hagoromo.files.table import read_table
 from hagoromo.light.curves_plot import curves_png
 
 VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10)
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions
 WAVELENGTH_COLUMNS = ("wavelength_nm", "wavelength", "nm", "lambda")
+
+
+class SpectrumRecord(Record, frozen=True, kw_only=True):
+    """A spectrum: values at wavelengths, linear between them and 0 outside."""
+
+    wavelengths: Annotated[tuple[float, ...], about("wavelengths, increasing [nm]")]
+    values: Annotated[tuple[float, ...], about("value at each wavelength")]
+
+
+SOURCE = like(SpectrumRecord, number={"type": "number"}, name={"type": "string"})  # what `Spectrum.load` takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +110,8 @@ class Spectrum:
         if isinstance(source, (int, float)) and not isinstance(source, bool):
             return Spectrum.constant(source)
         if isinstance(source, Mapping):
-            return Spectrum(**take(source, {"wavelengths": numbers(), "values": numbers()}, "spectrum"))
+            record = decode(source, SpectrumRecord, "spectrum")
+            return Spectrum(record.wavelengths, record.values)
         if isinstance(source, (str, Path)):
             if str(source).lower().endswith(".csv"):
                 return Spectrum.from_csv(source if folder is None else inside(folder, str(source)))

@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hagoromo.errors import described
-from hagoromo.files.record import count, one_of, positive, read_toml, table, take, text
+from hagoromo.errors import InputError, described
+from hagoromo.files.record import ForeignRecord, decode, read_toml
 from hagoromo.files.whole import replaceable_folder
 from hagoromo.matter.fingerprint import fingerprint
 from hagoromo.matter.recipes.recipe import Recipe
@@ -25,10 +25,6 @@ from hagoromo.progress import Progress, silent
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.build_store import build_box
 from hagoromo.volume.store.plan import BoxPlan
-
-ALL = {
-    "kind": text, "material": table, "name": (text, ""), "seed": (count, 0), "resolution": (positive, 1.0),
-}  # fmt: skip
 
 
 def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -> VolumeBox:
@@ -71,10 +67,16 @@ def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path
         record, where, folder = read_toml(recipe), str(recipe), Path(recipe).parent
     else:
         record, where, folder = dict(recipe), "recipe", None
-    name = take(record, {"kind": one_of(*kind_names())}, where, strict=False)["kind"]
+    name = decode(record, _OfKind, where).kind
+    if name not in kind_names():
+        raise InputError(f"{where}: kind must be one of {', '.join(kind_names())}: given {name!r:.60}")
     kind = kind_of(name)
-    key = take(record, {**ALL, **kind.keys}, where)
-    element = kind.element_of(key) if kind.element_of else kind.element
+    table = decode(record, kind.record, where)
+    element = kind.element_of(table) if kind.element_of else kind.element
     with described(where):
-        plan = kind.plan(Recipe(key, element, folder, where))
-    return plan.named(key["name"], {"recipe": record}), where, folder
+        plan = kind.plan(Recipe(table, element, folder, where))
+    return plan.named(table.name, {"recipe": record}), where, folder
+
+
+class _OfKind(ForeignRecord, frozen=True):
+    kind: str

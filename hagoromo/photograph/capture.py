@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from hagoromo.camera.formats.nerfstudio import camera_from_record, record_from_camera
@@ -24,12 +25,15 @@ from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import png_bytes, write_png
-from hagoromo.files.record import inside, list_of, one_of, positive, read_json, table, take, text, write_json
+from hagoromo.files.record import ForeignRecord, decode, inside, origin, read_json, write_json
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
 from hagoromo.photograph.transforms import (
+    CaptureRecord,
+    FrameRecord,
+    ImageSettings,
     lamp_from_record,
     lamps_of_frame,
     record_from_lamp,
@@ -38,24 +42,8 @@ from hagoromo.photograph.transforms import (
 )
 
 TRANSFORMS = "transforms.json"
-CAPTURE = {
-    "frames": list_of(table),
-    "name": (text, None),
-    "lamps": (list_of(table), []),
-    "sensor": (table, {}),
-    "truth": (table, None),
-    "points_path": (text, None),
-    "normals_path": (text, None),
-}
-FRAME = {
-    "file_path": text,
-    "name": (text, None),
-    "mask_path": (text, None),
-    "exposure_s": (positive, None),
-    "iso": (positive, None),
-    "sensor": (table, {}),
-    "transfer": (one_of("linear", "srgb"), "linear"),
-}
+# keys at the top of the file that frames do not take over; a frame's sensor is laid over the file's
+OF_THE_FILE = {*CaptureRecord.__struct_fields__, "pl_pos"} - {*ImageSettings.__struct_fields__} | {"sensor"}
 OF_ONE_FRAME = ("file_path", "name", "mask_path", "transform_matrix", "lamps")
 VECTORS = {"points": ("P.X", "P.Y", "P.Z"), "normals": ("N.X", "N.Y", "N.Z")}  # EXR channels
 SHEET_COLUMNS, SHEET_WIDTH = 4, 800  # photographs in a row, and px of a row, of the picture in a notebook
@@ -133,28 +121,28 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
     """
     file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
     record, home = read_json(file), file.parent
-    top = take(record, CAPTURE, str(file), strict=False)
-    lamps = [lamp_from_record(lamp, home, f"{file} lamp {i}") for i, lamp in enumerate(top["lamps"])]
-    response = response_from_record(top["sensor"], home, str(file))
-    shared = {key: value for key, value in record.items() if key not in CAPTURE}
+    top = decode(record, CaptureRecord, str(file))
+    lamps = [lamp_from_record(lamp, home, f"{file} lamp {i}") for i, lamp in enumerate(top.lamps)]
+    response = response_from_record(top.sensor, home, str(file))
+    shared = {key: value for key, value in record.items() if key not in OF_THE_FILE}
     photographs: list[Photograph] = []
-    chosen = _present(file, list(enumerate(top["frames"]))[frames or slice(None)])
-    for i, frame, path in chosen:
+    chosen = _present(file, list(enumerate(top.frames))[frames or slice(None)])
+    for i, stated, path in chosen:
         where = f"{file} frame {i} ({path.name})"
-        sensor = take(frame, {"sensor": (table, {})}, where, strict=False)["sensor"]
-        settings = {**shared, **frame, "sensor": {**top["sensor"], **sensor}}
-        photograph = _photograph(settings, path, home, response.channels if response else (), demosaic, where)
+        frame = decode({**shared, **stated}, FrameRecord, where)
+        frame = structs.replace(frame, sensor={**top.sensor, **frame.sensor})
+        photograph = _photograph(frame, path, home, response.channels if response else (), demosaic, where)
         lit = lamps_of_frame(frame, lamps, where)
         if not photographs:
             check_memory(float(BYTES_PER_VALUE) * photograph.values.size * len(chosen), str(file))
         photographs.append(replace(photograph, camera=replace(photograph.camera, response=response), lamps=lit))
     return Capture(
         tuple(photographs),
-        home.resolve().name if top["name"] is None else top["name"],
+        home.resolve().name if top.name is None else top.name,
         home,
-        top["truth"],
-        _read_vectors(home, top["points_path"], "points"),
-        _read_vectors(home, top["normals_path"], "normals"),
+        top.truth,
+        _read_vectors(home, top.points_path, "points"),
+        _read_vectors(home, top.normals_path, "normals"),
     )
 
 
@@ -187,7 +175,8 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             shared["truth"] = capture.truth
         own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
         listed = [json.loads(lamp) for lamp in lamps]
-        write_json(home / TRANSFORMS, {"name": capture.name, **shared, "lamps": listed, "frames": own})
+        top = {"hagoromo": origin(), "name": capture.name, **shared}
+        write_json(home / TRANSFORMS, {**top, "lamps": listed, "frames": own})
     return Path(folder)
 
 
@@ -198,6 +187,10 @@ def count_absent(file: Path, frames: Sequence[Any]) -> int:
         not (isinstance(name, str) and _image_path(file, i, {"file_path": name}).exists())
         for i, name in enumerate(named)
     )
+
+
+class _Image(ForeignRecord, frozen=True):
+    file_path: str
 
 
 def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple[int, dict[str, Any], Path]]:
@@ -214,7 +207,7 @@ def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple
 
 def _image_path(file: Path, index: int, frame: Mapping[str, Any]) -> Path:
     """The image of a frame; NeRF's files leave its suffix out."""
-    path = inside(file.parent, take(frame, {"file_path": text}, f"{file} frame {index}", strict=False)["file_path"])
+    path = inside(file.parent, decode(frame, _Image, f"{file} frame {index}").file_path)
     if path.suffix.lower() in SUFFIXES:
         return path
     if path.is_file():
@@ -224,16 +217,15 @@ def _image_path(file: Path, index: int, frame: Mapping[str, Any]) -> Path:
 
 
 def _photograph(
-    settings: Mapping[str, Any], path: Path, home: Path, channels: tuple[str, ...], demosaic: Demosaic, where: str
+    frame: FrameRecord, path: Path, home: Path, channels: tuple[str, ...], demosaic: Demosaic, where: str
 ) -> Photograph:
-    frame = take(settings, FRAME, where, strict=False)
     pixels = read_pixels(path, frame, channels or default_channels(3), demosaic, where)
     height, width = pixels.values.shape[:2]
-    camera = replace(camera_from_record(settings, (height, width), where), sensor=pixels.sensor)
+    camera = replace(camera_from_record(frame, (height, width), where), sensor=pixels.sensor)
     valid = pixels.valid
-    if frame["mask_path"] is not None:
-        valid = valid & read_mask(inside(home, frame["mask_path"]), (height, width))
-    name = path.stem if frame["name"] is None else frame["name"]
+    if frame.mask_path is not None:
+        valid = valid & read_mask(inside(home, frame.mask_path), (height, width))
+    name = path.stem if frame.name is None else frame.name
     return Photograph(pixels.values, pixels.variance, valid, camera, (), name, pixels.native)
 
 

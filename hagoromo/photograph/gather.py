@@ -16,6 +16,7 @@ from hagoromo.files.record import inside
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_pixels
+from hagoromo.photograph.transforms import ImageSettings
 
 
 def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["linear", "srgb"] = "linear") -> Capture:
@@ -50,7 +51,7 @@ def size_of_images(folder: str | Path) -> tuple[int, int] | None:
 def _photograph(path: Path, camera: Camera, transfer: str) -> Photograph:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} is no image of a known kind: give one of {', '.join(SUFFIXES)}")
-    frame = {"sensor": {}, "exposure_s": 1.0, "iso": 100.0, "transfer": transfer}
+    frame = ImageSettings(exposure_s=1.0, iso=100.0, transfer=transfer)
     pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
     height, width = pixels.values.shape[:2]
     if (height, width) != (camera.height, camera.width):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from hagoromo.files.tiff import read_tiff
 from hagoromo.light.colour import srgb_decode
 from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, sensor_from_record
+from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, ImageSettings, sensor_from_record
 
 READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg, ".tif": read_tiff, ".tiff": read_tiff}
 SUFFIXES = (*READERS, ".exr", *RAW_SUFFIXES)
@@ -37,9 +37,7 @@ class Pixels(NamedTuple):
     sensor: Sensor | None
 
 
-def read_pixels(
-    path: Path, frame: Mapping[str, Any], channels: Sequence[str], demosaic: Demosaic, where: str
-) -> Pixels:
+def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demosaic: Demosaic, where: str) -> Pixels:
     """Pixels of the image at `path`.
 
     frame: its `sensor`, `transfer`, `exposure_s` and `iso` (None: what a RAW file tells, else 1 s and 100). channels:
@@ -48,14 +46,14 @@ def read_pixels(
     """
     if path.suffix.lower() in RAW_SUFFIXES:
         return _from_raw(path, frame, demosaic, where)
-    seconds, iso = frame["exposure_s"] or 1.0, frame["iso"] or 100.0
+    seconds, iso = frame.exposure_s or 1.0, frame.iso or 100.0
     reader = READERS.get(path.suffix.lower())
     image = None if reader is None else reader(path)
     if image is not None and image.dtype.kind == "f":
         raise InputError(f"{path} holds floats: develop it into an EXR first")
     depth = 16 if image is None else 8 * image.dtype.itemsize
-    sensor = sensor_from_record(frame["sensor"], depth, seconds, iso, where)
-    known = sensor if any(k != "response" for k in frame["sensor"]) and frame["transfer"] == "linear" else None
+    sensor = sensor_from_record(frame.sensor, depth, seconds, iso, where)
+    known = sensor if any(k != "response" for k in frame.sensor) and frame.transfer == "linear" else None
     if image is None:
         return _from_exr(path, channels, seconds * iso / 100.0)._replace(sensor=known)
     numbers, opaque = _opaque(image)
@@ -63,7 +61,7 @@ def read_pixels(
         raise InputError(f"{path} holds {numbers.max()}, more than {sensor.bits} bits: mend the sensor's bits")
     mosaic = sensor.mosaic if numbers.ndim == 2 else ""
     raw = numbers if mosaic or numbers.ndim == 3 else numbers[..., None]
-    if frame["transfer"] == "srgb":
+    if frame.transfer == "srgb":
         values, variance, valid = _from_srgb(raw, sensor)
     else:
         values, variance, valid = develop_raw(raw, replace(sensor, mosaic=mosaic), demosaic)
@@ -101,11 +99,11 @@ def default_channels(count: int) -> tuple[str, ...]:
     return {1: ("Y",), 3: ("R", "G", "B")}.get(count, tuple(f"band{i:03d}" for i in range(count)))
 
 
-def _from_raw(path: Path, frame: Mapping[str, Any], demosaic: Demosaic, where: str) -> Pixels:
+def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) -> Pixels:
     """Camera RAW: its own levels, mosaic and exposure where the frame does not state others."""
-    stated = frame["sensor"]
+    stated = frame.sensor
     given = StatedExposure(
-        stated.get("black_level"), stated.get("white_level"), None, None, frame["exposure_s"], frame["iso"]
+        stated.get("black_level"), stated.get("white_level"), None, None, frame.exposure_s, frame.iso
     )
     shot = read_exposure(path, given)
     levels = {"black_level": 0.0, "white_level": shot.white, "bits": 16, "mosaic": shot.mosaic}

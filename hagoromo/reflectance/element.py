@@ -8,7 +8,7 @@ Directions are unit and leave the element; arguments are Python floats or Dr.Jit
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal, get_args
 
 import drjit as dr
 import numpy as np
@@ -24,7 +24,8 @@ from hagoromo.reflectance.torrance_sparrow import (
     torrance_sparrow,
 )
 
-ELEMENTS = ("plane", "cylinder", "sphere")
+Element = Literal["plane", "cylinder", "sphere"]
+ELEMENTS: tuple[Element, ...] = get_args(Element)
 NEGLIGIBLE_FACETS = 1e-4  # facet densities below this share of the peak are left out of the nodes
 CYLINDER_NODES = 10
 SPHERE_NODES = 12  # per angle

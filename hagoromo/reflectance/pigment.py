@@ -7,11 +7,12 @@ The epidermis absorbs only (Claridge & Cotton 2003); the dermis under it is thic
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 
-from hagoromo.files.record import number, take
+from hagoromo.files.record import Fraction, Record, about, decode
 from hagoromo.light.spectrum import Spectrum
 
 EPIDERMIS = 60e-4  # thickness [cm]; Whitton & Everall 1973 measure 37–84 µm away from palms and soles
@@ -45,6 +46,14 @@ class Pigment(NamedTuple):
     oxygenation: float = 0.8
 
 
+class PigmentRecord(Record, frozen=True):
+    """A body colour of skin, by its pigments."""
+
+    melanin: Annotated[Fraction, about("volume fraction of melanosomes in the epidermis, 0…1")] = 0.015
+    blood: Annotated[float, Meta(ge=0, le=0.2), about("volume fraction of blood in the dermis, 0…0.2")] = 0.014
+    oxygenation: Annotated[Fraction, about("share of the haemoglobin that carries oxygen, 0…1")] = 0.8
+
+
 def skin_colour(pigment: Pigment) -> Spectrum:
     """Diffuse reflectance of skin at 380–730 nm, 0…1, from below the surface: the sheen is the interface's.
 
@@ -70,8 +79,8 @@ def skin_colour(pigment: Pigment) -> Spectrum:
 
 def pigment_from_record(record: Mapping[str, Any], where: str = "pigment") -> Pigment:
     """A Pigment from a table of some of its fields; `InputError` for what is no share, or too much blood."""
-    spec = {"melanin": _share(1.0), "blood": _share(0.2), "oxygenation": _share(1.0)}
-    return Pigment(**take(record, {k: (kind, Pigment._field_defaults[k]) for k, kind in spec.items()}, where))
+    pigments = decode(record, PigmentRecord, where)
+    return Pigment(pigments.melanin, pigments.blood, pigments.oxygenation)
 
 
 def _packed(depth: Any) -> Any:
@@ -84,12 +93,3 @@ def _through_surface(inside: Any) -> Any:
     outer = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2
     inner = 0.668 + 0.0636 * INDEX + 0.710 / INDEX - 1.440 / INDEX**2  # diffuse; Egan & Hilgeman 1979
     return (1.0 - outer) * (1.0 - inner) * inside / (1.0 - inner * inside)
-
-
-def _share(most: float) -> Any:
-    def kind(value: Any) -> float:
-        if not 0 <= number(value) <= most:
-            raise ValueError(f"a number from 0 to {most:g}")
-        return float(value)
-
-    return kind

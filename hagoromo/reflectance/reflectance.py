@@ -7,23 +7,42 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.errors import InputError
-from hagoromo.files.record import number, one_of, take, text
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.element import ELEMENTS
-from hagoromo.reflectance.pigment import pigment_from_record, skin_colour
+from hagoromo.errors import InputError, described
+from hagoromo.files.record import Record, about, decode, like
+from hagoromo.light.spectrum import SOURCE, Spectrum, SpectrumRecord
+from hagoromo.reflectance.element import ELEMENTS, Element
+from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.torrance_sparrow import LN2, cosines, weights_at
 
 VISIBLE = (400.0, 700.0)  # nm, the range of eq. (10)
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 LARGEST_GAMMA = math.pi / 2
 VIEWS = np.radians([0, 15, 30, 45, 55, 65, 72, 78, 83, 86, 88, 89, 89.7])  # where energy conservation is checked
+
+
+class ReflectanceRecord(Record, frozen=True, kw_only=True):
+    """A reflectance by its parameters: dichromatic Torrance–Sparrow."""
+
+    alpha: Annotated[float, about("weight of the body (diffuse) part α [1/sr]; 1/π: body_colour is the albedo")]
+    beta: Annotated[float, about("weight of the interface (specular) part β [1/sr]")]
+    gamma: Annotated[float, about("half width of the distribution of facets γ [rad]")]
+    n: Annotated[float, about("refractive index")]
+    body_colour: Annotated[
+        Any,
+        like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),
+        about("body (diffuse) colour: a number, a CSV file, a spectrum, or the pigments of skin"),
+    ]
+    interface_colour: Annotated[
+        Any, SOURCE, about("interface (specular) colour: a number, a CSV file or a spectrum; 1: as the lamp")
+    ] = 1.0
+    element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
+    name: Annotated[str, about("name of the material")] = ""
 
 
 @dataclass(frozen=True)
@@ -103,11 +122,11 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
         by_pigment = isinstance(source, Mapping) and not source.keys() & {"wavelengths", "values"}
         return skin_colour(pigment_from_record(source, f"{where}: body_colour")) if by_pigment else colour(source)
 
-    spec = {
-        "alpha": number, "beta": number, "gamma": number, "n": number, "body_colour": body,
-        "interface_colour": (colour, NEUTRAL), "element": (one_of(*ELEMENTS), "plane"), "name": (text, ""),
-    }  # fmt: skip
-    return Reflectance(**take(record, spec, where))
+    given = decode(record, ReflectanceRecord, where)
+    with described(where):
+        interface = NEUTRAL if given.interface_colour == 1.0 else colour(given.interface_colour)
+        colours = body(given.body_colour), interface
+        return Reflectance(given.alpha, given.beta, given.gamma, given.n, *colours, given.element, given.name)
 
 
 @lru_cache(maxsize=256)

@@ -1,5 +1,7 @@
 """Write → read gives the same numbers; a bad file is refused in one line."""
 
+from typing import Annotated, ClassVar
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png, write_png
-from hagoromo.files.record import inside, number, numbers, one_of, read_json, read_toml, take, text, write_json
+from hagoromo.files.record import Count, Record, Vector, about, decode, inside, one_of, read_json, read_toml, write_json
 from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_file, whole_folder
 
@@ -123,22 +125,49 @@ def test_memory_is_checked_before_allocation():
         check_memory(float("nan"), "the lattice")
 
 
-def test_take_checks_every_key():
-    spec = {"size": number, "name": (text, "box"), "kind": (one_of("plane", "sphere"), "plane")}
-    assert take({"size": 2}, spec, "f") == {"size": 2.0, "name": "box", "kind": "plane"}
+class Sized(Record, frozen=True, kw_only=True):
+    version_key = "format_version"
+    newest_version = 2
+    old_names: ClassVar = {"length": "size"}
+
+    format_version: int = 1
+    size: Annotated[float, about("edge [m]")]
+    name: str = "box"
+    kind: Annotated[str, one_of("plane", "sphere")] = "plane"
+    place: Vector | None = None
+    count: Count = 0
+
+
+def test_a_record_checks_every_key():
+    assert decode({"size": 2}, Sized, "f") == Sized(size=2.0, name="box", kind="plane")
     for record, said in [
         ({}, "lacks the key 'size'"),
-        ({"size": 1, "sise": 2}, "unknown key 'sise': known are size, name, kind"),
+        ({"size": 1, "sise": 2}, "unknown key 'sise': known are format_version, size, name, kind"),
         ({"size": "x"}, "f: size must be a finite number: given 'x'"),
         ({"size": float("inf")}, "finite number"),
         ({"size": True}, "finite number"),
         ({"size": 1, "kind": "cone"}, "one of plane, sphere"),
+        ({"size": 10**400}, "finite number: given 1000"),
+        ({"size": None}, "finite number: given None"),
+        ({"size": 1, "place": [1, 2]}, "place must be a list of 3 finite numbers"),
+        ({"size": 1, "place": [1, 2, float("nan")]}, "place.2. must be a finite number: given nan"),
+        ({"size": 1, "place": [1, 2, True]}, "place must be a list of 3 finite numbers"),
+        ({"size": 1, "count": 1.5}, "count must be a whole number, 0 or more: given 1.5"),
+        ({"size": 1, "count": -(10**400)}, "count must be a whole number, 0 or more"),
         ([1], "must be a table"),
     ]:
-        with pytest.raises(InputError, match=said):
-            take(record, spec, "f")
-    with pytest.raises(InputError, match="list of 3 finite numbers"):
-        take({"p": [1, 2]}, {"p": numbers(3)}, "f")
+        with pytest.raises(InputError, match=said) as refused:
+            decode(record, Sized, "f")
+        assert "\n" not in str(refused.value) and len(str(refused.value)) < 200
+
+
+def test_old_names_and_versions_are_read_and_newer_versions_refused():
+    assert decode({"length": 2}, Sized, "f").size == 2.0
+    assert decode({"size": 2, "format_version": 2}, Sized, "f").format_version == 2
+    with pytest.raises(InputError, match="'size' twice"):
+        decode({"length": 2, "size": 2}, Sized, "f")
+    with pytest.raises(InputError, match="format version 3: this package reads up to 2, update Hagoromo"):
+        decode({"size": 2, "format_version": 3, "unheard_of": 1}, Sized, "f")
 
 
 def test_paths_in_files_stay_in_the_folder(tmp_path):

@@ -207,5 +207,5 @@ def test_a_capture_without_transforms_or_with_half_of_them_is_refused(tmp_path):
         load_capture(tmp_path)
     text = (write_foreign(tmp_path, np.zeros((5, 7, 3), np.uint8)) / "transforms.json").read_text()
     (tmp_path / "transforms.json").write_text(text[: len(text) // 2])
-    with pytest.raises(InputError, match="no JSON"):
+    with pytest.raises(InputError, match="not valid JSON"):
         load_capture(tmp_path)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
 from hagoromo.photograph.pixels import default_channels, read_pixels
+from hagoromo.photograph.transforms import ImageSettings
 
 Transfer8 = Literal["linear", "srgb"]  # of 8-bit files
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -46,7 +47,7 @@ class LampPhotographs(Mapping[str, NDArray]):
                 return numbers
             if numbers.dtype == np.uint8:
                 raise InputError(f"{path} has 8 bits, seldom linear ones, as are needed here: state --transfer")
-        frame = {"sensor": {}, "exposure_s": None, "iso": None, "transfer": self.transfer or "linear"}
+        frame = ImageSettings(transfer=self.transfer or "linear")
         pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
         return np.where(pixels.valid[..., None], pixels.values, np.float32(np.nan))
 

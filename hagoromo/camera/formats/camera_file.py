@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from hagoromo.camera.formats.opencv_file import MATRIX, only_lens, read_opencv, 
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file
-from hagoromo.files.record import count, number, read_json, take
+from hagoromo.files.record import Count, ForeignRecord, Origin, about, decode, read_json
 from hagoromo.files.whole import whole_file, whole_folder
 
 Format = Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"]
@@ -27,7 +27,33 @@ BY_SUFFIX: dict[str, Format] = {
     ".json": "nerfstudio",
     ".txt": "middlebury",
 }
-SMALL = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS[:4])  # every record of a camera has these
+
+
+class CameraRecord(ForeignRecord, frozen=True, kw_only=True):
+    """camera.json, as `calibrate camera` writes it: nerfstudio's keys of a lens, then what is known about them."""
+
+    version_key = "hagoromo.format_version"
+
+    w: Annotated[Count, about("width of the image [px]")]
+    h: Annotated[Count, about("height of the image [px]")]
+    fl_x: Annotated[float, about("focal length along x [px]")]
+    fl_y: Annotated[float, about("focal length along y [px]")]
+    cx: Annotated[float, about("principal point, from the left edge [px]")]
+    cy: Annotated[float, about("principal point, from the upper edge [px]")]
+    k1: Annotated[float, about("radial distortion of OpenCV, r²")]
+    k2: Annotated[float, about("radial distortion, r⁴")]
+    p1: Annotated[float, about("tangential distortion")]
+    p2: Annotated[float, about("tangential distortion")]
+    k3: Annotated[float, about("radial distortion, r⁶")] = 0.0
+    k4: Annotated[float, about("radial distortion, denominator, r²")] = 0.0
+    k5: Annotated[float, about("radial distortion, denominator, r⁴")] = 0.0
+    k6: Annotated[float, about("radial distortion, denominator, r⁶")] = 0.0
+    standard_deviation: Annotated[dict[str, Any], about("standard deviation of each figure, in its unit")] = {}
+    rms_px: Annotated[Any, about("root mean square distance of corners from their prediction [px]")] = None
+    boards_rms_px: Annotated[dict[str, Any], about("the same for each photograph [px]")] = {}
+    skipped: Annotated[list[Any], about("photographs in which no board was found")] = []
+    outliers: Annotated[list[Any], about("photographs whose rms is far above the others'")] = []
+    hagoromo: Annotated[Origin, about("what wrote the file")] = Origin()
 
 
 def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
@@ -88,9 +114,6 @@ def write_views(path: str | Path, views: Mapping[str, Camera], kind: Format | No
 
 def _calibrated(path: Path) -> Camera:
     """The camera of a record as `Calibration.record` makes it, of which the last coefficients may be left out."""
-    later = dict.fromkeys(COEFFICIENTS[4:], (number, 0.0))
-    k = take(
-        read_json(path), {"w": count, "h": count, **dict.fromkeys(SMALL, number), **later}, str(path), strict=False
-    )
-    distortion = tuple(k[name] for name in COEFFICIENTS)
-    return Camera(k["w"], k["h"], (k["fl_x"], k["fl_y"]), (k["cx"], k["cy"]), distortion).with_pose(np.eye(4))
+    lens = decode(read_json(path), CameraRecord, str(path))
+    distortion = tuple(getattr(lens, name) for name in COEFFICIENTS)
+    return Camera(lens.w, lens.h, (lens.fl_x, lens.fl_y), (lens.cx, lens.cy), distortion).with_pose(np.eye(4))

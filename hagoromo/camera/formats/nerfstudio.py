@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import UNSET, Meta
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
@@ -18,29 +19,72 @@ from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv, rigid_p
 from hagoromo.errors import InputError
 from hagoromo.files.picture import picture_size
 from hagoromo.files.record import (
-    anything,
+    ForeignRecord,
+    Positive,
+    about,
+    decode,
     inside,
-    list_of,
-    number,
     one_of,
-    positive,
+    origin,
     read_json,
-    table,
-    take,
-    text,
     write_json,
 )
 
 POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
 RATIONAL = ("k4", "k5", "k6")
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE", "FULL_OPENCV")
-INTRINSICS = {
-    **dict.fromkeys(("w", "h", "fl_x", "fl_y"), (positive, None)),
-    **dict.fromkeys(("cx", "cy", "camera_angle_x", "camera_angle_y"), (number, None)),
-    **dict.fromkeys(COEFFICIENTS, (number, 0.0)),
-    "camera_model": (one_of(*PINHOLES), "OPENCV"),
-    "camera": (text, ""),
-}
+POSE = Meta(
+    extra_json_schema={
+        "type": "array",
+        "minItems": 4,
+        "maxItems": 4,
+        "items": {"type": "array", "minItems": 4, "maxItems": 4, "items": {"type": "number"}},
+    }
+)
+
+
+class ViewRecord(ForeignRecord, frozen=True, kw_only=True):
+    """The camera of a frame, by nerfstudio's keys."""
+
+    w: Annotated[Positive | None, about("width of the image [px]")] = None
+    h: Annotated[Positive | None, about("height of the image [px]")] = None
+    fl_x: Annotated[Positive | None, about("focal length along x [px]")] = None
+    fl_y: Annotated[Positive | None, about("focal length along y [px]; default: fl_x")] = None
+    cx: Annotated[float | None, about("principal point, from the left edge [px]; default: the middle")] = None
+    cy: Annotated[float | None, about("principal point, from the upper edge [px]; default: the middle")] = None
+    camera_angle_x: Annotated[float | None, about("horizontal field of view, in place of fl_x [rad]")] = None
+    camera_angle_y: Annotated[float | None, about("vertical field of view, in place of fl_y [rad]")] = None
+    k1: Annotated[float, about("radial distortion of OpenCV, r²")] = 0.0
+    k2: Annotated[float, about("radial distortion, r⁴")] = 0.0
+    p1: Annotated[float, about("tangential distortion")] = 0.0
+    p2: Annotated[float, about("tangential distortion")] = 0.0
+    k3: Annotated[float, about("radial distortion, r⁶")] = 0.0
+    k4: Annotated[float, about("radial distortion, denominator, r²; FULL_OPENCV only")] = 0.0
+    k5: Annotated[float, about("radial distortion, denominator, r⁴; FULL_OPENCV only")] = 0.0
+    k6: Annotated[float, about("radial distortion, denominator, r⁶; FULL_OPENCV only")] = 0.0
+    camera_model: Annotated[str, one_of(*PINHOLES), about("model of the lens")] = "OPENCV"
+    camera: Annotated[str, about("name of the camera")] = ""
+    is_fisheye: Annotated[Any, about("true for a fisheye lens, which is refused")] = False
+    transform_matrix: Annotated[Any, POSE, about("camera to world, OpenGL axes, by rows [m]")] = UNSET
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """OpenCV's coefficients in its order."""
+        return tuple(getattr(self, name) for name in COEFFICIENTS)
+
+
+class ImageView(ViewRecord, frozen=True, kw_only=True):
+    """A frame of a file of cameras."""
+
+    file_path: Annotated[str, about("image file")]
+
+
+class ViewsRecord(ForeignRecord, frozen=True, kw_only=True):
+    """A file of cameras."""
+
+    version_key = "hagoromo.format_version"
+
+    frames: list[dict[str, Any]]
 
 
 def read_transforms(path: str | Path) -> dict[str, Camera]:
@@ -49,50 +93,51 @@ def read_transforms(path: str | Path) -> dict[str, Camera]:
     `InputError` for what makes no camera, two frames of one image, or a frame of unknown size.
     """
     record = read_json(path)
-    frames = take(record, {"frames": list_of(table)}, str(path), strict=False)["frames"]
+    frames = decode(record, ViewsRecord, str(path)).frames
     views: dict[str, Camera] = {}
     for i, frame in enumerate(frames):
         where = f"{path} frame {i}"
-        name = take(frame, {"file_path": text}, where, strict=False)["file_path"]
+        if "file_path" not in frame:
+            raise InputError(f"{where} lacks the key 'file_path': add it")
+        view = decode({**record, **frame}, ImageView, where)
+        name = view.file_path
         if name in views:
             raise InputError(f"{where} and another are both of {name}: keep one")
-        settings = {**record, **frame}
         image = inside(Path(path).parent, name)
-        size = None if settings.get("w") and settings.get("h") else picture_size(image)
-        views[name] = camera_from_record(settings, size, where)
+        views[name] = camera_from_record(view, None if view.w and view.h else picture_size(image), where)
     return views
 
 
 def write_transforms(path: str | Path, views: Mapping[str, Camera]) -> None:
     """Write views, image file → camera, so that `read_transforms` gives them back."""
     frames = [{"file_path": name, **record_from_camera(camera)} for name, camera in views.items()]
-    write_json(path, {"frames": frames})
+    write_json(path, {"hagoromo": origin(), "frames": frames})
 
 
-def camera_from_record(record: Mapping[str, Any], size: tuple[int, int] | None, where: str) -> Camera:
+def camera_from_record(view: ViewRecord, size: tuple[int, int] | None, where: str) -> Camera:
     """Camera of a frame (its keys over the top level's); what is missing follows from the image's (height, width).
 
     size: None where there is no image. `InputError` for another lens than OpenCV's, another size than the image's or
     a matrix that is no pose.
     """
-    k = take(record, INTRINSICS, where, strict=False)
-    if record.get("is_fisheye") or (k["camera_model"] != "FULL_OPENCV" and any(k[name] for name in RATIONAL)):
+    if view.is_fisheye or (view.camera_model != "FULL_OPENCV" and any(getattr(view, name) for name in RATIONAL)):
         raise InputError(f"{where} has a fisheye lens (or k4, k5, k6 without FULL_OPENCV): undistort its images first")
-    height, width = size or (int(k["h"]), int(k["w"]))
-    told = k["w"] or width, k["h"] or height
-    if told != (width, height):
-        raise InputError(f"{where} is {width} × {height} px and must be {told[0]:g} × {told[1]:g}: mend w and h")
-    fl_x = k["fl_x"] or _focal(k["camera_angle_x"], width, where)
-    fl_y = k["fl_y"] or (_focal(k["camera_angle_y"], height, where) if k["camera_angle_y"] else fl_x)
-    matrix = take(record, {"transform_matrix": anything}, where, strict=False)["transform_matrix"]
-    pose = rigid_pose(matrix, f"{where}: transform_matrix", POSE_TOLERANCE)
+    height, width = size or (int(view.h or 0), int(view.w or 0))
+    stated = view.w or width, view.h or height
+    if stated != (width, height):
+        raise InputError(f"{where} is {width} × {height} px and must be {stated[0]:g} × {stated[1]:g}: mend w and h")
+    fl_x = view.fl_x or _focal(view.camera_angle_x, width, where)
+    fl_y = view.fl_y or (_focal(view.camera_angle_y, height, where) if view.camera_angle_y else fl_x)
+    if view.transform_matrix is UNSET:
+        raise InputError(f"{where} lacks the key 'transform_matrix': add it")
+    pose = rigid_pose(view.transform_matrix, f"{where}: transform_matrix", POSE_TOLERANCE)
     return Camera(
         width,
         height,
         (fl_x, fl_y),
-        (width / 2 if k["cx"] is None else k["cx"], height / 2 if k["cy"] is None else k["cy"]),
-        tuple(k[name] for name in COEFFICIENTS),
-        name=k["camera"],
+        (width / 2 if view.cx is None else view.cx, height / 2 if view.cy is None else view.cy),
+        view.distortion,
+        name=view.camera,
     ).with_pose(np.linalg.inv(opencv_from_opengl(pose)))
 
 

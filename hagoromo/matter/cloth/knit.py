@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from scipy.spatial import KDTree
 
 from hagoromo.errors import InputError
+from hagoromo.files.record import about
 from hagoromo.matter.cloth.strand import Paths
 from hagoromo.matter.cloth.wander import freedom, wander, wandered
 from hagoromo.matter.cloth.yarn import Yarn, check_yarn
@@ -33,11 +34,13 @@ class Knitted(NamedTuple):
     the yarn's place, of its diameter. loop_mm: yarn in a loop (0: as dry relaxed wool of as many loops has).
     """
 
-    wales_per_cm: float = 6.5
-    courses_per_cm: float = 8.5
+    wales_per_cm: Annotated[float, about("loops per cm along a course [1/cm]")] = 6.5
+    courses_per_cm: Annotated[float, about("loops per cm along a wale [1/cm]")] = 8.5
     yarn: Yarn = Yarn(0.42, 1.0, 2, 4.0, "S", 5.0, 58, 21.0, 0.2, 25.0, 0.8, 0.05, 0.02)
-    loop_mm: float = 0.0
-    uneven: float = 0.08
+    loop_mm: Annotated[float, about("length of yarn in a loop; 0: that of dry relaxed wool of as many loops [mm]")] = (
+        0.0
+    )
+    uneven: Annotated[float, about("standard deviation of the yarn's place, as a share of its diameter")] = 0.08
 
     @property
     def pitch(self) -> tuple[float, float]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from hagoromo.errors import InputError
+from hagoromo.files.record import Count, NotNegative, Positive, about, one_of
 
 HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal discs can cover
 # ° of the outside: two plies then touch on both sides (Bohr & Olsen, "The ancient art of laying rope", 2011)
@@ -18,29 +19,27 @@ HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
 
 
 class Yarn(NamedTuple):
-    """The dimensions of a yarn.
+    """The dimensions of a yarn."""
 
-    diameter_mm: of the round yarn; flatness: how much wider than that it lies in the cloth (and as much thinner).
-    plies; twist_per_cm: turns of the plies around one another or, in a yarn of one ply, of the fibres; hand: Z or S.
-    ply_twist_per_cm: turns of the fibres in their ply, of the other hand (0: they follow the ply).
-    fibres: of a ply, each fibre_um thick; migration: how far they wander through the yarn, of its ply's radius.
-    hairs_per_cm, hair_mm: fly-away fibres and their mean length. uneven: spread of the girth, of itself.
-    slubs_per_cm: thick places, a third thicker than the yarn.
-    """
-
-    diameter_mm: float = 0.34
-    flatness: float = 1.15
-    plies: int = 1
-    twist_per_cm: float = 6.0
-    hand: str = "Z"
-    ply_twist_per_cm: float = 0.0
-    fibres: int = 150
-    fibre_um: float = 18.0
-    migration: float = 0.12
-    hairs_per_cm: float = 12.0
-    hair_mm: float = 0.6
-    uneven: float = 0.06
-    slubs_per_cm: float = 0.1
+    diameter_mm: Annotated[Positive, about("diameter of the round yarn [mm]")] = 0.34
+    flatness: Annotated[
+        float, about("factor by which it lies wider in the cloth, and as much thinner, 1 (round) … 2")
+    ] = 1.15
+    plies: Annotated[Count, about("number of plies, 1…8")] = 1
+    twist_per_cm: Annotated[
+        NotNegative, about("turns of the plies around one another; of one ply: of its fibres [1/cm]")
+    ] = 6.0
+    hand: Annotated[str, one_of("Z", "S"), about("direction of the twist")] = "Z"
+    ply_twist_per_cm: Annotated[
+        NotNegative, about("turns of the fibres in their ply, of the other hand; 0: as the ply [1/cm]")
+    ] = 0.0
+    fibres: Annotated[Count, about("number of fibres of a ply")] = 150
+    fibre_um: Annotated[Positive, about("diameter of a fibre [µm]")] = 18.0
+    migration: Annotated[NotNegative, about("wandering of fibres through the yarn, of its ply's radius, 0…0.5")] = 0.12
+    hairs_per_cm: Annotated[NotNegative, about("fly-away fibres [1/cm]")] = 12.0
+    hair_mm: Annotated[NotNegative, about("mean length of fly-away fibres [mm]")] = 0.6
+    uneven: Annotated[NotNegative, about("standard deviation of the girth, as a share of it, 0…0.3")] = 0.06
+    slubs_per_cm: Annotated[NotNegative, about("slubs: thick places, a third thicker than the yarn [1/cm]")] = 0.1
 
     @property
     def width_mm(self) -> float:

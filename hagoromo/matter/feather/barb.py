@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import arrays, clip
+from hagoromo.files.record import NotNegative, Positive, about
 from hagoromo.matter.feather.rod import rod
 from hagoromo.matter.noise import gradient_noise, random
 
@@ -18,25 +19,26 @@ THIN = 0.6  # share of its width that a barb loses from the shaft to the edge
 class Barbs(NamedTuple):
     """The barbs of a pennaceous vane.
 
-    per_mm: along the shaft. outer_deg, inner_deg: between shaft and barbs, where they leave it, on the outer and inner
-    vane; curl_deg: by how much they have turned towards the tip at the edge; steepen: how many times as steep they run
-    at the tip of the feather. width_mm, height_mm: of their section. splits_per_cm: places where the hooks are open;
-    split_mm: largest width of these gaps at the edge. ragged_mm: by how much barbs differ in length. waver: how far
-    they run off their line, slowly, as a share of their distance.
     Orders of magnitude: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
     """
 
-    per_mm: float = 2.2
-    outer_deg: float = 28.0
-    inner_deg: float = 44.0
-    curl_deg: float = 12.0
-    steepen: float = 1.8
-    width_mm: float = 0.05
-    height_mm: float = 0.16
-    splits_per_cm: float = 0.35
-    split_mm: float = 1.6
-    ragged_mm: float = 0.2
-    waver: float = 0.35
+    per_mm: Annotated[Positive, about("barbs along the shaft [1/mm]")] = 2.2
+    outer_deg: Annotated[
+        Positive, about("angle between shaft and barbs of the outer vane, where they leave it [°]")
+    ] = 28.0
+    inner_deg: Annotated[
+        Positive, about("angle between shaft and barbs of the inner vane, where they leave it [°]")
+    ] = 44.0
+    curl_deg: Annotated[NotNegative, about("turn of the barbs towards the tip at the edge [°]")] = 12.0
+    steepen: Annotated[Positive, about("factor on the steepness of the barbs at the tip of the feather")] = 1.8
+    width_mm: Annotated[Positive, about("width of the section of a barb [mm]")] = 0.05
+    height_mm: Annotated[Positive, about("height of the section of a barb [mm]")] = 0.16
+    splits_per_cm: Annotated[NotNegative, about("places where the hooks have let go [1/cm]")] = 0.35
+    split_mm: Annotated[NotNegative, about("greatest width of such a gap at the edge [mm]")] = 1.6
+    ragged_mm: Annotated[NotNegative, about("difference between the lengths of barbs [mm]")] = 0.2
+    waver: Annotated[
+        NotNegative, about("slow deviation of the barbs from their line, as a share of their distance")
+    ] = 0.35
 
 
 class Barb(NamedTuple):

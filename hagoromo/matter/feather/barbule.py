@@ -5,11 +5,12 @@ next barb. All in mm.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import arrays
+from hagoromo.files.record import Count, Positive, about
 from hagoromo.matter.feather.barb import Barb, section, way_along
 from hagoromo.matter.feather.rod import rod
 from hagoromo.matter.noise import random
@@ -25,23 +26,22 @@ HOOK = 0.4  # thickness of a hooklet, as a share of the barbule's
 class Barbules(NamedTuple):
     """The barbules of a pennaceous vane.
 
-    distal_per_mm, proximal_per_mm: along a barb; distal_deg, proximal_deg: between barb and barbules; distal_mm,
-    proximal_mm: their lengths. width_mm, height_mm: of the section at their foot. rise_mm: by how much distal ones
-    climb over the proximal ones. hooks: of a distal barbule; hook_mm: how far these reach down.
     Orders of magnitude: Lucas & Stettenheim 1972; Bachmann et al. 2007 (pigeon).
     """
 
-    distal_per_mm: float = 25.0
-    proximal_per_mm: float = 20.0
-    distal_deg: float = 48.0
-    proximal_deg: float = 40.0
-    distal_mm: float = 0.42
-    proximal_mm: float = 0.46
-    width_mm: float = 0.011
-    height_mm: float = 0.024
-    rise_mm: float = 0.016
-    hooks: int = 4
-    hook_mm: float = 0.03
+    distal_per_mm: Annotated[Positive, about("distal barbules along a barb: with hooks, towards the tip [1/mm]")] = 25.0
+    proximal_per_mm: Annotated[
+        Positive, about("proximal barbules along a barb: with grooves, towards the quill [1/mm]")
+    ] = 20.0
+    distal_deg: Annotated[Positive, about("angle between barb and distal barbules [°]")] = 48.0
+    proximal_deg: Annotated[Positive, about("angle between barb and proximal barbules [°]")] = 40.0
+    distal_mm: Annotated[Positive, about("length of the distal barbules [mm]")] = 0.42
+    proximal_mm: Annotated[Positive, about("length of the proximal barbules [mm]")] = 0.46
+    width_mm: Annotated[Positive, about("width of the section at their foot [mm]")] = 0.011
+    height_mm: Annotated[Positive, about("height of the section at their foot [mm]")] = 0.024
+    rise_mm: Annotated[float, about("height by which distal barbules climb over proximal ones [mm]")] = 0.016
+    hooks: Annotated[Count, about("hooklets of a distal barbule")] = 4
+    hook_mm: Annotated[Positive, about("distance that hooklets reach down [mm]")] = 0.03
 
 
 class Between(NamedTuple):

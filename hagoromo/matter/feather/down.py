@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import arrays, clip
+from hagoromo.files.record import NotNegative, Positive, about
 from hagoromo.matter.feather.barb import Barb
 from hagoromo.matter.feather.rod import rod
 from hagoromo.matter.fill import Fineness
@@ -20,17 +21,13 @@ THREAD = 0.008  # width of a downy barbule (Lucas & Stettenheim 1972: threads of
 
 
 class Down(NamedTuple):
-    """The downy foot of a vane.
+    """The downy foot of a vane."""
 
-    share: of the vane that is downy. per_mm: barbules along a barb, on each side. barbule_mm: their length. wave_mm:
-    how long the waves of a barb are; loft_mm: how far barbs stand off the vane.
-    """
-
-    share: float = 0.12
-    per_mm: float = 30.0
-    barbule_mm: float = 1.1
-    wave_mm: float = 5.0
-    loft_mm: float = 2.0
+    share: Annotated[NotNegative, about("share of the vane that is downy, 0…1")] = 0.12
+    per_mm: Annotated[Positive, about("barbules along a barb, on each side [1/mm]")] = 30.0
+    barbule_mm: Annotated[Positive, about("length of the barbules [mm]")] = 1.1
+    wave_mm: Annotated[Positive, about("length of the waves of a barb [mm]")] = 5.0
+    loft_mm: Annotated[NotNegative, about("distance that barbs stand off the vane [mm]")] = 2.0
 
 
 def fluff_at(start: Any, plume: Any, down: Down) -> Any:

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import arrays
+from hagoromo.files.record import NotNegative, Positive, about, one_of
 from hagoromo.matter.noise import random
 
 PATTERNS = ("plain", "bars", "tip", "edge", "eye")
 
 
 class Marking(NamedTuple):
-    """The second pigment of a feather.
+    """The second pigment of a feather."""
 
-    pattern: "plain" (none), "bars" across the feather, its "tip", its "edge", or an "eye" near the tip. bars_per_cm and
-    bar_share: how many bars, and how much of the way from one to the next they fill. tip_mm, edge_mm: how much of tip
-    or edge has the colour; eye_mm: radius of the eye, a ring and a spot. jag_mm: variation between barbs.
-    """
-
-    pattern: str = "plain"
-    bars_per_cm: float = 1.0
-    bar_share: float = 0.4
-    tip_mm: float = 12.0
-    edge_mm: float = 1.5
-    eye_mm: float = 6.0
-    jag_mm: float = 0.6
+    pattern: Annotated[
+        str, one_of(*PATTERNS), about("plain: none; bars across, the tip, the edge, or an eye near the tip")
+    ] = "plain"
+    bars_per_cm: Annotated[Positive, about("bars along the feather [1/cm]")] = 1.0
+    bar_share: Annotated[Positive, about("share of the way from one bar to the next that it fills, 0…1")] = 0.4
+    tip_mm: Annotated[Positive, about("length of the tip that has the colour [mm]")] = 12.0
+    edge_mm: Annotated[Positive, about("width of the edge that has the colour [mm]")] = 1.5
+    eye_mm: Annotated[Positive, about("radius of the eye, a ring and a spot [mm]")] = 6.0
+    jag_mm: Annotated[NotNegative, about("difference of the marking between barbs [mm]")] = 0.6
 
 
 def is_marked(across: Any, along: Any, edge: Any, number: Any, plume: Any, marking: Marking, seed: Any) -> Any:

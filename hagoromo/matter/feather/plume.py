@@ -6,11 +6,12 @@ On a feather, `along` counts from the end of the quill to the tip, `across` from
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import arrays, clip
+from hagoromo.files.record import Positive, about
 from hagoromo.matter.shape import coverage
 
 TAPER = 0.9  # share of the shaft's width that is lost from the foot of the vane to the tip
@@ -22,22 +23,19 @@ SUNK = 0.5  # depth of the shaft's middle below the vane [radii]: the vane joins
 class Plume(NamedTuple):
     """The form of a feather.
 
-    length_mm: quill and vane. outer_mm, inner_mm: widths of the vanes; their ratio is the asymmetry (3 and more in
-    outer primaries). rachis_mm: width of the shaft at the foot of the vane. quill: share of the length that is bare.
-    tip: share of the vane over which it rounds off to the tip. bow_mm: how far the tip is off the line of the quill
-    within the vane, arch_mm: below it. camber_mm: how far the edges hang below the shaft.
     Sizes: a pigeon's (Lucas & Stettenheim, Avian Anatomy: Integument, 1972; Bachmann et al., Front. Zool. 4:23, 2007).
+    The ratio of the vanes' widths is the asymmetry (3 and more in outer primaries).
     """
 
-    length_mm: float = 90.0
-    outer_mm: float = 5.0
-    inner_mm: float = 13.0
-    rachis_mm: float = 1.8
-    quill: float = 0.2
-    tip: float = 0.5
-    bow_mm: float = 7.0
-    arch_mm: float = 6.0
-    camber_mm: float = 1.5
+    length_mm: Annotated[Positive, about("length of quill and vane [mm]")] = 90.0
+    outer_mm: Annotated[Positive, about("width of the outer vane [mm]")] = 5.0
+    inner_mm: Annotated[Positive, about("width of the inner vane [mm]")] = 13.0
+    rachis_mm: Annotated[Positive, about("width of the shaft at the foot of the vane [mm]")] = 1.8
+    quill: Annotated[float, about("share of the length that is bare, 0…1")] = 0.2
+    tip: Annotated[float, about("share of the vane over which it rounds off to the tip, 0…1")] = 0.5
+    bow_mm: Annotated[float, about("distance of the tip from the line of the quill, within the vane [mm]")] = 7.0
+    arch_mm: Annotated[float, about("distance of the tip below the line of the quill [mm]")] = 6.0
+    camber_mm: Annotated[float, about("distance of the edges below the shaft [mm]")] = 1.5
 
 
 class Spot(NamedTuple):

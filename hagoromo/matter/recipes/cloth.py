@@ -14,67 +14,154 @@ Element cylinder. voxel_mm of the texel: a twelfth of a yarn shows plies and twi
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import field
 
-from hagoromo.files.record import count, flag, list_of, number, one_of, positive, table, take, text
+from hagoromo.files.record import Count, Positive, Record, about, decode, decode_one, given, like, optional
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.cloth import draft
 from hagoromo.matter.cloth.fabric import woven
 from hagoromo.matter.cloth.weave import LINEN, Woven, check_woven
 from hagoromo.matter.cloth.yarn import Yarn
-from hagoromo.matter.recipes.laid import LAID, laid
-from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, with_defaults
-from hagoromo.reflectance.material.material_table import reflectance_from_table
+from hagoromo.matter.recipes.laid import LaidTable, laid
+from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, Voxel
+from hagoromo.reflectance.material.material_table import PARTS
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
-WEAVES: dict[str, dict[str, Any]] = {
-    "plain": {},
-    "twill": {"over": (count, 2), "under": (count, 2)},
-    "satin": {"ends": (count, 5), "step": (count, 0), "warp_faced": (flag, True)},
-    "herringbone": {"over": (count, 2), "under": (count, 2), "width": (count, 8)},
-    "jacquard": {"pattern": (list_of(text), draft.DIAMOND), "ends": (count, 5)},
-}
+
+class Plain(Record, frozen=True, tag_field="weave", tag="plain"):
+    """Plain weave: over one, under one."""
+
+    def draft(self) -> draft.Draft:
+        """One repeat."""
+        return draft.plain()
+
+
+class Twill(Record, frozen=True, tag_field="weave", tag="twill"):
+    """Twill: each end does as its neighbour, one pick later."""
+
+    over: Annotated[Count, about("picks that the warp goes over")] = 2
+    under: Annotated[Count, about("picks that the warp goes under")] = 2
+
+    def draft(self) -> draft.Draft:
+        """One repeat."""
+        return draft.twill(self.over, self.under)
+
+
+class Satin(Record, frozen=True, tag_field="weave", tag="satin"):
+    """Satin: an end goes under one pick of a repeat."""
+
+    ends: Annotated[Count, about("ends of a repeat: 5, 7 or more")] = 5
+    step: Annotated[Count, about("ends by which the place moves from pick to pick; 0: the smallest that fits")] = 0
+    warp_faced: Annotated[bool, about("whether the warp floats on the face; false: sateen")] = True
+
+    def draft(self) -> draft.Draft:
+        """One repeat."""
+        return draft.satin(self.ends, self.step, self.warp_faced)
+
+
+class Herringbone(Record, frozen=True, tag_field="weave", tag="herringbone"):
+    """A twill whose line turns."""
+
+    over: Annotated[Count, about("picks that the warp goes over")] = 2
+    under: Annotated[Count, about("picks that the warp goes under")] = 2
+    width: Annotated[Count, about("ends after which the line turns")] = 8
+
+    def draft(self) -> draft.Draft:
+        """One repeat."""
+        return draft.herringbone(self.over, self.under, self.width)
+
+
+class Jacquard(Record, frozen=True, tag_field="weave", tag="jacquard"):
+    """A pattern in weft-faced satin on warp-faced satin."""
+
+    pattern: Annotated[tuple[str, ...], about("rows of signs; each is one repeat of the satin, 1: weft-faced")] = (
+        draft.DIAMOND
+    )
+    ends: Annotated[Count, about("ends of a repeat of the satin")] = 5
+
+    def draft(self) -> draft.Draft:
+        """One repeat."""
+        return draft.jacquard(self.pattern, self.ends)
+
+
+class DraftFile(Record, frozen=True):
+    """A draft as weaving programs write it; it states yarns and colours, too, where the recipe does not."""
+
+    file: Annotated[str, about("WIF file")]
+
+
+WEAVES = (Plain, Twill, Satin, Herringbone, Jacquard)
+YarnTable = optional("YarnTable", Yarn)
 WHITE = 0.85  # body colour of bleached yarn
 Colours = tuple[tuple[float, ...], ...]
-YARN = {"plies": count, "fibres": count, "hand": one_of("Z", "S")}  # what is no plain number
 
 
-def _plan(recipe: Recipe) -> BoxPlan:
-    drawn, colours = _drawn(recipe)
-    warp = yarn_of(recipe, "warp", drawn.warp)
-    other = drawn.weft.diameter_mm if drawn.weft.diameter_mm != drawn.warp.diameter_mm else warp.diameter_mm
-    ends, picks = (recipe[k] or recipe["threads_per_cm"] or getattr(drawn, k) for k in ("warp_per_cm", "weft_per_cm"))
-    first, second = (
-        getattr(drawn, k) if recipe[k] is None else tuple(recipe[k]) for k in ("warp_colours", "weft_colours")
+class ClothTable(LaidTable, frozen=True, kw_only=True):
+    """A woven cloth."""
+
+    voxel_mm: Voxel = 0.03
+    mean_free_path_mm: MeanFreePath = 0.03
+    threads_per_cm: Annotated[Positive | None, about("yarns per cm, both ways [1/cm]")] = None
+    warp_per_cm: Annotated[Positive | None, about("warp yarns per cm [1/cm]")] = None
+    weft_per_cm: Annotated[Positive | None, about("weft yarns per cm [1/cm]")] = None
+    crimp: Annotated[float, about("share of the warp in rising and falling, 0…1; 1: the weft lies straight")] = (
+        LINEN.crimp
     )
-    weft, crimp, uneven = yarn_of(recipe, "weft", warp._replace(diameter_mm=other)), recipe["crimp"], recipe["uneven"]
-    cloth = check_woven(Woven(drawn.draft, ends, picks, warp, weft, crimp, uneven, first, second))
+    uneven: Annotated[float, about("standard deviation of the yarns' places, as a share of their distance")] = (
+        LINEN.uneven
+    )
+    warp_colours: Annotated[
+        tuple[Count, ...] | None, about("numbers of the [[colour]] of neighbouring warp yarns, repeated")
+    ] = None
+    weft_colours: Annotated[
+        tuple[Count, ...] | None, about("numbers of the [[colour]] of neighbouring weft yarns, repeated")
+    ] = None
+    draft: Annotated[dict[str, Any], like(*WEAVES, DraftFile), about("how the yarns cross")] = field(
+        default_factory=lambda: {"weave": "plain"}
+    )
+    warp: Annotated[dict[str, Any], like(YarnTable), about("the warp yarns")] = {}
+    weft: Annotated[dict[str, Any], like(YarnTable), about("the weft yarns; what is left out is the warp's")] = {}
+    colour: Annotated[
+        list[Annotated[dict[str, Any], PARTS]], about("what yarns of colour 0, 1, … have in the place of [material]")
+    ] = []
+
+
+def _plan(recipe: Recipe[ClothTable]) -> BoxPlan:
+    table, (drawn, colours) = recipe.table, _drawn(recipe)
+    warp = yarn_of(table.warp, drawn.warp, f"{recipe.where} [warp]")
+    other = drawn.weft.diameter_mm if drawn.weft.diameter_mm != drawn.warp.diameter_mm else warp.diameter_mm
+    ends, picks = (
+        getattr(table, k) or table.threads_per_cm or getattr(drawn, k) for k in ("warp_per_cm", "weft_per_cm")
+    )
+    first, second = (
+        getattr(drawn if getattr(table, k) is None else table, k) for k in ("warp_colours", "weft_colours")
+    )
+    weft = yarn_of(table.weft, warp._replace(diameter_mm=other), f"{recipe.where} [weft]")
+    cloth = check_woven(Woven(drawn.draft, ends, picks, warp, weft, table.crimp, table.uneven, first, second))
     materials = colour_materials(recipe, [colour for _, colour in cloth.palette], colours)
-    fabric = woven(cloth, recipe.fineness.voxel_mm, max(recipe["variants"], 1), recipe["seed"])
+    fabric = woven(cloth, recipe.fineness.voxel_mm, max(table.variants, 1), table.seed)
     return laid(recipe, fabric, materials, "cloth")
 
 
-def yarn_of(recipe: Recipe, name: str, usual: Yarn) -> Yarn:
-    """The yarn of the table `name`; what it leaves out is that of `usual`."""
-    return Yarn(**take(recipe[name], with_defaults(usual, YARN, number), f"{recipe.where} [{name}]"))
+def yarn_of(table: dict[str, Any], usual: Yarn, where: str) -> Yarn:
+    """The yarn of a table; what it leaves out is that of `usual`."""
+    return usual._replace(**given(decode(table, YarnTable, where)))
 
 
-def colour_materials(recipe: Recipe, colours: list[int], display: Colours = ()) -> list[Reflectance]:
+def colour_materials(recipe: Recipe[ClothTable], colours: list[int], display: Colours = ()) -> list[Reflectance]:
     """The reflectance for each of `colours`, numbers of [[colour]]; those of none have that of [material].
 
     display: the body colours (sRGB, 0…1) of numbers that [[colour]] does not tell.
     """
     usual = recipe.material  # checked, even where every yarn has a colour of its own
-    own = recipe["colour"] or [{"body_colour": body_colour(colour).record()} for colour in display]
+    own = recipe.table.colour or [{"body_colour": body_colour(colour).record()} for colour in display]
     found = [
-        reflectance_from_table(
-            recipe["material"] | keys, recipe.folder, f"{recipe.where} [[colour]] {number}", recipe.element
-        )
-        for number, keys in enumerate(own)
+        recipe.reflectance(recipe.table.material | keys, f"[[colour]] {number}") for number, keys in enumerate(own)
     ]
     return [found[colour] if colour < len(found) else usual for colour in colours]
 
@@ -86,24 +173,15 @@ def body_colour(display: tuple[float, ...]) -> Spectrum:
     return Spectrum(bands[0].wavelengths, WHITE * sum(c * b.values for c, b in zip(linear, bands, strict=True)))
 
 
-def _drawn(recipe: Recipe) -> tuple[Woven, Colours]:
+def _drawn(recipe: Recipe[ClothTable]) -> tuple[Woven, Colours]:
     """What [draft] tells: the weave, of LINEN's yarns where it tells none, and the colours of the yarns of a file."""
-    where, given = f"{recipe.where} [draft]", recipe["draft"]
-    if "file" in given:
+    where, table = f"{recipe.where} [draft]", recipe.table.draft
+    if "file" in table:
         from hagoromo.matter.cloth.wif import cloth_of, read_wif
 
-        path = recipe.file(take(given, {"file": text}, where)["file"])
+        path = recipe.file(decode(table, DraftFile, where).file)
         return cloth_of(read_wif(path), LINEN.warp, LINEN.weft)
-    weave = take(given, {"weave": one_of(*WEAVES)}, where, strict=False)["weave"]
-    keys = take(given, {"weave": text, **WEAVES[weave]}, where)
-    del keys["weave"]
-    return LINEN._replace(draft=getattr(draft, weave)(**keys)), ()
+    return LINEN._replace(draft=decode_one(table, WEAVES, where).draft()), ()
 
 
-KEYS = {
-    "threads_per_cm": (positive, None), "warp_per_cm": (positive, None), "weft_per_cm": (positive, None),
-    "crimp": (number, LINEN.crimp), "uneven": (number, LINEN.uneven), "warp_colours": (list_of(count), None),
-    "weft_colours": (list_of(count), None), "draft": (table, {"weave": "plain"}), "warp": (table, {}),
-    "weft": (table, {}), "colour": (list_of(table), []),
-}  # fmt: skip
-KIND = Kind("cylinder", KEYS | LAID | fineness_keys(0.03, 0.03), _plan)
+KIND = Kind("cylinder", ClothTable, _plan)

@@ -7,50 +7,78 @@ rotation_deg = [x, y, z]}, which is turned about x, then y, then z before it is 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import numbers, one_of, positive, take, text
-from hagoromo.matter.recipes.recipe import not_negative, sizes
+from hagoromo.files.record import NotNegative, Positive, Record, Vector, about, decode_one
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
 from hagoromo.matter.solid.solid import Extent
 
-FORMS: dict[str, dict[str, Any]] = {
-    "sphere": {"radius_mm": positive},
-    "ellipsoid": {"radii_mm": sizes},
-    "box": {"size_mm": sizes, "rounding_mm": (not_negative, 0.0)},
-    "capsule": {"radius_mm": positive, "length_mm": positive},
-    "mesh": {"file": text, "height_mm": positive, "rotation_deg": (numbers(3), (0.0, 0.0, 0.0))},
-}
+Sizes = tuple[Positive, Positive, Positive]
 
 
-def form_keys(record: dict[str, Any], where: str) -> dict[str, Any]:
-    """The checked keys of a [shape], `form` among them."""
-    form = take(record, {"form": one_of(*FORMS)}, where, strict=False)["form"]
-    return take(record, {"form": text} | FORMS[form], where)
+class Sphere(Record, frozen=True, tag_field="form", tag="sphere"):
+    """A sphere."""
+
+    radius_mm: Annotated[Positive, about("radius [mm]")]
+
+
+class Ellipsoid(Record, frozen=True, tag_field="form", tag="ellipsoid"):
+    """An ellipsoid along the axes."""
+
+    radii_mm: Annotated[Sizes, about("half axes [x, y, z] [mm]")]
+
+
+class Box(Record, frozen=True, tag_field="form", tag="box"):
+    """A box along the axes."""
+
+    size_mm: Annotated[Sizes, about("edges [x, y, z] [mm]")]
+    rounding_mm: Annotated[NotNegative, about("radius of its edges [mm]")] = 0.0
+
+
+class Capsule(Record, frozen=True, tag_field="form", tag="capsule"):
+    """An upright cylinder with round ends."""
+
+    radius_mm: Annotated[Positive, about("radius [mm]")]
+    length_mm: Annotated[Positive, about("length of the cylinder, without its ends [mm]")]
+
+
+class Mesh(Record, frozen=True, tag_field="form", tag="mesh"):
+    """A mesh, turned about x, then y, then z before it is measured."""
+
+    file: Annotated[str, about("mesh file")]
+    height_mm: Annotated[Positive, about("height [mm]")]
+    rotation_deg: Annotated[Vector, about("turns about x, y and z [°]")] = (0.0, 0.0, 0.0)
+
+
+SHAPES = (Sphere, Ellipsoid, Box, Capsule)
+FORMS = (*SHAPES, Mesh)
+
+
+def form_of(record: dict[str, Any], where: str) -> Sphere | Ellipsoid | Box | Capsule | Mesh:
+    """The checked keys of a [shape]."""
+    return decode_one(record, FORMS, where)
 
 
 def shape_of(record: dict[str, Any], where: str) -> tuple[Shape, Extent]:
     """The shape, and the corners of a box with room around it."""
-    key = form_keys(record, where)
-    form = key["form"]
-    if form == "mesh":
-        known = ", ".join(name for name in FORMS if name != "mesh")
-        raise InputError(f"{where}: form 'mesh' is for kind 'solid': give one of {known}")
-    if form == "sphere":
-        half = (key["radius_mm"],) * 3
-        found: Shape = lambda p: sphere(p, (0.0, 0.0, half[2]), half[0])  # noqa: E731
-    elif form == "ellipsoid":
-        half = key["radii_mm"]
-        found = lambda p: ellipsoid(p, (0.0, 0.0, half[2]), half)  # noqa: E731
-    elif form == "box":
-        half = tuple(0.5 * edge for edge in key["size_mm"])
-        if key["rounding_mm"] > min(half):
-            raise InputError(f"{where}: rounding_mm is {key['rounding_mm']:g}: give at most half of the shortest edge")
-        found = lambda p: rounded_box(p, (0.0, 0.0, half[2]), half, key["rounding_mm"])  # noqa: E731
+    form = form_of(record, where)
+    if isinstance(form, Mesh):
+        raise InputError(f"{where}: form 'mesh' is for kind 'solid': give one of sphere, ellipsoid, box, capsule")
+    if isinstance(form, Sphere):
+        half = (form.radius_mm,) * 3
+        made: Shape = lambda p: sphere(p, (0.0, 0.0, half[2]), half[0])  # noqa: E731
+    elif isinstance(form, Ellipsoid):
+        half = form.radii_mm
+        made = lambda p: ellipsoid(p, (0.0, 0.0, half[2]), half)  # noqa: E731
+    elif isinstance(form, Box):
+        half, rounding = (0.5 * form.size_mm[0], 0.5 * form.size_mm[1], 0.5 * form.size_mm[2]), form.rounding_mm
+        if rounding > min(half):
+            raise InputError(f"{where}: rounding_mm is {rounding:g}: give at most half of the shortest edge")
+        made = lambda p: rounded_box(p, (0.0, 0.0, half[2]), half, rounding)  # noqa: E731
     else:
-        radius, top = key["radius_mm"], key["radius_mm"] + key["length_mm"]
+        radius, top = form.radius_mm, form.radius_mm + form.length_mm
         half = (radius, radius, 0.5 * (top + radius))
-        found = lambda p: capsule(p, (0.0, 0.0, radius), (0.0, 0.0, top), radius)  # noqa: E731
+        made = lambda p: capsule(p, (0.0, 0.0, radius), (0.0, 0.0, top), radius)  # noqa: E731
     room = 2.0 + 0.02 * max(half)
-    return found, ((-half[0] - room, -half[1] - room, -room), (half[0] + room, half[1] + room, 2.0 * half[2] + room))
+    return made, ((-half[0] - room, -half[1] - room, -room), (half[0] + room, half[1] + room, 2.0 * half[2] + room))

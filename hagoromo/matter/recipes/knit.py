@@ -5,24 +5,37 @@ How it lies: see `laid`; its face, with the legs of the loops in front, is the u
 
 from __future__ import annotations
 
-from hagoromo.files.record import number, table
+from typing import Annotated, Any
+
+from hagoromo.files.record import about, like
 from hagoromo.matter.cloth.fabric import knitted
 from hagoromo.matter.cloth.knit import Knitted
-from hagoromo.matter.recipes.cloth import yarn_of
-from hagoromo.matter.recipes.laid import LAID, laid
-from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys
+from hagoromo.matter.recipes.cloth import YarnTable, yarn_of
+from hagoromo.matter.recipes.laid import LaidTable, laid
+from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, Voxel
 from hagoromo.volume.store.plan import BoxPlan
 
 USUAL = Knitted()
-NUMBERS = "wales_per_cm", "courses_per_cm", "loop_mm", "uneven"
 
 
-def _plan(recipe: Recipe) -> BoxPlan:
-    cloth = Knitted(yarn=yarn_of(recipe, "yarn", USUAL.yarn), **{name: recipe[name] for name in NUMBERS})
-    material = recipe.material
-    fabric = knitted(cloth, recipe.fineness.voxel_mm, max(recipe["variants"], 1), recipe["seed"])
+class KnitTable(LaidTable, frozen=True, kw_only=True):
+    """A knitted cloth: stockinette."""
+
+    voxel_mm: Voxel = 0.04
+    mean_free_path_mm: MeanFreePath = 0.03
+    wales_per_cm: Annotated[float, about("loops side by side [1/cm]")] = USUAL.wales_per_cm
+    courses_per_cm: Annotated[float, about("loops one above the other [1/cm]")] = USUAL.courses_per_cm
+    loop_mm: Annotated[float, about("yarn in a loop; 0: as dry relaxed wool of as many loops [mm]")] = USUAL.loop_mm
+    uneven: Annotated[float, about("standard deviation of the yarn's place, of its diameter")] = USUAL.uneven
+    yarn: Annotated[dict[str, Any], like(YarnTable), about("the yarn")] = {}
+
+
+def _plan(recipe: Recipe[KnitTable]) -> BoxPlan:
+    table, material = recipe.table, recipe.material
+    yarn = yarn_of(table.yarn, USUAL.yarn, f"{recipe.where} [yarn]")
+    cloth = Knitted(table.wales_per_cm, table.courses_per_cm, yarn, table.loop_mm, table.uneven)
+    fabric = knitted(cloth, recipe.fineness.voxel_mm, max(table.variants, 1), table.seed)
     return laid(recipe, fabric, [material] * fabric.populations, "knit")
 
 
-KEYS = {"yarn": (table, {}), **{name: (number, getattr(USUAL, name)) for name in NUMBERS}}
-KIND = Kind("cylinder", KEYS | LAID | fineness_keys(0.04, 0.03), _plan)
+KIND = Kind("cylinder", KnitTable, _plan)

@@ -11,12 +11,12 @@ carrier_mm: voxels of the lattice that says where the cloth is; variants: of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import drjit as dr
 
 from hagoromo.backend import arrays
-from hagoromo.files.record import count, one_of, positive
+from hagoromo.files.record import Count, NotNegative, Positive, about, one_of
 from hagoromo.matter.cloth.fabric import Fabric
 from hagoromo.matter.drape.drape import over_ball
 from hagoromo.matter.drape.eased import eased
@@ -24,7 +24,7 @@ from hagoromo.matter.drape.hanging import flat, hanging
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.fill import MM, blocks_in
-from hagoromo.matter.recipes.recipe import Recipe, not_negative
+from hagoromo.matter.recipes.recipe import Recipe, RecipeTable
 from hagoromo.matter.shape import coverage, rounded_box
 from hagoromo.matter.texel.micro_structure import texel
 from hagoromo.matter.texel.shell import shell
@@ -32,24 +32,38 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
-LAID: dict[str, Any] = {
-    "lay": (one_of("flat", "hanging", "ball", "patch"), "flat"),
-    "width_mm": (positive, 30.0), "height_mm": (positive, 30.0),
-    "folds": (count, 3), "fold_depth_mm": (not_negative, 7.0), "radius_mm": (positive, 12.0),
-    "carrier_mm": (positive, 0.8), "variants": (count, 4),
-}  # fmt: skip
 NARROW = 3.0  # voxels of the carrier, of cloth: folds that are narrower cannot be told in it
 MARGIN = 2.0  # voxels of the carrier around the cloth
 HEM = 3.0  # voxels of the carrier over which presence falls at a hem
 
 
-def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
+class LaidTable(RecipeTable, frozen=True, kw_only=True):
+    """How a cloth lies."""
+
+    lay: Annotated[
+        str,
+        one_of("flat", "hanging", "ball", "patch"),
+        about("flat, hanging in folds, over a ball, or a flat patch without repeat"),
+    ] = "flat"
+    width_mm: Annotated[Positive, about("width of the cloth [mm]")] = 30.0
+    height_mm: Annotated[Positive, about("height of the cloth [mm]")] = 30.0
+    folds: Annotated[Count, about("number of folds of a hanging cloth")] = 3
+    fold_depth_mm: Annotated[NotNegative, about("depth of the folds at the hem [mm]")] = 7.0
+    radius_mm: Annotated[Positive, about("radius of the ball under the cloth [mm]")] = 12.0
+    carrier_mm: Annotated[Positive, about("voxels of the lattice that says where the cloth is [mm]")] = 0.8
+    variants: Annotated[Count, about("variants of the repeat, so that it is not visible")] = 4
+
+
+L = TypeVar("L", bound=LaidTable)
+
+
+def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
     """The plan of a box of `fabric` as the recipe lays it; one material per population."""
-    if recipe["lay"] == "patch":
+    if recipe.table.lay == "patch":
         return _patch(recipe, fabric, materials, name)
-    voxel, carrier = recipe.fineness.voxel_mm, recipe["carrier_mm"]
+    voxel, carrier = recipe.fineness.voxel_mm, recipe.table.carrier_mm
     made = texel(
-        fabric.field, fabric.period_mm, fabric.heights_mm, voxel, fabric.populations, max(recipe["variants"], 1)
+        fabric.field, fabric.period_mm, fabric.heights_mm, voxel, fabric.populations, max(recipe.table.variants, 1)
     )
     reach = max(abs(height) for height in fabric.heights_mm) + MARGIN * carrier
     chart, bound, extent = sheet_chart(_sheets(recipe, NARROW * carrier), reach, HEM * carrier, fabric.period_mm)
@@ -57,10 +71,10 @@ def laid(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name:
     return shell(chart, bound, extent, carrier, made, path, materials, name=name)
 
 
-def _patch(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
+def _patch(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
     """A flat patch from the middle of the repeat, laid out voxel by voxel."""
     kinds, fine = arrays(), recipe.fineness
-    (wide, tall), (low, high) = (recipe["width_mm"], recipe["height_mm"]), fabric.heights_mm
+    (wide, tall), (low, high) = (recipe.table.width_mm, recipe.table.height_mm), fabric.heights_mm
 
     def field(point: Any) -> tuple[Any, Any, Any]:
         turns = (x * (1.0 / period) + 0.5 for x, period in zip((point.x, point.z), fabric.period_mm, strict=True))
@@ -80,11 +94,11 @@ def _patch(recipe: Recipe, fabric: Fabric, materials: Sequence[Reflectance], nam
     return BoxPlan(BoxHeader(fine.voxel_mm * MM, tau, tuple(materials), pose, name=name), blocks)
 
 
-def _sheets(recipe: Recipe, narrow: float) -> list[Sheet]:
+def _sheets(recipe: Recipe[L], narrow: float) -> list[Sheet]:
     """The sheets that the cloth makes; folds of less than `narrow` [mm] of cloth are eased."""
-    size = recipe["width_mm"], recipe["height_mm"]
-    if recipe["lay"] == "hanging":
-        return [hanging(size, recipe["folds"], recipe["fold_depth_mm"], recipe["seed"])]
-    if recipe["lay"] == "ball":
-        return [eased(over_ball(size, recipe["radius_mm"], recipe["seed"]), narrow)]
+    size = recipe.table.width_mm, recipe.table.height_mm
+    if recipe.table.lay == "hanging":
+        return [hanging(size, recipe.table.folds, recipe.table.fold_depth_mm, recipe.table.seed)]
+    if recipe.table.lay == "ball":
+        return [eased(over_ball(size, recipe.table.radius_mm, recipe.table.seed), narrow)]
     return [flat(size)]

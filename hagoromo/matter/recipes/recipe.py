@@ -1,89 +1,76 @@
-"""Recipe: the checked keys of a matter TOML, and what all kinds of matter take from it."""
+"""Recipe: the checked tables of a matter TOML, and what all kinds of matter take from it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
-from hagoromo.files.record import inside, number, numbers, positive
+from hagoromo.files.record import Count, Positive, Record, about, inside
 from hagoromo.matter.fill import Fineness
-from hagoromo.reflectance.material.material_table import reflectance_from_table
+from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
+Voxel = Annotated[Positive, about("edge of a voxel, at resolution 1 [mm]")]
+MeanFreePath = Annotated[Positive, about("mean free path of light where the density is 1 [mm]")]
 
-class Recipe(NamedTuple):
-    """key: checked, with defaults. where: what messages call the recipe. folder: of the files that it names."""
 
-    key: dict[str, Any]
+class RecipeTable(Record, frozen=True, kw_only=True):
+    """What recipes of every kind of matter have."""
+
+    version_key = "format_version"
+
+    format_version: Annotated[Count, about("version of the format of recipes")] = 1
+    kind: Annotated[str, about("kind of matter")]
+    material: Annotated[dict[str, Any], MATERIAL, about("reflectance of the micro-elements")]
+    name: Annotated[str, about("name of the box")] = ""
+    seed: Annotated[Count, about("seed of the random numbers: another one grows another piece")] = 0
+    resolution: Annotated[Positive, about("1: voxels as stated; 2: voxels half as large")] = 1.0
+
+
+T = TypeVar("T", bound=RecipeTable)
+
+
+class Recipe(NamedTuple, Generic[T]):
+    """table: checked, with defaults. where: what messages call the recipe. folder: of the files that it names."""
+
+    table: T
     element: str
     folder: Path | None
     where: str
 
-    def __getitem__(self, name: Any) -> Any:
-        return self.key[name]
-
     @property
     def material(self) -> Reflectance:
         """The reflectance of [material]."""
-        return reflectance_from_table(self.key["material"], self.folder, f"{self.where} [material]", self.element)
+        return self.reflectance(self.table.material, "[material]")
 
     @property
     def fineness(self) -> Fineness:
-        """How finely the matter is sampled."""
-        return Fineness(self.key["voxel_mm"], self.key["mean_free_path_mm"]).finer(self.key["resolution"])
+        """How finely the matter is sampled, of a kind with `voxel_mm` and `mean_free_path_mm`."""
+        table: Any = self.table
+        return Fineness(table.voxel_mm, table.mean_free_path_mm).finer(table.resolution)
 
     def varied(self, name: str) -> Reflectance:
         """The reflectance of [material] with what the table `name` has in its place."""
-        record = self.key["material"] | self.key[name]
-        return reflectance_from_table(record, self.folder, f"{self.where} [{name}]", self.element)
+        return self.reflectance(self.table.material | getattr(self.table, name), f"[{name}]")
+
+    def reflectance(self, material: dict[str, Any], part: str) -> Reflectance:
+        """The reflectance of a table; part: what messages call it."""
+        return reflectance_from_table(material, self.folder, f"{self.where} {part}", self.element)
 
     def file(self, path: str) -> Path:
         """A file that the recipe names."""
         return Path(path) if self.folder is None else inside(self.folder, path)
 
-    def record(self, kind: type) -> Any:
-        """The keys that are fields of a NamedTuple as one."""
-        return kind(*(self.key[name] for name in kind._fields))  # pyright: ignore[reportAttributeAccessIssue]
-
 
 class Kind(NamedTuple):
-    """A kind of matter: element of its micro-structure ("": see `element_of`), keys besides those of all, its plan."""
+    """A kind of matter: element of its micro-structure ("": see `element_of`), its tables, its plan.
+
+    record: a `RecipeTable` with the keys of this kind; its JSON Schema is made from it.
+    """
 
     element: str
-    keys: Mapping[str, Any]
-    plan: Callable[[Recipe], BoxPlan]
-    element_of: Callable[[dict[str, Any]], str] | None = None
-
-
-def fineness_keys(voxel_mm: float, mean_free_path_mm: float) -> dict[str, Any]:
-    """Keys of voxel and mean free path, with defaults [mm]."""
-    return {"voxel_mm": (positive, voxel_mm), "mean_free_path_mm": (positive, mean_free_path_mm)}
-
-
-def with_defaults(record: Any, kinds: Mapping[str, Any], other: Any = positive) -> dict[str, Any]:
-    """Keys of a record's fields with its defaults; `kinds` for those that are not of kind `other`."""
-    return {name: (kinds.get(name, other), value) for name, value in zip(record._fields, record, strict=True)}
-
-
-def not_negative(value: Any) -> float:
-    """A number, 0 or more."""
-    if number(value) < 0:
-        raise ValueError("a number, 0 or more")
-    return float(value)
-
-
-def share(value: Any) -> float:
-    """A number from 0 to below 1."""
-    if not 0 <= number(value) < 1:
-        raise ValueError("a number from 0 to below 1")
-    return float(value)
-
-
-def sizes(value: Any) -> tuple[float, ...]:
-    """Three numbers above 0."""
-    found = numbers(3)(value)
-    if min(found) <= 0:
-        raise ValueError("a list of 3 numbers above 0")
-    return found
+    record: type[RecipeTable]
+    plan: Callable[[Recipe[Any]], BoxPlan]
+    element_of: Callable[[Any], str] | None = None

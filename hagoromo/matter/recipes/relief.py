@@ -6,39 +6,46 @@ and lamp: of the photographs.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.record import anything, number, table, text
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.recipes.recipe import Kind, Recipe
+from hagoromo.files.record import about
+from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.matter.recipes.recipe import Kind, Recipe, RecipeTable
 from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
 from hagoromo.matter.solid.relief import relief_plan
 from hagoromo.reflectance.spectra.body_basis import body_basis
 from hagoromo.volume.store.plan import BoxPlan
 
 
-def _dim(value: object) -> float:
-    if not 0.0 < number(value) <= 1.0:
-        raise ValueError("a number above 0, 1 at most")
-    return number(value)
+class ReliefTable(RecipeTable, frozen=True, kw_only=True):
+    """The skin of a measured surface."""
+
+    material: Annotated[dict[str, Any], about("not used: the materials are the measured ones")] = {}
+    measured: Annotated[str, about("folder of `measure`, with points.exr")]
+    camera: Annotated[str, about("file of cameras, of which the first photographed it")]
+    dim: Annotated[
+        float, Meta(gt=0, le=1), about("factor that makes reflectances conserve energy; lamps are divided by it")
+    ] = 1.0
+    response: Annotated[str | None, about("camera response of the photographs: a name or a CSV file")] = None
+    lamp: Annotated[Any, SOURCE, about("spectrum of the lamps of the photographs")] = 1.0
 
 
-def _plan(recipe: Recipe) -> BoxPlan:
-    if recipe["resolution"] != 1.0:
+def _plan(recipe: Recipe[ReliefTable]) -> BoxPlan:
+    table = recipe.table
+    if table.resolution != 1.0:
         raise InputError(f"{recipe.where}: resolution is for other kinds: a relief has a voxel for each pixel")
-    relief, materials = read_relief(recipe.file(recipe["measured"]))
-    views = read_views(recipe.file(recipe["camera"]))
+    relief, materials = read_relief(recipe.file(table.measured))
+    views = read_views(recipe.file(table.camera))
     camera = next(iter(views.values()))
-    response = None if recipe["response"] is None else Response.load(recipe["response"], recipe.folder)
-    basis = body_basis(response, Spectrum.load(recipe["lamp"], recipe.folder))
-    reflectances = surface_reflectances(materials, basis, recipe["dim"])
-    return relief_plan(replace(relief, body=recipe["dim"] * relief.body), camera, reflectances, basis)
+    response = None if table.response is None else Response.load(table.response, recipe.folder)
+    basis = body_basis(response, Spectrum.load(table.lamp, recipe.folder))
+    reflectances = surface_reflectances(materials, basis, table.dim)
+    return relief_plan(replace(relief, body=table.dim * relief.body), camera, reflectances, basis)
 
 
-KEYS = {
-    "measured": text, "camera": text, "dim": (_dim, 1.0), "response": (text, None), "lamp": (anything, 1.0),
-    "material": (table, {}),
-}  # fmt: skip
-KIND = Kind("plane", KEYS, _plan)
+KIND = Kind("plane", ReliefTable, _plan)

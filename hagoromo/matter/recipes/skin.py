@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from hagoromo.files.record import positive, table
-from hagoromo.matter.recipes.form import shape_of
-from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys, not_negative, with_defaults
+from typing import Annotated, Any
+
+from hagoromo.files.record import Positive, about, extended, like
+from hagoromo.matter.recipes.form import SHAPES, shape_of
+from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, RecipeTable, Voxel
 from hagoromo.matter.skin.skin import Granules, check_granules, skin_on, skin_patch
 from hagoromo.volume.store.plan import BoxPlan
 
-FROM_0 = "corneum_mm", "scale_deg", "primary_depth_mm", "secondary_depth_mm", "pores_per_cm2", "fade_mm"
+
+class SkinPlace(RecipeTable, frozen=True, kw_only=True):
+    """A patch of skin, or skin on a shape."""
+
+    size_mm: Annotated[Positive, about("edge of the square patch [mm]")] = 10.0
+    shape: Annotated[dict[str, Any] | None, like(*SHAPES), about("shape that is covered with skin")] = None
+    voxel_mm: Voxel = 0.02
+    mean_free_path_mm: MeanFreePath = 0.04
 
 
-def _plan(recipe: Recipe) -> BoxPlan:
-    granules, fine, seed = check_granules(recipe.record(Granules)), recipe.fineness, recipe["seed"]
-    if recipe["shape"] is None:
-        return skin_patch(recipe.material, recipe["size_mm"], granules, fine, seed)
-    shape, extent = shape_of(recipe["shape"], f"{recipe.where} [shape]")
-    return skin_on(shape, extent, recipe.material, granules, fine, seed, name="skin")
+SkinTable = extended("SkinTable", SkinPlace, Granules)
 
 
-KEYS = {"size_mm": (positive, 10.0), "shape": (table, None)}
-KIND = Kind(
-    "sphere",
-    KEYS | with_defaults(Granules(), dict.fromkeys(FROM_0, not_negative)) | fineness_keys(0.02, 0.04),
-    _plan,
-)
+def _plan(recipe: Recipe[Any]) -> BoxPlan:
+    table, fine = recipe.table, recipe.fineness
+    granules = check_granules(Granules(*(getattr(table, name) for name in Granules._fields)))
+    if table.shape is None:
+        return skin_patch(recipe.material, table.size_mm, granules, fine, table.seed)
+    shape, extent = shape_of(table.shape, f"{recipe.where} [shape]")
+    return skin_on(shape, extent, recipe.material, granules, fine, table.seed, name="skin")
+
+
+KIND = Kind("sphere", SkinTable, _plan)

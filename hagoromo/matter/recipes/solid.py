@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from hagoromo.files.record import table
-from hagoromo.matter.recipes.form import form_keys, shape_of
-from hagoromo.matter.recipes.recipe import Kind, Recipe, fineness_keys
+from typing import Annotated, Any
+
+from hagoromo.files.record import about, like
+from hagoromo.matter.recipes.form import FORMS, Mesh, form_of, shape_of
+from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, RecipeTable, Voxel
 from hagoromo.matter.solid.solid import MeshSurface, mesh_solid, solid
 from hagoromo.volume.store.plan import BoxPlan
 
 
-def _plan(recipe: Recipe) -> BoxPlan:
+class SolidTable(RecipeTable, frozen=True, kw_only=True):
+    """A solid: a shape, or any mesh, filled."""
+
+    shape: Annotated[dict[str, Any], like(*FORMS), about("its shape")]
+    voxel_mm: Voxel = 0.5
+    mean_free_path_mm: MeanFreePath = 0.5
+
+
+def _plan(recipe: Recipe[SolidTable]) -> BoxPlan:
     where = f"{recipe.where} [shape]"
-    key = form_keys(recipe["shape"], where)
-    if key["form"] == "mesh":
-        mesh = MeshSurface(recipe.file(key["file"]), key["height_mm"], key["rotation_deg"])
+    form = form_of(recipe.table.shape, where)
+    if isinstance(form, Mesh):
+        mesh = MeshSurface(recipe.file(form.file), form.height_mm, form.rotation_deg)
         return mesh_solid(mesh, recipe.material, recipe.fineness)
-    return solid(*shape_of(recipe["shape"], where), recipe.material, recipe.fineness)
+    return solid(*shape_of(recipe.table.shape, where), recipe.material, recipe.fineness)
 
 
-KIND = Kind("plane", {"shape": table, **fineness_keys(0.5, 0.5)}, _plan)
+KIND = Kind("plane", SolidTable, _plan)

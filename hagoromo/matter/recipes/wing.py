@@ -6,15 +6,25 @@ of voxels of 0.2 mm. Element cylinder.
 
 from __future__ import annotations
 
-from hagoromo.files.record import table
+from typing import Annotated, Any
+
+from hagoromo.files.record import about
 from hagoromo.matter.feather.wing import wing_of
-from hagoromo.matter.recipes.recipe import Kind, Recipe
+from hagoromo.matter.recipes.recipe import Kind, Recipe, RecipeTable
+from hagoromo.reflectance.material.material_table import PARTS
 from hagoromo.volume.store.plan import BoxPlan
 
 
-def _plan(recipe: Recipe) -> BoxPlan:
+class WingTable(RecipeTable, frozen=True, kw_only=True):
+    """The pair of wings of a figure 270 mm high."""
+
+    flight_material: Annotated[dict[str, Any], PARTS, about("what flight feathers have in place of [material]")] = {}
+    shaft_material: Annotated[dict[str, Any], PARTS, about("what shafts have in place of [material]")] = {}
+
+
+def _plan(recipe: Recipe[WingTable]) -> BoxPlan:
     materials = [recipe.material, *(recipe.varied(name) for name in ("flight_material", "shaft_material"))]
-    return wing_of(materials, recipe["resolution"], recipe["seed"])
+    return wing_of(materials, recipe.table.resolution, recipe.table.seed)
 
 
-KIND = Kind("cylinder", {"flight_material": (table, {}), "shaft_material": (table, {})}, _plan)
+KIND = Kind("cylinder", WingTable, _plan)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
+from hagoromo.files.record import NotNegative, Positive, about
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.noise import cellular_noise, hashed, seed_of, uniform
 from hagoromo.matter.shape import Shape, distance_and_normal, rounded_box, smooth_intersection, sphere, unit
@@ -28,22 +29,22 @@ RISE = 0.15  # height of a granule above its neighbours [diameters]
 class Granules(NamedTuple):
     """Micro-structure of skin: granules, scales, lines and pores (see `Lines`), and the fade outside.
 
-    corneum_mm: thickness of the layer of scales (10–20 µm but for palms and soles; 0: none); scale_mm, scale_deg: width
-    of a scale (cells of the horn are 30–50 µm wide and peel in flakes) and its tilt. The defaults are life-size.
+    The horny layer is 10–20 µm thick but for palms and soles; cells of the horn are 30–50 µm wide and peel in flakes.
+    The defaults are life-size.
     """
 
-    granule_mm: float = 0.12
-    corneum_mm: float = 0.02
-    scale_mm: float = 0.08
-    scale_deg: float = 6.0
-    primary_mm: float = Lines().primary_mm
-    primary_depth_mm: float = Lines().primary_depth_mm
-    secondary_mm: float = Lines().secondary_mm
-    secondary_depth_mm: float = Lines().secondary_depth_mm
-    rhomb_deg: float = Lines().rhomb_deg
-    pore_mm: float = Lines().pore_mm
-    pores_per_cm2: float = Lines().pores_per_cm2
-    fade_mm: float = 0.015
+    granule_mm: Annotated[Positive, about("diameter of the granules of the living layers [mm]")] = 0.12
+    corneum_mm: Annotated[NotNegative, about("thickness of the horny layer of scales above them; 0: none [mm]")] = 0.02
+    scale_mm: Annotated[Positive, about("width of a scale [mm]")] = 0.08
+    scale_deg: Annotated[NotNegative, about("tilt of a scale against the surface [°]")] = 6.0
+    primary_mm: Annotated[Positive, about("distance of the primary lines [mm]")] = Lines().primary_mm
+    primary_depth_mm: Annotated[NotNegative, about("depth of the primary lines [mm]")] = Lines().primary_depth_mm
+    secondary_mm: Annotated[Positive, about("distance of the secondary lines [mm]")] = Lines().secondary_mm
+    secondary_depth_mm: Annotated[NotNegative, about("depth of the secondary lines [mm]")] = Lines().secondary_depth_mm
+    rhomb_deg: Annotated[Positive, about("angle at which two sets of primary lines cross [°]")] = Lines().rhomb_deg
+    pore_mm: Annotated[Positive, about("diameter of the pores [mm]")] = Lines().pore_mm
+    pores_per_cm2: Annotated[NotNegative, about("pores per area [1/cm²]")] = Lines().pores_per_cm2
+    fade_mm: Annotated[NotNegative, about("thickness of the soft outermost surface [mm]")] = 0.015
 
     @property
     def lines(self) -> Lines:

@@ -1,38 +1,49 @@
-"""A material as a TOML table gives it: its figures, or the name of one that was measured."""
+"""A material as a TOML table gives it: its parameters, or the name of one that was measured."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.record import anything, inside, one_of, take, text
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.element import ELEMENTS
+from hagoromo.files.record import Record, about, decode, inside, like, optional
+from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.materials_file import read_materials
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, reflectance_from_record
 
-MEASURED = {
-    "file": text, "material": text, "element": (one_of(*ELEMENTS), None), "response": (text, None),
-    "lamp": (anything, 1.0),
-}  # fmt: skip
+
+class MeasuredMaterial(Record, frozen=True, kw_only=True):
+    """A material that was measured, by its name in a materials.json."""
+
+    file: Annotated[str, about("path of materials.json, inside the folder of this file")]
+    material: Annotated[str, about("name of the material in it")]
+    element: Annotated[Element | None, about("micro-element that carries the facets; default: that of the place")] = (
+        None
+    )
+    response: Annotated[str | None, about("camera response that it was measured with: a name or a CSV file")] = None
+    lamp: Annotated[Any, SOURCE, about("spectrum of the lamps that it was measured under")] = 1.0
+
+
+MATERIAL = like(ReflectanceRecord, MeasuredMaterial)  # what `reflectance_from_table` takes
+PARTS = like(optional("MaterialParts", ReflectanceRecord))  # what a table has in the place of another's
 
 
 def reflectance_from_table(
     record: dict[str, Any], folder: Path | None, where: str, element: str = "plane"
 ) -> Reflectance:
-    """A reflectance by its figures, or one that was measured: `{file = "materials.json", material = "silk"}`.
+    """A reflectance by its parameters, or one that was measured: `{file = "materials.json", material = "silk"}`.
 
     A measured one may name the `response` and `lamp` spectrum that its body colour was measured with. Files lie inside
     `folder` (None: anywhere). `element` stands where the table names none.
     """
     if "file" not in record:
         return reflectance_from_record({"element": element, **record}, where, folder)
-    key = take(record, MEASURED, where)
-    path = Path(key["file"]) if folder is None else inside(folder, key["file"])
-    found = {material.name: material for material in read_materials(path)}
-    if key["material"] not in found:
-        raise InputError(f"{where}: {path} has no material {key['material']!r}: it has {', '.join(found)}")
-    response = None if key["response"] is None else Response.load(key["response"], folder)
-    return found[key["material"]].reflectance(response, Spectrum.load(key["lamp"], folder), key["element"] or element)
+    table = decode(record, MeasuredMaterial, where)
+    path = Path(table.file) if folder is None else inside(folder, table.file)
+    estimates = {material.name: material for material in read_materials(path)}
+    if table.material not in estimates:
+        raise InputError(f"{where}: {path} has no material {table.material!r}: it has {', '.join(estimates)}")
+    response = None if table.response is None else Response.load(table.response, folder)
+    return estimates[table.material].reflectance(response, Spectrum.load(table.lamp, folder), table.element or element)

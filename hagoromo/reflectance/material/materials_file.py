@@ -5,49 +5,93 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import (
-    anything,
-    count,
-    flag,
-    list_of,
-    number,
-    numbers,
-    one_of,
-    read_json,
-    table,
-    take,
-    text,
-    write_json,
-)
+from hagoromo.files.record import Count, Origin, Record, about, decode, origin, read_json, write_json
 from hagoromo.files.whole import whole_file
-from hagoromo.reflectance.element import ELEMENTS
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 
-ESTIMATED = (*PARAMETERS, "specular_albedo", "body_colour")
-MATERIAL = {
-    "name": text,
-    "pixels": count,
-    "body_colour": numbers(),
-    "interface_colour": numbers(),
-    **dict.fromkeys((*PARAMETERS, "specular_albedo"), number),
-    "element": (one_of(*ELEMENTS), "plane"),
-    "standard_error": table,
-    "interval_95": table,
-    "correlation": list_of(list_of(anything)),
-    "identifiable": table,
-    "chi_square": number,
-    "remarks": (list_of(text), ()),
-    **dict.fromkeys(("lack_of_fit", "texture", "gloss"), (lambda value: None if value is None else table(value), None)),
-}
+Bounds = tuple[float | None, float | None]  # null: no bound
+Row = Annotated[tuple[float | None, ...], Meta(min_length=len(PARAMETERS), max_length=len(PARAMETERS))]
+
+
+class StandardErrors(Record, frozen=True, kw_only=True):
+    """Standard errors, each in the unit of its parameter; null where there is none."""
+
+    takes_null = True
+
+    alpha: Annotated[float | None, about("of alpha [1/sr]")] = None
+    beta: Annotated[float | None, about("of beta [1/sr]")] = None
+    gamma: Annotated[float | None, about("of gamma [rad]")] = None
+    n: Annotated[float | None, about("of n")] = None
+    specular_albedo: Annotated[float | None, about("of the specular albedo")] = None
+    body_colour: Annotated[tuple[float | None, ...] | None, about("of the body colour, one per channel")] = None
+
+
+class Intervals(Record, frozen=True, kw_only=True):
+    """95 % confidence intervals [low, high], each in the unit of its parameter; null: no bound on that side."""
+
+    alpha: Annotated[Bounds, about("of alpha [1/sr]")]
+    beta: Annotated[Bounds, about("of beta [1/sr]")]
+    gamma: Annotated[Bounds, about("of gamma [rad]")]
+    n: Annotated[Bounds, about("of n")]
+    specular_albedo: Annotated[Bounds, about("of the specular albedo")]
+    body_colour: Annotated[tuple[Bounds, ...], about("of the body colour, one per channel")]
+
+
+class Identifiable(Record, frozen=True, kw_only=True):
+    """Whether the photographs determine a parameter; where not, its value is a stated choice (see `remarks`)."""
+
+    alpha: bool
+    beta: bool
+    gamma: bool
+    n: bool
+
+
+class MaterialRecord(Record, frozen=True, kw_only=True):
+    """One measured material of materials.json: see `MaterialEstimate`."""
+
+    version_key = "hagoromo.format_version"
+    takes_null = True
+
+    name: Annotated[str, about("name of the material")]
+    pixels: Annotated[Count, about("number of pixels with its label")]
+    body_colour: Annotated[tuple[float, ...], about("body (diffuse) colour, one per channel, mean 1")]
+    interface_colour: Annotated[tuple[float, ...], about("interface (specular) colour, one per channel")]
+    alpha: Annotated[float, about("weight of the body (diffuse) part α [1/sr]")]
+    beta: Annotated[float, about("weight of the interface (specular) part β [1/sr]")]
+    gamma: Annotated[float, about("half width of the distribution of facets γ [rad]")]
+    n: Annotated[float, about("refractive index")]
+    specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
+    element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
+    standard_error: Annotated[StandardErrors, about("standard error of each parameter")]
+    interval_95: Annotated[Intervals, about("95 % confidence interval of each parameter")]
+    correlation: Annotated[
+        tuple[Row, ...],
+        about("correlation of the estimates of alpha, beta, gamma, n; null where one was not estimated"),
+    ]
+    identifiable: Annotated[Identifiable, about("whether the photographs determine a parameter")]
+    chi_square: Annotated[float, about("χ² of the residuals per degree of freedom")]
+    remarks: Annotated[tuple[str, ...], about("remarks for people")] = ()
+    lack_of_fit: Annotated[dict[str, Any] | None, about("test whether the model has the right shape")] = None
+    texture: Annotated[dict[str, Any] | None, about("whether the body colour varies over the pixels")] = None
+    gloss: Annotated[dict[str, Any] | None, about("whether β and γ vary over the pixels")] = None
+    hagoromo: Annotated[Origin, about("what wrote the file")] = Origin()
+
+
+FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hagoromo")
 
 
 def write_materials(materials: Sequence[MaterialEstimate], path: str | Path, force: bool = False) -> Path:
     """Write materials.json, whole or not at all: the fields of `MaterialEstimate`, null for None and for no bound."""
+    records = [{name: getattr(material, name) for name in FIELDS} | {"hagoromo": origin()} for material in materials]
     with whole_file(path, force) as partial:
-        write_json(partial, [_plain({key: getattr(material, key) for key in MATERIAL}) for material in materials])
+        write_json(partial, _plain(records))
     return Path(path)
 
 
@@ -63,36 +107,24 @@ def read_materials(path: str | Path) -> tuple[MaterialEstimate, ...]:
 
 
 def _material(entry: Any, where: str) -> MaterialEstimate:
-    fields = take(entry, MATERIAL, where)
-    known: dict[str, Any] = dict.fromkeys(ESTIMATED, (anything, None))
-    channels = len(fields["body_colour"])
-    errors = take(fields["standard_error"], known, f"{where}: standard_error")
-    bounds = take(fields["interval_95"], known, f"{where}: interval_95")
-    correlation = tuple(tuple(row) for row in fields["correlation"])
-    if len(fields["interface_colour"]) != channels or {len(row) for row in correlation} != {len(PARAMETERS)}:
-        raise InputError(f"{where}: colours must have one number a channel and the correlation {len(PARAMETERS)} rows")
-    return MaterialEstimate(**{
-        **fields,
-        "correlation": correlation,
-        "standard_error": {key: _tuples(value) for key, value in errors.items()},
-        "interval_95": {key: _bounds(value, f"{where}: interval_95 {key}") for key, value in bounds.items()},
-        "identifiable": take(fields["identifiable"], dict.fromkeys(PARAMETERS, flag), f"{where}: identifiable"),
-        "remarks": tuple(fields["remarks"]),
-    })  # fmt: skip
+    record = decode(entry, MaterialRecord, where)
+    if len(record.interface_colour) != len(record.body_colour):
+        raise InputError(f"{where}: body_colour and interface_colour differ in length: give each channel a number")
+    fields = {name: getattr(record, name) for name in FIELDS}
+    for name in ("standard_error", "interval_95", "identifiable"):
+        fields[name] = msgspec.structs.asdict(fields[name])
+    intervals = fields["interval_95"]
+    fields["interval_95"] = {
+        name: tuple(_interval(one) for one in value) if name == "body_colour" else _interval(value)
+        for name, value in intervals.items()
+    }
+    return MaterialEstimate(**fields)
 
 
-def _bounds(value: Any, where: str) -> tuple:
-    """(low, high), or one such pair a channel; null is no bound."""
-    if isinstance(value, list) and value and isinstance(value[0], list):
-        return tuple(_bounds(pair, where) for pair in value)
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{where} must be two numbers: given {value!r:.60}")
-    low, high = (None if bound is None else number(bound) for bound in value)
+def _interval(bounds: Bounds) -> tuple[float, float]:
+    """(low, high), infinite where there is no bound."""
+    low, high = bounds
     return -math.inf if low is None else low, math.inf if high is None else high
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _plain(value: Any) -> Any:

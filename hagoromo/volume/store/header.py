@@ -3,20 +3,56 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
-from hagoromo.files.record import anything, count, list_of, number, numbers, positive, table, take, text
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.files.record import Count, Matrix, Pair, Positive, Record, about, decode, like
+from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, reflectance_from_record
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks
 from hagoromo.volume.texel import Texel
 
 FORMAT = 1
+MOST_LEVELS = 32  # of a texel
+
+
+class TexelRecord(Record, frozen=True, kw_only=True):
+    """The numbers of a texel: a periodic volume that is laid on a surface; its arrays lie beside."""
+
+    period: Annotated[Pair, about("length of one repeat along both directions of the surface [m]")]
+    bottom: Annotated[float, about("lowest height above the surface [m]")]
+    top: Annotated[float, about("greatest height above the surface [m]")]
+    variants: Annotated[int, Meta(ge=1, le=2**32 - 1), about("number of variants of the repeat")]
+    levels: Annotated[int, Meta(ge=1, le=MOST_LEVELS), about("number of levels of detail")]
+
+
+class BoxRecord(Record, frozen=True, kw_only=True):
+    """The attribute `hagoromo` of a volume box, a Zarr v3 group: all but its voxels."""
+
+    version_key = "format"
+    newest_version = FORMAT
+    old_names = {"lift": "shadow_bias"}  # until version 0.1
+
+    format: Annotated[Count, about("version of the format")]
+    voxel_size: Annotated[Positive, about("edge of a voxel [m]")]
+    tau: Annotated[Positive, about("extinction coefficient where the density is 1 [1/m]")]
+    name: Annotated[str, about("name of the box")] = ""
+    pose: Annotated[Matrix, about("box to world, 4 × 4 by rows, rigid [m]")]
+    materials: Annotated[
+        tuple[Annotated[Any, like(ReflectanceRecord)], ...], about("the materials that voxels name by their index")
+    ]
+    basis: Annotated[
+        tuple[Annotated[Any, SOURCE], ...], about("spectra that the body colours of voxels are weights of")
+    ] = ()
+    provenance: Annotated[dict[str, Any], about("what the box was made from: its recipe")] = {}
+    texel: Annotated[TexelRecord | None, about("the micro-structure of a shell")] = None
+    band: Annotated[Pair, about("heights of a shell above its surface [m]")] = (0.0, 1.0)
+    shadow_bias: Annotated[float, about("offset of the origin of shadow rays along the normal [m]")] = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +94,15 @@ def header_from_record(record: Any, where: str) -> BoxHeader:
     """The header of a record that came from `where`, without its texel; `InputError` where it is none."""
     if record is None:
         raise InputError(f"{where} is a Zarr group without the attribute 'hagoromo': it is no volume box")
-    spec = {
-        "format": count, "voxel_size": positive, "tau": positive, "name": (text, ""), "pose": numbers(16),
-        "materials": list_of(anything), "basis": (list_of(anything), []), "provenance": (table, {}),
-        "texel": (table, None), "band": (numbers(2), (0.0, 1.0)), "shadow_bias": (number, 0.0),
-    }  # fmt: skip
-    if isinstance(record, dict) and "lift" in record:  # the name of shadow_bias until version 0.1
-        record = {"shadow_bias" if key == "lift" else key: value for key, value in record.items()}
-    taken = take(record, spec, where)
-    taken.pop("texel")  # its numbers; what they say of arrays is read with these
-    if taken.pop("format") != FORMAT:
-        raise InputError(f"{where} has format {record['format']}: this version reads {FORMAT}, update Hagoromo")
-    materials = [reflectance_from_record(m, f"{where}: material {k}") for k, m in enumerate(taken.pop("materials"))]
-    basis, pose = [Spectrum.load(s) for s in taken.pop("basis")], np.reshape(taken.pop("pose"), (4, 4))
-    pose = rigid_pose(pose, f"the pose of {where}")
-    return BoxHeader(materials=tuple(materials), basis=tuple(basis), pose=pose, **taken)
+    given = decode(record, BoxRecord, where)
+    return BoxHeader(
+        given.voxel_size,
+        given.tau,
+        tuple(reflectance_from_record(m, f"{where}: material {k}") for k, m in enumerate(given.materials)),
+        rigid_pose(np.reshape(given.pose, (4, 4)), f"the pose of {where}"),
+        tuple(Spectrum.load(spectrum) for spectrum in given.basis),
+        given.name,
+        given.provenance,
+        band=given.band,
+        shadow_bias=given.shadow_bias,
+    )

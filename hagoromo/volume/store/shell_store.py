@@ -18,19 +18,18 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
-from hagoromo.files.record import count, number, numbers, table, take
+from hagoromo.files.record import decode
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Shape, brick_bytes, check_shape, table_shape
 from hagoromo.volume.store.brick_writer import BrickWriter
-from hagoromo.volume.store.header import BoxHeader, header_from_record, header_of
+from hagoromo.volume.store.header import BoxHeader, BoxRecord, TexelRecord, header_from_record, header_of
 from hagoromo.volume.store.seal import SEALED
 from hagoromo.volume.table import in_table_order
 from hagoromo.volume.texel import SCALES, Level, Texel
 from hagoromo.volume.voxels import STORED
 
 TOGETHER = 512  # bricks a chunk, and sent to the device together
-MOST_LEVELS = 32
 VOXEL = (STORED, STORED, STORED)
 BRICKS = {"height": (np.float16, ()), "normal": (np.float16, (3,)), "chart": (np.uint32, (4,))}
 LEVEL = {"density": np.float16, "axis": np.float16, "scale": np.float32}
@@ -69,15 +68,15 @@ def is_shell(record: Any) -> bool:
 
 def look_at_shell(folder: Path) -> tuple[BoxHeader, Shape, int, int]:
     """Header, shape, number of bricks and memory [byte] of a shell, its voxels unread."""
-    record, shape, key, stored = _opened(folder)
+    record, shape, numbers, stored = _opened(folder)
     kept = stored["places"].shape[0]
-    levels = sum(8 * int(np.prod(stored[f"texel/{k}/density"].shape)) for k in range(key["levels"]))
+    levels = sum(8 * int(np.prod(stored[f"texel/{k}/density"].shape)) for k in range(numbers.levels))
     return header_from_record(record, str(folder)), shape, kept, kept * brick_bytes(chart=True) + levels
 
 
 def read_shell(folder: Path) -> VolumeBox:
     """The shell in `folder`; `InputError` where it is damaged, foreign or does not fit the memory."""
-    record, shape, key, stored = _opened(folder)
+    record, shape, numbers, stored = _opened(folder)
     header = header_from_record(record, str(folder))
     places = _whole(stored["places"], np.int32, (None, 3))
     lattice = table_shape(shape)
@@ -95,31 +94,29 @@ def read_shell(folder: Path) -> VolumeBox:
             for name, (_, more) in BRICKS.items()
         )
         writer.write(begin, height.astype(np.float32), normal.astype(np.float32), chart=words)
-    levels = tuple(_level(stored, k, str(folder)) for k in range(key["levels"]))
+    levels = tuple(_level(stored, k, str(folder)) for k in range(numbers.levels))
     if len({len(level.density) for level in levels}) != 1:
         raise InputError(f"{folder}: the levels of the texel differ in their populations: the box is damaged")
-    texel = Texel(key["period"], key["bottom"], key["top"], key["variants"], levels)
+    texel = Texel(numbers.period, numbers.bottom, numbers.top, numbers.variants, levels)
     for k, level in enumerate(levels):
         if (level.nodes[1] - 1) % texel.variants or min(level.nodes) < 2 or level.nodes[1] <= texel.variants:
             raise InputError(f"{folder}/texel/{k}: {level.nodes} nodes do not hold {texel.variants} variants")
     return replace(header, texel=texel).box(writer.bricks())
 
 
-def _opened(folder: Path) -> tuple[Any, Shape, dict[str, Any], dict[str, ZarrArray]]:
+def _opened(folder: Path) -> tuple[Any, Shape, TexelRecord, dict[str, ZarrArray]]:
     """Attribute `hagoromo`, shape of the lattice, numbers of the texel, and all arrays that they say are there."""
     attributes, where = open_arrays(folder)[0], str(folder)
     record = attributes.get("hagoromo")
-    key = take(record, {"texel": table}, where, strict=False)["texel"]
-    spec = {"period": numbers(2), "bottom": number, "top": number, "variants": count, "levels": count}
-    key = take(key, spec, f"{where}: texel")
-    if not (1 <= key["levels"] <= MOST_LEVELS and key["variants"] >= 1):
-        raise InputError(f"{where}: a texel of {key['levels']} levels and {key['variants']} variants is none")
-    names = ["places", *BRICKS, *(f"texel/{k}/{name}" for k in range(key["levels"]) for name in LEVEL)]
+    numbers = decode(record, BoxRecord, where).texel
+    if numbers is None:
+        raise InputError(f"{where} has no texel: it is no shell")
+    names = ["places", *BRICKS, *(f"texel/{k}/{name}" for k in range(numbers.levels) for name in LEVEL)]
     stored = open_arrays(folder, tuple(names))[1]
     for name in names:
         if name not in stored:
             raise InputError(f"{folder} lacks the array {name!r}: it is damaged, build it again")
-    return record, _shape(attributes.get("shape"), where), key, stored
+    return record, _shape(attributes.get("shape"), where), numbers, stored
 
 
 def _shape(given: Any, where: str) -> Shape:
