@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl figures gallery
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl figures gallery schemas
 
 setup: $(READY)
 
@@ -93,3 +93,7 @@ figures: $(READY)
 # Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
 gallery: $(READY)
 	$(BIN)/python -m studies.gallery.gallery examples/recipes --out docs
+
+# The JSON Schemas of all files, made from the records that read them; a test holds that they are up to date.
+schemas: $(READY)
+	$(BIN)/hagoromo schema --out docs/schemas

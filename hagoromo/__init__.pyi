@@ -81,3 +81,4 @@ from .image.compare import Comparison as Comparison, compare as compare
 
 # Any file or folder that the package knows
 from .app.info import info as info
+from .app.schemas import json_schema as json_schema, schema_names as schema_names, write_schemas as write_schemas

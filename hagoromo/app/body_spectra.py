@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.record import write_json
+from hagoromo.files.record import ForeignRecord, WrittenBy, about, write_json, written_by
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+
+
+class BodySpectrumRecord(ForeignRecord, frozen=True, kw_only=True):
+    """One material of body_spectra.json."""
+
+    name: Annotated[str, about("name of the material")]
+    wavelengths: Annotated[list[float], about("wavelengths [nm]")]
+    values: Annotated[list[float], about("body (diffuse) reflectance, of mean 1 over the channels")]
+    standard_error: Annotated[list[float], about("standard error of each value")]
+    covariance: Annotated[list[list[float]], about("covariance of the values")]
+    probability: Annotated[dict[str, float], about("probability of each prior")]
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
 def write_body_spectra(path: Path, capture: Capture, measurement: Measurement) -> bool:
@@ -66,4 +78,5 @@ def _record(material: MaterialEstimate, response: Response, lamp: Spectrum) -> d
         "standard_error": found.standard_error.tolist(),
         "covariance": found.covariance.tolist(),
         "probability": dict(found.probability),
+        "hagoromo": written_by(),
     }

@@ -338,3 +338,21 @@ def info(file: Positional[Path]) -> None:
     """
     for key, value in hg.info(file).items():
         print(f"{key}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}")
+
+
+@verb(verbs)
+def schema(kind: Positional[str | None] = None, out: Path | None = None) -> None:
+    """JSON Schemas of the files: for editors, and for programs that write them.
+
+    Args:
+        kind: file, such as scene, materials or recipe-cloth; printed. Without it the kinds are listed.
+        out: folder for the schemas of all kinds, in place of printing.
+    """
+    from hagoromo.app.schemas import json_schema, schema_names, write_schemas
+
+    if out is not None:
+        wrote(*write_schemas(out))
+    elif kind is None:
+        print(*schema_names(), sep="\n")
+    else:
+        print(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))

@@ -79,7 +79,7 @@ class Record(ForeignRecord, frozen=True, forbid_unknown_fields=True):
     """A table of a file of our own: a key that it does not know is an error."""
 
 
-class Origin(ForeignRecord, frozen=True, kw_only=True):
+class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
     """What wrote a file: the table `hagoromo` of the files that the package writes."""
 
     format_version: Annotated[Count, about("version of the file's format; 1 where it is absent")] = 1
@@ -88,7 +88,7 @@ class Origin(ForeignRecord, frozen=True, kw_only=True):
     seed: Annotated[Count | None, about("seed of the random numbers that the result was made with")] = None
 
 
-def origin(format_version: int = 1, **more: Any) -> dict[str, Any]:
+def written_by(format_version: int = 1, **more: Any) -> dict[str, Any]:
     """The table `hagoromo` of a file that this package writes; more: `settings`, `seed`."""
     return {"format_version": format_version, "version": __version__, **more}
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from hagoromo.files.record import LATER, REFERENCE
+from hagoromo.files.record import LATER, REFERENCE, ForeignRecord
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -23,10 +23,30 @@ def record_schema(record: Any, title: str) -> dict[str, Any]:
         name = waiting.pop()
         if name not in tables:
             _, more = msgspec.json.schema_components([LATER[name]], ref_template=REFERENCE + "{name}")
-            new = {key: value for key, value in more.items() if key not in tables}
-            tables |= new
-            waiting.extend(_named(new))
+            waiting.extend(_named(more))
+            tables |= {key: value for key, value in more.items() if key not in tables}
+    takes_null = {one.__name__ for one in _records(ForeignRecord) if one.takes_null}
+    for name, table in tables.items():
+        for key, field in table["properties"].items():
+            table["properties"][key] = _as_decoded(field, name in takes_null)
     return {"$schema": DIALECT, "title": title, **schema, "$defs": {key: tables[key] for key in sorted(tables)}}
+
+
+def _as_decoded(field: dict[str, Any], takes_null: bool) -> dict[str, Any]:
+    """The schema of a field as `decode` reads it: null only where it is taken; a choice without its pattern."""
+    if "enum" in field:
+        field.pop("pattern", None)
+    if takes_null or field.get("default", ...) is not None:
+        return field
+    known = {key: value for key, value in field.items() if key not in ("anyOf", "default")}
+    kinds = [_as_decoded(kind, False) for kind in field.get("anyOf", []) if kind.get("type") != "null"]
+    return known | (kinds[0] if len(kinds) == 1 else {"anyOf": kinds} if kinds else {})
+
+
+def _records(base: type) -> Iterator[Any]:
+    for record in base.__subclasses__():
+        yield record
+        yield from _records(record)
 
 
 def _named(part: Any) -> Iterator[str]:

@@ -25,7 +25,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import png_bytes, write_png
-from hagoromo.files.record import ForeignRecord, decode, inside, origin, read_json, write_json
+from hagoromo.files.record import ForeignRecord, decode, inside, read_json, write_json, written_by
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
@@ -175,7 +175,7 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             shared["truth"] = capture.truth
         own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
         listed = [json.loads(lamp) for lamp in lamps]
-        top = {"hagoromo": origin(), "name": capture.name, **shared}
+        top = {"hagoromo": written_by(), "name": capture.name, **shared}
         write_json(home / TRANSFORMS, {**top, "lamps": listed, "frames": own})
     return Path(folder)
 

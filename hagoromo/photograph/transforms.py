@@ -15,7 +15,7 @@ from hagoromo.camera.formats.nerfstudio import ViewRecord
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import MOSAICS, Sensor
 from hagoromo.errors import InputError, described
-from hagoromo.files.record import Count, Origin, Positive, Record, Vector, about, decode, inside, like, one_of
+from hagoromo.files.record import Count, Positive, Record, Vector, WrittenBy, about, decode, inside, like, one_of
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import SOURCE, Spectrum
 
@@ -89,7 +89,7 @@ class CaptureRecord(ImageSettings, frozen=True, kw_only=True):
     truth: Annotated[dict[str, Any] | None, about("what a simulation knows: its scene")] = None
     points_path: Annotated[str | None, about("EXR with channels P.X P.Y P.Z: world point of each pixel [m]")] = None
     normals_path: Annotated[str | None, about("EXR with channels N.X N.Y N.Z: unit normal, world axes, 0: none")] = None
-    hagoromo: Annotated[Origin, about("what wrote the file")] = Origin()
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
 def sensor_from_record(record: Mapping[str, Any], depth: int, exposure_s: float, iso: float, where: str) -> Sensor:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from hagoromo.camera.response import response_matrix, white
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
+from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
 from hagoromo.image.compare import compare
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
@@ -32,6 +33,16 @@ BRIGHT = 99.0  # percentile of the photograph's brightest channel that is white 
 COVERED = 0.99  # of a pixel by the boxes, to be compared
 Array = NDArray[np.float64]
 PREDICTIONS = {"boxes": "volume boxes, rendered", "normals": "reflectance on the normals, no shadows"}
+
+
+class RelitRecord(ForeignRecord, frozen=True, kw_only=True):
+    """One photograph of relit.json."""
+
+    photograph: Annotated[str, about("name of the photograph that was kept aside")]
+    white: Annotated[float, about("value of the photograph that is white on the page and in the comparison")]
+    lamps: Annotated[list[str], about("its lamps, in words")]
+    compared: Annotated[dict[str, dict[str, Any]], about("difference of each prediction from the photograph")]
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +69,7 @@ class Relit:
             "white": self.white,
             "lamps": list(self.lamps),
             "compared": dict(self.compared),
+            "hagoromo": written_by(),
         }
 
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.camera.board import Board, Corners
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.formats.camera_file import read_camera
+from hagoromo.camera.formats.camera_file import CameraRecord, read_camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
-from hagoromo.files.record import list_of, number, read_json, table, take, text, write_json
+from hagoromo.files.record import decode, read_json, write_json, written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.progress import Progress, silent
 
@@ -73,6 +73,7 @@ class CameraCalibration:
             "boards_rms_px": self.boards,
             "skipped": list(self.skipped),
             "outliers": list(self.outliers),
+            "hagoromo": written_by(),
         }
 
     def save(self, path: str | Path, force: bool = False) -> Path:
@@ -84,14 +85,12 @@ class CameraCalibration:
     @staticmethod
     def load(path: str | Path) -> CameraCalibration:
         """The calibration that `save` wrote; the file holds no corners and residuals, so they are empty."""
-        keys = {
-            "standard_deviation": table, "rms_px": number, "boards_rms_px": table,
-            "skipped": list_of(text), "outliers": list_of(text),
-        }  # fmt: skip
-        key = take(read_json(path), keys, str(path), strict=False)
-        names = tuple(key["skipped"]), tuple(key["outliers"])
+        record = decode(read_json(path), CameraRecord, str(path))
+        if record.rms_px is None:
+            raise InputError(f"{path} lacks the key 'rms_px': give a camera.json of `calibrate camera`")
+        errors, boards = record.standard_deviation, record.boards_rms_px
         return CameraCalibration(
-            read_camera(path), key["standard_deviation"], key["rms_px"], key["boards_rms_px"], *names, {}, {}
+            read_camera(path), errors, record.rms_px, boards, record.skipped, record.outliers, {}, {}
         )
 
 

@@ -10,7 +10,7 @@ from hagoromo.calibration.lamps.ball import Ball
 from hagoromo.calibration.lamps.highlight import LampReading
 from hagoromo.calibration.lamps.place import LampPlace
 from hagoromo.calibration.lamps.strength import Strength
-from hagoromo.files.record import write_json
+from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import Spread
@@ -46,6 +46,7 @@ class LampCalibration:
         """The content of lamps.json."""
         readings = self._readings()
         return {
+            "hagoromo": written_by(),
             "lamps": [{key: record[key] for key in LAMP if key in record} for record in readings],
             "ball": self.balls[0].record(),
             "balls": [ball.record() for ball in self.balls],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from hagoromo.camera.formats.opencv_file import MATRIX, only_lens, read_opencv, 
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
 from hagoromo.files.door import existing_file
-from hagoromo.files.record import Count, ForeignRecord, Origin, about, decode, read_json
+from hagoromo.files.record import Count, ForeignRecord, WrittenBy, about, decode, read_json
 from hagoromo.files.whole import whole_file, whole_folder
 
 Format = Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"]
@@ -48,12 +48,12 @@ class CameraRecord(ForeignRecord, frozen=True, kw_only=True):
     k4: Annotated[float, about("radial distortion, denominator, r²")] = 0.0
     k5: Annotated[float, about("radial distortion, denominator, r⁴")] = 0.0
     k6: Annotated[float, about("radial distortion, denominator, r⁶")] = 0.0
-    standard_deviation: Annotated[dict[str, Any], about("standard deviation of each figure, in its unit")] = {}
-    rms_px: Annotated[Any, about("root mean square distance of corners from their prediction [px]")] = None
-    boards_rms_px: Annotated[dict[str, Any], about("the same for each photograph [px]")] = {}
-    skipped: Annotated[list[Any], about("photographs in which no board was found")] = []
-    outliers: Annotated[list[Any], about("photographs whose rms is far above the others'")] = []
-    hagoromo: Annotated[Origin, about("what wrote the file")] = Origin()
+    standard_deviation: Annotated[dict[str, float], about("standard deviation of each figure, in its unit")] = {}
+    rms_px: Annotated[float | None, about("root mean square distance of corners from their prediction [px]")] = None
+    boards_rms_px: Annotated[dict[str, float], about("the same for each photograph [px]")] = {}
+    skipped: Annotated[tuple[str, ...], about("photographs in which no board was found")] = ()
+    outliers: Annotated[tuple[str, ...], about("photographs whose rms is far above the others'")] = ()
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
 def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:

@@ -25,9 +25,9 @@ from hagoromo.files.record import (
     decode,
     inside,
     one_of,
-    origin,
     read_json,
     write_json,
+    written_by,
 )
 
 POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
@@ -111,7 +111,7 @@ def read_transforms(path: str | Path) -> dict[str, Camera]:
 def write_transforms(path: str | Path, views: Mapping[str, Camera]) -> None:
     """Write views, image file → camera, so that `read_transforms` gives them back."""
     frames = [{"file_path": name, **record_from_camera(camera)} for name, camera in views.items()]
-    write_json(path, {"hagoromo": origin(), "frames": frames})
+    write_json(path, {"hagoromo": written_by(), "frames": frames})
 
 
 def camera_from_record(view: ViewRecord, size: tuple[int, int] | None, where: str) -> Camera:

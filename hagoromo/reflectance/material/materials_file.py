@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import Count, Origin, Record, about, decode, origin, read_json, write_json
+from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_json, write_json, written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
@@ -81,7 +81,7 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     lack_of_fit: Annotated[dict[str, Any] | None, about("test whether the model has the right shape")] = None
     texture: Annotated[dict[str, Any] | None, about("whether the body colour varies over the pixels")] = None
     gloss: Annotated[dict[str, Any] | None, about("whether β and γ vary over the pixels")] = None
-    hagoromo: Annotated[Origin, about("what wrote the file")] = Origin()
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
 FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hagoromo")
@@ -89,7 +89,9 @@ FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hag
 
 def write_materials(materials: Sequence[MaterialEstimate], path: str | Path, force: bool = False) -> Path:
     """Write materials.json, whole or not at all: the fields of `MaterialEstimate`, null for None and for no bound."""
-    records = [{name: getattr(material, name) for name in FIELDS} | {"hagoromo": origin()} for material in materials]
+    records = [
+        {name: getattr(material, name) for name in FIELDS} | {"hagoromo": written_by()} for material in materials
+    ]
     with whole_file(path, force) as partial:
         write_json(partial, _plain(records))
     return Path(path)

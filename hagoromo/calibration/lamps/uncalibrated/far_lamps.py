@@ -23,7 +23,7 @@ from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
 from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
 from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
-from hagoromo.files.record import write_json
+from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, silent
@@ -73,6 +73,7 @@ class SelfCalibration:
         """The content of lamps.json."""
         readings = self.records()
         return {
+            "hagoromo": written_by(),
             "lamps": [{key: one[key] for key in ("name", "to_lamp", "intensity")} for one in readings],
             "object": {
                 "convex": self.convex,
