@@ -51,9 +51,9 @@ def write_schemas(folder: str | Path) -> tuple[Path, ...]:
 def _files() -> dict[str, Any]:
     from hagoromo.app.body_spectra import BodySpectrumRecord
     from hagoromo.app.relight.relit import RelitRecord
-    from hagoromo.calibration.lamps.lamps_file import LampsRecord
     from hagoromo.camera.formats.camera_file import CameraRecord
     from hagoromo.image.scene_file import SceneRecord
+    from hagoromo.photograph.lamps_file import LampsRecord
     from hagoromo.photograph.transforms import CaptureRecord
     from hagoromo.reflectance.material.materials_file import MaterialRecord
     from hagoromo.volume.store.header import BoxRecord

@@ -16,10 +16,11 @@ from hagoromo.errors import InputError
 from hagoromo.files.door import check_memory
 from hagoromo.files.exr import read_header
 from hagoromo.files.picture import by_name, read_picture
-from hagoromo.files.record import read_json
+from hagoromo.files.record import decode, read_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
+from hagoromo.photograph.lamps_file import LampsRecord
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels
 from hagoromo.photograph.transforms import lamp_from_record
@@ -90,8 +91,8 @@ def capture(
 def load_lamps(path: str | Path) -> tuple[Lamp, ...]:
     """The lamps in a lamps.json of `hagoromo calibrate lamps`; `InputError` for a file that lists none."""
     record = read_json(path)
-    listed = record.get("lamps") if isinstance(record, dict) else record
-    if not isinstance(listed, list) or not listed:
+    listed = decode({"lamps": record} if isinstance(record, list) else record, LampsRecord, str(path)).lamps
+    if not listed:
         raise InputError(f"{path} lists no lamps: give the lamps.json of `hagoromo calibrate lamps`")
     return tuple(lamp_from_record(lamp, Path(path).parent, f"{path} lamp {i}") for i, lamp in enumerate(listed))
 
