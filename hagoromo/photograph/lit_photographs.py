@@ -23,7 +23,7 @@ from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.photograph.lamps_file import LampsRecord
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels
-from hagoromo.photograph.transforms import lamp_from_record
+from hagoromo.photograph.transforms import ImageSettings, lamp_from_record
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 FAR = 20.0  # focal length over the picture's longer side where no camera is given: nearly an orthographic view
@@ -70,7 +70,7 @@ def capture(
     shots = []
     for number, (label, path) in enumerate(paths.items()):
         _check_readable(path, transfer)
-        frame = {"sensor": {}, "exposure_s": None, "iso": None, "transfer": transfer or "linear"}
+        frame = ImageSettings(transfer=transfer or "linear")
         pixels = read_pixels(path, frame, channels, "bilinear", label)
         height, width = pixels.values.shape[:2]
         if view is None:
