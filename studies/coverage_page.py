@@ -7,6 +7,8 @@ from typing import Any
 
 from scipy.stats import beta
 
+from hagoromo.app.report.page import page_text
+
 NOMINAL = 0.95
 LABELS = {
     "alpha": "α", "beta": "β", "gamma": "γ", "n": "n", "specular_albedo": "specular albedo",
@@ -18,7 +20,7 @@ COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 def write_coverage_page(home: Path, record: dict[str, Any]) -> None:
     """Write coverage.md and coverage.png to the folder `home`."""
     _plot(home / "coverage.png", record)
-    (home / "coverage.md").write_text("\n".join(_lines(record)) + "\n", encoding="utf-8")
+    (home / "coverage.md").write_text(_page(record), encoding="utf-8")
 
 
 def chance(held: int, of: int) -> tuple[float, float]:
@@ -28,37 +30,24 @@ def chance(held: int, of: int) -> tuple[float, float]:
     return low, high
 
 
-def _lines(record: dict[str, Any]) -> list[str]:
+def _page(record: dict[str, Any]) -> str:
     count = record["simulations"]
     low, high = (100.0 * edge for edge in chance(round(NOMINAL * count), count))
-    lines = [
-        "# How often the intervals hold the truth",
-        "",
-        "*Made by `make coverage`; every figure on this page is its output.*",
-        "",
-        f"{count} materials are drawn for each bench and noise level (body albedo 0.1–0.8 per channel, γ 0.06–0.4 rad, "
-        "n 1.3–1.7, β 0.05–1 /sr, or 0.0005–0.05 /sr where the gloss is faint), observed on a ball with shot and read "
-        f"noise, and measured. Exact 95 % intervals would be seen to hold in {low:.1f}–{high:.1f} % of as many "
-        "simulations. A parameter that is not told has a wide or one-sided interval, which must hold the truth at "
-        "least as often; one lamp beside the camera cannot tell n, nor β without it.",
-        "",
-        "![Coverage](figures/coverage.png)",
-    ]
-    for bench in dict.fromkeys(row["bench"] for row in record["rows"]):
-        chosen = [row for row in record["rows"] if row["bench"] == bench]
-        levels = list(dict.fromkeys(row["level"] for row in chosen))
-        lines += ["", f"## {bench[0].upper()}{bench[1:]}", ""]
-        lines.append("| 95 % interval of | " + " | ".join(f"full well {level}: hold (told)" for level in levels) + " |")
-        lines.append("|---|" + "---|" * len(levels))
-        for key, label in LABELS.items():
-            cells = [_cell(row, count) for row in chosen if row["quantity"] == key]
-            lines.append(f"| {label} | {' | '.join(cells)} |")
-    return lines
+    benches = []
+    for name in dict.fromkeys(row["bench"] for row in record["rows"]):
+        chosen = [row for row in record["rows"] if row["bench"] == name]
+        rows = [
+            [label, *(_cell(row, count) for row in chosen if row["quantity"] == key)] for key, label in LABELS.items()
+        ]
+        levels = dict.fromkeys(row["level"] for row in chosen)
+        head = ["95 % interval of", *(f"full well {level}: coverage (identifiable)" for level in levels)]
+        benches.append({"name": f"{name[0].upper()}{name[1:]}", "head": head, "rows": rows})
+    return page_text("coverage.md.j2", "studies", simulations=count, low=low, high=high, benches=benches)
 
 
 def _cell(row: dict[str, Any], count: int) -> str:
-    told = f" ({100 * row['told'] / count:.0f} %)" if row["quantity"] in ("alpha", "beta", "gamma", "n") else ""
-    return f"{100 * row['hold'] / row['intervals']:.1f} %{told}"
+    share = f" ({100 * row['told'] / count:.0f} %)" if row["quantity"] in ("alpha", "beta", "gamma", "n") else ""
+    return f"{100 * row['hold'] / row['intervals']:.1f} %{share}"
 
 
 def _plot(path: Path, record: dict[str, Any]) -> None:
@@ -84,6 +73,6 @@ def _plot(path: Path, record: dict[str, Any]) -> None:
         axis.set_xticks(range(len(LABELS)), [*LABELS.values()], fontsize=8, rotation=25)
         axis.set_title(bench, fontsize=10)
         axis.set_ylim(84.0, 101.0)
-    axes[0].set_ylabel("intervals that hold the truth [%]", fontsize=9)
+    axes[0].set_ylabel("intervals that contain the truth [%]", fontsize=9)
     axes[-1].legend(fontsize=8, frameon=False, loc="lower right", title="full well", title_fontsize=8)
     figure.savefig(path, dpi=120)

@@ -7,44 +7,25 @@ from typing import Any
 
 import numpy as np
 
+from hagoromo.app.report.page import page_text
+
 COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 
 
 def write_merl_page(home: Path, record: dict[str, Any]) -> None:
     """Write merl.md and merl.png to the folder `home`."""
     _plot(home / "merl.png", record)
-    (home / "merl.md").write_text("\n".join(_lines(record)) + "\n", encoding="utf-8")
+    page = page_text("merl.md.j2", "studies", record=record, rows=_rows(record))
+    (home / "merl.md").write_text(page, encoding="utf-8")
 
 
-def _lines(record: dict[str, Any]) -> list[str]:
-    lines = [
-        "# Measured materials: Torrance–Sparrow against GGX",
-        "",
-        "*Made by `make merl`; every figure on this page is its output.*",
-        "",
-        f"The 80 materials of the MERL set, as two published fits of each, read in {record['directions']} pairs of "
-        f"directions with {100 * record['noise']:g} % of noise a reading: lamp at 0–70° from the normal, eye at 0–90° "
-        "from the mirror direction, in the plane of incidence and across it. Error of a material: the median over "
-        "directions and channels of |fit − truth| / truth. Dichromatic Torrance–Sparrow (body colour, β, γ, n) and "
-        "GGX + Lambert (SciPy, body colour, k_s, roughness, n) have six numbers each; *coloured* gives GGX a "
-        "specular colour, eight numbers.",
-        "",
-        "| truth | model | first quartile | median | third quartile | worst |",
-        "|---|---|---|---|---|---|",
-    ]
+def _rows(record: dict[str, Any]) -> list[list[str]]:
+    rows = []
     for kind, of in record["summary"].items():
         for method, figures in of["error"].items():
             cells = [f"{100 * figures[key]:.1f} %" for key in ("quartile_1", "median", "quartile_3")]
-            worst = f"{100 * figures['worst']:.0f} % ({figures['worst_material']})"
-            lines.append(f"| {kind} | {method} | {' | '.join(cells)} | {worst} |")
-    lines += ["", "![Errors over the materials](figures/merl.png)", "", "## What the result says of it", ""]
-    for kind, of in record["summary"].items():
-        lines.append(
-            f"* {kind}: of {of['materials']} materials {of['rejected']} are told as ill fitted (`lack_of_fit` in "
-            f"materials.json, level {record['level']:g}); of the {of['off']} whose error is above three times the "
-            f"noise, {of['off_and_told']}. Torrance–Sparrow is nearer than GGX + Lambert for {of['ours_better']}."
-        )
-    return lines
+            rows.append([kind, method, *cells, f"{100 * figures['worst']:.0f} % ({figures['worst_material']})"])
+    return rows
 
 
 def _plot(path: Path, record: dict[str, Any]) -> None:
