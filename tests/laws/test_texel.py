@@ -185,10 +185,12 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does():
 
 @pytest.mark.parametrize("towards", [(0.3, -1.0, 0.4), (-0.8, -0.7, 0.1), (0.1, -0.5, -0.9)])
 def test_prefiltered_levels_agree_with_supersampling(towards):
-    """3 % of the mean picture: one ray a pixel of 1.25 mm in coarse levels, against 196 in the finest."""
-    box, far = sheet(size=24.0), {"distance": 0.9, "pixels": 6, "towards": towards}
-    near = dict(far, pixels=6)
-    coarse, fine = seen(box, 1, "map", **far), seen(box, 196, "map", **near)
+    """3 % of the mean picture: one ray a pixel of 1.25 mm in coarse levels, against 14 × 14 thinner rays in the finest.
+
+    The thin rays are the pixels of a finer picture: 196 samples a pixel of the coarse one are 196 launches of 36 rays.
+    """
+    box = sheet(size=24.0)
+    coarse, fine = (seen(box, 1, "map", distance=0.9, pixels=pixels, towards=towards) for pixels in (6, 14 * 6))
     assert coarse[0].mean() == pytest.approx(fine[0].mean(), rel=0.03)
 
 
