@@ -10,9 +10,19 @@ import os
 import platform
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeAlias
 
 from hagoromo.errors import InputError
+
+# Dr.Jit's arrays in signatures of kernels: one entry per ray. The backend, and with it the type, is chosen at run time
+# (`arrays`), so the type checker takes them for Any. Functions of physics take a Python float where Float stands, too.
+Float: TypeAlias = Any  # single precision
+Bool: TypeAlias = Any
+Int: TypeAlias = Any  # 32 bits
+UInt: TypeAlias = Any  # 32 bits
+Array3f: TypeAlias = Any  # vector or point: x, y, z
+Array4f: TypeAlias = Any
+Array4u: TypeAlias = Any
 
 X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")

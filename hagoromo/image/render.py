@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo import __version__
-from hagoromo.backend import arrays, name
+from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_cache import SceneCache
@@ -23,7 +23,7 @@ from hagoromo.transport.film import Film
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.transport.march import march
-from hagoromo.transport.medium import Element, Medium
+from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
@@ -84,7 +84,7 @@ class PreparedScene:
         attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
         self.lighting = Lighting(scene.lamps, Materials(reflectances, self.palette), attenuation, bases)
 
-    def radiance(self, origin: Any, direction: Any, phase: Any = 0.0) -> tuple[list[Any], Any]:
+    def radiance(self, origin: Array3f, direction: Array3f, phase: Float = 0.0) -> tuple[list[Float], Float]:
         """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity)."""
         kinds, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [kinds.Float(0)] * self.channels
@@ -144,7 +144,7 @@ def _surfaces(scene: Scene, cache: SceneCache) -> Surfaces | None:
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
     """Share of a lamp's light that passes all boxes and surfaces on its way to a point."""
 
-    def share(lamp: int, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
+    def share(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None) -> Float:
         passed = boxes_shade(lamp, point, to_lamp, distance, texel_hit) if boxes_shade else arrays().Float(1)
         return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
 

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, lookup, mitsuba
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba
 from hagoromo.errors import InputError
 from hagoromo.files.mesh import read_mesh
 from hagoromo.reflectance.reflectance import Reflectance
@@ -119,7 +119,7 @@ class Surfaces:
         corners = np.concatenate([surface.corners() for surface in surfaces])
         self.shadow_bias = dr.opaque(kinds.Float, SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
-    def intersect(self, origin: Any, direction: Any) -> tuple[Any, Any, Any, Any]:
+    def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
         mi, kinds = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
@@ -130,7 +130,7 @@ class Surfaces:
         point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
         return kinds.Float(hit.t), point, normal, surface
 
-    def visible(self, point: Any, to_lamp: Any, distance: Any) -> Any:
+    def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""
         mi = mitsuba()
         ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to_lamp))

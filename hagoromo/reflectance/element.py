@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip
+from hagoromo.backend import Array3f, Float, arrays, clip
 from hagoromo.reflectance.torrance_sparrow import (
     LN2,
     Weights,
@@ -33,7 +33,7 @@ TABLE_NODES = 32
 
 
 def element_weights(
-    element: str, axis: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any
+    element: str, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, alpha: Float, beta: Float, gamma: Float, n: Float
 ) -> Weights:
     """Weights of f for an `element` of ELEMENTS: `axis` is the plane's normal or the cylinder's tangent [1/sr]."""
     if element == "plane":
@@ -47,14 +47,14 @@ def element_weights(
     return Weights(alpha * sphere_body(cos_phase), mirror * sphere_facets(cos_phase, gamma))
 
 
-def sphere_body(cos_phase: Any) -> Any:
+def sphere_body(cos_phase: Float) -> Float:
     """Mean of cosθ_i over the visible sphere: (2/3π)(sin χ + (π−χ) cos χ), cosχ = L·V."""
     cosine = clip(cos_phase, -1.0, 1.0)
     phase = dr.acos(clip(cosine, -1.0 + 1e-7, 1.0 - 1e-7))
     return dr.fmax((2.0 / (3.0 * math.pi)) * (_sine(cosine) + (math.pi - phase) * cosine), 0.0)
 
 
-def cylinder_body(axis: Any, to_lamp: Any, to_eye: Any) -> Any:
+def cylinder_body(axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Float:
     """Mean of cosθ_i over the visible cylinder: sinθ_L (sin Δ + (π−Δ) cos Δ)/4, Δ between L and V along the axis."""
     lamp, eye = _across(axis, to_lamp), _across(axis, to_eye)
     sine_lamp, sine_eye = _length(lamp), _length(eye)
@@ -63,7 +63,9 @@ def cylinder_body(axis: Any, to_lamp: Any, to_eye: Any) -> Any:
     return 0.25 * sine_lamp * (_sine(cosine) + (math.pi - turn) * cosine)
 
 
-def cylinder_facets(axis: Any, to_lamp: Any, to_eye: Any, gamma: Any, nodes: int = CYLINDER_NODES) -> Any:
+def cylinder_facets(
+    axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float, nodes: int = CYLINDER_NODES
+) -> Float:
     """∮ D G dψ / ∮ max(N·V,0) dψ over the normals that see both lamp and eye [1/sr without β F].
 
     cosθ_r cancels against the projected area, ∮ max(N·V,0) dψ = 2 sinθ_V. ψ is counted from Q across the axis, so
@@ -93,7 +95,7 @@ def cylinder_facets(axis: Any, to_lamp: Any, to_eye: Any, gamma: Any, nodes: int
     return total * width / (2.0 * sine_eye)
 
 
-def sphere_facets(cos_phase: Any, gamma: Any, nodes: int = SPHERE_NODES) -> Any:
+def sphere_facets(cos_phase: Float, gamma: Float, nodes: int = SPHERE_NODES) -> Float:
     """∫ D G dN / π over the normals that see both lamp and eye [1/sr without β F], a function of χ alone.
 
     Kernels read it from `sphere_table`; with 12 nodes per angle the error is below 0.3 % of the largest value.
@@ -117,7 +119,7 @@ def sphere_table(gamma: float, entries: int, nodes: int = TABLE_NODES) -> np.nda
     return (values @ weight @ weight).astype(np.float32)
 
 
-def _sphere_node(cos_phase: Any, gamma: Any, turn: Any, part: Any) -> Any:
+def _sphere_node(cos_phase: Float, gamma: Float, turn: Float, part: Float) -> Float:
     """Integrand of `sphere_facets` on the unit square: ω = turn · π/2 about the pole Q, φ = part · its largest value.
 
     The horizon of lamp and eye is tanφ = cotθ_Q / |cosω|; the four quadrants of ω are alike.
@@ -131,17 +133,17 @@ def _sphere_node(cos_phase: Any, gamma: Any, turn: Any, part: Any) -> Any:
     return 2.0 * last * dr.exp(-LN2 * dr.square(half / gamma)) * shade * dr.sin(half)  # 4 quadrants of π/2, over π
 
 
-def _across(axis: Any, direction: Any) -> Any:
+def _across(axis: Array3f, direction: Array3f) -> Array3f:
     """Part of `direction` across the unit `axis`."""
     return direction - axis * dr.dot(axis, direction)
 
 
-def _length(vector: Any) -> Any:
+def _length(vector: Array3f) -> Float:
     """Length, kept above 0: a direction along the axis has no part across it."""
     return dr.sqrt(dr.fmax(dr.squared_norm(vector), 1e-12))
 
 
-def _sine(cosine: Any) -> Any:
+def _sine(cosine: Float) -> Float:
     return dr.sqrt(dr.fmax(1.0 - cosine * cosine, 1e-14))
 
 

@@ -6,14 +6,14 @@ A mixture: with probability `share` a half vector by the Gaussian of eq. (4), el
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import drjit as dr
 
+from hagoromo.backend import Array3f, Float
 from hagoromo.reflectance.torrance_sparrow import LN2, cosines, facet_density
 
 
-def sample_to_lamp(view: Any, share: Any, gamma: Any, choice: Any, u: Any, v: Any) -> Any:
+def sample_to_lamp(view: Array3f, share: Float, gamma: Float, choice: Float, u: Float, v: Float) -> Array3f:
     """Direction to the lamp for the eye `view`, drawn nearly as the reflectance sends light (Array3f, normal = +z).
 
     view: unit direction to the eye. share: probability, 0…1, of the interface part; the rest is drawn by the cosine of
@@ -29,7 +29,7 @@ def sample_to_lamp(view: Any, share: Any, gamma: Any, choice: Any, u: Any, v: An
     return dr.select(choice < share, mirrored, diffuse)
 
 
-def density_to_lamp(to_lamp: Any, view: Any, share: Any, gamma: Any) -> Any:
+def density_to_lamp(to_lamp: Array3f, view: Array3f, share: Float, gamma: Float) -> Float:
     """Probability density per solid angle [1/sr] with which `sample_to_lamp` gives the direction `to_lamp`.
 
     view, share, gamma: as there; directions are unit, in local axes with the normal along +z. The integral over the
@@ -41,13 +41,13 @@ def density_to_lamp(to_lamp: Any, view: Any, share: Any, gamma: Any) -> Any:
     return share * half / (4.0 * at.deviation) + (1.0 - share) * diffuse
 
 
-def _half_density(cos_half: Any, gamma: Any) -> Any:
+def _half_density(cos_half: Float, gamma: Float) -> Float:
     """Density of the half vector [1/sr]: φ is drawn from 2 ln2 φ/γ² D(φ), cut at the horizon φ = π/2."""
     polar = dr.acos(dr.fmin(dr.fmax(cos_half, 0.0), 1.0 - 1e-7))
     radial = 2.0 * LN2 / (gamma * gamma) * facet_density(cos_half, gamma) / _inside(gamma)
     return dr.select(cos_half > 0.0, radial * polar / (2.0 * math.pi * dr.sin(polar)), 0.0)
 
 
-def _inside(gamma: Any) -> Any:
+def _inside(gamma: Float) -> Float:
     """Share of the Gaussian above the horizon."""
     return 1.0 - dr.exp(-LN2 * dr.square(0.5 * math.pi / gamma))

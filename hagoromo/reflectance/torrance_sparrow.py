@@ -7,11 +7,11 @@ differentiable; NumPy arrays are not accepted (Dr.Jit would treat them element b
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import drjit as dr
 
-from hagoromo.backend import clip
+from hagoromo.backend import Array3f, Float, clip
 
 LN2 = math.log(2.0)
 SMALLEST_COSINE = 1e-6  # keeps quotients of cosines finite where the reflectance is 0 anyway
@@ -20,20 +20,20 @@ SMALLEST_COSINE = 1e-6  # keeps quotients of cosines finite where the reflectanc
 class Cosines(NamedTuple):
     """The angles that the reflectance depends on, as cosines."""
 
-    incidence: Any  # cosθ_i = N·L
-    view: Any  # cosθ_r = N·V
-    half: Any  # cosφ = N·Q
-    deviation: Any  # cosθ_Q = V·Q
+    incidence: Float  # cosθ_i = N·L
+    view: Float  # cosθ_r = N·V
+    half: Float  # cosφ = N·Q
+    deviation: Float  # cosθ_Q = V·Q
 
 
 class Weights(NamedTuple):
     """Geometric weights of eq. (2): f = body · c_b(λ) + interface · e  [1/sr]."""
 
-    body: Any
-    interface: Any
+    body: Float  # α cosθ_i [1/sr]
+    interface: Float  # β D F G / cosθ_r [1/sr]
 
 
-def cosines(normal: Any, to_lamp: Any, to_eye: Any) -> Cosines:
+def cosines(normal: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Cosines:
     """The four cosines of MODEL §2 for unit vectors `normal`, `to_lamp`, `to_eye`.
 
     With χ = ∠(L,V) the half vector Q = (L+V)/|L+V| has |L+V| = 2 cos(χ/2) and V·Q = cos(χ/2).
@@ -44,12 +44,12 @@ def cosines(normal: Any, to_lamp: Any, to_eye: Any) -> Cosines:
     return Cosines(incidence, view, clip(half, -1.0, 1.0), deviation)
 
 
-def cos_deviation(cos_phase: Any) -> Any:
+def cos_deviation(cos_phase: Float) -> Float:
     """cosθ_Q = cos(χ/2) from cosχ = L·V; kept above 0, where L = −V makes the half vector undefined."""
     return dr.sqrt(dr.fmax(0.5 + 0.5 * cos_phase, SMALLEST_COSINE**2))
 
 
-def facet_density(cos_half: Any, gamma: Any) -> Any:
+def facet_density(cos_half: Float, gamma: Float) -> Float:
     """Facets that face the half vector: D = exp(−ln2 φ²/γ²), γ [rad] the half width at half maximum.
 
     φ² is taken as arccos² through a form that stays smooth at φ = 0 (where arccos has an infinite slope).
@@ -58,7 +58,7 @@ def facet_density(cos_half: Any, gamma: Any) -> Any:
     return dr.exp(-LN2 * squared_angle(cos_half) / (gamma * gamma))
 
 
-def squared_angle(cosine: Any) -> Any:
+def squared_angle(cosine: Float) -> Float:
     """φ² from cosφ, finite slope at φ = 0: below 0.1 rad by the series of arccos² in s = 1 − cosφ, else arccos²."""
     s = dr.fmax(1.0 - cosine, 0.0)
     # arccos(1−s)² = 2s + s²/3 + 4s³/45 + s⁴/35 + …  (relative error < 1e-9 for s < 0.005)
@@ -67,7 +67,7 @@ def squared_angle(cosine: Any) -> Any:
     return dr.select(s < 0.005, near, far * far)
 
 
-def fresnel(cos_deviation: Any, n: Any) -> Any:
+def fresnel(cos_deviation: Float, n: Float) -> Float:
     """Unpolarised Fresnel reflectance of a dielectric with refractive index `n`; ((n−1)/(n+1))² at normal incidence."""
     c = cos_deviation
     g = dr.sqrt(n * n + c * c - 1.0)
@@ -75,13 +75,15 @@ def fresnel(cos_deviation: Any, n: Any) -> Any:
     return 0.5 * dr.square((g - c) / (g + c)) * (1.0 + dr.square((c * (g + c) - 1.0) / (c * (g - c) + 1.0)))
 
 
-def masking(at: Cosines) -> Any:
+def masking(at: Cosines) -> Float:
     """Share of facets neither shadowed nor masked: G = min{1, 2 cosφ cosθ_r/cosθ_Q, 2 cosφ cosθ_i/cosθ_Q}."""
     # Tanaka eq. (6)
     return dr.fmin(1.0, 2.0 * at.half * dr.fmin(at.view, at.incidence) / at.deviation)
 
 
-def torrance_sparrow(normal: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any) -> Weights:
+def torrance_sparrow(
+    normal: Array3f, to_lamp: Array3f, to_eye: Array3f, alpha: Float, beta: Float, gamma: Float, n: Float
+) -> Weights:
     """Radiance per unit irradiance facing the lamp, f(N; L, V), as its two geometric weights [1/sr].
 
     f = α cosθ_i c_b + β D(φ,γ) F(θ_Q,n) G(N,V,L) / cosθ_r e; both are 0 where cosθ_i ≤ 0 or cosθ_r ≤ 0.
@@ -89,7 +91,7 @@ def torrance_sparrow(normal: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: A
     return weights_at(cosines(normal, to_lamp, to_eye), alpha, beta, gamma, n)
 
 
-def weights_at(at: Cosines, alpha: Any, beta: Any, gamma: Any, n: Any) -> Weights:
+def weights_at(at: Cosines, alpha: Float, beta: Float, gamma: Float, n: Float) -> Weights:
     """As `torrance_sparrow`, from the cosines."""
     seen = (at.incidence > 0.0) & (at.view > 0.0)
     # Tanaka eq. (3); where the point is not seen the quotient is replaced before it can become inf or NaN

@@ -13,7 +13,7 @@ from typing import Any
 
 import drjit as dr
 
-from hagoromo.backend import arrays
+from hagoromo.backend import Array3f, Array4u, Float, Int, UInt, arrays
 from hagoromo.volume.voxels import (
     CORNERS,
     STORED,
@@ -32,19 +32,16 @@ HEM_STEEPNESS = 8.0  # presence falls from 1 to 0 within 1 / HEM_STEEPNESS of th
 
 @dataclass
 class SurfacePoint:
-    """Where points are on the surface of a box with a chart.
+    """Points relative to the surface that the chart of a box describes."""
 
-    tile_u, tile_v: Int, whole periods; u, v: 0…1, the rest. height [m]. presence: 0…1.
-    """
+    tile_u: Int  # whole periods of the texel along u
+    tile_v: Int  # and along v
+    u: Float  # rest of the period along u, 0…1
+    v: Float  # and along v
+    height: Float  # over the surface [m]
+    presence: Float  # 1 on the cloth, 0 beyond its hem
 
-    tile_u: Any
-    tile_v: Any
-    u: Any
-    v: Any
-    height: Any
-    presence: Any
-
-    def moved(self, on: Any, way: Any, per_metre: Sequence[Any]) -> SurfacePoint:
+    def moved(self, on: Float, way: Array3f, per_metre: Sequence[Float]) -> SurfacePoint:
         """`on` [m] along a straight `way` (along u, v, normal) over a flat surface; periods per metre along u and v."""
         Int = arrays().Int
         u, v = dr.fma(on * way.x, per_metre[0], self.u), dr.fma(on * way.y, per_metre[1], self.v)
@@ -57,20 +54,20 @@ class SurfacePoint:
 class SurfaceFrame:
     """Unit directions, at right angles: along u, along v and the normal."""
 
-    along_u: Any
-    along_v: Any
-    normal: Any
+    along_u: Array3f
+    along_v: Array3f
+    normal: Array3f
 
-    def outwards(self, vector: Any) -> Any:
-        """A vector (u, v, normal) in the axes that the frame is told in."""
+    def outwards(self, vector: Array3f) -> Array3f:
+        """A vector (u, v, normal) in the axes that the frame is given in."""
         return vector.x * self.along_u + vector.y * self.along_v + vector.z * self.normal
 
-    def inwards(self, vector: Any) -> Any:
+    def inwards(self, vector: Array3f) -> Array3f:
         """The inverse of `outwards`."""
         return type(vector)(*(dr.dot(vector, axis) for axis in (self.along_u, self.along_v, self.normal)))
 
 
-def chart_words(u: Any, v: Any, along_u: Any, presence: Any) -> Any:
+def chart_words(u: Float, v: Float, along_u: Array3f, presence: Float) -> Array4u:
     """The four words of voxels, Array4u; u, v: Float, in periods."""
     kinds = arrays()
     bits = kinds.UInt(kinds.Float(presence) * PERIOD)
@@ -79,17 +76,19 @@ def chart_words(u: Any, v: Any, along_u: Any, presence: Any) -> Any:
 
 @dataclass
 class ChartScale:
-    """What is common to the charts of a box: per metre along u and v, periods in fixed point; voxel [m]; band [m]."""
+    """Scales of the chart of a box."""
 
-    per_u: Any
-    per_v: Any
-    voxel: Any
-    low: Any
-    span: Any
+    per_u: Float  # fixed-point units of u per metre [1/m]
+    per_v: Float  # and of v
+    voxel: Float  # size [m]
+    low: Float  # lowest height of the band [m]
+    span: Float  # of the band [m]
 
 
-def surface_point_at(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any], place: Any, scale: ChartScale) -> Any:
-    """Where samples at `place` [lattice] are, tangent along u and normal in box axes: OnSurface, Array3f, Array3f.
+def surface_point_at(
+    charts: UInt, voxels: PackedVoxels, bricks: tuple[UInt, UInt], place: Array3f, scale: ChartScale
+) -> tuple[SurfacePoint, Array3f, Array3f]:
+    """Where samples at `place` [lattice] are, tangent along u and normal in box axes: SurfacePoint, Array3f, Array3f.
 
     bricks: their numbers in `charts` (words, UInt) and in `voxels`. Where the voxels around a place are on different
     sheets, or on both sides of a fold, those of the nearest voxel's sheet are followed to the place.
@@ -110,13 +109,13 @@ def surface_point_at(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any],
     presence = [kinds.Float(packet[3]) for packet in packets]
     tangents = [dr.reinterpret_array(kinds.Int, packet[2]) for packet in packets]
 
-    def smooth(place: Any, part: Any, brick: Any) -> Any:
+    def smooth(place: Array3f, part: Array3f, brick: UInt) -> tuple[Any, ...]:
         return (
             trilinear(along[0], part), trilinear(along[1], part), voxels.density(brick, place),
             trilinear(presence, part), axis_between(tangents, part), voxels.axis(brick, place),
         )  # fmt: skip
 
-    def apart(place: Any, part: Any, brick: Any) -> Any:
+    def apart(place: Array3f, part: Array3f, brick: UInt) -> tuple[Any, ...]:
         return _on_one_sheet(voxels, brick, place, scale, (along, presence, tangents, near))
 
     u, v, share, there, along_u, normal = dr.if_stmt((place, part, bricks[1]), one_sheet, smooth, apart)
@@ -126,7 +125,9 @@ def surface_point_at(charts: Any, voxels: PackedVoxels, bricks: tuple[Any, Any],
     return SurfacePoint(tile_u, tile_v, u, v, dr.fma(share, scale.span, scale.low), there), along_u, normal
 
 
-def _on_one_sheet(voxels: PackedVoxels, brick: Any, place: Any, scale: ChartScale, corners: tuple[Any, ...]) -> Any:
+def _on_one_sheet(
+    voxels: PackedVoxels, brick: UInt, place: Array3f, scale: ChartScale, corners: tuple[Any, ...]
+) -> tuple[Any, ...]:
     """As trilinear values, of the `near` ones of eight voxels only, each followed along its plane to the place."""
     kinds, (along, presence, tangents, near) = arrays(), corners
     start, part = corner(brick, place)
@@ -151,14 +152,14 @@ def _on_one_sheet(voxels: PackedVoxels, brick: Any, place: Any, scale: ChartScal
     return u * scale, v * scale, share * scale, there * scale, along_u, normal
 
 
-def surface_frame(along_u: Any, normal: Any) -> SurfaceFrame:
+def surface_frame(along_u: Array3f, normal: Array3f) -> SurfaceFrame:
     """The frame of a normal and of a tangent, which is brought to right angles with it; made unit."""
     normal = dr.normalize(normal + 1e-9)
     along_u = dr.normalize(along_u - normal * dr.dot(along_u, normal) + 1e-9)
     return SurfaceFrame(along_u, dr.cross(normal, along_u), normal)
 
 
-def _whole_and_rest(word: Any, moved: Any) -> tuple[Any, Any]:
+def _whole_and_rest(word: UInt, moved: Float) -> tuple[Int, Float]:
     """Whole periods (Int), and the rest of them, of a word and a Float of words beside it."""
     kinds = arrays()
     moved = moved + kinds.Float(word & 0xFFFF)
@@ -166,7 +167,7 @@ def _whole_and_rest(word: Any, moved: Any) -> tuple[Any, Any]:
     return (kinds.Int(word) >> 16) + kinds.Int(whole), dr.fma(moved, 1.0 / PERIOD, -whole)
 
 
-def _fixed(periods: Any) -> Any:
+def _fixed(periods: Float) -> UInt:
     """Periods as 16.16 bits, which wrap beyond ±32768."""
     kinds = arrays()
     whole = dr.floor(periods)

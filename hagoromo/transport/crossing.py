@@ -1,7 +1,7 @@
-"""Crossing: rays through volume boxes, and the order in which they meet the samples of each.
+"""Crossing: rays through volume boxes, and the order of their samples in depth.
 
-A ray holds as many boxes at once (slots) as may overlap one another; a box that it has left makes room for the next.
-With no more boxes than slots none is ever exchanged, and the rays are worked out once, before the march.
+Enters: rays in the world. Leaves: the next step of each. A ray has a slot for each box that it may be in at once; a box
+that it has left gives its slot to the next. With a slot for every box, rays are set up once, before the march.
 """
 
 from __future__ import annotations
@@ -12,33 +12,33 @@ from typing import Any
 
 import drjit as dr
 
-from hagoromo.backend import arrays
+from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays
 from hagoromo.transport.frames import Frame, Frames
 
 SPLIT_FACTOR = 2.0  # a sample is split where its optical depth exceeds this many times SUB_SAMPLE_DEPTH
 MOST_SUB_SAMPLES = 32  # of one sample
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
 LATTICE_MARGIN = 1e-3  # [voxel] from the last voxel centre that samples keep, so that interpolation stays inside
-Cone = tuple[Any, Any]  # footprint of a ray: its width at the origin [m], and the growth of that per metre [1]
+Cone = tuple[Float, Float]  # footprint of a ray: its width at the origin [m], and the growth of that per metre [1]
 
 
 @dataclass
 class Ray:
-    """A ray on one box's lattice, with what a sample must know of the box."""
+    """A ray on the lattice of one box, with what its samples need of the box."""
 
-    box: Any
-    origin: Any
-    direction: Any
-    near: Any
-    far: Any
-    sample_count: Any
-    step: Any
-    last: Any
-    tau: Any
-    row: Any
-    layer: Any
-    first: Any
-    level: Any  # row of the level of its texel, see `Textures`
+    box: UInt
+    origin: Array3f  # lattice coordinates [voxel]
+    direction: Array3f  # [voxel/m]
+    near: Float  # distance at which the ray enters the box [m]
+    far: Float  # distance at which it leaves [m]
+    sample_count: UInt
+    step: Float  # length of a whole step [m]
+    last: Array3f  # voxels along x, y, z, less 1
+    tau: Float  # extinction per unit of density [1/m]
+    row: Int  # blocks along x in the brick table
+    layer: Int  # blocks along x times blocks along y
+    first: Int  # entry of the coarse table where the box starts
+    level: UInt  # row of the level of its texel, see `Textures`
 
 
 @dataclass
@@ -48,32 +48,32 @@ class MarchState:
     With more boxes than slots also the ray in each slot, and the box that was entered last.
     """
 
-    numbers: list[Any]  # of the next sample, one per slot
-    part: Any  # 0 … parts − 1
-    parts: Any  # sub-samples that the sample is split into
+    numbers: list[UInt]  # of the next sample, one per slot
+    part: UInt  # 0 … parts − 1
+    parts: UInt  # sub-samples that the sample is split into
     rays: list[Ray]  # one per slot; empty where there is a slot for every box
-    entered: Any  # distance at which the ray entered `box` [m]
-    box: Any  # number of the box entered last
+    entered: Float  # distance at which the ray entered `box` [m]
+    box: UInt  # number of the box entered last
 
 
 @dataclass
 class Step:
-    """A sample: the box it lies in, its middle and length [m], and where it is on the lattice of the box.
+    """A step of the march and the sample at its middle.
 
-    Kernels carry it through every branch: it has no field that can be had elsewhere.
+    Every branch of a kernel carries it, so it has no field that can be derived from another.
     """
 
-    slot: Any
-    box: Any
-    tau: Any  # extinction per unit of density [1/m]
-    distance: Any
-    length: Any
-    place: Any  # lattice coordinates, inside [0, n−1)
-    brick: Any  # ≥ 0: number of its brick; < 0: how far the next one is, see `BrickTable`
-    level: Any  # row of the level of its texel, see `Textures`
+    slot: UInt  # of the ray that steps
+    box: UInt
+    tau: Float  # extinction per unit of density [1/m]
+    distance: Float  # of the sample from the origin of the ray [m]
+    length: Float  # of the step [m]
+    place: Array3f  # of the sample in lattice coordinates [voxel], inside [0, n − 1)
+    brick: Int  # ≥ 0: number of the stored brick; < 0: distance to the next one, see `BrickTable`
+    level: UInt  # row of the level of its texel, see `Textures`
 
-    def centroid(self, depth: Any) -> Any:
-        """Distance [m] of the centroid of exp(−σs) over the sample: its middle in thin matter, its front in dense."""
+    def centroid(self, depth: Float) -> Float:
+        """Distance [m] of the centroid of exp(−σs) over the step: its middle in thin matter, its front in dense."""
         thick = dr.fmax(depth, 1e-2)
         share = dr.select(depth > 1e-2, 1.0 / thick - 1.0 / (dr.exp(thick) - 1.0), 0.5 - depth / 12.0)
         return dr.fma(self.length, share - 0.5, self.distance)
@@ -82,7 +82,9 @@ class Step:
 class Crossing:
     """Rays on the lattices of all boxes."""
 
-    def __init__(self, frames: Frames, rays: tuple[Any, Any, Any, Any], phase: Any, stride: float, cone: Cone) -> None:
+    def __init__(
+        self, frames: Frames, rays: tuple[Array3f, Array3f, Float, Float], phase: Float, stride: float, cone: Cone
+    ) -> None:
         """`rays`: origin, direction (Array3f), near and far [m]; `phase`, `stride`, `cone`: see `Medium.cross`."""
         self.frames, self.phase, self.stride, self.cone = frames, phase, stride, cone
         self.origin, self.direction, self.near, self.far = rays
@@ -90,7 +92,7 @@ class Crossing:
         self.rays = [] if self.exchanged else [self.ray(arrays().UInt(k)) for k in range(frames.count)]
 
     def start(self) -> MarchState:
-        """Before the first sample of every box."""
+        """The state before the first sample."""
         kinds = arrays()
         rays = dr.width(self.direction, self.origin)
         numbers = [dr.zeros(kinds.UInt, rays) for _ in range(min(self.frames.slots, self.frames.count))]
@@ -106,16 +108,16 @@ class Crossing:
                 state = self.enter_next_box(state)
         return state
 
-    def unfinished(self, state: MarchState) -> Any:
-        """Whether a sample is left in any slot."""
+    def unfinished(self, state: MarchState) -> Bool:
+        """Whether any slot has a sample left."""
         rays = self._rays(state)
         left = state.numbers[0] < rays[0].sample_count
         for number, ray in zip(state.numbers[1:], rays[1:], strict=True):
             left |= number < ray.sample_count
         return left
 
-    def nearest(self, state: MarchState) -> tuple[Any, Any, Any, Ray]:
-        """Slot, distance of the middle, length and ray of the sample next in depth."""
+    def nearest(self, state: MarchState) -> tuple[UInt, Float, Float, Ray]:
+        """The sample next in depth: its slot, distance [m], length of its step [m], and ray."""
         rays = self._rays(state)
         slot, ray = arrays().UInt(0), rays[0]
         distance, length = self._sample(ray, state.numbers[0])
@@ -144,7 +146,7 @@ class Crossing:
         number, _ = self._in_slot(step.slot, state)
         return self._moved(step, number + 1, state, arrays().UInt(0), arrays().UInt(1))
 
-    def advance(self, step: Step, depth: Any, clearance: Any, state: MarchState) -> MarchState:
+    def advance(self, step: Step, depth: Float, clearance: Float, state: MarchState) -> MarchState:
         """Advance past a sample of optical depth `depth`: to its first or next sub-sample, or to the next sample.
 
         clearance: distance around it without matter [m]; None where unknown.
@@ -161,7 +163,7 @@ class Crossing:
         number = dr.select(last & ~again, following, number)
         return self._moved(step, number, state, part, dr.select(again | last, parts, state.parts))
 
-    def must_split(self, state: MarchState, depth: Any) -> Any:
+    def must_split(self, state: MarchState, depth: Float) -> Bool:
         """Whether the sample is too dense for one step: its optical depth `depth` calls for (more) sub-samples."""
         return (depth > SPLIT_FACTOR * self.frames.fine) & (state.part == 0) & (state.parts < MOST_SUB_SAMPLES)
 
@@ -174,7 +176,7 @@ class Crossing:
             also = ~free & (state.numbers[k] >= state.rays[k].sample_count)
             slot, free = dr.select(also, k, slot), free | also
 
-        def entered(state: MarchState, slot: Any) -> MarchState:
+        def entered(state: MarchState, slot: UInt) -> MarchState:
             box, when = next_box(self, state.entered, state.box)
             found = box < self.frames.boxes
             ray = self.ray(dr.select(found, box, 0))
@@ -187,7 +189,7 @@ class Crossing:
         open_ = free & (state.box < self.frames.boxes)
         return dr.if_stmt((state, slot), open_, entered, lambda state, slot: state)
 
-    def ray(self, box: Any) -> Ray:
+    def ray(self, box: UInt) -> Ray:
         """The ray on the lattice of box number `box` (UInt); without samples where it misses the box."""
         kinds, frame = arrays(), self.frames.frame(box)
         start, along, enter, leave = self.span(frame)
@@ -206,7 +208,7 @@ class Crossing:
             step, frame.last, frame.tau, frame.row, frame.layer, frame.first, level,
         )  # fmt: skip
 
-    def span(self, frame: Frame) -> tuple[Any, Any, Any, Any]:
+    def span(self, frame: Frame) -> tuple[Array3f, Array3f, Float, Float]:
         """Origin and direction on a lattice, and the distances [m] where the ray enters and leaves it."""
         kinds, (x, y, z) = arrays(), frame.columns
         start = self.origin.x * x + self.origin.y * y + self.origin.z * z + frame.shift
@@ -221,7 +223,7 @@ class Crossing:
         """The rays in the slots."""
         return state.rays if self.exchanged else self.rays
 
-    def _in_slot(self, slot: Any, state: MarchState) -> tuple[Any, Ray]:
+    def _in_slot(self, slot: UInt, state: MarchState) -> tuple[UInt, Ray]:
         """Number of the next sample, and ray, of a slot."""
         rays = self._rays(state)
         number, ray = state.numbers[0], rays[0]
@@ -229,14 +231,14 @@ class Crossing:
             number, ray = dr.select(slot == k, state.numbers[k], number), _select(slot == k, rays[k], ray)
         return number, ray
 
-    def _moved(self, step: Step, number: Any, state: MarchState, part: Any, parts: Any) -> MarchState:
+    def _moved(self, step: Step, number: UInt, state: MarchState, part: UInt, parts: UInt) -> MarchState:
         """The state with sample `number` next in the slot of `step`."""
         numbers = [number]
         if len(state.numbers) > 1:
             numbers = [dr.select(step.slot == k, number, old) for k, old in enumerate(state.numbers)]
         return MarchState(numbers, part, parts, state.rays, state.entered, state.box)
 
-    def _sample(self, ray: Ray, number: Any) -> tuple[Any, Any]:
+    def _sample(self, ray: Ray, number: UInt) -> tuple[Float, Float]:
         """Middle and length of a sample; behind all others once the box is done. The first and last may be shorter."""
         before = arrays().Float(number) - self.phase
         begin = dr.fma(dr.fmax(before, 0.0), ray.step, ray.near)
@@ -246,7 +248,7 @@ class Crossing:
 
 
 @dr.syntax
-def next_box(crossing: Crossing, entered: Any, last: Any) -> tuple[Any, Any]:
+def next_box(crossing: Crossing, entered: Float, last: UInt) -> tuple[UInt, Float]:
     """Number of the box that rays enter next after box `last`, which they `entered` [m]; the count of boxes if none."""
     kinds = arrays()
     k, box, when = kinds.UInt(0), kinds.UInt(crossing.frames.boxes), kinds.Float(dr.inf)
@@ -259,6 +261,6 @@ def next_box(crossing: Crossing, entered: Any, last: Any) -> tuple[Any, Any]:
     return box, when
 
 
-def _select(mask: Any, yes: Any, no: Any) -> Any:
+def _select(mask: Bool, yes: Any, no: Any) -> Any:
     """`dr.select` through the fields of a record."""
     return type(yes)(*(dr.select(mask, getattr(yes, f.name), getattr(no, f.name)) for f in fields(yes)))

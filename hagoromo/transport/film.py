@@ -6,13 +6,13 @@ another size compiles no new kernel.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import Array3f, Float, UInt, arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.files.door import check_memory
 from hagoromo.progress import Progress, silent
@@ -24,7 +24,7 @@ TILE = (4, 4)  # columns, rows of pixels whose rays are numbered side by side, t
 class RayRadiance(Protocol):
     """Radiance along rays: its weights, one Float per channel, and alpha 0…1 (opacity)."""
 
-    def __call__(self, origin: Any, direction: Any, phase: Any) -> tuple[list[Any], Any]:
+    def __call__(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
         """Along rays from `origin` [m] in unit `direction` (Array3f, world); phase of the march, 0…1."""
         ...
 
@@ -81,7 +81,7 @@ def tiled(width: int, height: int) -> int:
     return -(-width // TILE[0]) * -(-height // TILE[1]) * TILE[0] * TILE[1]
 
 
-def tile_place(number: Any, width: Any) -> tuple[Any, Any]:
+def tile_place(number: UInt, width: UInt) -> tuple[UInt, UInt]:
     """Column and row of ray `number`, in a picture of `width` pixels (UInt)."""
     tile, inside = number // (TILE[0] * TILE[1]), number % (TILE[0] * TILE[1])
     across = (width + (TILE[0] - 1)) // TILE[0]

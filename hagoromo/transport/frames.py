@@ -1,16 +1,15 @@
-"""Frames: the volume boxes of a scene as rows of numbers that kernels read, and how finely they are walked."""
+"""Frames: pose, lattice and step of each volume box as rows of numbers that kernels read."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, lookup, opaque_vector
+from hagoromo.backend import Array3f, Float, Int, UInt, arrays, lookup, opaque_vector
 from hagoromo.transport.textures import Textures
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
@@ -25,14 +24,14 @@ ROW_FLOATS = 26  # per box: 4 × 3 lattice from world, 3 last voxel, tau, step, 
 class Frame:
     """A box as numbers that kernels read: another pose or voxel size does not compile anew."""
 
-    columns: list[Any]  # lattice_from_world: directions
-    shift: Any  # and offset
-    last: Any  # nx−1, ny−1, nz−1
-    tau: Any
-    step: Any  # [m]
-    row: Any  # blocks along x
-    layer: Any  # blocks along x times along y
-    first: Any  # where its table starts
+    columns: list[Array3f]  # lattice_from_world: directions
+    shift: Array3f  # and offset
+    last: Array3f  # nx−1, ny−1, nz−1
+    tau: Float  # extinction per unit of density [1/m]
+    step: Float  # length [m]
+    row: Int  # blocks along x
+    layer: Int  # blocks along x times along y
+    first: Int  # entry of the coarse table where the box starts
 
 
 class Frames:
@@ -57,7 +56,7 @@ class Frames:
             numbers[:] = mx, mx * my, start
         self.floats, self.whole = lookup(kinds.Float, floats), lookup(kinds.Int, whole)
         self.boxes = dr.opaque(kinds.UInt, len(boxes))
-        self.only: tuple[Frame, list[Any]] | None = None
+        self.only: tuple[Frame, list[Array3f]] | None = None
         if self.count == 1:  # numbers common to all rays cost no reads
             x, y, z, shift, last = (opaque_vector(floats[0, k : k + 3]) for k in range(0, 15, 3))
             tau, step = (dr.opaque(kinds.Float, float(v)) for v in floats[0, 15:17])
@@ -66,7 +65,7 @@ class Frames:
             self.only = Frame([x, y, z], shift, last, tau, step, row, layer, first), rotation
         dr.eval(self.floats, self.whole)
 
-    def frame(self, box: Any) -> Frame:
+    def frame(self, box: UInt) -> Frame:
         """The frame of box number `box` (UInt)."""
         if self.only:
             return self.only[0]
@@ -76,11 +75,11 @@ class Frames:
         row, layer, first = (dr.gather(kinds.Int, self.whole, box * 3 + k) for k in range(3))
         return Frame([x, y, z], shift, last, tau, step, row, layer, first)
 
-    def rotation(self, box: Any) -> list[Any]:
+    def rotation(self, box: UInt) -> list[Array3f]:
         """Axes of box number `box` in the world."""
         return self.only[1] if self.only else [self._vector(box, k) for k in (17, 20, 23)]
 
-    def _vector(self, box: Any, first: int) -> Any:
+    def _vector(self, box: UInt, first: int) -> Array3f:
         kinds = arrays()
         return kinds.Array3f(*(dr.gather(kinds.Float, self.floats, box * ROW_FLOATS + first + k) for k in range(3)))
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, opaque_vector
+from hagoromo.backend import Array3f, Float, UInt, arrays, opaque_vector
 from hagoromo.light.lamp import Lamp
 
 TICKS = 65535.0
@@ -30,11 +29,11 @@ class LampView:
         self.near, self.depth = (dr.opaque(kinds.Float, float(d)) for d in (span[0], span[1] - span[0]))
         self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
 
-    def ticks(self) -> tuple[Any, Any]:
+    def ticks(self) -> tuple[Float, Float]:
         """Distance [m] of the first tick, and ticks per metre: TICKS of them span all that may be in the way."""
         return self.near, TICKS / self.depth
 
-    def cone(self, size: Any) -> tuple[Any, Any]:
+    def cone(self, size: UInt) -> tuple[Float, Float]:
         """Width of a ray at the origin [m] and by how much it widens per metre, where `size` rays are a side."""
         kinds = arrays()
         apart = 2.0 / kinds.Float(size)
@@ -42,7 +41,7 @@ class LampView:
             return self.extent * apart, kinds.Float(0)
         return kinds.Float(0), dr.select(self.folded, 1.6, self.extent) * apart  # 1.6: π / 2 and a little
 
-    def place(self, point: Any) -> tuple[Any, Any, Any]:
+    def place(self, point: Array3f) -> tuple[Float, Float, Float]:
         """Square coordinates a, b of a point and its distance along the ray [m]."""
         offset = point - self.origin
         x, y, z = (dr.dot(offset, axis) for axis in (self.right, self.up, self.ahead))
@@ -52,7 +51,7 @@ class LampView:
         a, b = dr.if_stmt((x, y, z), self.folded, _folded, lambda x, y, z: _flat(x, y, z, self.extent))
         return a, b, dr.norm(offset)
 
-    def ray(self, a: Any, b: Any) -> tuple[Any, Any]:
+    def ray(self, a: Float, b: Float) -> tuple[Array3f, Array3f]:
         """Origin and unit direction of the ray at square coordinates a, b."""
         u, v = 2.0 * a - 1.0, 2.0 * b - 1.0
         if self.kind == "lines":
@@ -64,13 +63,13 @@ class LampView:
         return self.origin, dr.normalize(x * self.right + y * self.up + z * self.ahead)
 
 
-def _flat(x: Any, y: Any, z: Any, extent: Any) -> tuple[Any, Any]:
+def _flat(x: Float, y: Float, z: Float, extent: Float) -> tuple[Float, Float]:
     """Square coordinates on the base of a pyramid."""
     scale = 0.5 / (extent * z)
     return x * scale + 0.5, y * scale + 0.5
 
 
-def _folded(x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+def _folded(x: Float, y: Float, z: Float) -> tuple[Float, Float]:
     """Square coordinates on the octahedron."""
     inverse = dr.rcp(dr.abs(x) + dr.abs(y) + dr.abs(z))
     u, v = x * inverse, y * inverse
@@ -108,5 +107,5 @@ def _axes(ahead: np.ndarray) -> np.ndarray:
     return np.stack([right, np.cross(ahead, right), ahead])
 
 
-def _turned(value: Any, like: Any) -> Any:
+def _turned(value: Float, like: Float) -> Float:
     return dr.select(like < 0, -value, value)

@@ -14,18 +14,18 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, lookup, opaque_vector
+from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays, lookup, opaque_vector
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body, sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
-from hagoromo.transport.medium import Element
+from hagoromo.transport.medium import Element, TexelHit
 
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
-# (lamp, point, to_lamp, distance, where in a texel the point is if it is in one) → transmittance 0…1
-Attenuation = Callable[[int, Any, Any, Any, Any], Any]
+# (lamp number, point, to_lamp, distance to the lamp [m], place in a texel) → transmittance 0…1
+Attenuation = Callable[[int, Array3f, Array3f, Float, TexelHit | None], Float]
 
 
 @dataclass(frozen=True)
@@ -62,15 +62,15 @@ class Materials:
         self.sphere_of = lookup(kinds.UInt, np.maximum(order, 0).astype(np.uint32))
         dr.eval(self.rows, self.spheres, self.sphere_of)
 
-    def read(self, material: Any, entry: int) -> Any:
+    def read(self, material: UInt, entry: int) -> Float:
         """One entry of the row of `material` (UInt)."""
         return dr.gather(arrays().Float, self.rows, material * self.width + entry)
 
-    def coefficients(self, material: Any) -> list[Any]:
+    def coefficients(self, material: UInt) -> list[Float]:
         """Coefficients of a material's body and interface colours on the palette."""
         return [self.read(material, 5 + j) for j in range(len(self.palette.colours))]
 
-    def weights(self, material: Any, axis: Any, to_lamp: Any, to_eye: Any) -> Weights:
+    def weights(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
         """Body and interface weights of f for the element of `material` [1/sr]."""
         alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
         chosen: Weights | None = None
@@ -85,7 +85,16 @@ class Materials:
         return chosen
 
     def _element(
-        self, name: str, material: Any, axis: Any, to_lamp: Any, to_eye: Any, alpha: Any, beta: Any, gamma: Any, n: Any
+        self,
+        name: str,
+        material: UInt,
+        axis: Array3f,
+        to_lamp: Array3f,
+        to_eye: Array3f,
+        alpha: Float,
+        beta: Float,
+        gamma: Float,
+        n: Float,
     ) -> Weights:
         """As `element_weights`, with the sphere's facets from its table."""
         if name != "sphere":
@@ -94,7 +103,7 @@ class Materials:
         mirror = beta * fresnel(cos_deviation(cos_phase), n)
         return Weights(alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))
 
-    def _sphere(self, material: Any, cos_phase: Any) -> Any:
+    def _sphere(self, material: UInt, cos_phase: Float) -> Float:
         """Linear look-up of the sphere's facets at χ = arccos(L·V)."""
         kinds = arrays()
         at = dr.acos(dr.fmin(dr.fmax(cos_phase, -1.0), 1.0)) * ((SPHERE_ENTRIES - 1) / math.pi)
@@ -105,7 +114,7 @@ class Materials:
 
 
 class Lighting:
-    """Lamps as kernels read them; `attenuation` says how much of a lamp's light arrives at a point."""
+    """Lamps as kernels read them, and the `attenuation` of their light on its way to a point."""
 
     def __init__(
         self,
@@ -130,7 +139,7 @@ class Lighting:
             group = position_of(lamp.spectrum, materials.palette.lamps)
             self.lamps.append((where, dr.opaque(kinds.Float, float(lamp.intensity)), lamp.position is not None, group))
 
-    def with_voxel_colour(self, coefficients: list[Any], box: Any, colour: Any) -> list[Any]:
+    def with_voxel_colour(self, coefficients: list[Float], box: UInt, colour: Array4f) -> list[Float]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""
         mixed = list(coefficients)
         for number, places in self.voxel_bases.items():
@@ -141,11 +150,16 @@ class Lighting:
         return mixed
 
     def reflected_radiance(
-        self, point: Any, to_eye: Any, elements: list[Element], coefficients: list[list[Any]], texel_hit: Any = None
-    ) -> list[Any]:
+        self,
+        point: Array3f,
+        to_eye: Array3f,
+        elements: list[Element],
+        coefficients: list[list[Float]],
+        texel_hit: TexelHit | None = None,
+    ) -> list[Float]:
         """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel.
 
-        coefficients: of every element, on the palette. within: where in a texel the point is, if it is in one.
+        coefficients: of every element, on the palette. texel_hit: place of the point in a texel; None without texels.
         """
         palette = self.materials.palette
         channels: list[Any] = [arrays().Float(0)] * palette.channels
@@ -162,7 +176,7 @@ class Lighting:
             for element in elements:
                 body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
                 lit |= body + interface > 0.0
-                if element.scales:
+                if element.scales and texel_hit:
                     scales = [scale.at(*ways) for scale in element.scales]
                     body, interface = (
                         dr.select(texel_hit.textured, light * scale, light)
@@ -178,8 +192,10 @@ class Lighting:
                     channels[k] = dr.fma(irradiance, weight, channels[k])
         return channels
 
-    def _transmittance(self, lamp: int, lit: Any, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
-        """Share of a lamp's light that arrives; looked up only where matter is turned towards the lamp (`lit`)."""
+    def _transmittance(
+        self, lamp: int, lit: Bool, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
+    ) -> Float:
+        """Transmittance from a lamp to `point`; looked up only where matter faces the lamp (`lit`)."""
         attenuation = self.attenuation
         if attenuation is None:
             return 1.0

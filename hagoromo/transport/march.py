@@ -7,11 +7,9 @@ radiance is then divided by 1 − transmittance, as if the matter behind looked 
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
-from hagoromo.backend import arrays
+from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.transport.crossing import Cone
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium, Step
@@ -24,14 +22,14 @@ OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(
 def march(
     medium: Medium,
     lighting: Lighting,
-    origin: Any,
-    direction: Any,
-    near: Any,
-    far: Any,
-    phase: Any = 0.0,
+    origin: Array3f,
+    direction: Array3f,
+    near: Float,
+    far: Float,
+    phase: Float = 0.0,
     skip: bool = True,
     cone: Cone = (0.0, 0.0),
-) -> Any:
+) -> tuple[list[Float], Float]:
     """Weights of the radiance towards the ray's origin (list of Float, one per channel) and the transmittance left.
 
     origin, direction (unit): Array3f, world. near, far: Float [m]. phase, cone: see `Medium.cross`.
@@ -63,12 +61,14 @@ def march(
     return [channel * scale for channel in channels], dr.select(ended, 0.0, transmittance)
 
 
-def accumulated(channels: list[Any], gain: Any, radiance: list[Any]) -> list[Any]:
+def accumulated(channels: list[Float], gain: Float, radiance: list[Float]) -> list[Float]:
     """channels + gain · radiance (a `dr.syntax` function may not hold a comprehension over pairs)."""
     return [dr.fma(gain, new, old) for new, old in zip(radiance, channels, strict=True)]
 
 
-def radiance_from_sample(medium: Medium, lighting: Lighting, step: Step, origin: Any, direction: Any) -> list[Any]:
+def radiance_from_sample(
+    medium: Medium, lighting: Lighting, step: Step, origin: Array3f, direction: Array3f
+) -> list[Float]:
     """Radiance that the matter of one sample sends back along the ray: its weights, one per channel."""
     point = dr.fma(direction, step.distance, origin)
     elements, texel_hit = medium.elements(step)
@@ -81,14 +81,14 @@ def radiance_from_sample(medium: Medium, lighting: Lighting, step: Step, origin:
 @dr.syntax
 def optical_depth(
     medium: Medium,
-    origin: Any,
-    direction: Any,
-    near: Any,
-    far: Any,
+    origin: Array3f,
+    direction: Array3f,
+    near: Float,
+    far: Float,
     stride: float = 1.0,
     deepest: float = OPAQUE_OPTICAL_DEPTH,
-) -> Any:
-    """∫ σ du along rays from `near` to `far` [m], by marching [1]; a ray ends beyond `deepest`. stride: see `Medium.cross`."""
+) -> Float:
+    """∫ σ du along rays from `near` to `far` [m], by marching; it ends beyond `deepest`. stride: see `Medium.cross`."""
     crossing = medium.cross(origin, direction, near, far, stride=stride)
     state = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))

@@ -1,20 +1,20 @@
-"""Medium: the volume boxes of a scene as kernels see them, and the order in which a ray meets their samples.
+"""Medium: the volume boxes of a scene on the device, and their samples along rays.
 
-Every box is walked on samples of its own, half a voxel apart; where boxes overlap the sample next in depth goes
-first, so extinctions add. A sample of more than a certain optical depth is taken in parts instead.
+Each box has samples of its own, half a voxel apart. Where boxes overlap, their samples are visited in order of depth,
+so that extinctions add. A sample of large optical depth is split into sub-samples. One march:
 
     crossing = medium.cross(origin, direction, near, far)
     state = crossing.start()
     while crossing.unfinished(state):
         step = medium.next(crossing, state)                # the next sample in depth, and its brick
         if step.brick < 0:  state = crossing.skip_empty(step, state)
-        else:               density, clear = medium.density(step)
+        else:               density, clearance = medium.density(step)
                             depth = step.tau * density * step.length
                             if ~crossing.must_split(state, depth):  ...
-                            state = crossing.advance(step, depth, clear, state)
+                            state = crossing.advance(step, depth, clearance, state)
         state = crossing.enter_next_box(state)             # where the ray has left a box
 
-Grids are held here, in a plain object, so that loops do not take them into their state.
+Grids are fields of a plain object, so that Dr.Jit's loops do not take them into their state.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip, lookup
+from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
 from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
 from hagoromo.transport.crossing import LATTICE_MARGIN, Cone, Crossing, MarchState, Step
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
@@ -43,18 +43,19 @@ BIAS_TO_LAMP = 2.0  # of the shadow bias, towards the lamp; once more it goes al
 
 @dataclass
 class Element:
-    """Elements of a sample: unit axis in the world, material, share of the sample, scales of body and interface.
+    """A kind of element in a sample: unit axis (world), material number, share of the sample 0…1, and the scales of its
+    body and interface light in a texel.
 
     shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any.
     """
 
-    axis: Any
-    material: Any
-    share: Any = 1.0
+    axis: Array3f
+    material: UInt
+    share: Float = 1.0
     scales: tuple[LightScale, LightScale] | None = None
-    shadow_bias: Any = None
+    shadow_bias: Float | None = None
 
-    def shadow_origin(self, point: Any, to_lamp: Any) -> Any:
+    def shadow_origin(self, point: Array3f, to_lamp: Array3f) -> Array3f:
         """Origin of the shadow ray of the element at `point`, offset by its shadow bias so as to miss its own skin.
 
         The offset along the axis lets light in at grazing angles. That towards the lamp moves no other shadow.
@@ -66,14 +67,14 @@ class Element:
 
 @dataclass
 class TexelHit:
-    """Where a sample is in a texel; meaningless where `textured` is false."""
+    """The place of a sample in a texel. The other fields mean nothing where `textured` is false."""
 
-    textured: Any
-    box: Any
-    level: Any
-    tau: Any
+    textured: Bool  # whether the box of the sample has a texel
+    box: UInt
+    level: UInt  # row of its level, see `Textures`
+    tau: Float  # extinction per unit of density [1/m]
     here: SurfacePoint
-    frame: SurfaceFrame
+    frame: SurfaceFrame  # world axes
 
 
 class Medium:
@@ -102,19 +103,18 @@ class Medium:
 
     def cross(
         self,
-        origin: Any,
-        direction: Any,
-        near: Any,
-        far: Any,
-        phase: Any = 0.0,
+        origin: Array3f,
+        direction: Array3f,
+        near: Float,
+        far: Float,
+        phase: Float = 0.0,
         stride: float = 1.0,
         cone: Cone = (0.0, 0.0),
     ) -> Crossing:
-        """Where rays (world, direction unit) are inside each box between the distances `near` and `far` [m].
+        """Rays (world, unit direction) through all boxes, between the distances `near` and `far` [m].
 
-        phase: part of a step, 0…1, by which the first one is shortened; pictures averaged over it show no rings.
-        stride: length of a step in usual ones. cone: how wide rays are, at their origin [m] and more so per metre: it
-        decides the levels of texels.
+        phase: share of a step, 0…1, by which the first step is shortened; images averaged over it show no rings.
+        stride: factor on the length of steps. cone: footprint of rays, which selects the levels of texels.
         """
         return Crossing(self.frames, (origin, direction, near, far), phase, stride, cone)
 
@@ -137,26 +137,26 @@ class Medium:
         brick = dr.gather(kinds.Int, self.fine, kinds.UInt(outer * BRICKS + place_in_block), held)
         return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
 
-    def density(self, step: Step) -> tuple[Any, Any]:
-        """Density at a sample in a kept brick; distance [m] around it in which there is surely none, where known."""
+    def density(self, step: Step) -> tuple[Float, Float | None]:
+        """Density at a sample in a stored brick, and the distance [m] around it without matter (None: unknown)."""
         density = self.voxels.density(arrays().UInt(step.brick), step.place)
         textures = self.textures
         if textures is None:
             return density, None
 
-        def looked_up(step: Step, share: Any) -> tuple[Any, Any]:
-            clear = textures.clear(step.box, share)
+        def looked_up(step: Step, share: Float) -> tuple[Float, Float]:
+            clearance = textures.clearance(step.box, share)
             return dr.if_stmt(
-                (step,), clear > 0.0,
+                (step,), clearance > 0.0,
                 lambda step: arrays().Float(0),
                 lambda step: textures.density(textures.lattice(step.box, step.level), self._charted(step)[0]),
-            ), clear  # fmt: skip
+            ), clearance  # fmt: skip
 
         nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
         return dr.if_stmt((step, density), textures.textured(step.box), looked_up, nothing)
 
     def elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
-        """What the matter of a sample in a kept brick is made of, and where in a texel it is, if boxes have some."""
+        """Elements of a sample in a stored brick, and its place in a texel (None: no box has one)."""
         shadow_bias = None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.box)
         plain = Element(self.axis(step), self.material(step), shadow_bias=shadow_bias)
         textures = self.textures
@@ -176,29 +176,29 @@ class Medium:
             found.append(Element(axis, material, share, scales[k], shadow_bias))
         return found, TexelHit(textured, step.box, step.level, step.tau, here, frame)
 
-    def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Any, stop: Any) -> tuple[Any, Any]:
-        """Optical depth of the texel between a sample and where light comes in, and the way to there [m]."""
+    def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
+        """Optical depth of the texel from a sample towards the lamp, and the length of that way [m]."""
         assert self.textures is not None
         way = texel_hit.frame.inwards(to_lamp)
         return self.textures.optical_depth(texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau)
 
-    def _charted(self, step: Step) -> tuple[SurfacePoint, Any, Any]:
-        """Where a sample in a kept brick of a box with a chart is on its surface, tangent along u and normal."""
+    def _charted(self, step: Step) -> tuple[SurfacePoint, Array3f, Array3f]:
+        """Where a sample in a stored brick of a box with a chart is on its surface, tangent along u and normal."""
         assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
         bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
         return surface_point_at(self.charts, self.voxels, bricks, step.place, self.textures.chart_scale(step.box))
 
-    def axis(self, step: Step) -> Any:
-        """Unit axis, in the world, at a sample in a kept brick."""
+    def axis(self, step: Step) -> Array3f:
+        """Unit axis, in the world, at a sample in a stored brick."""
         axis = self.voxels.axis(arrays().UInt(step.brick), step.place)
         return dr.normalize(self._in_world(step.box, axis) + 1e-9)
 
-    def colour(self, step: Step) -> Any:
-        """Coefficients of the body colour at a sample in a kept brick of a box that has them."""
+    def colour(self, step: Step) -> Array4f:
+        """Coefficients of the body colour at a sample in a stored brick of a box that has them."""
         assert self.colours is not None
         return packets(self.colours, self._brick_in(self.colour_shift, step), step.place)
 
-    def material(self, step: Step) -> Any:
+    def material(self, step: Step) -> UInt:
         """Number of the sample's material in the row of all boxes' materials, that of the nearest voxel."""
         UInt = arrays().UInt
         first = dr.gather(UInt, self.first_material, step.box)
@@ -210,12 +210,12 @@ class Medium:
         has = dr.gather(arrays().Int, self.material_shift, step.box) != NO_GRID
         return first + UInt(dr.gather(arrays().UInt8, self.materials, start + offset, has))
 
-    def _in_world(self, box: Any, vector: Any) -> Any:
+    def _in_world(self, box: UInt, vector: Array3f) -> Array3f:
         """A vector in box axes as one in the world."""
         x, y, z = self.frames.rotation(box)
         return vector.x * x + vector.y * y + vector.z * z
 
-    def _brick_in(self, shift: Any, step: Step) -> Any:
+    def _brick_in(self, shift: Int, step: Step) -> UInt:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
         kinds = arrays()
         shift = dr.gather(kinds.Int, shift, step.box)

@@ -1,20 +1,19 @@
-"""Shadow: how much of a lamp's light arrives through all volume boxes, by brute march or by deep shadow maps."""
+"""Shadow: transmittance of the volume boxes from each lamp to a point, by marching or by deep shadow maps."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays
+from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 from hagoromo.transport.lighting import Attenuation
 from hagoromo.transport.march import optical_depth
-from hagoromo.transport.medium import Medium
+from hagoromo.transport.medium import Medium, TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
 
 TEXELS_PER_VOXEL = 1.2  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
@@ -30,7 +29,9 @@ MARCHED_STRIDE = 2.0  # length of its steps, in steps of a camera ray
 def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, exact up to the step; the oracle of the maps."""
 
-    def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
+    def transmittance(
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
+    ) -> Float:
         return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), arrays().Float(distance)))
 
     return transmittance
@@ -49,7 +50,9 @@ def mapped_attenuation(
     least, share = (dr.opaque(kinds.Float, figure * finer) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
     near = dr.opaque(kinds.Float, MARCHED_VOXELS / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
-    def transmittance(lamp: int, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
+    def transmittance(
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
+    ) -> Float:
         if texel_hit is None:  # no box has a texel, or the point is on a surface
             return looked_up(lamp, point, to_lamp, distance)
         return dr.if_stmt(
@@ -58,14 +61,14 @@ def mapped_attenuation(
             lambda point, to_lamp, distance, texel_hit: looked_up(lamp, point, to_lamp, distance),
         )  # fmt: skip
 
-    def out_of_texel(lamp: int, point: Any, to_lamp: Any, distance: Any, texel_hit: Any) -> Any:
+    def out_of_texel(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit) -> Float:
         depth, length = medium.optical_depth_in_texel(texel_hit, to_lamp, distance)
         slope = dr.abs(dr.dot(texel_hit.frame.normal, to_lamp))
         length += maps.ray_spacing(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
         return dr.exp(-depth) * maps.transmittance(lamp, dr.fma(to_lamp, dr.fmin(length, distance), point))[0]
 
-    def looked_up(lamp: int, point: Any, to_lamp: Any, distance: Any) -> Any:
-        def marched(point: Any, to_lamp: Any, distance: Any, passed: Any) -> Any:
+    def looked_up(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float) -> Float:
+        def marched(point: Array3f, to_lamp: Array3f, distance: Float, passed: Float) -> Float:
             reach = dr.fmin(near, distance)
             depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach, MARCHED_STRIDE)
             return dr.exp(-depth) * maps.transmittance(lamp, dr.fma(to_lamp, reach, point))[0]

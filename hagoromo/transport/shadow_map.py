@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, check_entries, clip
+from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip
 from hagoromo.files.door import check_memory
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.crossing import Cone
@@ -38,25 +37,25 @@ LAST_TICK = float(UNUSED - 1)
 
 @dataclass
 class Fan:
-    """The straight lines from a ray's last knot that pass all points since, to within `spare`."""
+    """The straight lines from the last knot of a ray that pass all points since, to within `spare`."""
 
-    knots: Any  # laid so far
-    at: Any  # distance of the last one [m]
-    depth: Any  # and its optical depth
-    low: Any  # slopes of the lines [1/m]
-    high: Any
-    spare: Any  # optical depth
-    rises: Any  # ∫ x y dx and ∫ x² dx over the points (x, y) seen from the knot: the best slope is their ratio
-    runs: Any
+    knots: UInt  # written so far
+    at: Float  # distance of the last knot [m]
+    depth: Float  # optical depth there
+    low: Float  # least slope of the lines [1/m]
+    high: Float  # and the largest
+    spare: Float  # error of the optical depth that is allowed
+    rises: Float  # ∫ x y dx over the points (x, y) as seen from the knot
+    runs: Float  # ∫ x² dx: the best slope is rises / runs
 
-    def narrowed(self, distance: Any, depth: Any) -> tuple[Any, Any]:
-        """Slopes of the lines that pass a further point, too; none, if the first is above the second."""
+    def narrowed(self, distance: Float, depth: Float) -> tuple[Float, Float]:
+        """Least and largest slope of the lines that pass one more point, too; no line does where least > largest."""
         inverse = dr.rcp(dr.fmax(distance - self.at, 1e-9))  # parts of overlapping boxes may end at one distance
         rise = depth - self.depth
         return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
 
-    def depth_at(self, distance: Any) -> Any:
-        """Optical depth at a distance on the line that passes the points with the least square error."""
+    def depth_at(self, distance: Float) -> Float:
+        """Optical depth at `distance` [m] on the line of least squares through the points."""
         slope = clip(self.rises / dr.fmax(self.runs, 1e-30), self.low, self.high)
         return dr.fma(slope, distance - self.at, self.depth)
 
@@ -93,9 +92,9 @@ class ShadowMaps:
         write_knots(medium, origin, direction, writer, cone)
         dr.eval(self.words)
 
-    def transmittance(self, lamp: int, point: Any) -> tuple[Any, Any]:
-        """Share of a lamp's light, 0…1, that arrives at `point` (Array3f, world), and by how much the three rays around
-        it differ in that.
+    def transmittance(self, lamp: int, point: Array3f) -> tuple[Float, Float]:
+        """Transmittance from a lamp to `point` (world), interpolated between the three map rays around it, and the
+        difference between their largest and least.
         """
         kinds, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
         a, b, distance = view.place(point)
@@ -111,13 +110,13 @@ class ShadowMaps:
         most, least = dr.fmax(dr.fmax(first, second), last), dr.fmin(dr.fmin(first, second), last)
         return passed, most - least
 
-    def ray_spacing(self, lamp: int, point: Any) -> Any:
-        """Distance [m] between the rays of a map at `point`."""
+    def ray_spacing(self, lamp: int, point: Array3f) -> Float:
+        """Distance between neighbouring map rays at `point` [m]."""
         view = self.views[lamp]
         width, spread = view.cone(self.size)
         return dr.fma(spread, view.place(point)[2], width)
 
-    def _depth(self, ray: Any, tick: Any) -> Any:
+    def _depth(self, ray: UInt, tick: UInt) -> Float:
         """Optical depth of one ray at a distance [ticks]."""
         kinds = arrays()
         packet, parting = ray * (GROUPS + 1), kinds.UInt(tick)
@@ -136,12 +135,12 @@ class ShadowMaps:
 
 
 class KnotWriter:
-    """Where the knots of rays go: their numbers, and how their distances become ticks. Held out of a loop's state."""
+    """Writes the knots of rays into the map. A plain object, so that loops do not take the map into their state."""
 
-    def __init__(self, words: Any, ray: Any, near: Any, scale: Any) -> None:
+    def __init__(self, words: UInt, ray: UInt, near: Float, scale: Float) -> None:
         self.words, self.ray, self.near, self.scale = words, ray, near, scale
 
-    def write(self, knot: Any, distance: Any, depth: Any) -> None:
+    def write(self, knot: UInt, distance: Float, depth: Float) -> None:
         """Write knot number `knot` of every ray."""
         kinds = arrays()
         tick = kinds.UInt(clip((distance - self.near) * self.scale + 0.5, 0.0, LAST_TICK))
@@ -155,13 +154,13 @@ class KnotWriter:
 
 
 @dr.syntax
-def write_knots(medium: Medium, origin: Any, direction: Any, writer: KnotWriter, cone: Cone) -> None:
-    """March every ray once through the boxes and lay its knots into `writer`."""
+def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: KnotWriter, cone: Cone) -> None:
+    """March every ray once through the boxes and write its knots."""
     kinds, count = arrays(), dr.width(writer.ray)
     crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf), cone=cone)
     state = crossing.start()
     nothing = dr.zeros(kinds.Float, count)
-    depth, covered = nothing, nothing - 1.0  # optical depth so far, and the end [m] of the matter met so far
+    depth, covered = nothing, nothing - 1.0  # optical depth so far, and end of the last matter [m]
     fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
     while crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH):
         step = medium.next(crossing, state)
@@ -198,7 +197,7 @@ def write_knots(medium: Medium, origin: Any, direction: Any, writer: KnotWriter,
             writer.write(fan.knots, covered, fan.depth_at(covered))
 
 
-def fan_from(knots: Any, at: Any, depth: Any) -> Fan:
+def fan_from(knots: UInt, at: Float, depth: Float) -> Fan:
     """All lines from a knot: the last one of `knots`."""
     kinds = arrays()
     many = kinds.Float(1 << (dr.maximum(knots, STRICT_KNOTS) - STRICT_KNOTS))

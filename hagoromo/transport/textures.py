@@ -1,16 +1,15 @@
-"""Textures: the texels of a scene's boxes on the device, and how kernels look matter up in them."""
+"""Textures: the texels of all boxes on the device, and look-ups of density, axis and light scale in them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, check_entries, clip, lookup
+from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, check_entries, clip, lookup
 from hagoromo.files.door import check_memory
 from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
 from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
@@ -29,27 +28,27 @@ CELL_MARGIN = 1e-3  # [cell] by which the last cell along the height ends before
 class Corner:
     """The first node around a place, and where the place is between the eight, along (u, v, h)."""
 
-    node: Any
-    part: Any
+    node: UInt
+    part: Array3f  # 0…1
 
 
 @dataclass
 class Lattice:
-    """A level as kernels read it: where it starts, nodes along u, h and v, cells of a period along u; its texel."""
+    """A level of a texel as kernels read it."""
 
-    offset: Any
-    across: Any
-    high: Any
-    deep: Any
-    cells: Any
-    variants: Any
-    populations: Any
-    bottom: Any
-    inverse: Any  # of the height [1/m]
+    offset: UInt  # of its first node in the pools
+    across: UInt  # nodes along u, all variants
+    high: UInt  # nodes along the height
+    deep: UInt  # nodes along v
+    cells: UInt  # of a period along u
+    variants: UInt
+    populations: UInt
+    bottom: Float  # height of the lowest nodes [m]
+    inverse: Float  # of the thickness [1/m]
 
     @property
-    def nodes(self) -> Any:
-        """Of one population."""
+    def nodes(self) -> UInt:
+        """Number of nodes of one population."""
         return self.deep * self.across * self.high
 
     def corner(self, here: SurfacePoint) -> Corner:
@@ -99,11 +98,11 @@ class Textures:
         self.axes_pool = dr.concat([_axes(level) for level in levels])
         dr.eval(self.rows, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
 
-    def textured(self, box: Any) -> Any:
+    def textured(self, box: UInt) -> Bool:
         """Whether box number `box` has a texel."""
         return dr.gather(arrays().UInt, self.whole, box * 4 + 1) > 0
 
-    def level(self, box: Any, footprint: Any, dither: Any) -> tuple[Any, Any]:
+    def level(self, box: UInt, footprint: Float, dither: Float) -> tuple[UInt, Float]:
         """Row of the level whose cells are as wide as `footprint` [m], and its step [m].
 
         dither: 0…1, by which the level tends to the next coarser one.
@@ -115,21 +114,21 @@ class Textures:
         row = first + dr.minimum(kinds.UInt(octave), dr.maximum(count, 1) - 1)
         return row, dr.gather(kinds.Float, self.steps, row)
 
-    def clear(self, box: Any, share: Any) -> Any:
-        """How far a share of the band [0…1] is from matter [m] at least; 0 where it may be in it."""
+    def clearance(self, box: UInt, share: Float) -> Float:
+        """Least distance [m] from matter at a `share` 0…1 of the band of heights; 0 where there may be matter."""
         kinds = arrays()
         bottom, inverse, low, span = dr.gather(kinds.Array4f, self.floats, 2 * box)
         height, voxel = dr.fma(share, span, low), dr.gather(kinds.Float, self.floats, box * 8 + 7)
         outside = dr.fmax(bottom - height, height - bottom - dr.rcp(inverse))
         return dr.fmax(dr.fma(voxel, -HEIGHT_ERROR, outside), 0.0)
 
-    def chart_scale(self, box: Any) -> ChartScale:
+    def chart_scale(self, box: UInt) -> ChartScale:
         """How the texel lies on the chart of a box."""
         _, _, low, span = dr.gather(arrays().Array4f, self.floats, 2 * box)
         per_u, per_v, _, voxel = dr.gather(arrays().Array4f, self.floats, 2 * box + 1)
         return ChartScale(per_u * PERIOD, per_v * PERIOD, voxel, low, span)
 
-    def lattice(self, box: Any, level: Any) -> Lattice:
+    def lattice(self, box: UInt, level: UInt) -> Lattice:
         """What look-ups in one level have in common."""
         kinds = arrays()
         offset, across, high, packed = dr.gather(kinds.Array4u, self.rows, level)
@@ -137,13 +136,13 @@ class Textures:
         bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
         return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
 
-    def density(self, lattice: Lattice, here: SurfacePoint) -> Any:
+    def density(self, lattice: Lattice, here: SurfacePoint) -> Float:
         """Density of all populations together; 0 above and below the texel."""
         inside = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
         density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
         return dr.select(inside, density, 0.0)
 
-    def densities(self, lattice: Lattice, here: SurfacePoint) -> list[Any]:
+    def densities(self, lattice: Lattice, here: SurfacePoint) -> list[Float]:
         """Density of every population."""
         found = []
         for k in range(self.populations):
@@ -152,7 +151,7 @@ class Textures:
             found.append(dr.select(number > 0, value, 0.0))
         return found
 
-    def axes(self, lattice: Lattice, here: SurfacePoint) -> list[Any]:
+    def axes(self, lattice: Lattice, here: SurfacePoint) -> list[Array3f]:
         """Axis of every population along (u, v, normal), not normalised."""
         corner = lattice.corner(here)
         steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
@@ -163,14 +162,16 @@ class Textures:
             found.append(axis_between(words, corner.part))
         return found
 
-    def scales(self, level: Any) -> list[tuple[LightScale, LightScale]]:
+    def scales(self, level: UInt) -> list[tuple[LightScale, LightScale]]:
         """Scales of the light, body and interface, that every population sends back."""
         first = 2 * SCALES * self.populations * level
         numbers = [dr.gather(arrays().Float, self.scale, first + k) for k in range(2 * SCALES * self.populations)]
         each = [LightScale(numbers[k : k + SCALES]) for k in range(0, len(numbers), SCALES)]
         return list(zip(each[::2], each[1::2], strict=True))
 
-    def optical_depth(self, box: Any, level: Any, here: SurfacePoint, way: Any, stop: Any, tau: Any) -> tuple[Any, Any]:
+    def optical_depth(
+        self, box: UInt, level: UInt, here: SurfacePoint, way: Array3f, stop: Float, tau: Float
+    ) -> tuple[Float, Float]:
         """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
@@ -187,7 +188,7 @@ class Textures:
         length = reach / count
         enough = HIDDEN_OPTICAL_DEPTH / (tau * length)
 
-        def one(k: Any, passed: Any) -> tuple[Any, Any]:
+        def one(k: Float, passed: Float) -> tuple[Float, Float]:
             there = here.moved((k + 0.5) * length, way, per_metre)
             return k + 1.0, passed + self.density(lattice, there)
 
@@ -195,7 +196,7 @@ class Textures:
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
         return tau * passed * length, reach
 
-    def _density(self, lattice: Lattice, corner: Corner, number: Any) -> Any:
+    def _density(self, lattice: Lattice, corner: Corner, number: UInt) -> Float:
         """Density of the population before `number`, of all together for 0."""
         rows, next_v = [], lattice.across * lattice.high
         start = corner.node + number * lattice.nodes
@@ -206,7 +207,7 @@ class Textures:
         return lerp(low, high, corner.part.y) * HALF_EXPONENT
 
 
-def _mixed(u: Any, v: Any) -> Any:
+def _mixed(u: Int, v: Int) -> UInt:
     """A random UInt for every pair of whole numbers (finalizer of MurmurHash3, Appleby 2011)."""
     UInt = arrays().UInt
     word = UInt(u) * 0x9E3779B1 + UInt(v) * 0x85EBCA77
@@ -236,7 +237,7 @@ def _pairs(level: Level) -> NDArray[np.uint32]:
     return (halves | above << np.uint32(16)).ravel().astype(np.uint32)
 
 
-def _axes(level: Level) -> Any:
+def _axes(level: Level) -> Int:
     """Packed axes; none of all populations together."""
     kinds = arrays()
     axis = np.concatenate([np.zeros_like(level.axis[:1]), level.axis])

@@ -16,6 +16,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.backend import Array3f, Float
 from hagoromo.errors import InputError
 
 MOST_POPULATIONS = 4
@@ -32,13 +33,13 @@ class LightScale:
 
     numbers: list[Any]
 
-    def at(self, eye: Any, lamp: Any) -> Any:
+    def at(self, eye: Array3f, lamp: Array3f) -> Float:
         """The factor; `eye`, `lamp`: unit, Array3f along (u, v, normal)."""
         front = sum(c * feature for c, feature in zip(self.numbers[:-1], light_features(eye, lamp), strict=True))
         return dr.select(eye.z * lamp.z < 0.0, self.numbers[-1], dr.fmax(front, 0.0))
 
 
-def light_features(eye: Any, lamp: Any) -> list[Any]:
+def light_features(eye: Array3f, lamp: Array3f) -> list[Float]:
     """What the numbers of a `LightScale` but the last are multiplied with."""
     above_eye, above_lamp = dr.abs(eye.z), dr.abs(lamp.z)
     across = [dr.square(way.x) - dr.square(way.y) for way in (eye, lamp)]

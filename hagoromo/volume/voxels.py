@@ -1,6 +1,6 @@
-"""Voxels of the kept bricks on the device, and how samples of a march read them.
+"""Voxels of the stored bricks on the device, and their interpolation at samples.
 
-A brick keeps 9³ voxels: its own 8³ and the next layer of its neighbours, so that trilinear interpolation stays inside.
+A brick stores 9³ voxels: its own 8³ and the next layer of its neighbours, so that trilinear interpolation stays inside.
 Packed (7.6 bytes a voxel): densities from 6e-5 on as pairs of halves along x, so that four reads give the eight around
 a sample; axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by which the march can be differentiated.
 """
@@ -8,12 +8,12 @@ a sample; axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import arrays, clip
+from hagoromo.backend import Array3f, Array4f, Float, Int, UInt, arrays, clip
 
 BRICK = 8  # voxels a side
 STORED = BRICK + 1  # voxels a side as kept
@@ -30,11 +30,11 @@ X_UNIT, Y_UNIT, Z_UNIT = 2.0 ** (X_BITS - 32) / X_FULL, 2.0 ** (Y_BITS - 32) / Y
 class Voxels(Protocol):
     """Voxels as the march reads them: `brick` UInt, `place` Array3f lattice coordinates inside [0, n−1)."""
 
-    def density(self, brick: Any, place: Any) -> Any:
+    def density(self, brick: UInt, place: Array3f) -> Float:
         """Trilinear density."""
         ...
 
-    def axis(self, brick: Any, place: Any) -> Any:
+    def axis(self, brick: UInt, place: Array3f) -> Array3f:
         """Trilinear axis in box axes, not normalised."""
         ...
 
@@ -43,10 +43,10 @@ class Voxels(Protocol):
 class PackedVoxels:
     """densities: UInt (bricks · 648), halves at x and x + 1; axes: Int (bricks · 729)."""
 
-    densities: Any
-    axes: Any
+    densities: UInt
+    axes: Int
 
-    def density(self, brick: Any, place: Any) -> Any:
+    def density(self, brick: UInt, place: Array3f) -> Float:
         """Trilinear density."""
         kinds = arrays()
         part = place - kinds.Array3f(kinds.Array3u(place))
@@ -54,21 +54,21 @@ class PackedVoxels:
         low, high = lerp(rows[0], rows[1], part.y), lerp(rows[2], rows[3], part.y)
         return lerp(low, high, part.z) * HALF_EXPONENT
 
-    def densities_around(self, brick: Any, place: Any) -> list[Any]:
+    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
         found = []
         for pair in self._pairs(brick, place):
             found += [half_value(pair << 13) * HALF_EXPONENT, half_value(pair >> 3) * HALF_EXPONENT]
         return found
 
-    def _pairs(self, brick: Any, place: Any) -> list[Any]:
+    def _pairs(self, brick: UInt, place: Array3f) -> list[UInt]:
         """The four pairs of halves around a place."""
         UInt = arrays().UInt
         inner = arrays().Array3u(place) & (BRICK - 1)
         start = brick * PAIRS + (inner.z * STORED + inner.y) * BRICK + inner.x
         return [dr.gather(UInt, self.densities, start + r) for r in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK)]
 
-    def axis(self, brick: Any, place: Any) -> Any:
+    def axis(self, brick: UInt, place: Array3f) -> Array3f:
         """Trilinear axis in box axes, not normalised."""
         kinds = arrays()
         start, part = corner(brick, place)
@@ -79,13 +79,13 @@ class PackedVoxels:
 class PlainVoxels:
     """values: Float (bricks · 729 · 4), density and axis."""
 
-    values: Any
+    values: Float
 
-    def density(self, brick: Any, place: Any) -> Any:
+    def density(self, brick: UInt, place: Array3f) -> Float:
         """Trilinear density."""
         return packets(self.values, brick, place)[0]
 
-    def axis(self, brick: Any, place: Any) -> Any:
+    def axis(self, brick: UInt, place: Array3f) -> Array3f:
         """Trilinear axis in box axes, not normalised."""
         read = packets(self.values, brick, place)
         return arrays().Array3f(read[1], read[2], read[3])
@@ -94,7 +94,7 @@ class PlainVoxels:
 CORNERS = tuple((z * STORED + y) * STORED + x for z in (0, 1) for y in (0, 1) for x in (0, 1))
 
 
-def corner(brick: Any, place: Any) -> tuple[Any, Any]:
+def corner(brick: UInt, place: Array3f) -> tuple[UInt, Array3f]:
     """Number of the first of the eight voxels around a place, and where it is between them (0…1)."""
     kinds = arrays()
     cell = kinds.Array3u(place)
@@ -102,7 +102,7 @@ def corner(brick: Any, place: Any) -> tuple[Any, Any]:
     return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place - kinds.Array3f(cell)
 
 
-def packets(grid: Any, brick: Any, place: Any) -> Any:
+def packets(grid: Float, brick: UInt, place: Array3f) -> Array4f:
     """Trilinear packet of four from a grid of halves or floats (bricks · 729 · 4)."""
     kinds = arrays()
     kind = kinds.Array4f16 if type(grid) is kinds.Float16 else kinds.Array4f
@@ -110,7 +110,7 @@ def packets(grid: Any, brick: Any, place: Any) -> Any:
     return trilinear([kinds.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
 
 
-def axis_between(words: list[Any], part: Any) -> Any:
+def axis_between(words: list[Int], part: Array3f) -> Array3f:
     """Trilinear axis between eight packed ones (Int, in the order of CORNERS), not normalised: Array3f."""
     kinds = arrays()
     # each number is read with the bits of the next below it, which stand for what `packed_axis` cut off
@@ -121,7 +121,7 @@ def axis_between(words: list[Any], part: Any) -> Any:
     )
 
 
-def unpacked(word: Any) -> Any:
+def unpacked(word: Int) -> Array3f:
     """The axis of a packed one, Int: Array3f."""
     Float = arrays().Float
     return arrays().Array3f(
@@ -129,7 +129,7 @@ def unpacked(word: Any) -> Any:
     )
 
 
-def packed_density(density: Any) -> Any:
+def packed_density(density: Float) -> UInt:
     """Pairs of halves of densities ≥ 0, Float (k · 729): UInt (k · 648)."""
     kinds = arrays()
     density = dr.select(density < SMALLEST_DENSITY, 0.0, density)
@@ -141,7 +141,7 @@ def packed_density(density: Any) -> Any:
     return dr.gather(kinds.UInt, halves, voxel) | (dr.gather(kinds.UInt, halves, voxel + 1) << 16)
 
 
-def packed_axis(axis: Any) -> Any:
+def packed_axis(axis: Array3f) -> Int:
     """Bits of axes of length ≤ 1 (longer ones are brought to 1), Array3f: Int."""
     kinds = arrays()
     squared = dr.squared_norm(axis)
@@ -175,17 +175,17 @@ def unpacked_axis(axes: np.ndarray) -> np.ndarray:
     return axis.astype(np.float16).reshape(-1, STORED, STORED, STORED, 3)
 
 
-def half_value(bits: Any) -> Any:
+def half_value(bits: UInt) -> Float:
     """The float, 2¹¹² times too small, of a half whose bits stand 13 places up (others are masked)."""
     return dr.reinterpret_array(arrays().Float, bits & 0x0FFFE000)
 
 
-def lerp(begin: Any, end: Any, part: Any) -> Any:
+def lerp(begin: Float, end: Float, part: Float) -> Float:
     """Linear between `begin` (part 0) and `end` (1)."""
     return dr.fma(end - begin, part, begin)
 
 
-def trilinear(values: list[Any], part: Any) -> Any:
+def trilinear(values: list[Float], part: Array3f) -> Float:
     """Between eight values in the order of CORNERS."""
     along = [lerp(values[k], values[k + 1], part.x) for k in (0, 2, 4, 6)]
     return lerp(lerp(along[0], along[1], part.y), lerp(along[2], along[3], part.y), part.z)
