@@ -11,7 +11,9 @@ from commands import help_of, verbs
 from mkdocs.exceptions import PluginError
 
 ROOT = Path(__file__).parents[2]
-GENERATED = ("reference/api", "reference/commands.md", "reference/recipes.md")  # made from what there is
+GENERATED = tuple(
+    f"reference/{name}" for name in ("api", "commands.md", "recipes.md", "fields.md")
+)  # made from what there is
 CODE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 PATH = re.compile(r"(?:hagoromo|hagoromo_figures|studies|tests|benchmarks|examples|docs)/[\w/.-]*|[a-z]\w*\.py")
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
