@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.camera import Camera
+import hagoromo as hg
 
 NEAR = 40  # pixels walked one by one; beyond, strides grow by a twentieth
 CLEAR = 1.0  # pixels of depth by which a ray must miss the surface, half of it to full shadow
 FAR_AWAY = 1e9  # depth where nothing is known to stand
 
 
-def lit_share(points: NDArray[np.floating], camera: Camera, to_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
+def lit_share(points: NDArray[np.floating], camera: hg.Camera, to_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
     """Share (h, w) of a far lamp's light that its own surface lets pass, 1 lit to 0 in cast shadow; 1 where unknown.
 
     points: (h, w, 3) [m], world, 0 where unknown. to_lamp: (3,) unit, world. Taken from afar: one pixel has one size

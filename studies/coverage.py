@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from hagoromo import __version__
+import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
@@ -39,7 +39,7 @@ def coverage_study(
                 progress((i + k / simulations) / len(cases), f"{bench}, {level}")
                 found.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
             rows += [{"bench": bench, "level": level, **row} for row in table(found)]
-        record = {"hagoromo": __version__, "simulations": simulations, "rows": rows}
+        record = {"hagoromo": hg.__version__, "simulations": simulations, "rows": rows}
         write_json(home / "results.json", record)
         write_coverage_page(home, record)
         progress(1.0, "")

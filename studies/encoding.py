@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import hagoromo as hg
 from hagoromo.light.colour import srgb_decode
 from hagoromo.measurement.normals.normals import robust_lambert, solve_fit
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.photometric_prior import Prior
 from hagoromo.measurement.normals.views import Array, Views, views
-from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
@@ -27,7 +27,7 @@ PIXELS = 2000  # of each object that are fitted
 LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
 
 
-def encoding_study(captures: Mapping[str, Capture], progress: Progress = silent) -> dict[str, Any]:
+def encoding_study(captures: Mapping[str, hg.Capture], progress: Progress = silent) -> dict[str, Any]:
     """Relative residual of every object under every hypothesis; the exponent that each asks for, their mean and error.
 
     The photographs hold recorded values, 1 at white. Returns {"residuals": {object: {hypothesis: …}}, "exponents":

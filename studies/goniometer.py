@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
+import hagoromo as hg
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.torrance_sparrow import Cosines
@@ -45,9 +45,9 @@ def readings(at: Directions, values: Array, variance: Array) -> Observations:
     values, variance = np.asarray(values, np.float64), np.asarray(variance, np.float64)
     if values.ndim != 2 or values.shape != variance.shape or len(values) != len(at.to_lamp):
         shapes = f"{values.shape} and variance of shape {variance.shape}"
-        raise InputError(f"{len(at.to_lamp)} directions, values of shape {shapes}: give (N, C) for both")
+        raise hg.InputError(f"{len(at.to_lamp)} directions, values of shape {shapes}: give (N, C) for both")
     if not (np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()):
-        raise InputError("readings need finite values and a variance above 0")
+        raise hg.InputError("readings need finite values and a variance above 0")
     seen = Sight(cosines_of(at), np.ones((len(values), 1, values.shape[1])))
     used = np.broadcast_to(seen.fit_to_use[:, None], values.shape)
     places: NDArray[np.int64] = np.arange(len(values))

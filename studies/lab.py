@@ -16,24 +16,16 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.chart import chart_spectra
-from hagoromo.camera.camera import Camera
-from hagoromo.camera.response import Response, camera_response, white
-from hagoromo.camera.sensor import CANON_EOS_300D, Sensor, expose
+import hagoromo as hg
+from hagoromo.camera.response import camera_response, white
+from hagoromo.camera.sensor import CANON_EOS_300D, expose
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
-from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
 from hagoromo.image.simulate import seen_shape
-from hagoromo.image.surface import Surface
 from hagoromo.light.colour import srgb_encode
-from hagoromo.light.lamp import Lamp
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.reflectance import Reflectance
 
 Array = NDArray[np.float64]
 LENS = (-0.3, 0.5, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3: 1 % in the corners of so narrow a view
@@ -45,23 +37,23 @@ BALL = 0.035  # m
 FINE = 3  # rays a pixel along each axis
 
 
-def lab_camera(width: int) -> Camera:
+def lab_camera(width: int) -> hg.Camera:
     """A camera at the world's origin that looks along +z, x right, y down; `width` and two thirds of it in pixels."""
     height, focal = 2 * width // 3, 3.2 * width
-    return Camera(
+    return hg.Camera(
         width, height, (focal, 1.001 * focal), (0.507 * width, 0.492 * height), LENS,
-        response=Response.load("Nikon 5100 (NPL)"), sensor=CANON_EOS_300D, name="lab",
+        response=hg.Response.load("Nikon 5100 (NPL)"), sensor=CANON_EOS_300D, name="lab",
     )  # fmt: skip
 
 
-def lamps() -> list[Lamp]:
+def lamps() -> list[hg.Lamp]:
     """The lamp in its places: angles from the line of sight and around it."""
-    spectrum = Spectrum.named(SPECTRUM)
+    spectrum = hg.Spectrum.named(SPECTRUM)
     found = []
     for number, (off, around) in enumerate(np.radians(PLACES)):
         towards = np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
         place = np.array([0.0, 0.0, AWAY]) + FAR * towards
-        found.append(Lamp(position=place, intensity=np.pi * FAR**2, spectrum=spectrum, name=f"{number}"))
+        found.append(hg.Lamp(position=place, intensity=np.pi * FAR**2, spectrum=spectrum, name=f"{number}"))
     return found
 
 
@@ -79,10 +71,10 @@ def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -
             grey = _board(camera, random)[..., None] * 0.8 + 0.002 * random.normal(size=(camera.height, width, 1))
             write_png(home / "board" / f"{number}.png", srgb_encode(np.repeat(grey, 3, axis=2)))
         write_png(home / "chart.png", expose(_chart(camera, lit[0].spectrum), sensor, seed))
-        scene = Scene(camera, tuple(lit), surfaces=_object(camera.response, lit[0].spectrum))
+        scene = hg.Scene(camera, tuple(lit), surfaces=_object(camera.response, lit[0].spectrum))
         rays = _on_ball(camera)
         for number, lamp in enumerate(lit):
-            image = render(scene.with_lamps(lamp), Settings(samples=FINE)).expose(camera.response)
+            image = hg.render(scene.with_lamps(lamp), hg.Settings(samples=FINE)).expose(camera.response)
             write_png(home / "object" / f"{number}.png", expose(image, sensor, seed + 100 + number))
             ball = _ball(rays, lamp) + 0.002 * random.normal(size=(camera.height, width))
             write_png(home / "ball" / f"{number}.png", srgb_encode(np.repeat(ball[..., None], 3, axis=2)))
@@ -93,7 +85,7 @@ def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -
     return Path(out)
 
 
-def _board(camera: Camera, random: np.random.Generator) -> Array:
+def _board(camera: hg.Camera, random: np.random.Generator) -> Array:
     """(h, w) light of the board in a random place before the camera, the picture filled."""
     middle = np.array([(BOARD[0] - 1) / 2, (BOARD[1] - 1) / 2, 0.0]) * SQUARE
     tilt, around, roll = random.uniform(0.3, 0.8), random.uniform(0.0, 2.0 * np.pi), random.normal(0.0, 0.2)
@@ -106,10 +98,10 @@ def _board(camera: Camera, random: np.random.Generator) -> Array:
     return _means(np.where(inside & ((column + row) % 2 == 0), 0.03, 0.8))
 
 
-def _chart(camera: Camera, lamp: Spectrum) -> Array:
+def _chart(camera: hg.Camera, lamp: hg.Spectrum) -> Array:
     """(h, w, 3) ρ of a chart of 24 patches where the object stands, facing camera and lamp."""
     assert camera.response is not None
-    patches = np.array([camera_response(patch, lamp, camera.response) for patch in chart_spectra()])
+    patches = np.array([camera_response(patch, lamp, camera.response) for patch in hg.chart_spectra()])
     cell, gap = 0.9 * AWAY * camera.width / camera.focal[0] / 6.2, 0.1
     size = np.array([6.0, 4.0]) * cell
     towards = camera.look_at((0.5 * size[0], 0.5 * size[1], -AWAY), (0.5 * size[0], 0.5 * size[1], 0.0), (0.05, -1, 0))
@@ -124,26 +116,26 @@ def _chart(camera: Camera, lamp: Spectrum) -> Array:
     return np.stack([_means(fine[..., channel]) for channel in range(3)], axis=2)
 
 
-def _on_plane(camera: Camera) -> Array:
+def _on_plane(camera: hg.Camera) -> Array:
     """(FINE h, FINE w, 2) where the camera's rays meet z = 0 [m]."""
     direction = camera.unproject(_fine(camera))
     return camera.position[:2] - direction[..., :2] * (camera.position[2] / direction[..., 2])[..., None]
 
 
-def _object(response: Response, lamp: Spectrum) -> tuple[Surface, ...]:
+def _object(response: hg.Response, lamp: hg.Spectrum) -> tuple[hg.Surface, ...]:
     """A gourd of two materials, its axis across the line of sight."""
     knots = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 730.0)
-    ochre = Spectrum(knots, (0.10, 0.14, 0.25, 0.45, 0.62, 0.68, 0.70))
-    green = Spectrum(knots, (0.08, 0.14, 0.32, 0.42, 0.28, 0.20, 0.35))
-    low = Reflectance(1.0 / np.pi, 0.25, 0.22, 1.5, ochre, name="ochre")
-    top = Reflectance(1.0 / np.pi, 0.6, 0.15, 1.5, green, name="green")
+    ochre = hg.Spectrum(knots, (0.10, 0.14, 0.25, 0.45, 0.62, 0.68, 0.70))
+    green = hg.Spectrum(knots, (0.08, 0.14, 0.32, 0.42, 0.28, 0.20, 0.35))
+    low = hg.Reflectance(1.0 / np.pi, 0.25, 0.22, 1.5, ochre, name="ochre")
+    top = hg.Reflectance(1.0 / np.pi, 0.6, 0.15, 1.5, green, name="green")
     return (
-        Surface.sphere((0.0, 0.012, AWAY), 0.034, low, "below"),
-        Surface.sphere((0.004, -0.03, AWAY), 0.022, top, "above"),
+        hg.Surface.sphere((0.0, 0.012, AWAY), 0.034, low, "below"),
+        hg.Surface.sphere((0.004, -0.03, AWAY), 0.022, top, "above"),
     )
 
 
-def _on_ball(camera: Camera) -> tuple[NDArray[np.bool_], Array, Array]:
+def _on_ball(camera: hg.Camera) -> tuple[NDArray[np.bool_], Array, Array]:
     """Of every fine ray: whether it meets the chrome ball, the normal there, the direction to the eye."""
     ray, centre = camera.unproject(_fine(camera)), np.array([0.0, 0.0, AWAY])
     along = ray @ centre
@@ -152,7 +144,7 @@ def _on_ball(camera: Camera) -> tuple[NDArray[np.bool_], Array, Array]:
     return root > 0.0, normal, -ray
 
 
-def _ball(rays: tuple[NDArray[np.bool_], Array, Array], lamp: Lamp) -> Array:
+def _ball(rays: tuple[NDArray[np.bool_], Array, Array], lamp: hg.Lamp) -> Array:
     """(h, w) light of the ball: the lamp's bulb, 24 cm wide in its reflector, in a dim room."""
     on, normal, to_eye = rays
     mirrored = 2.0 * np.sum(normal * to_eye, axis=-1, keepdims=True) * normal - to_eye
@@ -163,7 +155,7 @@ def _ball(rays: tuple[NDArray[np.bool_], Array, Array], lamp: Lamp) -> Array:
     return _means(np.where(on, room + 8.0 * (angle < 0.03), 0.06))
 
 
-def _fine(camera: Camera) -> Array:
+def _fine(camera: hg.Camera) -> Array:
     row, column = np.mgrid[: camera.height * FINE, : camera.width * FINE]
     return np.stack([(column + 0.5) / FINE, (row + 0.5) / FINE], axis=-1)
 
@@ -174,7 +166,7 @@ def _means(fine: NDArray) -> Array:
     return fine.reshape(height, FINE, width, FINE).mean(axis=(1, 3), dtype=np.float64)
 
 
-def _write_truth(folder: Path, scene: Scene, sensor: Sensor) -> None:
+def _write_truth(folder: Path, scene: hg.Scene, sensor: hg.Sensor) -> None:
     """camera.json, lamps.json, and normals.exr as a pinhole of the same matrix sees them."""
     camera = scene.camera
     keys = ("fl_x", "fl_y", "cx", "cy")

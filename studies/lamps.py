@@ -17,9 +17,10 @@ import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
+import hagoromo as hg
 from hagoromo.calibration.lamps import find_ball, matte_ball, reference_strength
 from hagoromo.calibration.lamps.outline import refined
-from hagoromo.calibration.lamps.uncalibrated import SelfCalibration, self_calibrate
+from hagoromo.calibration.lamps.uncalibrated import self_calibrate
 from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
 from hagoromo.files.png import read_png
 from hagoromo.files.record import write_json
@@ -56,7 +57,7 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
     return {"ball": ball.record(), "readings": pairs, "objects": objects}
 
 
-def _beside(found: SelfCalibration, ours: Array) -> dict[str, Any]:
+def _beside(found: hg.SelfCalibration, ours: Array) -> dict[str, Any]:
     within = np.degrees(np.arccos(np.clip(np.sum(found.to_lamp * ours, axis=1), -1.0, 1.0)))
     return {
         **_angles(found.to_lamp, ours),

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+import hagoromo as hg
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit, solve_normals
 from hagoromo.measurement.normals.views import Array, Views, views
 from hagoromo.measurement.surface.depth import points_from_normals
-from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.photograph import Photograph
 from studies.cast_shadow import lit_share
 from studies.predicted_photograph import disagreement, forecast
 
@@ -39,20 +38,20 @@ class KeptAside:
     """
 
     lamp: int
-    photograph: Photograph
+    photograph: hg.Photograph
     predictions: Mapping[str, NDArray[np.float64]]
     found: NormalMap
     points: NDArray[np.float32]
 
 
-def score(photograph: Photograph, prediction: NDArray[np.floating]) -> tuple[float, float]:
+def score(photograph: hg.Photograph, prediction: NDArray[np.floating]) -> tuple[float, float]:
     """Relative RMSE and PSNR [dB, peak 1] of a prediction (h, w, C), over all valid pixels of the object."""
     true = photograph.values[photograph.mask].astype(np.float64)
     rmse = float(np.sqrt(np.mean((prediction[photograph.mask] - true) ** 2)))
     return rmse / float(np.sqrt(np.mean(true**2))), -20.0 * float(np.log10(rmse))
 
 
-def keep_aside(capture: Capture, even: Capture, field: Array, lamp: int) -> KeptAside:
+def keep_aside(capture: hg.Capture, even: hg.Capture, field: Array, lamp: int) -> KeptAside:
     """Predict photograph `lamp` of `capture` from the others.
 
     even: the capture with the lamps that other objects told, flat-fielded by `field` (K, h, w).
@@ -85,5 +84,5 @@ def _image(seen: Views, values: Array) -> NDArray[np.float64]:
     return seen.image((values * seen.light[0]).T)
 
 
-def _without(capture: Capture, lamp: int) -> Capture:
+def _without(capture: hg.Capture, lamp: int) -> hg.Capture:
     return replace(capture, photographs=tuple(p for k, p in enumerate(capture.photographs) if k != lamp))

@@ -15,9 +15,8 @@ import numpy as np
 import tyro
 from tyro.conf import Positional
 
-from hagoromo import __version__
+import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
@@ -59,7 +58,7 @@ def merl_study(folder: str | Path, out: str | Path, force: bool = False, progres
             progress(i / len(cases), name)
             rows.append(study(kind, name, truth, np.random.default_rng([SEED, i])))
         record = {
-            "hagoromo": __version__,
+            "hagoromo": hg.__version__,
             "noise": NOISE,
             "level": LEVEL,
             "directions": len(goniometer().to_lamp),
@@ -86,8 +85,8 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
     }
     try:
         fit = fit_material(seen)
-    except InputError as refused:
-        raise InputError(f"{name}: {refused}") from refused
+    except hg.InputError as refused:
+        raise hg.InputError(f"{name}: {refused}") from refused
     tested = lack_of_fit(fit)
     models = {METHODS[0]: expected(seen.sight, fit.theta), **colours}
     error = {method: _median_error(model, clean, used) for method, model in models.items()}

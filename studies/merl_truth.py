@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from msgspec import structs
 
-from hagoromo.errors import InputError
+import hagoromo as hg
 from hagoromo.files.record import ForeignRecord, Positive, Vector, decode, read_json
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.torrance_sparrow import Cosines
@@ -88,7 +88,7 @@ def abc(of: dict[str, Any], at: Cosines) -> Array:
 def _read(path: Path, kind: type[ForeignRecord], model: Callable[[dict[str, Any], Cosines], Array]) -> dict[str, Truth]:
     record = read_json(path)
     if not isinstance(record, list) or not record:
-        raise InputError(f"{path} must be a list of materials: given {type(record).__name__}")
+        raise hg.InputError(f"{path} must be a list of materials: given {type(record).__name__}")
     found: dict[str, Truth] = {}
     for i, entry in enumerate(record):
         fields = structs.asdict(decode(entry, kind, f"{path} material {i + 1}"))

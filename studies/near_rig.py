@@ -15,12 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.camera.camera import Camera
-from hagoromo.camera.sensor import Sensor, develop_raw, expose
-from hagoromo.light.lamp import Lamp
-from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.photograph import Photograph
+from hagoromo.camera.sensor import develop_raw, expose
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 Array = NDArray[Any]
@@ -38,8 +35,8 @@ PATCH = 6  # px: side of the patches that light each other
 class Rig:
     """One camera, and near lamps [m] in its frame."""
 
-    camera: Camera
-    lamps: tuple[Lamp, ...]
+    camera: hg.Camera
+    lamps: tuple[hg.Lamp, ...]
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ def ring_rig(width: int = 120, height: int = 96, count: int = 10) -> Rig:
         angle, far = 2.0 * np.pi * (k + 0.3) / count, 0.30 if k % 2 else 0.16
         place = np.array([far * np.cos(angle), far * np.sin(angle), 0.05 + 0.1 * (k % 3)])
         axis = np.array([0.0, 0.0, DISTANCE]) - place
-        lamps.append(Lamp(place, intensity=1.0 + 0.2 * (k % 4), name=f"led {k}", axis=axis, axis_power=1.0))
+        lamps.append(hg.Lamp(place, intensity=1.0 + 0.2 * (k % 4), name=f"led {k}", axis=axis, axis_power=1.0))
     return Rig(camera, tuple(lamps))
 
 
@@ -84,7 +81,7 @@ def read_rig(folder: str | Path, smaller: float = 20.0) -> Rig:
     camera = _camera(width, height, (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]))
     brightness = light["Phi"] / light["Phi"].mean()
     lamps = [
-        Lamp(1e-3 * place, intensity=bright, name=f"led {k}", axis=axis, axis_power=float(power))
+        hg.Lamp(1e-3 * place, intensity=bright, name=f"led {k}", axis=axis, axis_power=float(power))
         for k, (place, axis, power, bright) in enumerate(
             zip(light["S"], light["Dir"], light["mu"][:, 0], brightness, strict=True)
         )
@@ -110,7 +107,7 @@ def waves(x: Array, y: Array) -> Array:
     return DISTANCE + 0.04 * x + swell - np.where(block, 0.03, 0.0)
 
 
-def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) -> tuple[Capture, Truth]:
+def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) -> tuple[hg.Capture, Truth]:
     """The photographs of `depth` under each lamp of the rig, and the truth."""
     truth = exact(rig.camera, depth)
     known = truth.labels >= 0
@@ -127,7 +124,7 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
         light.append(value)
     white = float(np.percentile(np.concatenate(light), 98)) / BRIGHT
     gain = FULL_WELL / (2.0**bits - 1.0)
-    sensor = Sensor(FULL_WELL / white, FULL_WELL, READ_NOISE, gain, 0.0, bits)
+    sensor = hg.Sensor(FULL_WELL / white, FULL_WELL, READ_NOISE, gain, 0.0, bits)
     camera = replace(rig.camera, sensor=sensor)
     photographs = []
     for k, (lamp, value) in enumerate(zip(rig.lamps, light, strict=True)):
@@ -135,11 +132,11 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
         signal[known] = value
         developed = develop_raw(expose(signal, sensor, 1000 * seed + k), sensor)
         shot = developed.values, developed.variance, known & developed.valid
-        photographs.append(Photograph(*shot, camera, (lamp,), lamp.name))
-    return Capture(tuple(photographs), "simulated"), truth
+        photographs.append(hg.Photograph(*shot, camera, (lamp,), lamp.name))
+    return hg.Capture(tuple(photographs), "simulated"), truth
 
 
-def shaded(truth: Truth, lamp: Lamp, look: Look) -> Array:
+def shaded(truth: Truth, lamp: hg.Lamp, look: Look) -> Array:
     """(P, 3) values of the known points under a lamp that nothing blocks."""
     known = truth.labels >= 0
     points, normals = truth.points[known], truth.normals[known]
@@ -149,7 +146,7 @@ def shaded(truth: Truth, lamp: Lamp, look: Look) -> Array:
     return irradiance.reshape(len(points), -1) * (body[:, None] * colour + interface[:, None])
 
 
-def exact(camera: Camera, depth: Depth) -> Truth:
+def exact(camera: hg.Camera, depth: Depth) -> Truth:
     """Points and normals of `depth` at the middle of every pixel; its slopes to 1e-9 by central differences."""
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     x = (columns - camera.principal[0]) / camera.focal[0]
@@ -170,8 +167,8 @@ def exact(camera: Camera, depth: Depth) -> Truth:
     return Truth(np.where(zero, normals, 0.0), np.where(zero, points, 0.0), np.where(known, checks, -1))
 
 
-def _camera(width: int, height: int, focal: tuple[float, float], principal: tuple[float, float]) -> Camera:
-    camera = Camera(width, height, focal, principal)
+def _camera(width: int, height: int, focal: tuple[float, float], principal: tuple[float, float]) -> hg.Camera:
+    camera = hg.Camera(width, height, focal, principal)
     return camera.look_at((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), up=(0.0, -1.0, 0.0))
 
 
@@ -184,7 +181,7 @@ def _weights(normals: Array, to_lamp: Array, points: Array, look: Look) -> tuple
     return found.body.numpy().astype(np.float64), found.interface.numpy().astype(np.float64)
 
 
-def _shadowed(points: Array, lamp: Lamp, depth: Depth) -> NDArray[np.bool_]:
+def _shadowed(points: Array, lamp: hg.Lamp, depth: Depth) -> NDArray[np.bool_]:
     """(P,) whether the surface, as far as it is seen, stands between its points and the lamp."""
     assert lamp.position is not None
     hidden = np.zeros(len(points), np.bool_)

@@ -10,17 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, white
-from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
-from hagoromo.light.spectrum import Spectrum
+import hagoromo as hg
+from hagoromo.camera.response import white
 from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_lambert, solve_normals
 from hagoromo.measurement.normals.views import Array, views
-from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 from studies.leave_one_out import METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
 from studies.rig import Unevenness, evened, flat_field
@@ -71,7 +67,7 @@ class ObjectStudy:
 
 def study_object(
     folder: str | Path,
-    capture: Capture,
+    capture: hg.Capture,
     others: Sequence[Unevenness],
     aside: Sequence[int],
     progress: Progress = silent,
@@ -97,26 +93,26 @@ def study_object(
     return ObjectStudy(capture.name, scores, errors, measured, shown, picture, score(shown.photograph, picture))
 
 
-def relief_picture(even: Capture, kept: KeptAside, field: Array) -> NDArray[np.float32]:
+def relief_picture(even: hg.Capture, kept: KeptAside, field: Array) -> NDArray[np.float32]:
     """(h, w, 3) the relief that was solved without a lamp, as volume boxes under it, in the photograph's values."""
     photograph, camera = kept.photograph, kept.photograph.camera
-    others = Capture(tuple(p for p in even.photographs if p.name != photograph.name), even.name)
+    others = hg.Capture(tuple(p for p in even.photographs if p.name != photograph.name), even.name)
     measured = measurement_of(others, kept.found)
     relief = Relief(kept.points, kept.found.normals, kept.found.body, measured.labels)
     box = relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
-    image = render(Scene(camera, photograph.lamps, (box,)), Settings(samples=SAMPLES))
+    image = hg.render(hg.Scene(camera, photograph.lamps, (box,)), hg.Settings(samples=SAMPLES))
     return image.expose(_basis_camera()) * field[kept.lamp][..., None].astype(np.float32)
 
 
-def _basis_camera() -> Response:
+def _basis_camera() -> hg.Response:
     """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
     wavelengths = np.arange(400.0, 700.5, 0.5)
     bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
-    bands /= white(Spectrum.constant(1.0), Response(wavelengths, bands))
-    return Response(wavelengths, bands, name="basis")
+    bands /= white(hg.Spectrum.constant(1.0), hg.Response(wavelengths, bands))
+    return hg.Response(wavelengths, bands, name="basis")
 
 
-def _normal_errors(folder: str | Path, capture: Capture, found: NormalMap) -> dict[str, dict[str, float]]:
+def _normal_errors(folder: str | Path, capture: hg.Capture, found: NormalMap) -> dict[str, dict[str, float]]:
     """Errors of the sphere's normals [°]: mean and median over its pixels, mean within INNER of its radius."""
     true, seen = sphere_normals(folder, capture.name), views(capture)
     maps = {

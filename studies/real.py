@@ -15,10 +15,9 @@ import numpy as np
 import tyro
 from tyro.conf import Positional
 
-from hagoromo import __version__
+import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.calibration.lamps import LampReading
-from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.normals.normals import solve_normals
@@ -57,7 +56,7 @@ def real_study(
             of_object = part_of(progress, 0.2 + 0.78 * i / len(objects), 0.78 / len(objects))
             studies.append(study_object(folder, captures[name], others, range(LAMPS), of_object))
         record = {
-            "hagoromo": __version__,
+            "hagoromo": hg.__version__,
             "lamps": [{**lamp.record(), "off_their_reading_deg": off} for lamp, off in _agreement(folder, lamps)],
             "response": response,
             "methods": METHODS,
@@ -91,7 +90,7 @@ def read_directions(path: Path) -> Array:
     rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
     directions = np.array([[float(number) for number in row] for row in rows if len(row) == 3])
     if directions.shape != (LAMPS, 3):
-        raise InputError(f"{path} must hold {LAMPS} rows of three numbers: given {directions.shape}")
+        raise hg.InputError(f"{path} must hold {LAMPS} rows of three numbers: given {directions.shape}")
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 

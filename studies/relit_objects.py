@@ -16,7 +16,7 @@ import tyro
 from markupsafe import Markup
 from tyro.conf import Positional
 
-from hagoromo import __version__
+import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.relight.relight import relight_capture
 from hagoromo.app.relight.relit import PREDICTIONS, Relit
@@ -24,7 +24,6 @@ from hagoromo.app.report.page import image, write_page
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.light.colour import srgb_encode
-from hagoromo.photograph.capture import save_capture
 from hagoromo.progress import Progress, silent
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
@@ -46,11 +45,11 @@ def relit_objects(
         for i, name in enumerate(objects):
             progress(i / len(objects), name)
             (home / name).mkdir()
-            save_capture(read_object(folder, name, lamps), home / name / "capture")
+            hg.save_capture(read_object(folder, name, lamps), home / name / "capture")
             held = [f"{name} {k}" for k in HELD]
             found[name] = relight_capture(home / name / "capture", home / name / "relit", held)
         record = {name: [one.record() for one in relit] for name, relit in found.items()}
-        write_json(home / "results.json", {"hagoromo": __version__, "held": list(HELD), "objects": record})
+        write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
         _write_index(home / "index.html", found)
         progress(1.0, "")
     return found

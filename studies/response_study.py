@@ -18,14 +18,11 @@ import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
-from hagoromo import __version__
+import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
-from hagoromo.calibration.response.chart import chart_spectra
-from hagoromo.camera.response import Response
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
-from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, silent
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from studies.table import print_table
@@ -57,7 +54,7 @@ def response_study(
         others = read_rawtoaces(Path(folder) / OTHERS)
         for name in list(designs)[:2] if others else []:
             rows[f"{name}, {len(others)} of rawtoaces"] = score(designs[name], others)
-        record = {"hagoromo": __version__, "noise": NOISE, "cameras": list(cameras), "rows": rows}
+        record = {"hagoromo": hg.__version__, "noise": NOISE, "cameras": list(cameras), "rows": rows}
         write_json(home / "results.json", record)
         progress(1.0, "")
     return record
@@ -68,18 +65,18 @@ def known_lights() -> Array:
     import colour
 
     sources = [*colour.SDS_ILLUMINANTS.values(), *colour.SDS_LIGHT_SOURCES.values()]
-    found = np.array([Spectrum(of.wavelengths, of.values).at(WAVELENGTHS) for of in sources])
+    found = np.array([hg.Spectrum(of.wavelengths, of.values).at(WAVELENGTHS) for of in sources])
     return found / found.mean(axis=1, keepdims=True)
 
 
 def chart_under(lamps: tuple[str, ...]) -> Array:
     """(24 · lamps, wavelengths): matrix of the readings of a ColorChecker under `lamps`, each of mean 1."""
-    patches = np.array([patch.at(WAVELENGTHS) for patch in chart_spectra()])
-    lights = [Spectrum.named(lamp).at(WAVELENGTHS) for lamp in lamps]
+    patches = np.array([patch.at(WAVELENGTHS) for patch in hg.chart_spectra()])
+    lights = [hg.Spectrum.named(lamp).at(WAVELENGTHS) for lamp in lamps]
     return np.concatenate([patches * light / light.mean() for light in lights]) @ overlap_matrix(WAVELENGTHS)
 
 
-def score(matrix: Array, cameras: Mapping[str, Response], seed: int = 0) -> dict[str, Any]:
+def score(matrix: Array, cameras: Mapping[str, hg.Response], seed: int = 0) -> dict[str, Any]:
     """Correlation with the true curves (median, 10th percentile), ours and the rival's, and coverage, per channel."""
     random = np.random.default_rng(seed)
     ours, rival, inside, bright = [], [], [], []

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hagoromo.errors import InputError
+import hagoromo as hg
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.views import Array
-from hagoromo.photograph.capture import Capture
 
 LEAST = 0.3  # evenness below which a linear fall-off has been carried on too far
 
@@ -52,17 +51,17 @@ def unevenness(found: NormalMap) -> Unevenness:
 def flat_field(told: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
     """(K, h, w) relative irradiance of the lamps, the geometric mean of what several objects told."""
     if not told or len({len(one.strength) for one in told}) != 1:
-        raise InputError("a flat field needs objects that were photographed under the same lamps: give one or more")
+        raise hg.InputError("a flat field needs objects that were photographed under the same lamps: give one or more")
     return np.exp(np.mean([one.at(shape) for one in told], axis=0))
 
 
-def evened(capture: Capture, told: Sequence[Unevenness], field: Array) -> Capture:
+def evened(capture: hg.Capture, told: Sequence[Unevenness], field: Array) -> hg.Capture:
     """`capture` as even lamps would show it, photograph k divided by `field` (K, h, w); lamps where objects told them.
 
     Near lamps stay where they are.
     """
     if len(field) != len(capture.photographs):
-        raise InputError(
+        raise hg.InputError(
             f"a flat field of {len(field)} lamps for {len(capture.photographs)} photographs: give one each"
         )
     shift = np.mean([one.shift for one in told], axis=0)

@@ -13,7 +13,7 @@ from typing import Any
 import tyro
 from tyro.conf import Positional
 
-from hagoromo import __version__
+import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
@@ -55,7 +55,7 @@ def spectra_study(
             rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
         progress(0.55, "recoveries")
         rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
-        record = {"hagoromo": __version__, "noise": NOISE, "rows": [row.record() for row in rows]}
+        record = {"hagoromo": hg.__version__, "noise": NOISE, "rows": [row.record() for row in rows]}
         record["cameras"] = list(bench.cameras)
         write_json(home / "results.json", record)
         write_spectra_report(home / "report.html", record, rows, chart, bench)

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, white
-from hagoromo.errors import InputError
+import hagoromo as hg
+from hagoromo.camera.response import white
 from hagoromo.files.door import read_bytes
 from hagoromo.files.record import read_json
-from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.spectrum_estimate import reading_matrix
 
@@ -53,7 +52,7 @@ def read_bench(path: str | Path, every: int = 1) -> Bench:
     cameras = {
         name: {lamp: reading_matrix(spectrum, response) for lamp, spectrum in lamps.items()} for name, response in names
     }
-    observer = Response.load("cie1931")
+    observer = hg.Response.load("cie1931")
     colours = {}
     for lamp in TARGETS:
         reads = white(lamps[lamp], observer)
@@ -61,22 +60,22 @@ def read_bench(path: str | Path, every: int = 1) -> Bench:
     return Bench(cameras, colours)
 
 
-def read_cameras(path: str | Path) -> dict[str, Response]:
+def read_cameras(path: str | Path) -> dict[str, hg.Response]:
     """Camera → response, from a CSV whose rows are camera, wavelength [nm], R, G, B."""
     rows = list(csv.reader(read_bytes(path).decode("utf-8").splitlines()))
     if not rows or rows[0] != COLUMNS:
-        raise InputError(f"{path} must have the columns {','.join(COLUMNS)}")
+        raise hg.InputError(f"{path} must have the columns {','.join(COLUMNS)}")
     curves: dict[str, list[list[float]]] = {}
     for line, row in enumerate(rows[1:], 2):
         try:
             name, *numbers = row[0], *(float(cell) for cell in row[1:5])
         except (ValueError, IndexError) as error:
-            raise InputError(f"{path} line {line} is no camera and four numbers: {','.join(row):.60}") from error
+            raise hg.InputError(f"{path} line {line} is no camera and four numbers: {','.join(row):.60}") from error
         curves.setdefault(name, []).append(numbers)
-    return {name: Response(np.array(of)[:, 0], np.array(of)[:, 1:], name=name) for name, of in curves.items()}
+    return {name: hg.Response(np.array(of)[:, 0], np.array(of)[:, 1:], name=name) for name, of in curves.items()}
 
 
-def read_rawtoaces(folder: str | Path) -> dict[str, Response]:
+def read_rawtoaces(folder: str | Path) -> dict[str, hg.Response]:
     """Camera → response, from rawtoaces' JSON files of cameras, each λ [nm] → (R, G, B)."""
     cameras = {}
     for path in sorted(Path(folder).glob("*_380_780_5.json")):
@@ -85,8 +84,8 @@ def read_rawtoaces(folder: str | Path) -> dict[str, Response]:
             curves = record["spectral_data"]["data"]["main"]
             wavelengths = [float(at) for at in curves]
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path} has no curves spectral_data, data, main by wavelength") from error
-        cameras[path.stem] = Response(wavelengths, list(curves.values()), name=path.stem)
+            raise hg.InputError(f"{path} has no curves spectral_data, data, main by wavelength") from error
+        cameras[path.stem] = hg.Response(wavelengths, list(curves.values()), name=path.stem)
     return cameras
 
 
@@ -119,10 +118,10 @@ def _lab(ratio: Array) -> Array:
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def _lamp(name: str) -> Spectrum:
+def _lamp(name: str) -> hg.Spectrum:
     """A lamp by name; the filters are smooth edges: yellow passes above 530 nm, cyan below 590 nm."""
     if name not in (YELLOW, CYAN):
-        return Spectrum.named(name)
+        return hg.Spectrum.named(name)
     edge, sign = (530.0, 1.0) if name == YELLOW else (590.0, -1.0)
     fine = np.arange(380.0, 731.0, 5.0)
-    return Spectrum(fine, 0.9 / (1.0 + np.exp(-sign * (fine - edge) / 8.0))) * Spectrum.named("D65")
+    return hg.Spectrum(fine, 0.9 / (1.0 + np.exp(-sign * (fine - edge) / 8.0))) * hg.Spectrum.named("D65")

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import apart, surfaces
-from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
-from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate, estimate_spectrum
+from hagoromo.reflectance.spectra.spectrum_estimate import estimate_spectrum
 from studies.spectra_bench import NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
 
 TURNS = 10
@@ -29,16 +29,16 @@ class Case:
 
     name: str
     tested: Array
-    priors: Sequence[Sequence[ReflectancePrior]]
+    priors: Sequence[Sequence[hg.ReflectancePrior]]
     training: Sequence[Array]
 
 
 def chart_case(skin: Array | None) -> Case:
     """The chart's 24 patches; skin is among the priors where it is given."""
     training = others_than_charts()
-    priors = [ReflectancePrior.from_spectra("surfaces", training), ReflectancePrior.load("smooth")]
+    priors = [hg.ReflectancePrior.from_spectra("surfaces", training), hg.ReflectancePrior.load("smooth")]
     if skin is not None:
-        priors.append(ReflectancePrior.from_spectra("skin", skin))
+        priors.append(hg.ReflectancePrior.from_spectra("skin", skin))
     tested = chart()
     return Case("chart", tested, [priors] * len(tested), [training] * len(tested))
 
@@ -52,8 +52,8 @@ def skin_cases(skin: Array) -> tuple[Case, Case]:
     """People's skin, each person kept out of the prior: with the prior of skin alone, and with the class unknown."""
     turns = _turns(len(skin))
     others = [skin[turns != turn] for turn in range(TURNS)]
-    own = [ReflectancePrior.from_spectra("skin", of) for of in others]
-    general = [ReflectancePrior.load("surfaces"), ReflectancePrior.load("smooth")]
+    own = [hg.ReflectancePrior.from_spectra("skin", of) for of in others]
+    general = [hg.ReflectancePrior.load("surfaces"), hg.ReflectancePrior.load("smooth")]
     training = [others[turn] for turn in turns]
     return (
         Case("skin", skin, [[own[turn]] for turn in turns], training),
@@ -66,12 +66,12 @@ def surfaces_case() -> Case:
     found = others_than_charts()
     turns = _turns(len(found))
     others = [found[turns != turn] for turn in range(TURNS)]
-    own = [ReflectancePrior.from_spectra("surfaces", of) for of in others]
-    smooth = ReflectancePrior.load("smooth")
+    own = [hg.ReflectancePrior.from_spectra("surfaces", of) for of in others]
+    smooth = hg.ReflectancePrior.load("smooth")
     return Case("surfaces kept out", found, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns])
 
 
-def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[SpectrumEstimate]:
+def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[hg.SpectrumEstimate]:
     """One estimate a surface, from noisy readings through `matrix` (channels, wavelengths)."""
     found = []
     for truth, priors in zip(case.tested, case.priors, strict=True):

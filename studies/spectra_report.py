@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+import hagoromo as hg
 from hagoromo.app.report.page import drawing, write_page
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
-from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 from hagoromo_figures.demo.plots import panels, svg_text
 from studies.spectra_bench import TARGETS, Bench
 from studies.spectra_cases import Case, estimate
@@ -77,7 +77,7 @@ def _shares(rows: Sequence[Row]) -> str:
     return svg_text(figure)
 
 
-def _spectra(case: Case, found: Sequence[SpectrumEstimate]) -> str:
+def _spectra(case: Case, found: Sequence[hg.SpectrumEstimate]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
@@ -95,7 +95,7 @@ def _spectra(case: Case, found: Sequence[SpectrumEstimate]) -> str:
     return svg_text(figure)
 
 
-def _regions(case: Case, found: Sequence[SpectrumEstimate], colours: np.ndarray) -> str:
+def _regions(case: Case, found: Sequence[hg.SpectrumEstimate], colours: np.ndarray) -> str:
     """95 % ellipses of the chromaticities x, y, to first order in the errors."""
     figure, (axis,) = panels(1, 6.4, 4.6)
     turn = np.linspace(0.0, 2.0 * np.pi, 73)

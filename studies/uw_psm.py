@@ -11,15 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+import hagoromo as hg
 from hagoromo.calibration.lamps import Ball, LampReading, find_ball, lamps_from_ball
-from hagoromo.camera.camera import Camera
-from hagoromo.camera.sensor import Sensor, develop_raw
-from hagoromo.errors import InputError
+from hagoromo.camera.sensor import develop_raw
 from hagoromo.files.png import read_png
-from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.normals.views import Array
-from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
 OBJECTS = ("gray", "buddha", "cat", "horse", "owl", "rock")
@@ -28,7 +24,7 @@ FOCAL = 1e5  # px: from afar, 0.15° between the middle and the edge of the pict
 PIXEL = 5e-4  # m: a guess of the right order
 WHITE = 1.0 / 3.0  # a gauge, as the lamps' strength is unknown: low, so that all bodies conserve energy
 WHOLE = 250  # mask level of a pixel that shows the object only
-SENSOR = Sensor(
+SENSOR = hg.Sensor(
     exposure=ASSUMED_FULL_WELL,
     full_well=ASSUMED_FULL_WELL,
     read_noise=ASSUMED_READ_NOISE,
@@ -45,23 +41,23 @@ def read_lamps(folder: str | Path) -> tuple[Ball, tuple[LampReading, ...]]:
     return lamps_from_ball(photographs, read_png(home / "chrome.mask.png"))
 
 
-def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -> Capture:
+def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -> hg.Capture:
     """The capture of one object: twelve photographs, pixels that are wholly on it and not saturated."""
     if name not in OBJECTS:
-        raise InputError(f"no object is called {name!r}: choose one of {', '.join(OBJECTS)}")
+        raise hg.InputError(f"no object is called {name!r}: choose one of {', '.join(OBJECTS)}")
     home = Path(folder) / name
     on_object = _grey(read_png(home / f"{name}.mask.png")) >= WHOLE
     height, width = on_object.shape
-    camera = Camera(width, height, (FOCAL, FOCAL), (width / 2, height / 2), sensor=SENSOR, name="uw_psm")
+    camera = hg.Camera(width, height, (FOCAL, FOCAL), (width / 2, height / 2), sensor=SENSOR, name="uw_psm")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
     photographs = []
     for k, lamp in enumerate(lamps):
         developed = develop_raw(read_png(home / f"{name}.{k}.png"), SENSOR)
         # radiance of a diffuser = albedo · irradiance / π
-        light = Lamp(to_lamp=lamp.to_lamp, intensity=np.pi / WHITE, name=lamp.name)
+        light = hg.Lamp(to_lamp=lamp.to_lamp, intensity=np.pi / WHITE, name=lamp.name)
         mask = on_object & developed.valid
-        photographs.append(Photograph(developed.values, developed.variance, mask, camera, (light,), f"{name} {k}"))
-    return Capture(tuple(photographs), name, Path(folder))
+        photographs.append(hg.Photograph(developed.values, developed.variance, mask, camera, (light,), f"{name} {k}"))
+    return hg.Capture(tuple(photographs), name, Path(folder))
 
 
 def sphere_normals(folder: str | Path, name: str = "gray") -> Array:

@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
+import hagoromo as hg
 from hagoromo import backend
 from hagoromo.files.record import read_toml, write_json
-from hagoromo.matter.build import build
-from hagoromo.volume.box import VolumeBox
 from studies.gallery.gallery_items import ITEMS, Item
 from studies.gallery.gallery_view import around, near, whole
 
@@ -42,13 +41,13 @@ def make(recipes: Path, name: str, out: Path) -> None:
             _write(out / f"{name}_{view}.jpg", near(box, field_mm))
 
 
-def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[VolumeBox, dict[str, Any]]:
+def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[hg.VolumeBox, dict[str, Any]]:
     """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
     record = read_toml(recipes / f"{item.recipe}.toml")
     for key, value in change.items():
         record[key] = record[key] | value if isinstance(value, dict) and key in record else value
     before, start, busy = _peak(), time.perf_counter(), time.process_time()
-    box = build(record)
+    box = hg.build(record)
     cost = {
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {backend.name()}",
         "seconds": round(time.perf_counter() - start, 1), "core_seconds": round(time.process_time() - busy, 1),
