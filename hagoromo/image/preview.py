@@ -17,8 +17,7 @@ from hagoromo.image.image import Image
 from hagoromo.image.render import PreparedScene, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_cache import SceneCache
-from hagoromo.image.scene_file import scene_and_settings
-from hagoromo.image.settings import Settings
+from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.transport.film import Film
 
 FIRST_SECONDS = 0.1  # time until the first picture [s]

@@ -15,8 +15,7 @@ from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_cache import SceneCache
-from hagoromo.image.scene_file import scene_and_settings
-from hagoromo.image.settings import Settings
+from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import Film

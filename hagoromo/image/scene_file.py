@@ -46,7 +46,6 @@ from hagoromo.files.record import (
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
-from hagoromo.matter.build import build
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.volume.box import VolumeBox
@@ -152,14 +151,6 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
 
 
-def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
-    """The scene, loaded where `scene` is the path of a TOML file; `settings`, else the file's, else the defaults."""
-    if isinstance(scene, Scene):
-        return scene, settings or Settings()
-    loaded, stated = load_scene(scene)
-    return loaded, settings or stated
-
-
 def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:
     key = decode(record, SceneCamera, where)
     given = [name for name in ("preset", "file", "size") if getattr(key, name) is not None]
@@ -193,7 +184,7 @@ def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
     key = decode(record, SceneBox, where)
     if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
-    box = load_box(inside(folder, key.file)) if key.file else build(inside(folder, key.recipe or ""))
+    box = load_box(inside(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
     stated = {"tau": key.tau, "name": key.name}
     box = replace(box, **{name: value for name, value in stated.items() if value is not None})
     if key.materials is not None:
@@ -233,3 +224,10 @@ def _pose(key: Place, where: str) -> NDArray[np.float64]:
         pose = turn @ pose
     pose[:3, 3] = key.position or NOWHERE
     return pose
+
+
+def _built(recipe: Path) -> VolumeBox:
+    """The box of a recipe. Only a recipe needs the matters, so that they are imported here."""
+    from hagoromo.matter.build import build
+
+    return build(recipe)

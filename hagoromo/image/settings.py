@@ -1,10 +1,12 @@
-"""Settings: how a scene is rendered."""
+"""Settings: how a scene is rendered, and the scene and settings of a call."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from hagoromo.errors import InputError
+from hagoromo.image.scene import Scene
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
 SHADOWS = ("map", "march", "none")
@@ -40,3 +42,13 @@ class Settings:
             raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= 16384:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to 16384 texels")
+
+
+def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
+    """The scene, loaded where `scene` is the path of a TOML file; `settings`, else the file's, else the defaults."""
+    if isinstance(scene, Scene):
+        return scene, settings or Settings()
+    from hagoromo.image.scene_file import load_scene  # only a file needs the readers of boxes, cameras and recipes
+
+    loaded, stated = load_scene(scene)
+    return loaded, settings or stated

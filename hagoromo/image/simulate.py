@@ -19,8 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.expose import photograph
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import scene_and_settings
-from hagoromo.image.settings import Settings
+from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, part_of, silent
