@@ -57,10 +57,10 @@ def busy_lanes(replayed: Replayed) -> float:
 
 def gather_rate(size: int, rounds: int) -> float:
     """Gathered words a second, from random places of a table of `size` [byte]."""
-    kinds = arrays()
-    table = dr.arange(kinds.UInt, size // 4)
+    jit = arrays()
+    table = dr.arange(jit.UInt, size // 4)
     dr.make_opaque(table)
-    mask = dr.opaque(kinds.UInt, size // 4 - 1)
+    mask = dr.opaque(jit.UInt, size // 4 - 1)
     return LANES * READS / typical(lambda: read_at_random(Held(table), mask), rounds)
 
 
@@ -87,8 +87,8 @@ def read_at_random(table: Held, mask: Any) -> Any:
 
 def stream_rate(rounds: int) -> float:
     """Bytes a second read and written by a + s b."""
-    kinds = arrays()
-    a, b, s = dr.arange(kinds.Float, STREAM), dr.arange(kinds.Float, STREAM) + 1.0, dr.opaque(kinds.Float, 3.0)
+    jit = arrays()
+    a, b, s = dr.arange(jit.Float, STREAM), dr.arange(jit.Float, STREAM) + 1.0, dr.opaque(jit.Float, 3.0)
     dr.eval(a, b)
     return 3 * 4 * STREAM / typical(lambda: dr.fma(s, b, a), rounds)
 
@@ -101,9 +101,9 @@ def arithmetic_rate(rounds: int) -> float:
 @dr.syntax
 def multiply_adds() -> Any:
     """CHAINS chains of multiply-adds."""
-    kinds = arrays()
-    turn, factor = dr.zeros(kinds.UInt, LANES), dr.opaque(kinds.Float, 0.999)
-    chains = [kinds.Float(dr.arange(kinds.UInt, LANES) + k) for k in range(CHAINS)]
+    jit = arrays()
+    turn, factor = dr.zeros(jit.UInt, LANES), dr.opaque(jit.Float, 0.999)
+    chains = [jit.Float(dr.arange(jit.UInt, LANES) + k) for k in range(CHAINS)]
     while turn < TURNS:
         chains = linked(chains, factor)
         turn += 1

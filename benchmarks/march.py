@@ -75,10 +75,10 @@ def reference_lamps(turn: float) -> tuple[hg.Lamp, ...]:
 
 def camera_rays(order: np.ndarray) -> tuple[Any, Any]:
     """Rays of the reference camera, pixels in the given order."""
-    kinds = arrays()
-    pixel = kinds.UInt(order)
-    x, y = kinds.Float(pixel % PIXELS) + 0.5, kinds.Float(pixel // PIXELS) + 0.5
-    direction = kinds.Array3f(x / PIXELS * 2 - 1, 1 - y / PIXELS * 2, -2.5)
+    jit = arrays()
+    pixel = jit.UInt(order)
+    x, y = jit.Float(pixel % PIXELS) + 0.5, jit.Float(pixel // PIXELS) + 0.5
+    direction = jit.Array3f(x / PIXELS * 2 - 1, 1 - y / PIXELS * 2, -2.5)
     return opaque_vector(EYE), dr.normalize(direction)
 
 

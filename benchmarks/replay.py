@@ -61,14 +61,14 @@ class Replayed(Medium):
     def __init__(self, box: VolumeBox, origin: Any, direction: Any) -> None:
         super().__init__([box])
         self.packed: Any = self.voxels
-        kinds, self.width = arrays(), dr.width(direction)
+        jit, self.width = arrays(), dr.width(direction)
         if self.coarse.shape[0] > BLOCKS:
             raise InputError(f"the box has {self.coarse.shape[0]} blocks of bricks: at most {BLOCKS} can be replayed")
-        self.lane = dr.arange(kinds.UInt, self.width)
+        self.lane = dr.arange(jit.UInt, self.width)
         self.counts = walked(self, origin, direction)
         self.most = dr.max(self.counts)
         tiles = -(-self.width // TILE)
-        self.address, self.answer = (dr.zeros(kinds.UInt, tiles * TILE * int(self.most[0])) for _ in range(2))
+        self.address, self.answer = (dr.zeros(jit.UInt, tiles * TILE * int(self.most[0])) for _ in range(2))
         dr.eval(self.lane, self.counts, self.most, self.address, self.answer)
         dr.eval(walked(self, origin, direction, True), self.address, self.answer)
 
@@ -78,19 +78,19 @@ class Replayed(Medium):
 
     def write(self, step: Any, count: Any, density: Any, shaded: Any) -> None:
         """Record a step."""
-        kinds = arrays()
-        cell = kinds.Array3u(step.place)
+        jit = arrays()
+        cell = jit.Array3u(step.place)
         brick, inner = cell >> 3, cell & (BRICK - 1)
-        block, place = kinds.Array3i(brick >> 3), brick & (BLOCK - 1)
+        block, place = jit.Array3i(brick >> 3), brick & (BLOCK - 1)
         frame = self.frames.frame(step.box)
-        address = kinds.UInt(frame.first + block.z * frame.layer + block.y * frame.row + block.x)
+        address = jit.UInt(frame.first + block.z * frame.layer + block.y * frame.row + block.x)
         for part in (place, inner):
             address = ((address * BLOCK + part.z) * BLOCK + part.y) * BLOCK + part.x
-        flags = dr.select(step.brick >= 0, kinds.UInt(2), 0) | dr.select(shaded, kinds.UInt(1), 0)
+        flags = dr.select(step.brick >= 0, jit.UInt(2), 0) | dr.select(shaded, jit.UInt(1), 0)
         at = self.at(count)
         dr.scatter(self.address, address << 2 | flags, at)
-        half = (dr.reinterpret_array(kinds.UInt, density / HALF_EXPONENT) >> 13) + 1  # no ray ends later than recorded
-        dr.scatter(self.answer, half << 16 | kinds.UInt(dr.minimum(step.brick, 0)) & 0xFFFF, at)
+        half = (dr.reinterpret_array(jit.UInt, density / HALF_EXPONENT) >> 13) + 1  # no ray ends later than recorded
+        dr.scatter(self.answer, half << 16 | jit.UInt(dr.minimum(step.brick, 0)) & 0xFFFF, at)
 
     def recorded(self, words: Any, count: Any) -> Any:
         """What was recorded of step number `count` of every ray."""
@@ -104,13 +104,13 @@ class Replayed(Medium):
 @dr.syntax
 def walked(medium: Replayed, origin: Any, direction: Any, write: bool = False) -> Any:
     """Number of steps of every ray, each written down if asked."""
-    kinds = arrays()
-    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    jit = arrays()
+    crossing = medium.cross(origin, direction, jit.Float(0), jit.Float(dr.inf))
     state = crossing.start()
-    passed, cut = dr.ones(kinds.Float, dr.width(direction)), END_TRANSMITTANCE * medium.tolerance
+    passed, cut = dr.ones(jit.Float, dr.width(direction)), END_TRANSMITTANCE * medium.tolerance
     while crossing.unfinished(state) & (passed > cut):
         step, count = medium.next(crossing, state), state.count
-        density, shaded = kinds.Float(0), kinds.Bool(False)
+        density, shaded = jit.Float(0), jit.Bool(False)
         if step.brick < 0:
             state = crossing.skip_empty(step, state)
         else:
@@ -127,25 +127,25 @@ def walked(medium: Replayed, origin: Any, direction: Any, write: bool = False) -
 @dr.syntax
 def gathers(medium: Replayed, materials: Materials) -> tuple[Any, Any]:
     """Every gather of the march alone: something made of all that was read, and the number of gathers, per ray."""
-    kinds = arrays()
-    count, total, number = (dr.zeros(kinds.UInt, medium.width) for _ in range(3))
+    jit = arrays()
+    count, total, number = (dr.zeros(jit.UInt, medium.width) for _ in range(3))
     while count < medium.counts:
         word = medium.recorded(medium.address, count)
         voxel, place, block = word >> 2 & (BRICK**3 - 1), word >> 11 & (BRICKS - 1), word >> 20
-        outer = dr.gather(kinds.Int, medium.coarse, block)
-        brick = dr.gather(kinds.Int, medium.fine, kinds.UInt(outer * BRICKS) + place, outer >= 0)
-        total ^= kinds.UInt(outer ^ brick)
+        outer = dr.gather(jit.Int, medium.coarse, block)
+        brick = dr.gather(jit.Int, medium.fine, jit.UInt(outer * BRICKS) + place, outer >= 0)
+        total ^= jit.UInt(outer ^ brick)
         number += 3
         if word & 2 == 2:
             z, y, x = voxel >> 6, voxel >> 3 & 7, voxel & 7
-            first = kinds.UInt(brick) * PAIRS + (z * STORED + y) * BRICK + x
-            total ^= read(kinds.UInt, medium.packed.densities, first, ROWS)
+            first = jit.UInt(brick) * PAIRS + (z * STORED + y) * BRICK + x
+            total ^= read(jit.UInt, medium.packed.densities, first, ROWS)
             number += len(ROWS)
             if word & 1 == 1:
-                first = kinds.UInt(brick) * VOXELS + (z * STORED + y) * STORED + x
-                total ^= read(kinds.Int, medium.packed.axes, first, CORNERS)
-                material = dr.gather(kinds.UInt, medium.first_material, word & 0)
-                total ^= read(kinds.Float, materials.rows, material * materials.width, range(materials.width))
+                first = jit.UInt(brick) * VOXELS + (z * STORED + y) * STORED + x
+                total ^= read(jit.Int, medium.packed.axes, first, CORNERS)
+                material = dr.gather(jit.UInt, medium.first_material, word & 0)
+                total ^= read(jit.Float, materials.rows, material * materials.width, range(materials.width))
                 number += len(CORNERS) + 1 + materials.width
         count += 1
     return total, number
@@ -173,11 +173,11 @@ def read(kind: Any, source: Any, first: Any, offsets: Any) -> Any:
 def arithmetic(medium: Replayed, lighting: Lighting, origin: Any, direction: Any) -> Any:
     """The march without its gathers, but for one of the recorded answer a step: a picture of other colours."""
     stand_in = WithoutGathers(medium)
-    kinds = arrays()
+    jit = arrays()
     with ExitStack() as modules:
         for module in (medium_module, voxels_module, lighting_module):
             modules.enter_context(patch.object(module, "dr", stand_in))
-        channels, _ = march(stand_in.medium, lighting, origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+        channels, _ = march(stand_in.medium, lighting, origin, direction, jit.Float(0), jit.Float(dr.inf))
     return sum(channels)
 
 
@@ -192,9 +192,9 @@ class WithoutGathers:
 
     def gather(self, kind: Any, source: Any, index: Any, active: Any = True) -> Any:
         """What the march goes on with; the address is worked out in any case."""
-        kinds, answer = arrays(), self.medium.word
+        jit, answer = arrays(), self.medium.word
         if source is self.medium.coarse or source is self.medium.fine:
-            return kinds.Int(answer << 16 | (index & self.nothing)) >> 16
+            return jit.Int(answer << 16 | (index & self.nothing)) >> 16
         if source is self.medium.packed.densities:
             return (answer >> 16) * 0x10001 ^ (index & self.nothing)
         return kind(index) + 1

@@ -16,9 +16,9 @@ from hagoromo.transport.medium import Medium
 
 def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera) -> dict[str, int]:
     """Steps of all rays of a frame, jumps over empty bricks included, and samples of matter among them."""
-    kinds = arrays()
-    column, row = tile_place(dr.arange(kinds.UInt, camera.width * camera.height), kinds.UInt(camera.width))
-    origin, direction = camera.rays(kinds.Float(column) + 0.5, kinds.Float(row) + 0.5)
+    jit = arrays()
+    column, row = tile_place(dr.arange(jit.UInt, camera.width * camera.height), jit.UInt(camera.width))
+    origin, direction = camera.rays(jit.Float(column) + 0.5, jit.Float(row) + 0.5)
     steps, samples = counted(Medium(boxes), origin, direction)
     return {"steps": int(dr.sum(steps)[0]), "samples": int(dr.sum(samples)[0])}
 
@@ -26,10 +26,10 @@ def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera) -> dict[str, int]
 @dr.syntax
 def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
     """Steps and samples of matter of every ray, as the march takes them."""
-    kinds, width = arrays(), dr.width(direction)
-    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    jit, width = arrays(), dr.width(direction)
+    crossing = medium.cross(origin, direction, jit.Float(0), jit.Float(dr.inf))
     state = crossing.start()
-    passed, steps, samples = dr.ones(kinds.Float, width), dr.zeros(kinds.UInt, width), dr.zeros(kinds.UInt, width)
+    passed, steps, samples = dr.ones(jit.Float, width), dr.zeros(jit.UInt, width), dr.zeros(jit.UInt, width)
     cut = END_TRANSMITTANCE * medium.tolerance
     while crossing.unfinished(state) & (passed > cut):
         step = medium.next(crossing, state)

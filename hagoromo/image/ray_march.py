@@ -140,10 +140,10 @@ def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[Any, Any]:
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     if not (np.isfinite(origin).all() and np.isfinite(length).all() and (length > 0.0).all()):
         raise InputError("origins and directions must be finite, and directions not (0, 0, 0)")
-    kinds = arrays()
+    jit = arrays()
 
     def vector(values: NDArray) -> Any:
-        return kinds.Array3f(*(kinds.Float(np.ascontiguousarray(values[:, k], np.float32)) for k in range(3)))
+        return jit.Array3f(*(jit.Float(np.ascontiguousarray(values[:, k], np.float32)) for k in range(3)))
 
     return vector(origin), vector(direction / length)
 

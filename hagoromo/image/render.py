@@ -85,8 +85,8 @@ class PreparedScene:
 
     def radiance(self, origin: Array3f, direction: Array3f, phase: Float = 0.0) -> tuple[list[Float], Float]:
         """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity)."""
-        kinds, far = arrays(), arrays().Float(dr.inf)
-        behind: list[Any] = [kinds.Float(0)] * self.channels
+        jit, far = arrays(), arrays().Float(dr.inf)
+        behind: list[Any] = [jit.Float(0)] * self.channels
         if self.surfaces:
             far, point, normal, surface = self.surfaces.intersect(origin, direction)
             material = self.first_on_surface + surface
@@ -94,9 +94,9 @@ class PreparedScene:
             light = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
         if self.medium is None:
-            return behind, dr.select(dr.isfinite(far), 1.0, kinds.Float(0))
-        cone = kinds.Float(0), self.spread
-        channels, passed = march(self.medium, self.lighting, origin, direction, kinds.Float(0), far, phase, cone=cone)
+            return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
+        cone = jit.Float(0), self.spread
+        channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), far, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
 

@@ -66,13 +66,13 @@ def simulate(
 
 def seen_shape(scene: Scene) -> Shape:
     """The shape of the scene's surfaces, of which there is one at least, as its camera sees it."""
-    kinds, camera = arrays(), scene.camera
-    number = dr.arange(kinds.UInt, camera.width * camera.height)
-    x, y = kinds.Float(number % camera.width) + 0.5, kinds.Float(number // camera.width) + 0.5
+    jit, camera = arrays(), scene.camera
+    number = dr.arange(jit.UInt, camera.width * camera.height)
+    x, y = jit.Float(number % camera.width) + 0.5, jit.Float(number // camera.width) + 0.5
     origin, direction = camera.rays(x, y)
     surfaces = Surfaces(scene.surfaces)  # must outlive the evaluation of the rays
     distance, _, normal, surface = surfaces.intersect(origin, direction)
-    seen = dr.isfinite(distance) & kinds.Bool(_in_the_open(scene).ravel())
+    seen = dr.isfinite(distance) & jit.Bool(_in_the_open(scene).ravel())
     point = dr.select(seen, origin + direction * dr.select(seen, distance, 0.0), 0.0)
     normal = dr.select(seen, normal, 0.0)
     size = (camera.height, camera.width)

@@ -107,28 +107,28 @@ class Surfaces:
     """All surfaces of a scene as Mitsuba holds them."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
-        mi, kinds = mitsuba(), arrays()
+        mi, jit = mitsuba(), arrays()
         self.surfaces = tuple(surfaces)
         shapes = [_shape(surface) for surface in surfaces]
         self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(shapes)}})
         # Mitsuba numbers its shapes anew with every scene: read from memory, the numbers compile nothing anew
-        numbers = [int(dr.reinterpret_array(kinds.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
+        numbers = [int(dr.reinterpret_array(jit.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
         order = np.zeros(max(numbers) + 1, np.uint32)
         order[numbers] = np.arange(len(shapes))
-        self.order = lookup(kinds.UInt, order)
+        self.order = lookup(jit.UInt, order)
         corners = np.concatenate([surface.corners() for surface in surfaces])
-        self.shadow_bias = dr.opaque(kinds.Float, SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
+        self.shadow_bias = dr.opaque(jit.Float, SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
     def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
-        mi, kinds = mitsuba(), arrays()
+        mi, jit = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
-        flat, normal = kinds.Array3f(hit.n), kinds.Array3f(hit.sh_frame.n)
+        flat, normal = jit.Array3f(hit.n), jit.Array3f(hit.sh_frame.n)
         back = dr.dot(flat, direction) > 0
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
-        surface = dr.gather(kinds.UInt, self.order, dr.reinterpret_array(kinds.UInt, hit.shape))
+        surface = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape))
         point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
-        return kinds.Float(hit.t), point, normal, surface
+        return jit.Float(hit.t), point, normal, surface
 
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""

@@ -69,9 +69,9 @@ class SurfaceFrame:
 
 def chart_words(u: Float, v: Float, along_u: Array3f, presence: Float) -> Array4u:
     """The four words of voxels, Array4u; u, v: Float, in periods."""
-    kinds = arrays()
-    bits = kinds.UInt(kinds.Float(presence) * PERIOD)
-    return kinds.Array4u(_fixed(u), _fixed(v), dr.reinterpret_array(kinds.UInt, packed_axis(along_u)), bits)
+    jit = arrays()
+    bits = jit.UInt(jit.Float(presence) * PERIOD)
+    return jit.Array4u(_fixed(u), _fixed(v), dr.reinterpret_array(jit.UInt, packed_axis(along_u)), bits)
 
 
 @dataclass
@@ -93,12 +93,12 @@ def surface_point_at(
     bricks: their numbers in `charts` (words, UInt) and in `voxels`. Where the voxels around a place are on different
     sheets, or on both sides of a fold, those of the nearest voxel's sheet are followed to the place.
     """
-    kinds = arrays()
+    jit = arrays()
     start, part = corner(bricks[0], place)
-    packets = [dr.gather(kinds.Array4u, charts, start + offset) for offset in CORNERS]
-    steps = dr.select(part > 0.5, kinds.Array3u(1), kinds.Array3u(0))
-    reference = dr.gather(kinds.Array4u, charts, start + (steps.z * STORED + steps.y) * STORED + steps.x)
-    along = [[kinds.Float(kinds.Int(packet[k] - reference[k])) for packet in packets] for k in range(2)]
+    packets = [dr.gather(jit.Array4u, charts, start + offset) for offset in CORNERS]
+    steps = dr.select(part > 0.5, jit.Array3u(1), jit.Array3u(0))
+    reference = dr.gather(jit.Array4u, charts, start + (steps.z * STORED + steps.y) * STORED + steps.x)
+    along = [[jit.Float(jit.Int(packet[k] - reference[k])) for packet in packets] for k in range(2)]
     near = [
         (dr.abs(u) < SHEET_GAP * scale.voxel * scale.per_u) & (dr.abs(v) < SHEET_GAP * scale.voxel * scale.per_v)
         for u, v in zip(*along, strict=True)
@@ -106,8 +106,8 @@ def surface_point_at(
     one_sheet = near[0]
     for also in near[1:]:
         one_sheet &= also
-    presence = [kinds.Float(packet[3]) for packet in packets]
-    tangents = [dr.reinterpret_array(kinds.Int, packet[2]) for packet in packets]
+    presence = [jit.Float(packet[3]) for packet in packets]
+    tangents = [dr.reinterpret_array(jit.Int, packet[2]) for packet in packets]
 
     def smooth(place: Array3f, part: Array3f, brick: UInt) -> tuple[Any, ...]:
         return (
@@ -129,19 +129,19 @@ def _on_one_sheet(
     voxels: PackedVoxels, brick: UInt, place: Array3f, scale: ChartScale, corners: tuple[Any, ...]
 ) -> tuple[Any, ...]:
     """As trilinear values, of the `near` ones of eight voxels only, each followed along its plane to the place."""
-    kinds, (along, presence, tangents, near) = arrays(), corners
+    jit, (along, presence, tangents, near) = arrays(), corners
     start, part = corner(brick, place)
-    nothing = kinds.Float(0)
+    nothing = jit.Float(0)
     total, u, v, share, there = [nothing] * 5
-    along_u, normal = kinds.Array3f(0), kinds.Array3f(0)
+    along_u, normal = jit.Array3f(0), jit.Array3f(0)
     heights = voxels.densities_around(brick, place)
     for k, offset in enumerate(CORNERS):
         side = [k & 1, (k >> 1) & 1, k >> 2]
         weights = [part[j] if side[j] else 1.0 - part[j] for j in range(3)]
         weight = dr.select(near[k], weights[0] * weights[1] * weights[2] + 1e-6, 0.0)
-        n = dr.normalize(unpacked(dr.gather(kinds.Int, voxels.axes, start + offset)) + 1e-9)
+        n = dr.normalize(unpacked(dr.gather(jit.Int, voxels.axes, start + offset)) + 1e-9)
         t = dr.normalize(unpacked(tangents[k]) + 1e-9)
-        away = kinds.Array3f(*(part[j] - side[j] for j in range(3))) * scale.voxel
+        away = jit.Array3f(*(part[j] - side[j] for j in range(3))) * scale.voxel
         total += weight
         u = dr.fma(weight, dr.fma(dr.dot(t, away), scale.per_u, along[0][k]), u)
         v = dr.fma(weight, dr.fma(dr.dot(dr.cross(n, t), away), scale.per_v, along[1][k]), v)
@@ -161,14 +161,14 @@ def surface_frame(along_u: Array3f, normal: Array3f) -> SurfaceFrame:
 
 def _whole_and_rest(word: UInt, moved: Float) -> tuple[Int, Float]:
     """Whole periods (Int), and the rest of them, of a word and a Float of words beside it."""
-    kinds = arrays()
-    moved = moved + kinds.Float(word & 0xFFFF)
+    jit = arrays()
+    moved = moved + jit.Float(word & 0xFFFF)
     whole = dr.floor(moved * (1.0 / PERIOD))
-    return (kinds.Int(word) >> 16) + kinds.Int(whole), dr.fma(moved, 1.0 / PERIOD, -whole)
+    return (jit.Int(word) >> 16) + jit.Int(whole), dr.fma(moved, 1.0 / PERIOD, -whole)
 
 
 def _fixed(periods: Float) -> UInt:
     """Periods as 16.16 bits, which wrap beyond ±32768."""
-    kinds = arrays()
+    jit = arrays()
     whole = dr.floor(periods)
-    return kinds.UInt((kinds.Int(whole) << 16) + kinds.Int((periods - whole) * PERIOD))
+    return jit.UInt((jit.Int(whole) << 16) + jit.Int((periods - whole) * PERIOD))

@@ -93,16 +93,14 @@ class Crossing:
 
     def start(self) -> MarchState:
         """The state before the first sample."""
-        kinds = arrays()
+        jit = arrays()
         rays = dr.width(self.direction, self.origin)
-        numbers = [dr.zeros(kinds.UInt, rays) for _ in range(min(self.frames.slots, self.frames.count))]
-        state = MarchState(
-            numbers, dr.zeros(kinds.UInt, rays), dr.ones(kinds.UInt, rays), [], kinds.Float(0), kinds.UInt(0)
-        )
+        numbers = [dr.zeros(jit.UInt, rays) for _ in range(min(self.frames.slots, self.frames.count))]
+        state = MarchState(numbers, dr.zeros(jit.UInt, rays), dr.ones(jit.UInt, rays), [], jit.Float(0), jit.UInt(0))
         if self.exchanged:
-            state.entered, state.box = dr.full(kinds.Float, -dr.inf, rays), dr.zeros(kinds.UInt, rays)
-            nothing = self.ray(dr.zeros(kinds.UInt, rays))
-            nothing.sample_count = dr.zeros(kinds.UInt, rays)
+            state.entered, state.box = dr.full(jit.Float, -dr.inf, rays), dr.zeros(jit.UInt, rays)
+            nothing = self.ray(dr.zeros(jit.UInt, rays))
+            nothing.sample_count = dr.zeros(jit.UInt, rays)
             state.rays = [nothing] * self.frames.slots
             for _ in numbers:
                 state = self.enter_next_box(state)
@@ -131,15 +129,15 @@ class Crossing:
 
     def skip_empty(self, step: Step, state: MarchState) -> MarchState:
         """Skip to the first sample behind the empty bricks (or blocks of them) around this one."""
-        kinds = arrays()
+        jit = arrays()
         number, ray = self._in_slot(step.slot, state)
-        reach, size = ((-step.brick) >> 1) - 1, dr.select((step.brick & 1) == 1, 6, kinds.Int(3))
-        cell = kinds.Array3i(step.place) >> size
+        reach, size = ((-step.brick) >> 1) - 1, dr.select((step.brick & 1) == 1, 6, jit.Int(3))
+        cell = jit.Array3i(step.place) >> size
         face = dr.select(ray.direction > 0.0, cell + 1 + reach, cell - reach) << size
-        distance = dr.min((kinds.Array3f(face) - ray.origin) / ray.direction)
+        distance = dr.min((jit.Array3f(face) - ray.origin) / ray.direction)
         samples = dr.ceil((distance - ray.near) / ray.step + (self.phase - 0.5))
-        number = dr.maximum(number + 1, kinds.UInt(dr.fmax(samples, 0.0)))
-        return self._moved(step, number, state, kinds.UInt(0), kinds.UInt(1))
+        number = dr.maximum(number + 1, jit.UInt(dr.fmax(samples, 0.0)))
+        return self._moved(step, number, state, jit.UInt(0), jit.UInt(1))
 
     def next_sample(self, step: Step, state: MarchState) -> MarchState:
         """Go to the next whole sample."""
@@ -191,7 +189,7 @@ class Crossing:
 
     def ray(self, box: UInt) -> Ray:
         """The ray on the lattice of box number `box` (UInt); without samples where it misses the box."""
-        kinds, frame = arrays(), self.frames.frame(box)
+        jit, frame = arrays(), self.frames.frame(box)
         start, along, enter, leave = self.span(frame)
         level, step = arrays().UInt(0), frame.step
         if textures := self.frames.textures:
@@ -202,7 +200,7 @@ class Crossing:
         step = step * self.stride
         samples = dr.ceil((leave - enter) / step + (self.phase - LATTICE_MARGIN))
         met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
-        end = kinds.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
+        end = jit.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
         return Ray(
             box, start, along, enter, leave, end,
             step, frame.last, frame.tau, frame.row, frame.layer, frame.first, level,
@@ -210,13 +208,13 @@ class Crossing:
 
     def span(self, frame: Frame) -> tuple[Array3f, Array3f, Float, Float]:
         """Origin and direction on a lattice, and the distances [m] where the ray enters and leaves it."""
-        kinds, (x, y, z) = arrays(), frame.columns
+        jit, (x, y, z) = arrays(), frame.columns
         start = self.origin.x * x + self.origin.y * y + self.origin.z * z + frame.shift
         along = self.direction.x * x + self.direction.y * y + self.direction.z * z
         along = dr.select(dr.abs(along) < 1e-9, 1e-9, along)  # a ray within a lattice plane: no 0/0 below
         faces = (-0.5 - start) / along, (frame.last + 0.5 - start) / along
-        enter = dr.fmax(dr.max(kinds.Array3f(*map(dr.fmin, *faces))), self.near)
-        leave = dr.fmin(dr.min(kinds.Array3f(*map(dr.fmax, *faces))), self.far)
+        enter = dr.fmax(dr.max(jit.Array3f(*map(dr.fmin, *faces))), self.near)
+        leave = dr.fmin(dr.min(jit.Array3f(*map(dr.fmax, *faces))), self.far)
         return start, along, enter, leave
 
     def _rays(self, state: MarchState) -> list[Ray]:
@@ -250,8 +248,8 @@ class Crossing:
 @dr.syntax
 def next_box(crossing: Crossing, entered: Float, last: UInt) -> tuple[UInt, Float]:
     """Number of the box that rays enter next after box `last`, which they `entered` [m]; the count of boxes if none."""
-    kinds = arrays()
-    k, box, when = kinds.UInt(0), kinds.UInt(crossing.frames.boxes), kinds.Float(dr.inf)
+    jit = arrays()
+    k, box, when = jit.UInt(0), jit.UInt(crossing.frames.boxes), jit.Float(dr.inf)
     while k < crossing.frames.boxes:
         _, _, enter, leave = crossing.span(crossing.frames.frame(k))
         later = (enter > entered) | ((enter == entered) & (k > last))

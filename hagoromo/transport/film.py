@@ -48,20 +48,20 @@ class Film:
 
     def add(self, radiance: RayRadiance, point: NDArray, progress: Progress = silent) -> None:
         """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each."""
-        kinds = arrays()
-        sample_values = dr.zeros(kinds.Float, self.pixels * self.values)
+        jit = arrays()
+        sample_values = dr.zeros(jit.Float, self.pixels * self.values)
         dr.make_opaque(sample_values)
-        dx, dy, phase, stride = (dr.opaque(kinds.Float, float(number)) for number in (*point, self.stride))
-        width, height = (dr.opaque(kinds.UInt, size) for size in (self.width, self.height))
+        dx, dy, phase, stride = (dr.opaque(jit.Float, float(number)) for number in (*point, self.stride))
+        width, height = (dr.opaque(jit.UInt, size) for size in (self.width, self.height))
         count = tiled(self.width, self.height)
         for start in range(0, count, RAYS_AT_ONCE):
-            number = dr.arange(kinds.UInt, min(RAYS_AT_ONCE, count - start)) + dr.opaque(kinds.UInt, start)
+            number = dr.arange(jit.UInt, min(RAYS_AT_ONCE, count - start)) + dr.opaque(jit.UInt, start)
             column, row = tile_place(number, width)
-            x, y = (kinds.Float(column) + dx) * stride, (kinds.Float(row) + dy) * stride
+            x, y = (jit.Float(column) + dx) * stride, (jit.Float(row) + dy) * stride
             channels, alpha = radiance(*self.camera.rays(x, y), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
-            dr.scatter(sample_values, kinds.ArrayXf([*channels, alpha]), row * width + column, inside)
+            dr.scatter(sample_values, jit.ArrayXf([*channels, alpha]), row * width + column, inside)
             dr.eval(sample_values)
             dr.sync_thread()
             progress(min(start + RAYS_AT_ONCE, count) / count)

@@ -39,11 +39,11 @@ class Frames:
 
     def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
         """The error of a march grows with the square of its steps: `tolerance` sets the steps in all boxes."""
-        kinds, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
+        jit, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
         self.textures: Textures | None = None
         if any(box.texel for box in boxes):
             self.textures = Textures([(box.texel, box.band, box.voxel_size) for box in boxes], finer)
-        self.fine = dr.opaque(kinds.Float, SUB_SAMPLE_DEPTH * finer)
+        self.fine = dr.opaque(jit.Float, SUB_SAMPLE_DEPTH * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
         floats = np.zeros((len(boxes), ROW_FLOATS), np.float32)
         whole = np.zeros((len(boxes), 3), np.int32)
@@ -54,13 +54,13 @@ class Frames:
             row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
             _, my, mx = blocks_shape(box.bricks.lattice)
             numbers[:] = mx, mx * my, start
-        self.floats, self.whole = lookup(kinds.Float, floats), lookup(kinds.Int, whole)
-        self.boxes = dr.opaque(kinds.UInt, len(boxes))
+        self.floats, self.whole = lookup(jit.Float, floats), lookup(jit.Int, whole)
+        self.boxes = dr.opaque(jit.UInt, len(boxes))
         self.only: tuple[Frame, list[Array3f]] | None = None
         if self.count == 1:  # numbers common to all rays cost no reads
             x, y, z, shift, last = (opaque_vector(floats[0, k : k + 3]) for k in range(0, 15, 3))
-            tau, step = (dr.opaque(kinds.Float, float(v)) for v in floats[0, 15:17])
-            row, layer, first = (dr.opaque(kinds.Int, int(v)) for v in whole[0])
+            tau, step = (dr.opaque(jit.Float, float(v)) for v in floats[0, 15:17])
+            row, layer, first = (dr.opaque(jit.Int, int(v)) for v in whole[0])
             rotation = [opaque_vector(floats[0, k : k + 3]) for k in (17, 20, 23)]
             self.only = Frame([x, y, z], shift, last, tau, step, row, layer, first), rotation
         dr.eval(self.floats, self.whole)
@@ -69,10 +69,10 @@ class Frames:
         """The frame of box number `box` (UInt)."""
         if self.only:
             return self.only[0]
-        kinds = arrays()
+        jit = arrays()
         x, y, z, shift, last = (self._vector(box, k) for k in range(0, 15, 3))
-        tau, step = (dr.gather(kinds.Float, self.floats, box * ROW_FLOATS + k) for k in (15, 16))
-        row, layer, first = (dr.gather(kinds.Int, self.whole, box * 3 + k) for k in range(3))
+        tau, step = (dr.gather(jit.Float, self.floats, box * ROW_FLOATS + k) for k in (15, 16))
+        row, layer, first = (dr.gather(jit.Int, self.whole, box * 3 + k) for k in range(3))
         return Frame([x, y, z], shift, last, tau, step, row, layer, first)
 
     def rotation(self, box: UInt) -> list[Array3f]:
@@ -80,8 +80,8 @@ class Frames:
         return self.only[1] if self.only else [self._vector(box, k) for k in (17, 20, 23)]
 
     def _vector(self, box: UInt, first: int) -> Array3f:
-        kinds = arrays()
-        return kinds.Array3f(*(dr.gather(kinds.Float, self.floats, box * ROW_FLOATS + first + k) for k in range(3)))
+        jit = arrays()
+        return jit.Array3f(*(dr.gather(jit.Float, self.floats, box * ROW_FLOATS + first + k) for k in range(3)))
 
 
 def most_at_once(boxes: Sequence[VolumeBox]) -> int:

@@ -23,10 +23,10 @@ class LampView:
         """`kind`: lines, pyramid or octahedron. `extent`: half the width of the square, at distance 1 in a pyramid [m].
         `span`: least and greatest distance along rays [m] at which anything may be.
         """
-        kinds = arrays()
-        self.kind, self.extent = kind, dr.opaque(kinds.Float, extent)
-        self.folded = dr.opaque(kinds.Bool, kind == "octahedron")
-        self.near, self.depth = (dr.opaque(kinds.Float, float(d)) for d in (span[0], span[1] - span[0]))
+        jit = arrays()
+        self.kind, self.extent = kind, dr.opaque(jit.Float, extent)
+        self.folded = dr.opaque(jit.Bool, kind == "octahedron")
+        self.near, self.depth = (dr.opaque(jit.Float, float(d)) for d in (span[0], span[1] - span[0]))
         self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
 
     def ticks(self) -> tuple[Float, Float]:
@@ -35,11 +35,11 @@ class LampView:
 
     def cone(self, size: UInt) -> tuple[Float, Float]:
         """Width of a ray at the origin [m] and by how much it widens per metre, where `size` rays are a side."""
-        kinds = arrays()
-        apart = 2.0 / kinds.Float(size)
+        jit = arrays()
+        apart = 2.0 / jit.Float(size)
         if self.kind == "lines":
-            return self.extent * apart, kinds.Float(0)
-        return kinds.Float(0), dr.select(self.folded, 1.6, self.extent) * apart  # 1.6: π / 2 and a little
+            return self.extent * apart, jit.Float(0)
+        return jit.Float(0), dr.select(self.folded, 1.6, self.extent) * apart  # 1.6: π / 2 and a little
 
     def place(self, point: Array3f) -> tuple[Float, Float, Float]:
         """Square coordinates a, b of a point and its distance along the ray [m]."""

@@ -51,15 +51,15 @@ class Materials:
     """Reflectances as rows that kernels read: alpha, beta, gamma, n, element, then coefficients on the palette."""
 
     def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
-        kinds, self.palette, self.count = arrays(), palette, len(reflectances)
+        jit, self.palette, self.count = arrays(), palette, len(reflectances)
         self.elements = tuple(sorted({r.element for r in reflectances}))
         rows = np.array([_row(r, palette) for r in reflectances], np.float32)
         self.width = rows.shape[1]
-        self.rows = lookup(kinds.Float, rows)
+        self.rows = lookup(jit.Float, rows)
         tables = [sphere_table(r.gamma, SPHERE_ENTRIES) for r in reflectances if r.element == "sphere"]
-        self.spheres = lookup(kinds.Float, np.concatenate(tables)) if tables else None
+        self.spheres = lookup(jit.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
-        self.sphere_of = lookup(kinds.UInt, np.maximum(order, 0).astype(np.uint32))
+        self.sphere_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32))
         dr.eval(self.rows, self.spheres, self.sphere_of)
 
     def read(self, material: UInt, entry: int) -> Float:
@@ -105,12 +105,12 @@ class Materials:
 
     def _sphere(self, material: UInt, cos_phase: Float) -> Float:
         """Linear look-up of the sphere's facets at χ = arccos(L·V)."""
-        kinds = arrays()
+        jit = arrays()
         at = dr.acos(dr.fmin(dr.fmax(cos_phase, -1.0), 1.0)) * ((SPHERE_ENTRIES - 1) / math.pi)
-        first = dr.minimum(kinds.UInt(at), SPHERE_ENTRIES - 2)
-        start = dr.gather(kinds.UInt, self.sphere_of, material) * SPHERE_ENTRIES + first
-        low, high = (dr.gather(kinds.Float, self.spheres, start + k) for k in (0, 1))
-        return dr.fma(at - kinds.Float(first), high - low, low)
+        first = dr.minimum(jit.UInt(at), SPHERE_ENTRIES - 2)
+        start = dr.gather(jit.UInt, self.sphere_of, material) * SPHERE_ENTRIES + first
+        low, high = (dr.gather(jit.Float, self.spheres, start + k) for k in (0, 1))
+        return dr.fma(at - jit.Float(first), high - low, low)
 
 
 class Lighting:
@@ -124,7 +124,7 @@ class Lighting:
         bases: Sequence[Sequence[Spectrum]] = (),
     ) -> None:
         """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none)."""
-        kinds, self.materials, self.attenuation = arrays(), materials, attenuation
+        jit, self.materials, self.attenuation = arrays(), materials, attenuation
         bodies = materials.palette.bodies
         self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
         self.lamps: list[tuple[Any, Any, bool, int]] = []
@@ -137,7 +137,7 @@ class Lighting:
             assert place is not None
             where = opaque_vector(place)
             group = position_of(lamp.spectrum, materials.palette.lamps)
-            self.lamps.append((where, dr.opaque(kinds.Float, float(lamp.intensity)), lamp.position is not None, group))
+            self.lamps.append((where, dr.opaque(jit.Float, float(lamp.intensity)), lamp.position is not None, group))
 
     def with_voxel_colour(self, coefficients: list[Float], box: UInt, colour: Array4f) -> list[Float]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""

@@ -81,24 +81,24 @@ class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
 
     def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> None:
-        kinds, self.boxes = arrays(), tuple(boxes)
+        jit, self.boxes = arrays(), tuple(boxes)
         for name in ("density", "axis", "colour", "material", "chart"):
             in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
         bricks = list({id(box.bricks): box.bricks for box in self.boxes}.values())
         coarse, fine, first = _tables(bricks)
-        self.coarse, self.fine = lookup(kinds.Int, coarse), lookup(kinds.Int, fine)
+        self.coarse, self.fine = lookup(jit.Int, coarse), lookup(jit.Int, fine)
         self.voxels: Voxels = PackedVoxels(bricks[0].density.values, bricks[0].axis.values)
         self.colours, self.colour_shift = self._optional("colour")
         self.charts, self.chart_shift = self._optional("chart")
         self.materials, self.material_shift = self._optional("material")
         counts = np.cumsum([0, *(len(box.materials) for box in self.boxes)])
-        self.first_material = lookup(kinds.UInt, counts[:-1].astype(np.uint32))
+        self.first_material = lookup(jit.UInt, counts[:-1].astype(np.uint32))
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, tolerance)
         self.textures = self.frames.textures
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
-        self.shadow_biases = lookup(kinds.Float, shadow_biases) if shadow_biases.any() else None
-        self.tolerance = dr.opaque(kinds.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
+        self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
+        self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         dr.eval(self.coarse, self.fine)
 
     def cross(
@@ -120,21 +120,19 @@ class Medium:
 
     def next(self, crossing: Crossing, state: MarchState) -> Step:
         """The sample next in depth over all boxes."""
-        kinds = arrays()
+        jit = arrays()
         slot, distance, length, ray = crossing.nearest(state)
         whole = length
-        length = length / kinds.Float(state.parts)
-        distance = dr.fma(kinds.Float(state.part) + 0.5, length, dr.fma(whole, -0.5, distance))
+        length = length / jit.Float(state.parts)
+        distance = dr.fma(jit.Float(state.part) + 0.5, length, dr.fma(whole, -0.5, distance))
         place = dr.fma(ray.direction, distance, ray.origin)
         place = type(place)(*(clip(place[k], 0.0, ray.last[k] - LATTICE_MARGIN) for k in range(3)))
-        cell = kinds.Array3i(place) >> 3
+        cell = jit.Array3i(place) >> 3
         block, inner = cell >> 3, cell & (BLOCK - 1)
-        outer = dr.gather(
-            kinds.Int, self.coarse, kinds.UInt(ray.first + block.z * ray.layer + block.y * ray.row + block.x)
-        )
+        outer = dr.gather(jit.Int, self.coarse, jit.UInt(ray.first + block.z * ray.layer + block.y * ray.row + block.x))
         place_in_block = (inner.z * BLOCK + inner.y) * BLOCK + inner.x
         held = outer >= 0
-        brick = dr.gather(kinds.Int, self.fine, kinds.UInt(outer * BRICKS + place_in_block), held)
+        brick = dr.gather(jit.Int, self.fine, jit.UInt(outer * BRICKS + place_in_block), held)
         return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
 
     def density(self, step: Step) -> tuple[Float, Float | None]:
@@ -217,9 +215,9 @@ class Medium:
 
     def _brick_in(self, shift: Int, step: Step) -> UInt:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
-        kinds = arrays()
-        shift = dr.gather(kinds.Int, shift, step.box)
-        return kinds.UInt(dr.select(shift == NO_GRID, 0, step.brick + shift))
+        jit = arrays()
+        shift = dr.gather(jit.Int, shift, step.box)
+        return jit.UInt(dr.select(shift == NO_GRID, 0, step.brick + shift))
 
     def _optional(self, name: str) -> tuple[Any, Any]:
         """A grid that some boxes have (None: no box), and per box how its brick numbers differ there."""

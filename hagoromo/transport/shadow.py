@@ -45,10 +45,10 @@ def mapped_attenuation(
     Where the rays of a map around a point differ, at edges of shadows and under light that grazes, the first few
     voxels towards the lamp are marched, and the map is looked up behind them: `tolerance` (see `Settings`) says where.
     """
-    kinds, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
+    jit, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
     maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium, tolerance))
-    least, share = (dr.opaque(kinds.Float, figure * finer) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
-    near = dr.opaque(kinds.Float, MARCHED_VOXELS / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
+    least, share = (dr.opaque(jit.Float, figure * finer) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
+    near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
 
     def transmittance(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
@@ -70,11 +70,11 @@ def mapped_attenuation(
     def looked_up(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float) -> Float:
         def marched(point: Array3f, to_lamp: Array3f, distance: Float, passed: Float) -> Float:
             reach = dr.fmin(near, distance)
-            depth = optical_depth(medium, point, to_lamp, kinds.Float(0), reach, MARCHED_STRIDE)
+            depth = optical_depth(medium, point, to_lamp, jit.Float(0), reach, MARCHED_STRIDE)
             return dr.exp(-depth) * maps.transmittance(lamp, dr.fma(to_lamp, reach, point))[0]
 
         passed, difference = maps.transmittance(lamp, point)
-        args = (point, to_lamp, kinds.Float(distance), passed)
+        args = (point, to_lamp, jit.Float(distance), passed)
         return dr.if_stmt(
             args, difference > dr.fma(share, passed, least), marched, lambda point, to_lamp, distance, passed: passed
         )

@@ -64,19 +64,19 @@ class ShadowMaps:
     """Transmittance from the lamps through all boxes, each on a square of `resolution` rays a side."""
 
     def __init__(self, medium: Medium, lamps: Sequence[Lamp], resolution: int) -> None:
-        kinds, side = arrays(), max(TILE)
+        jit, side = arrays(), max(TILE)
         resolution = -(-resolution // side) * side  # whole tiles
         what = f"{len(lamps)} shadow maps of {resolution}² texels"
         check_entries(len(lamps) * resolution**2 * WORDS, what)
         check_memory(4 * WORDS * len(lamps) * resolution**2, what)
         corners = np.concatenate([box.corners() for box in medium.boxes])
         self.views = [view_from(lamp, corners) for lamp in lamps]
-        self.size = dr.opaque(kinds.UInt, resolution)
-        self.words = dr.full(kinds.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
-        lane, each = dr.arange(kinds.UInt, len(lamps) * resolution**2), self.size * self.size
+        self.size = dr.opaque(jit.UInt, resolution)
+        self.words = dr.full(jit.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
+        lane, each = dr.arange(jit.UInt, len(lamps) * resolution**2), self.size * self.size
         lamp, lane = lane // each, lane % each
         column, row = tile_place(lane, self.size)
-        a, b = ((kinds.Float(place) + 0.5) / kinds.Float(self.size) for place in (column, row))
+        a, b = ((jit.Float(place) + 0.5) / jit.Float(self.size) for place in (column, row))
         writer = KnotWriter(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
         origin, direction = self.views[0].ray(a, b)
         cone = self.views[0].cone(self.size)
@@ -96,13 +96,13 @@ class ShadowMaps:
         """Transmittance from a lamp to `point` (world), interpolated between the three map rays around it, and the
         difference between their largest and least.
         """
-        kinds, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
+        jit, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
         a, b, distance = view.place(point)
         near, scale = view.ticks()
         tick = clip((distance - near) * scale, 0.0, LAST_TICK)
         a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
-        column, row = kinds.UInt(a), kinds.UInt(b)
-        a, b = a - kinds.Float(column), b - kinds.Float(row)
+        column, row = jit.UInt(a), jit.UInt(b)
+        a, b = a - jit.Float(column), b - jit.Float(row)
         begin = (lamp * self.size + row) * self.size + column
         side = dr.select(a > b, 1, self.size)  # the triangle of the square that the point is in
         first, second, last = (dr.exp(-self._depth(ray, tick)) for ray in (begin, begin + side, begin + self.size + 1))
@@ -118,17 +118,17 @@ class ShadowMaps:
 
     def _depth(self, ray: UInt, tick: UInt) -> Float:
         """Optical depth of one ray at a distance [ticks]."""
-        kinds = arrays()
-        packet, parting = ray * (GROUPS + 1), kinds.UInt(tick)
-        header = dr.gather(kinds.Array4u, self.words, packet)
+        jit = arrays()
+        packet, parting = ray * (GROUPS + 1), jit.UInt(tick)
+        header = dr.gather(jit.Array4u, self.words, packet)
         for k in range(GROUPS - 1):
-            packet += dr.select(parting >= header[k], kinds.UInt(1), 0)
-        first, second, third, last = dr.gather(kinds.Array4u, self.words, packet + 1)
+            packet += dr.select(parting >= header[k], jit.UInt(1), 0)
+        first, second, third, last = dr.gather(jit.Array4u, self.words, packet + 1)
         beyond, far_beyond = parting >= (second & UNUSED), parting >= (third & UNUSED)
         begin = dr.select(far_beyond, third, dr.select(beyond, second, first))
         end = dr.select(far_beyond, last, dr.select(beyond, third, second))
-        before, begin = kinds.Float(begin >> 16), kinds.Float(begin & UNUSED)
-        after, end = kinds.Float(end >> 16), kinds.Float(end & UNUSED)
+        before, begin = jit.Float(begin >> 16), jit.Float(begin & UNUSED)
+        after, end = jit.Float(end >> 16), jit.Float(end & UNUSED)
         part = clip((tick - begin) / dr.fmax(end - begin, 1.0), 0.0, 1.0)
         part = dr.select(end == float(UNUSED), 0.0, part)
         return dr.fma(part, after - before, before) * (1.0 / DEPTH_UNITS)
@@ -142,9 +142,9 @@ class KnotWriter:
 
     def write(self, knot: UInt, distance: Float, depth: Float) -> None:
         """Write knot number `knot` of every ray."""
-        kinds = arrays()
-        tick = kinds.UInt(clip((distance - self.near) * self.scale + 0.5, 0.0, LAST_TICK))
-        word = tick | (kinds.UInt(dr.fmin(depth * DEPTH_UNITS + 0.5, float(UNUSED))) << 16)
+        jit = arrays()
+        tick = jit.UInt(clip((distance - self.near) * self.scale + 0.5, 0.0, LAST_TICK))
+        word = tick | (jit.UInt(dr.fmin(depth * DEPTH_UNITS + 0.5, float(UNUSED))) << 16)
         group, place = knot // 3, knot % 3
         start = self.ray * WORDS + 4 * group
         dr.scatter(self.words, word, start + 4 + place, group < GROUPS)
@@ -156,12 +156,12 @@ class KnotWriter:
 @dr.syntax
 def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: KnotWriter, cone: Cone) -> None:
     """March every ray once through the boxes and write its knots."""
-    kinds, count = arrays(), dr.width(writer.ray)
-    crossing = medium.cross(origin, direction, kinds.Float(0), kinds.Float(dr.inf), cone=cone)
+    jit, count = arrays(), dr.width(writer.ray)
+    crossing = medium.cross(origin, direction, jit.Float(0), jit.Float(dr.inf), cone=cone)
     state = crossing.start()
-    nothing = dr.zeros(kinds.Float, count)
+    nothing = dr.zeros(jit.Float, count)
     depth, covered = nothing, nothing - 1.0  # optical depth so far, and end of the last matter [m]
-    fan = Fan(dr.zeros(kinds.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
+    fan = Fan(dr.zeros(jit.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
     while crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH):
         step = medium.next(crossing, state)
         if step.brick < 0:
@@ -199,7 +199,7 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
 
 def fan_from(knots: UInt, at: Float, depth: Float) -> Fan:
     """All lines from a knot: the last one of `knots`."""
-    kinds = arrays()
-    many = kinds.Float(1 << (dr.maximum(knots, STRICT_KNOTS) - STRICT_KNOTS))
+    jit = arrays()
+    many = jit.Float(1 << (dr.maximum(knots, STRICT_KNOTS) - STRICT_KNOTS))
     spare = dr.select(knots < KNOTS - 1, dr.fmin(KNOT_TOLERANCE * many * dr.exp(depth), LARGEST_KNOT_ERROR), dr.inf)
-    return Fan(knots, at, depth, kinds.Float(0), kinds.Float(dr.inf), spare, kinds.Float(0), kinds.Float(0))
+    return Fan(knots, at, depth, jit.Float(0), jit.Float(dr.inf), spare, jit.Float(0), jit.Float(0))

@@ -53,13 +53,13 @@ class Lattice:
 
     def corner(self, here: SurfacePoint) -> Corner:
         """The node, u and v being counted through the variant that stands there."""
-        kinds = arrays()
+        jit = arrays()
         variant = (_mixed(here.tile_u, here.tile_v) >> 16) * self.variants >> 16
-        u, v = here.u * kinds.Float(self.cells), here.v * kinds.Float(self.deep - 1)
-        h = clip((here.height - self.bottom) * self.inverse, 0.0, 1.0) * (kinds.Float(self.high - 1) - CELL_MARGIN)
-        column, row = dr.minimum(kinds.UInt(u), self.cells - 1), dr.minimum(kinds.UInt(v), self.deep - 2)
-        node = kinds.UInt(h)
-        part = kinds.Array3f(u - kinds.Float(column), v - kinds.Float(row), h - kinds.Float(node))
+        u, v = here.u * jit.Float(self.cells), here.v * jit.Float(self.deep - 1)
+        h = clip((here.height - self.bottom) * self.inverse, 0.0, 1.0) * (jit.Float(self.high - 1) - CELL_MARGIN)
+        column, row = dr.minimum(jit.UInt(u), self.cells - 1), dr.minimum(jit.UInt(v), self.deep - 2)
+        node = jit.UInt(h)
+        part = jit.Array3f(u - jit.Float(column), v - jit.Float(row), h - jit.Float(node))
         return Corner(self.offset + (row * self.across + variant * self.cells + column) * self.high + node, part)
 
 
@@ -68,7 +68,7 @@ class Textures:
 
     def __init__(self, boxes: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0) -> None:
         """boxes: of each its texel, band of heights [m] and voxel size [m]. finer: factor on the length of steps."""
-        kinds = arrays()
+        jit = arrays()
         texels = list({id(texel): texel for texel, *_ in boxes if texel}.values())
         levels = [level for texel in texels for level in texel.levels]
         count = sum(_entries(level) for level in levels)
@@ -79,22 +79,22 @@ class Textures:
         offsets = np.cumsum([0, *map(_entries, levels)])
         rows = [_level_row(texel, level) for texel in texels for level in texel.levels]
         words = np.array([(offset, *row) for offset, row in zip(offsets, rows, strict=False)], np.uint32)
-        self.rows = lookup(kinds.UInt, words)
+        self.rows = lookup(jit.UInt, words)
         edges = np.concatenate([texel.edges for texel in texels])
-        self.steps = lookup(kinds.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
+        self.steps = lookup(jit.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
         scale = np.zeros((len(levels), self.populations, 2, SCALES), np.float32)
         for row, level in zip(scale, levels, strict=True):
             row[: len(level.scale)] = level.scale
-        self.scale = lookup(kinds.Float, scale)
+        self.scale = lookup(jit.Float, scale)
         whole, floats = np.zeros((len(boxes), 4), np.uint32), np.ones((len(boxes), 8), np.float32)
         for numbers, row, (texel, band, voxel) in zip(whole, floats, boxes, strict=True):
             if texel:
                 numbers[:] = places[id(texel)], len(texel.levels), texel.variants, texel.populations
                 row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
                 row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
-        self.whole, self.floats = lookup(kinds.UInt, whole), lookup(kinds.Float, floats)
-        self.densities_pool = lookup(kinds.UInt, np.concatenate([_pairs(level) for level in levels]))
+        self.whole, self.floats = lookup(jit.UInt, whole), lookup(jit.Float, floats)
+        self.densities_pool = lookup(jit.UInt, np.concatenate([_pairs(level) for level in levels]))
         self.axes_pool = dr.concat([_axes(level) for level in levels])
         dr.eval(self.rows, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
 
@@ -107,18 +107,18 @@ class Textures:
 
         dither: 0…1, by which the level tends to the next coarser one.
         """
-        kinds = arrays()
-        first, count, _, _ = dr.gather(kinds.Array4u, self.whole, box)
-        finest = dr.gather(kinds.Float, self.floats, box * 8 + 6)
+        jit = arrays()
+        first, count, _, _ = dr.gather(jit.Array4u, self.whole, box)
+        finest = dr.gather(jit.Float, self.floats, box * 8 + 6)
         octave = dr.fmax(dr.log2(dr.fmax(footprint * finest, 1e-6)) + dither, 0.0)
-        row = first + dr.minimum(kinds.UInt(octave), dr.maximum(count, 1) - 1)
-        return row, dr.gather(kinds.Float, self.steps, row)
+        row = first + dr.minimum(jit.UInt(octave), dr.maximum(count, 1) - 1)
+        return row, dr.gather(jit.Float, self.steps, row)
 
     def clearance(self, box: UInt, share: Float) -> Float:
         """Least distance [m] from matter at a `share` 0…1 of the band of heights; 0 where there may be matter."""
-        kinds = arrays()
-        bottom, inverse, low, span = dr.gather(kinds.Array4f, self.floats, 2 * box)
-        height, voxel = dr.fma(share, span, low), dr.gather(kinds.Float, self.floats, box * 8 + 7)
+        jit = arrays()
+        bottom, inverse, low, span = dr.gather(jit.Array4f, self.floats, 2 * box)
+        height, voxel = dr.fma(share, span, low), dr.gather(jit.Float, self.floats, box * 8 + 7)
         outside = dr.fmax(bottom - height, height - bottom - dr.rcp(inverse))
         return dr.fmax(dr.fma(voxel, -HEIGHT_ERROR, outside), 0.0)
 
@@ -130,10 +130,10 @@ class Textures:
 
     def lattice(self, box: UInt, level: UInt) -> Lattice:
         """What look-ups in one level have in common."""
-        kinds = arrays()
-        offset, across, high, packed = dr.gather(kinds.Array4u, self.rows, level)
-        _, _, variants, populations = dr.gather(kinds.Array4u, self.whole, box)
-        bottom, inverse, _, _ = dr.gather(kinds.Array4f, self.floats, 2 * box)
+        jit = arrays()
+        offset, across, high, packed = dr.gather(jit.Array4u, self.rows, level)
+        _, _, variants, populations = dr.gather(jit.Array4u, self.whole, box)
+        bottom, inverse, _, _ = dr.gather(jit.Array4f, self.floats, 2 * box)
         return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
 
     def density(self, lattice: Lattice, here: SurfacePoint) -> Float:
@@ -177,13 +177,13 @@ class Textures:
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
         is taken for flat.
         """
-        kinds, lattice = arrays(), self.lattice(box, level)
-        per_metre = [dr.gather(kinds.Float, self.floats, box * 8 + k) for k in (4, 5)]
+        jit, lattice = arrays(), self.lattice(box, level)
+        per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
         thickness = dr.rcp(lattice.inverse)
         rising = way.z > 0
         room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
         reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
-        step = SHADOW_STEP * dr.gather(kinds.Float, self.steps, level)
+        step = SHADOW_STEP * dr.gather(jit.Float, self.steps, level)
         count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_SHADOW_STEPS)
         length = reach / count
         enough = HIDDEN_OPTICAL_DEPTH / (tau * length)
@@ -192,7 +192,7 @@ class Textures:
             there = here.moved((k + 0.5) * length, way, per_metre)
             return k + 1.0, passed + self.density(lattice, there)
 
-        start = kinds.Float(0), kinds.Float(0)
+        start = jit.Float(0), jit.Float(0)
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
         return tau * passed * length, reach
 
@@ -239,6 +239,6 @@ def _pairs(level: Level) -> NDArray[np.uint32]:
 
 def _axes(level: Level) -> Int:
     """Packed axes; none of all populations together."""
-    kinds = arrays()
+    jit = arrays()
     axis = np.concatenate([np.zeros_like(level.axis[:1]), level.axis])
-    return packed_axis(kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, axis))))
+    return packed_axis(jit.Array3f(dr.unravel(jit.Array3f16, lookup(jit.Float16, axis))))

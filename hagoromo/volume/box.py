@@ -133,12 +133,12 @@ class VolumeBox:
         occupied(centre, radius): optional, False promises that the ball [m] around `centre` (Array3f) is empty; asked
         of large cubes first, then of the parts of those that may hold matter.
         """
-        kinds, (nx, ny, nz) = arrays(), shape
+        jit, (nx, ny, nz) = arrays(), shape
         if not np.isfinite(voxel_size) or voxel_size <= 0:
             raise InputError(f"voxel_size is {voxel_size}: give a finite number above 0 [m]")
 
         def voxels(x: Any, y: Any, z: Any) -> dict[str, Any]:
-            position = (kinds.Array3f(x, y, z) + 0.5) * float(voxel_size)
+            position = (jit.Array3f(x, y, z) + 0.5) * float(voxel_size)
             return dict(zip(("density", "axis", "material", "colour"), field(position), strict=False))
 
         def may(middle: Any, radius: float) -> Any:

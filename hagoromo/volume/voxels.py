@@ -48,8 +48,8 @@ class PackedVoxels:
 
     def density(self, brick: UInt, place: Array3f) -> Float:
         """Trilinear density."""
-        kinds = arrays()
-        part = place - kinds.Array3f(kinds.Array3u(place))
+        jit = arrays()
+        part = place - jit.Array3f(jit.Array3u(place))
         rows = [lerp(half_value(pair << 13), half_value(pair >> 3), part.x) for pair in self._pairs(brick, place)]
         low, high = lerp(rows[0], rows[1], part.y), lerp(rows[2], rows[3], part.y)
         return lerp(low, high, part.z) * HALF_EXPONENT
@@ -70,9 +70,9 @@ class PackedVoxels:
 
     def axis(self, brick: UInt, place: Array3f) -> Array3f:
         """Trilinear axis in box axes, not normalised."""
-        kinds = arrays()
+        jit = arrays()
         start, part = corner(brick, place)
-        return axis_between([dr.gather(kinds.Int, self.axes, start + offset) for offset in CORNERS], part)
+        return axis_between([dr.gather(jit.Int, self.axes, start + offset) for offset in CORNERS], part)
 
 
 @dataclass
@@ -96,28 +96,28 @@ CORNERS = tuple((z * STORED + y) * STORED + x for z in (0, 1) for y in (0, 1) fo
 
 def corner(brick: UInt, place: Array3f) -> tuple[UInt, Array3f]:
     """Number of the first of the eight voxels around a place, and where it is between them (0…1)."""
-    kinds = arrays()
-    cell = kinds.Array3u(place)
+    jit = arrays()
+    cell = jit.Array3u(place)
     inner = cell & (BRICK - 1)
-    return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place - kinds.Array3f(cell)
+    return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place - jit.Array3f(cell)
 
 
 def packets(grid: Float, brick: UInt, place: Array3f) -> Array4f:
     """Trilinear packet of four from a grid of halves or floats (bricks · 729 · 4)."""
-    kinds = arrays()
-    kind = kinds.Array4f16 if type(grid) is kinds.Float16 else kinds.Array4f
+    jit = arrays()
+    kind = jit.Array4f16 if type(grid) is jit.Float16 else jit.Array4f
     start, part = corner(brick, place)
-    return trilinear([kinds.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
+    return trilinear([jit.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
 
 
 def axis_between(words: list[Int], part: Array3f) -> Array3f:
     """Trilinear axis between eight packed ones (Int, in the order of CORNERS), not normalised: Array3f."""
-    kinds = arrays()
+    jit = arrays()
     # each number is read with the bits of the next below it, which stand for what `packed_axis` cut off
-    return kinds.Array3f(
-        trilinear([kinds.Float(word << (Y_BITS + Z_BITS)) for word in words], part) * X_UNIT,
-        trilinear([kinds.Float(word << Z_BITS) for word in words], part) * Y_UNIT,
-        trilinear([kinds.Float(word) for word in words], part) * Z_UNIT,
+    return jit.Array3f(
+        trilinear([jit.Float(word << (Y_BITS + Z_BITS)) for word in words], part) * X_UNIT,
+        trilinear([jit.Float(word << Z_BITS) for word in words], part) * Y_UNIT,
+        trilinear([jit.Float(word) for word in words], part) * Z_UNIT,
     )
 
 
@@ -131,24 +131,24 @@ def unpacked(word: Int) -> Array3f:
 
 def packed_density(density: Float) -> UInt:
     """Pairs of halves of densities ≥ 0, Float (k · 729): UInt (k · 648)."""
-    kinds = arrays()
+    jit = arrays()
     density = dr.select(density < SMALLEST_DENSITY, 0.0, density)
     # a half's bits are those of the single 2¹¹² times smaller, without its last 13
-    halves = dr.reinterpret_array(kinds.UInt, kinds.Float(kinds.Float16(density)) * (1.0 / HALF_EXPONENT)) >> 13
+    halves = dr.reinterpret_array(jit.UInt, jit.Float(jit.Float16(density)) * (1.0 / HALF_EXPONENT)) >> 13
     dr.eval(halves)
-    pair = dr.arange(kinds.UInt, dr.width(density) // VOXELS * PAIRS)
+    pair = dr.arange(jit.UInt, dr.width(density) // VOXELS * PAIRS)
     voxel = pair // BRICK * STORED + pair % BRICK
-    return dr.gather(kinds.UInt, halves, voxel) | (dr.gather(kinds.UInt, halves, voxel + 1) << 16)
+    return dr.gather(jit.UInt, halves, voxel) | (dr.gather(jit.UInt, halves, voxel + 1) << 16)
 
 
 def packed_axis(axis: Array3f) -> Int:
     """Bits of axes of length ≤ 1 (longer ones are brought to 1), Array3f: Int."""
-    kinds = arrays()
+    jit = arrays()
     squared = dr.squared_norm(axis)
     axis = axis * dr.select(squared > LONGEST_SQUARED_AXIS, dr.rsqrt(squared), 1.0)
-    axis = kinds.Array3f(*(clip(axis[k], -1.0, 1.0) for k in range(3)))
-    x = kinds.Int(dr.round(axis.x * X_FULL)) & (2**X_BITS - 1)
-    y, z = kinds.Int(dr.floor(axis.y * Y_FULL)), kinds.Int(dr.floor(axis.z * Z_FULL))
+    axis = jit.Array3f(*(clip(axis[k], -1.0, 1.0) for k in range(3)))
+    x = jit.Int(dr.round(axis.x * X_FULL)) & (2**X_BITS - 1)
+    y, z = jit.Int(dr.floor(axis.y * Y_FULL)), jit.Int(dr.floor(axis.z * Z_FULL))
     return x | ((y & (2**Y_BITS - 1)) << X_BITS) | (z << (X_BITS + Y_BITS))
 
 

@@ -24,15 +24,15 @@ class BrickWriter:
         import drjit as dr
 
         check_shape(shape)
-        kinds, self.shape = arrays(), shape
+        jit, self.shape = arrays(), shape
         self.places = in_table_order(places, table_shape(shape))
         count = max(len(self.places), 1)  # without matter, one empty brick that is never read
         check_bricks(count, f"{count} bricks of a lattice of {shape[::-1]} voxels", colour, material, chart)
         wanted = {
-            "density": (kinds.UInt, PAIRS), "axis": (kinds.Int, VOXELS),
-            "colour": (kinds.Float16, VOXELS * 4) if colour else None,
-            "material": (kinds.UInt8, VOXELS) if material else None,
-            "chart": (kinds.UInt, VOXELS * 4) if chart else None,
+            "density": (jit.UInt, PAIRS), "axis": (jit.Int, VOXELS),
+            "colour": (jit.Float16, VOXELS * 4) if colour else None,
+            "material": (jit.UInt8, VOXELS) if material else None,
+            "chart": (jit.UInt, VOXELS * 4) if chart else None,
         }  # fmt: skip
         self.grids = {
             name: Grid(dr.zeros(kind[0], count * kind[1]), kind[1], count) for name, kind in wanted.items() if kind
@@ -68,21 +68,21 @@ def packed_voxels(
     """Number of bricks, and what grids keep of their voxels, by name; arguments and checks: see `BrickWriter.write`."""
     import drjit as dr
 
-    kinds = arrays()
-    density = _flat(density, kinds.Float)
+    jit = arrays()
+    density = _flat(density, jit.Float)
     check_density(density)
-    axis = _flat(axis, kinds.Array3f)
+    axis = _flat(axis, jit.Array3f)
     if chart is None:
         axis = dr.select(density > 0, axis, 0)
     if not bool(np.array(dr.all(dr.isfinite(dr.squared_norm(axis)))).ravel()[0]):
         raise InputError("the axis of a voxel with matter is not finite: give unit vectors or zeros")
     values = {"density": packed_density(density), "axis": packed_axis(axis)}
     if colour is not None:
-        values["colour"] = dr.ravel(kinds.Array4f16(_flat(colour, kinds.Array4f)))
+        values["colour"] = dr.ravel(jit.Array4f16(_flat(colour, jit.Array4f)))
     if material is not None:
-        values["material"] = kinds.UInt8(_flat(material, kinds.UInt))
+        values["material"] = jit.UInt8(_flat(material, jit.UInt))
     if chart is not None:
-        values["chart"] = dr.ravel(_flat(chart, kinds.Array4u))
+        values["chart"] = dr.ravel(_flat(chart, jit.Array4u))
     return dr.width(density) // VOXELS, values
 
 

@@ -94,27 +94,27 @@ class FieldBlocks:
         """The 8³ voxels of the bricks at `places`, (n, 8, 8, 8, …): halves, and materials uint8."""
         import drjit as dr
 
-        kinds = arrays()
-        index = dr.arange(kinds.UInt, len(places) * INNER)
+        jit = arrays()
+        index = dr.arange(jit.UInt, len(places) * INNER)
         inner = index % INNER
         z, y, x = (
             dr.minimum(
-                dr.gather(kinds.UInt, kinds.UInt(np.ascontiguousarray(places[:, k], np.uint32)), index // INNER) * BRICK
+                dr.gather(jit.UInt, jit.UInt(np.ascontiguousarray(places[:, k], np.uint32)), index // INNER) * BRICK
                 + inner // BRICK ** (2 - k) % BRICK,
                 self.shape[k] - 1,
             )
             for k in range(3)
         )
         voxel = self._voxels(x, y, z)
-        density = kinds.Float(voxel["density"]) + 0.0 * kinds.Float(x)  # as wide as the voxels
-        axis = dr.select(density > 0, kinds.Array3f(voxel["axis"]), 0)
+        density = jit.Float(voxel["density"]) + 0.0 * jit.Float(x)  # as wide as the voxels
+        axis = dr.select(density > 0, jit.Array3f(voxel["axis"]), 0)
         finite = dr.all(dr.isfinite(dr.squared_norm(axis)))
-        packed = {"density": kinds.Float16(density), "axis": dr.ravel(kinds.Array3f16(axis))}
+        packed = {"density": jit.Float16(density), "axis": dr.ravel(jit.Array3f16(axis))}
         if self.colours:
-            colour = kinds.Array4f(*voxel["colour"], *[0.0] * (4 - self.colours))
-            packed["body_colour"] = dr.ravel(kinds.Array4f16(colour + 0.0 * density))
+            colour = jit.Array4f(*voxel["colour"], *[0.0] * (4 - self.colours))
+            packed["body_colour"] = dr.ravel(jit.Array4f16(colour + 0.0 * density))
         if self.material:
-            packed["material"] = kinds.UInt(voxel["material"]) + 0 * x
+            packed["material"] = jit.UInt(voxel["material"]) + 0 * x
         dr.eval(packed, density, finite)
         check_density(density)
         if not np.array(finite).all():

@@ -31,18 +31,18 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
     import drjit as dr
 
     check_shape(shape)
-    kinds, kept, count, checked = arrays(), [np.zeros((0, 3), np.int32)], 0, 0
+    jit, kept, count, checked = arrays(), [np.zeros((0, 3), np.int32)], 0, 0
     for places in candidates(table_shape(shape), occupied):
         if count - checked > TOLD:  # what will not fit is refused while it is counted
             check_memory(count * brick_bytes(), f"more than {count} bricks of a lattice of {shape[::-1]} voxels")
             checked = count
         x, y, z = _indices(places, shape)
         voxel = field(x, y, z)
-        density = kinds.Float(voxel.get("kept", voxel["density"])) + 0.0 * kinds.Float(x)  # as wide as the voxels
+        density = jit.Float(voxel.get("kept", voxel["density"])) + 0.0 * jit.Float(x)  # as wide as the voxels
         check_density(density)
         kept.append(places[np.array(dr.block_reduce(dr.ReduceOp.Max, density, VOXELS)) > 0])
         count += len(kept[-1])
-    first = field(*(kinds.UInt(0) for _ in range(3)))
+    first = field(*(jit.UInt(0) for _ in range(3)))
     optional = ("colour" in first, "material" in first, "chart" in first)
     writer = BrickWriter(shape, np.concatenate(kept), *optional)
     for start in range(0, len(writer.places), CHUNK):
@@ -50,9 +50,9 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
         voxel = field(x, y, z)
         colour = voxel.get("colour")
         if colour is not None:
-            colour = kinds.Array4f(*colour, *[0.0] * (4 - len(colour)))
-        density = kinds.Float(voxel["density"]) + 0.0 * kinds.Float(x)
-        writer.write(start, density, kinds.Array3f(voxel["axis"]), colour, voxel.get("material"), voxel.get("chart"))
+            colour = jit.Array4f(*colour, *[0.0] * (4 - len(colour)))
+        density = jit.Float(voxel["density"]) + 0.0 * jit.Float(x)
+        writer.write(start, density, jit.Array3f(voxel["axis"]), colour, voxel.get("material"), voxel.get("chart"))
     return writer.bricks()
 
 

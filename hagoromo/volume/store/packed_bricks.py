@@ -104,10 +104,10 @@ def read_packed(box: OpenBox) -> Bricks | None:
 
 def _grid(name: str, pool: NDArray, count: int) -> Grid:
     """The memory of a quantity of `count` bricks, given to Dr.Jit."""
-    kinds = arrays()
+    jit = arrays()
     if name == "colour":
-        return Grid(kinds.Float16(pool.view(np.float16)), _each(name), count)
-    kind = {"density": kinds.UInt, "axis": kinds.Int, "material": kinds.UInt8}[name]
+        return Grid(jit.Float16(pool.view(np.float16)), _each(name), count)
+    kind = {"density": jit.UInt, "axis": jit.Int, "material": jit.UInt8}[name]
     return Grid(kind(pool), _each(name), count)
 
 

@@ -163,16 +163,16 @@ def _on_device(values: Values) -> dict[str, Any]:
     """Arguments of `BrickWriter.write`: halves become floats on the device."""
     import drjit as dr
 
-    kinds = arrays()
+    jit = arrays()
     sent: dict[str, Any] = {
-        "density": kinds.Float(lookup(kinds.Float16, values["density"])),
-        "axis": kinds.Array3f(dr.unravel(kinds.Array3f16, lookup(kinds.Float16, values["axis"]))),
+        "density": jit.Float(lookup(jit.Float16, values["density"])),
+        "axis": jit.Array3f(dr.unravel(jit.Array3f16, lookup(jit.Float16, values["axis"]))),
     }
     if "body_colour" in values:
         colour = values["body_colour"]
         colour = np.concatenate([colour, np.zeros((*colour.shape[:-1], 4 - colour.shape[-1]), colour.dtype)], axis=-1)
-        sent["colour"] = kinds.Array4f(dr.unravel(kinds.Array4f16, lookup(kinds.Float16, colour)))
+        sent["colour"] = jit.Array4f(dr.unravel(jit.Array4f16, lookup(jit.Float16, colour)))
     if "material" in values:
-        sent["material"] = lookup(kinds.UInt, values["material"].astype(np.uint32))
+        sent["material"] = lookup(jit.UInt, values["material"].astype(np.uint32))
     dr.eval(sent)  # once, for the several kernels that write them
     return sent

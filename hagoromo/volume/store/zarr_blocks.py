@@ -117,11 +117,11 @@ def in_order(work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
 
 
 def _check_like(name: str, array: ZarrArray, shape: tuple[int, int, int]) -> None:
-    kinds, components = WANTED[name]
+    dtype_kinds, components = WANTED[name]
     if array.shape[:3] != shape or array.shape[3:] not in ([(n,) for n in components] or [()]):
         wanted = f"{(*shape, *components[-1:])}"
         raise InputError(f"{array.where} is {array.shape}: density {shape} needs {wanted}")
-    if array.array.dtype.kind not in kinds:
+    if array.array.dtype.kind not in dtype_kinds:
         wanted = "whole numbers" if name == "material" else "floating-point numbers"
         raise InputError(f"{array.where} holds {array.array.dtype}: give {wanted}")
 
