@@ -23,17 +23,16 @@ def json_schema(kind: str) -> dict[str, Any]:
 
     `InputError` for a kind that is not among `schema_names`.
 
-    >>> json_schema("scene")["title"]
-    'Hagoromo: scene'
+    >>> json_schema("recipe-cloth")["title"]
+    'A woven cloth'
     """
     if kind not in schema_names():
         raise InputError(f"no kind of file is called {kind!r}: choose one of {', '.join(schema_names())}")
-    title = f"Hagoromo: {kind}"
     if not kind.startswith(RECIPE):
-        return record_schema(_files()[kind], title)
+        return record_schema(_files()[kind])
     name = kind.removeprefix(RECIPE)
     record = kind_of(name).record
-    schema = record_schema(record, title)
+    schema = record_schema(record)
     schema["$defs"][record.__name__]["properties"]["kind"]["const"] = name
     return schema
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 
@@ -12,7 +12,7 @@ from hagoromo.files.record import LATER, REFERENCE, ForeignRecord
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def record_schema(record: Any, title: str) -> dict[str, Any]:
+def record_schema(record: Any) -> dict[str, Any]:
     """The schema of a file that holds `record`, a record or a list of records.
 
     Tables that a later step decodes stand in `$defs` as well: see `hagoromo.files.record.like`.
@@ -25,6 +25,8 @@ def record_schema(record: Any, title: str) -> dict[str, Any]:
             _, more = msgspec.json.schema_components([LATER[name]], ref_template=REFERENCE + "{name}")
             waiting.extend(_named(more))
             tables |= {key: value for key, value in more.items() if key not in tables}
+    (entry,) = get_args(record) or (record,)
+    title = (entry.__doc__ or "").splitlines()[0].rstrip(".")
     takes_null = {one.__name__ for one in _records(ForeignRecord) if one.takes_null}
     for name, table in tables.items():
         for key, field in table["properties"].items():

@@ -1,18 +1,7 @@
 """Scene TOML → Scene and render Settings. Metres; degrees where a key says so; paths lie inside the file's folder.
 
-    [camera]     preset = "canon_eos_kiss_digital", focal_mm = 55.0
-                 or file = "camera.json" (of calibrate camera)
-                 or size = [width, height], focal = [α_x, α_y], principal, distortion (OpenCV's 4, 5 or 8), all in px
-                 binning; eye, target, up, or world_to_camera; response (name or CSV), sensor (table), name
-    [[lamp]]     position (near) or to_lamp (far), intensity, spectrum (name, number, CSV or table), name
-    [[box]]      file = "name.zarr" or recipe = "matter.toml" (see `matter.build`), tau, materials (list), name, place
-    [[surface]]  shape (sphere, rectangle, disk, cylinder, cube) or mesh = "name.ply", smooth, name, place, reflectance
-    [render]     samples, shadows, shadow_resolution, tolerance, seed
-
-A reflectance is {alpha, beta, gamma [rad], n, body_colour, interface_colour, element, name}, or a measured one:
-{file = "materials.json", material = "name", element, response, lamp}. A place is position, rotation_deg (about x, then
-y, then z) and, for surfaces, scale (a number, or one an axis); or pose. Poses are 16 numbers by rows. A box is moved
-from where it was built.
+The records list the keys of [camera], [[lamp]], [[box]], [[surface]] and [render] with their units. Poses are 16
+numbers by rows. A place turns about x, then y, then z; a box is moved from where it was built.
 """
 
 from __future__ import annotations

@@ -4,12 +4,24 @@ import tomllib
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from hagoromo.app.schemas import json_schema, schema_names, write_schemas
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.formats.camera_file import CameraRecord, read_views
+from hagoromo.camera.formats.nerfstudio import read_transforms
 from hagoromo.errors import InputError
-from hagoromo.files.record import ForeignRecord, decode, read_json
+from hagoromo.files.record import ForeignRecord, decode, read_json, write_json
+from hagoromo.light.lamp import Lamp
 from hagoromo.matter.registry import kind_of
+from hagoromo.photograph.capture import Capture, load_capture, save_capture
+from hagoromo.photograph.lit_photographs import load_lamps
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.transforms import CaptureRecord, FrameRecord, LampRecord
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.materials_file import MaterialRecord, read_materials, write_materials
+from hagoromo.version import __version__
 
 ROOT = Path(__file__).parents[2]
 SCHEMAS = ROOT / "docs" / "schemas"
@@ -65,3 +77,76 @@ def test_null_is_in_a_schema_only_where_it_is_read():
     assert nulls("scene", "SceneCamera") == set()
     assert "gloss" in nulls("materials", "MaterialRecord")
     assert ForeignRecord.takes_null is False
+
+
+def known(kind: str, record: type) -> set[str]:
+    """The keys that the schema of a kind of file has for a table."""
+    return set(json_schema(kind)["$defs"][record.__name__]["properties"])
+
+
+def material() -> MaterialEstimate:
+    """An estimate, as `measure` gives it, with a bound that is open."""
+    names = ("alpha", "beta", "gamma", "n", "specular_albedo")
+    intervals = dict.fromkeys(names, (0.1, float("inf"))) | {"body_colour": ((0.1, 0.2),) * 3}
+    known_errors = dict.fromkeys(names, 0.1) | {"body_colour": (0.1,) * 3}
+    identifiable = dict.fromkeys(names[:4], True)
+    row = (1.0, None, None, None)
+    values = (0.2, 0.1, 0.3, 1.5, 0.05)
+    return MaterialEstimate(
+        "silk", 7, (1.0,) * 3, (1.0,) * 3, *values, known_errors, intervals, (row,) * 4, identifiable, chi_square=1.0
+    )
+
+
+def write_capture(folder: Path) -> Path:
+    """A capture of one photograph under one lamp."""
+    values = np.full((5, 7, 3), 0.5, np.float32)
+    camera = Camera(7, 5, (20.0, 20.0), (3.5, 2.5)).look_at((0, -1, 0), (0, 0, 0))
+    shot = Photograph(values, values, np.ones((5, 7), bool), camera, (Lamp(position=(1, 2, 3), name="left"),), "one")
+    return save_capture(Capture((shot,), "test"), folder)
+
+
+def test_what_the_package_writes_has_its_schema_and_names_its_version(tmp_path):
+    record = read_json(write_capture(tmp_path / "capture") / "transforms.json")
+    assert set(record) <= known("transforms", CaptureRecord)
+    assert set(record["frames"][0]) <= known("transforms", FrameRecord)
+    assert set(record["lamps"][0]) <= known("transforms", LampRecord)
+    (entry,) = read_json(write_materials([material()], tmp_path / "materials.json"))
+    assert set(entry) == known("materials", MaterialRecord)
+    for written in (record, entry):
+        assert written["hagoromo"] == {"format_version": 1, "version": __version__}
+
+
+LENS = {"w": 7, "h": 5, "fl_x": 20.0, "fl_y": 20.0, "cx": 3.5, "cy": 2.5, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "views.json", "materials.json", "camera.json", "lamps.json"])
+def test_a_file_without_a_version_is_read_and_one_of_a_newer_version_refused(tmp_path, name):
+    """Even where the newer file has keys that this version does not know, or lacks those that it needs."""
+    path, read = (
+        tmp_path / name,
+        {"views.json": read_transforms, "materials.json": read_materials}.get(name, read_views),
+    )
+    if name == "transforms.json":
+        path, read = write_capture(tmp_path / "capture") / name, lambda path: load_capture(path.parent)
+    elif name == "views.json":
+        pose = np.eye(4).tolist()
+        write_json(path, {**LENS, "frames": [{"file_path": "a.png", "transform_matrix": pose}]})
+    elif name == "materials.json":
+        write_materials([material()], path)
+    elif name == "camera.json":
+        write_json(path, LENS)
+    else:
+        write_json(path, {"lamps": [{"to_lamp": [0, 0, 1]}]})
+    record = read_json(path)
+    table = record[0] if isinstance(record, list) else record
+    table.pop("hagoromo", None)
+    write_json(path, record)
+    assert read(path)
+    table |= {"hagoromo": {"format_version": 2}, "unheard_of": 1}
+    write_json(path, record)
+    with pytest.raises(InputError, match="has format version 2: this package reads up to 1, update Hagoromo"):
+        read(path)
+
+
+def test_the_record_of_a_camera_is_that_of_its_schema():
+    assert set(LENS) <= known("camera", CameraRecord)

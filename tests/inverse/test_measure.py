@@ -216,7 +216,7 @@ def test_materials_are_read_as_they_were_written(tmp_path, two_balls_in_one):
     [
         ({"colour": 1}, "unknown key 'colour'"),
         ({"alpha": "0.1"}, "alpha must be a finite number"),
-        ({"interval_95": {"alpha": [0.1]}}, "interval_95 alpha must be two numbers"),
+        ({"interval_95": {"alpha": [0.1]}}, "interval_95.alpha must be a list of 2 finite numbers"),
         ({"identifiable": {"alpha": True}}, "lacks the key 'beta'"),
         ({"interface_colour": [1.0]}, "one number a channel"),
     ],

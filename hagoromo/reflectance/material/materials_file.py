@@ -111,7 +111,7 @@ def read_materials(path: str | Path) -> tuple[MaterialEstimate, ...]:
 def _material(entry: Any, where: str) -> MaterialEstimate:
     record = decode(entry, MaterialRecord, where)
     if len(record.interface_colour) != len(record.body_colour):
-        raise InputError(f"{where}: body_colour and interface_colour differ in length: give each channel a number")
+        raise InputError(f"{where}: body_colour and interface_colour must have one number a channel each")
     fields = {name: getattr(record, name) for name in FIELDS}
     for name in ("standard_error", "interval_95", "identifiable"):
         fields[name] = msgspec.structs.asdict(fields[name])
