@@ -303,7 +303,8 @@ def _keys(kind: inspect.Type) -> list[str]:
 def _wanted(kind: inspect.Type) -> str:
     """What a value of a type is, in words."""
     if isinstance(kind, (inspect.FloatType, inspect.IntType)):
-        return ("a whole number" if isinstance(kind, inspect.IntType) else "a finite number") + _range(kind)
+        words, limits = "a whole number" if isinstance(kind, inspect.IntType) else "a number", _range(kind)
+        return words + limits if limits or words == "a whole number" else "a finite number"
     if isinstance(kind, inspect.LiteralType):
         return "one of " + ", ".join(str(value) for value in kind.values)
     if isinstance(kind, inspect.UnionType):
@@ -322,10 +323,11 @@ def _wanted(kind: inspect.Type) -> str:
 
 def _plural(kind: inspect.Type) -> str:
     bare = _bare(kind, None)
-    words = {inspect.FloatType: "finite numbers", inspect.IntType: "whole numbers", inspect.StrType: "texts"}
-    if isinstance(bare, (inspect.FloatType, inspect.IntType)):
-        return words[type(bare)] + _range(bare)
-    return words.get(type(bare), "lists" if _is_list(bare) else "tables")
+    if isinstance(bare, inspect.FloatType):
+        return f"numbers{_range(bare)}" if _range(bare) else "finite numbers"
+    if isinstance(bare, inspect.IntType):
+        return f"whole numbers{_range(bare)}"
+    return "texts" if isinstance(bare, inspect.StrType) else "lists" if _is_list(bare) else "tables"
 
 
 def _range(kind: Any) -> str:

@@ -86,7 +86,7 @@ def known(kind: str, record: type) -> set[str]:
 
 def material() -> MaterialEstimate:
     """An estimate, as `measure` gives it, with a bound that is open."""
-    names = ("alpha", "beta", "gamma", "n", "specular_albedo")
+    names: list[str] = ["alpha", "beta", "gamma", "n", "specular_albedo"]
     intervals = dict.fromkeys(names, (0.1, float("inf"))) | {"body_colour": ((0.1, 0.2),) * 3}
     known_errors = dict.fromkeys(names, 0.1) | {"body_colour": (0.1,) * 3}
     identifiable = dict.fromkeys(names[:4], True)
@@ -122,10 +122,8 @@ LENS = {"w": 7, "h": 5, "fl_x": 20.0, "fl_y": 20.0, "cx": 3.5, "cy": 2.5, "k1": 
 @pytest.mark.parametrize("name", ["transforms.json", "views.json", "materials.json", "camera.json", "lamps.json"])
 def test_a_file_without_a_version_is_read_and_one_of_a_newer_version_refused(tmp_path, name):
     """Even where the newer file has keys that this version does not know, or lacks those that it needs."""
-    path, read = (
-        tmp_path / name,
-        {"views.json": read_transforms, "materials.json": read_materials}.get(name, read_views),
-    )
+    readers = {"views.json": read_transforms, "materials.json": read_materials, "lamps.json": load_lamps}
+    path, read = tmp_path / name, readers.get(name, read_views)
     if name == "transforms.json":
         path, read = write_capture(tmp_path / "capture") / name, lambda path: load_capture(path.parent)
     elif name == "views.json":
