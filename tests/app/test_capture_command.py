@@ -49,6 +49,7 @@ def test_a_capture_has_the_lamp_of_each_name_and_an_undistorted_lens(laboratory,
     for one, number in zip(capture.photographs, (1, 2, 0), strict=True):
         (lamp,) = one.lamps
         unit = np.array(TO_LAMP[number]) / np.linalg.norm(TO_LAMP[number])
+        assert lamp.to_lamp is not None
         np.testing.assert_allclose(lamp.to_lamp, unit, rtol=1e-12)
         assert lamp.intensity == 2.0 and lamp.spectrum.at(650.0) > lamp.spectrum.at(450.0)
         assert one.mask.sum() == 15 and not any(one.camera.distortion)
@@ -83,7 +84,7 @@ def test_what_does_not_go_together_is_refused(laboratory):
         ("8 bits, seldom linear ones", [*abc[:2], laboratory / "e.png"], (lamps, camera), {"undistorted": True}),
         ("11 × 7 px and its camera 12 × 7", abc, (lamps, laboratory / "other.json"), {}),
         ("every lamp stands behind the object", abc, (lamps,), {}),
-        ("lists no lamps", abc, (camera, camera), {}),
+        ("lacks the key 'lamps'", abc, (camera, camera), {}),
     ]:
         with pytest.raises(hg.InputError, match=said):
             hg.capture(photographs, *arguments, **keys)
