@@ -1,4 +1,4 @@
-"""Which Dr.Jit backend computes: CUDA, Metal or LLVM, chosen once, when the first kernel needs it.
+"""Backend: CUDA, Metal or LLVM, chosen once, when the first kernel needs it; and Dr.Jit arrays in memory.
 
 `HAGOROMO_BACKEND` (cuda, metal or llvm) overrides the choice. Nothing else in the package calls `mi.set_variant`.
 """

@@ -1,8 +1,8 @@
-"""Preview: pictures of a scene that changes under the eyes, each better than the last.
+"""Preview: pictures of a scene that is being edited, each better than the last.
 
-The first picture has fewer pixels and coarser shadow maps, so that it is there in time; every next one has half the
-stride, the last ones all pixels and sample after sample, up to what `render` gives, bit by bit. To interrupt is to stop
-taking pictures. What did not change since the last scene stays on the device.
+The first picture has fewer pixels and coarser shadow maps, to arrive in time. Each next one halves the stride; the last
+ones have all pixels and add samples, until the picture equals that of `render` bit by bit. To interrupt is to take no
+more pictures. What did not change since the last scene stays on the device.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def preview(
 
 
 class Preview:
-    """What a viewer remembers: the `settings` of the last picture, the `seconds` until the first, what was made before.
+    """The state of a viewer: `settings` of the last picture, `seconds` until the first, and a cache on the device.
 
         view = hg.Preview()
         while scene := changed():                       # a Scene with another camera, lamps, materials, poses, …
@@ -65,7 +65,7 @@ class Preview:
         if not seconds > 0:
             raise InputError(f"the first picture is to come after {seconds} s: give a number above 0")
         self.settings, self.seconds, self.cache = settings or Settings(), seconds, SceneCache()
-        self.rays = {False: FIRST_RAYS, True: FIRST_RAYS}  # of a first picture; True: with shadows to be made
+        self.rays = {False: FIRST_RAYS, True: FIRST_RAYS}  # of a first picture; True: new shadow maps are needed
         self.least = {False: math.inf, True: math.inf}  # s, that a first picture took
 
     def pictures(self, scene: Scene) -> Iterator[Image]:

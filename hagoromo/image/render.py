@@ -52,7 +52,7 @@ def render(scene: Scene | str | Path, settings: Settings | None = None, progress
 
 
 def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
-    """What made an image: version, backend, settings and scene, as plain figures."""
+    """Metadata of an image: version, backend, settings and scene, as plain values."""
     return {"version": __version__, "backend": name(), "settings": asdict(settings), "scene": scene.record()}
 
 
@@ -115,7 +115,7 @@ def pixel_points(samples: int, seed: int) -> np.ndarray:
 
 
 def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
-    """What decides the medium, and with it the shadows of boxes: equal for scenes that may share them."""
+    """Keys of the medium and of its shadow maps: equal for scenes that may share them."""
     boxes = tuple(
         (b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), len(b.materials), b.shadow_bias) for b in scene.boxes
     )
@@ -141,7 +141,7 @@ def _surfaces(scene: Scene, cache: SceneCache) -> Surfaces | None:
 
 
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
-    """Share of a lamp's light that passes all boxes and surfaces on its way to a point."""
+    """Transmittance from a lamp to a point through all boxes, 0 behind a surface."""
 
     def share(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None) -> Float:
         passed = boxes_shade(lamp, point, to_lamp, distance, texel_hit) if boxes_shade else arrays().Float(1)

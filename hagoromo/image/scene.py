@@ -65,7 +65,7 @@ class Scene:
         return replace(self, lamps=lamps)
 
     def record(self) -> dict[str, Any]:
-        """The scene as plain figures, for the metadata of what is made from it."""
+        """The scene as plain values, for the metadata of images."""
         return {
             "camera": {
                 "name": self.camera.name, "size": [self.camera.width, self.camera.height],

@@ -28,9 +28,9 @@ CLEAR = 1e-3  # share of a pixel's light from volume boxes above which its surfa
 
 
 class Shape(NamedTuple):
-    """points (height, width, 3) [m], normals (height, width, 3) unit, world, both 0 where nothing is met.
+    """points (height, width, 3) [m], normals (height, width, 3) unit, world, both 0 where no surface is hit.
 
-    surface: (height, width), index into the scene's surfaces, −1 where nothing is met.
+    surface: (height, width), index into the scene's surfaces, −1 where no surface is hit.
     """
 
     points: NDArray[np.float32]
@@ -72,14 +72,14 @@ def seen_shape(scene: Scene) -> Shape:
     origin, direction = camera.rays(x, y)
     surfaces = Surfaces(scene.surfaces)  # must outlive the evaluation of the rays
     distance, _, normal, surface = surfaces.intersect(origin, direction)
-    seen = dr.isfinite(distance) & jit.Bool(_in_the_open(scene).ravel())
-    point = dr.select(seen, origin + direction * dr.select(seen, distance, 0.0), 0.0)
-    normal = dr.select(seen, normal, 0.0)
+    visible = dr.isfinite(distance) & jit.Bool(_in_the_open(scene).ravel())
+    point = dr.select(visible, origin + direction * dr.select(visible, distance, 0.0), 0.0)
+    normal = dr.select(visible, normal, 0.0)
     size = (camera.height, camera.width)
     return Shape(
         np.array(point, np.float32).T.reshape(*size, 3),
         np.array(normal, np.float32).T.reshape(*size, 3),
-        np.where(np.array(seen), np.array(surface, np.int64), -1).reshape(size),
+        np.where(np.array(visible), np.array(surface, np.int64), -1).reshape(size),
     )
 
 

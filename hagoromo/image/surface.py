@@ -1,4 +1,4 @@
-"""Surface: what is no volume box stands in the scene as a plain inhomogeneous dielectric, met by Mitsuba's rays.
+"""Surface: a mesh or exact shape of inhomogeneous dielectric, which Mitsuba intersects.
 
 Enters: meshes (arrays, or any file that trimesh reads) and Mitsuba's exact shapes. Surfaces are lit from both sides.
 """
@@ -91,7 +91,7 @@ class Surface:
 
     @property
     def figure(self) -> Hashable:
-        """What decides where rays meet it: equal for two surfaces of the same arrays, shape and pose."""
+        """Key of its geometry: equal for two surfaces of the same arrays, shape and pose."""
         return self.shape, id(self.vertices), id(self.faces), self.smooth, np.asarray(self.pose, float).tobytes()
 
     def corners(self) -> np.ndarray:
@@ -111,7 +111,7 @@ class Surfaces:
         self.surfaces = tuple(surfaces)
         shapes = [_shape(surface) for surface in surfaces]
         self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(shapes)}})
-        # Mitsuba numbers its shapes anew with every scene: read from memory, the numbers compile nothing anew
+        # Mitsuba numbers its shapes anew with every scene: numbers read from memory compile no new kernel
         numbers = [int(dr.reinterpret_array(jit.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
         order = np.zeros(max(numbers) + 1, np.uint32)
         order[numbers] = np.arange(len(shapes))

@@ -93,8 +93,8 @@ def torrance_sparrow(
 
 def weights_at(at: Cosines, alpha: Float, beta: Float, gamma: Float, n: Float) -> Weights:
     """As `torrance_sparrow`, from the cosines."""
-    seen = (at.incidence > 0.0) & (at.view > 0.0)
-    # Tanaka eq. (3); where the point is not seen the quotient is replaced before it can become inf or NaN
-    view = dr.select(seen, at.view, 1.0)
+    lit = (at.incidence > 0.0) & (at.view > 0.0)
+    # Tanaka eq. (3); below a horizon the divisor is 1, so that no inf or NaN arises
+    view = dr.select(lit, at.view, 1.0)
     interface = beta * facet_density(at.half, gamma) * fresnel(at.deviation, n) * masking(at) / view
-    return Weights(dr.select(seen, alpha * at.incidence, 0.0), dr.select(seen, interface, 0.0))
+    return Weights(dr.select(lit, alpha * at.incidence, 0.0), dr.select(lit, interface, 0.0))

@@ -1,4 +1,4 @@
-"""Chart: where the voxels of a box are on a surface, so that matter can be looked up in a texel instead.
+"""Chart: coordinates on a surface for the voxels of a box, so that its matter is looked up in a texel.
 
 A box with a chart keeps heights over the surface where others keep densities (as shares of the band that it covers),
 normals where others keep axes, and four words a voxel: u and v in periods of the texel (16 bits before and 16 after the

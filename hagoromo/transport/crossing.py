@@ -176,9 +176,9 @@ class Crossing:
 
         def entered(state: MarchState, slot: UInt) -> MarchState:
             box, when = next_box(self, state.entered, state.box)
-            found = box < self.frames.boxes
-            ray = self.ray(dr.select(found, box, 0))
-            ray.sample_count = dr.select(found, ray.sample_count, 0)
+            exists = box < self.frames.boxes
+            ray = self.ray(dr.select(exists, box, 0))
+            ray.sample_count = dr.select(exists, ray.sample_count, 0)
             here = [slot == k for k in range(len(state.rays))]
             numbers = [dr.select(h, 0, number) for h, number in zip(here, state.numbers, strict=True)]
             rays = [_select(h, ray, old) for h, old in zip(here, state.rays, strict=True)]
@@ -199,8 +199,8 @@ class Crossing:
             level, step = dr.select(textured, row, level), dr.select(textured, finest, step)
         step = step * self.stride
         samples = dr.ceil((leave - enter) / step + (self.phase - LATTICE_MARGIN))
-        met = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
-        end = jit.UInt(dr.select(met, dr.fmax(samples, 0.0), 0.0))
+        hit = (leave > enter) & dr.isfinite(leave)  # false, too, for a ray that is not finite
+        end = jit.UInt(dr.select(hit, dr.fmax(samples, 0.0), 0.0))
         return Ray(
             box, start, along, enter, leave, end,
             step, frame.last, frame.tau, frame.row, frame.layer, frame.first, level,
@@ -253,8 +253,8 @@ def next_box(crossing: Crossing, entered: Float, last: UInt) -> tuple[UInt, Floa
     while k < crossing.frames.boxes:
         _, _, enter, leave = crossing.span(crossing.frames.frame(k))
         later = (enter > entered) | ((enter == entered) & (k > last))
-        found = later & (leave > enter) & dr.isfinite(leave) & (enter < when)
-        box, when = dr.select(found, k, box), dr.select(found, enter, when)
+        nearer = later & (leave > enter) & dr.isfinite(leave) & (enter < when)
+        box, when = dr.select(nearer, k, box), dr.select(nearer, enter, when)
         k += 1
     return box, when
 

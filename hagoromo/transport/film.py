@@ -1,7 +1,7 @@
-"""Film: the pixels of one picture, the order in which rays visit them, and the sums that the rays leave.
+"""Film: the pixels of an image, the order of their rays, and the sums over samples.
 
-Rays are numbered tile by tile, so that neighbours share lanes. Sizes and places are read from memory: a picture of
-another size compiles no new kernel.
+Rays are numbered tile by tile, so that neighbours share vector lanes. Sizes are read from memory: an image of another
+size compiles no new kernel.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class Frame:
 
 
 class Frames:
-    """The frames of all boxes; `slots` is how many of them a ray may be in at once."""
+    """The frames of all boxes. slots: number of boxes that a ray may be in at once."""
 
     def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
         """The error of a march grows with the square of its steps: `tolerance` sets the steps in all boxes."""
@@ -85,9 +85,9 @@ class Frames:
 
 
 def most_at_once(boxes: Sequence[VolumeBox]) -> int:
-    """A bound on how many boxes share a point: the most whose upright bounds meet those of one of them."""
+    """Upper bound on the number of boxes that share a point, by overlaps of their axis-aligned bounds."""
     corners = np.stack([box.corners() for box in boxes])
     low, high = corners.min(axis=1), corners.max(axis=1)
     touch = 1e-6 * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))
-    meet = ((low[:, None] + touch < high[None]) & (low[None] + touch < high[:, None])).all(axis=-1)
-    return int(meet.sum(axis=1).max())
+    overlap = ((low[:, None] + touch < high[None]) & (low[None] + touch < high[:, None])).all(axis=-1)
+    return int(overlap.sum(axis=1).max())

@@ -1,4 +1,4 @@
-"""Lamp view: what a lamp sees of the boxes as a square, and the rays through it. Enters: a lamp and points to cover."""
+"""Lamp view: the projection from a lamp onto the square of its shadow map. Enters: a lamp and the points to cover."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, UInt, arrays, opaque_vector
 from hagoromo.light.lamp import Lamp
 
-TICKS = 65535.0
+TICKS = 65535.0  # of a distance in 16 bits
 WIDEST_TANGENT = math.tan(math.radians(75))  # of the half angle; a wider view is mapped onto an octahedron
 
 
 class LampView:
-    """What a lamp sees, as a square a, b in 0…1: parallel lines (far lamps), a pyramid or the octahedron of all
-    directions (near ones: which of the two is read from memory, so that a lamp that moves compiles nothing anew).
+    """Square coordinates a, b in 0…1 of the rays from a lamp: parallel (far lamp), or a pyramid or octahedral map of all
+    directions (near lamp). Which of the last two is read from memory: a lamp that moves compiles no new kernel.
     """
 
     def __init__(self, kind: str, origin: np.ndarray, axes: np.ndarray, extent: float, span: tuple) -> None:
         """`kind`: lines, pyramid or octahedron. `extent`: half the width of the square, at distance 1 in a pyramid [m].
-        `span`: least and greatest distance along rays [m] at which anything may be.
+        `span`: least and largest distance of matter along the rays [m].
         """
         jit = arrays()
         self.kind, self.extent = kind, dr.opaque(jit.Float, extent)
@@ -30,11 +30,11 @@ class LampView:
         self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
 
     def ticks(self) -> tuple[Float, Float]:
-        """Distance [m] of the first tick, and ticks per metre: TICKS of them span all that may be in the way."""
+        """Distance of tick 0 [m], and ticks per metre [1/m]: TICKS of them span all matter."""
         return self.near, TICKS / self.depth
 
     def cone(self, size: UInt) -> tuple[Float, Float]:
-        """Width of a ray at the origin [m] and by how much it widens per metre, where `size` rays are a side."""
+        """Footprint of a ray of `size` along a side: width at the origin [m], and its growth per metre [1]."""
         jit = arrays()
         apart = 2.0 / jit.Float(size)
         if self.kind == "lines":

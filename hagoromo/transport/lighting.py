@@ -1,4 +1,4 @@
-"""Lighting: lamps, materials and colours of a scene on the device, and the light that matter sends to the eye.
+"""Lighting: lamps, materials and colours of a scene on the device, and the radiance that matter reflects to the eye.
 
 f = w_d c_b(λ) + w_s e with purely geometric weights, so light is kept as weights: one channel for every group of lamps
 with one spectrum and every colour of the palette (MODEL §5). Exposing through a camera happens afterwards.

@@ -164,15 +164,15 @@ class Medium:
         here, along_u, normal = self._charted(step)
         frame = surface_frame(self._in_world(step.box, along_u), self._in_world(step.box, normal))
         lattice = textures.lattice(step.box, step.level)
-        found, each = [], textures.densities(lattice, here)
+        elements, each = [], textures.densities(lattice, here)
         scale = dr.rcp(dr.fmax(sum(each), 1e-9))
         scales = textures.scales(step.level)
         for k, axis in enumerate(textures.axes(lattice, here)):
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
             share = dr.select(textured, each[k] * scale, float(k == 0))
             material = plain.material + dr.select(textured, k, arrays().UInt(0))
-            found.append(Element(axis, material, share, scales[k], shadow_bias))
-        return found, TexelHit(textured, step.box, step.level, step.tau, here, frame)
+            elements.append(Element(axis, material, share, scales[k], shadow_bias))
+        return elements, TexelHit(textured, step.box, step.level, step.tau, here, frame)
 
     def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
         """Optical depth of the texel from a sample towards the lamp, and the length of that way [m]."""

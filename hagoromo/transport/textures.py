@@ -144,23 +144,23 @@ class Textures:
 
     def densities(self, lattice: Lattice, here: SurfacePoint) -> list[Float]:
         """Density of every population."""
-        found = []
+        each = []
         for k in range(self.populations):
             number = dr.select(lattice.populations > k, arrays().UInt(k + 1), 0)
             value = self._density(lattice, lattice.corner(here), number) * here.presence
-            found.append(dr.select(number > 0, value, 0.0))
-        return found
+            each.append(dr.select(number > 0, value, 0.0))
+        return each
 
     def axes(self, lattice: Lattice, here: SurfacePoint) -> list[Array3f]:
         """Axis of every population along (u, v, normal), not normalised."""
         corner = lattice.corner(here)
         steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
-        found = []
+        each = []
         for k in range(self.populations):
             start = corner.node + dr.select(lattice.populations > k, (k + 1) * lattice.nodes, 0)
             words = [dr.gather(arrays().Int, self.axes_pool, start + step) for step in steps]
-            found.append(axis_between(words, corner.part))
-        return found
+            each.append(axis_between(words, corner.part))
+        return each
 
     def scales(self, level: UInt) -> list[tuple[LightScale, LightScale]]:
         """Scales of the light, body and interface, that every population sends back."""

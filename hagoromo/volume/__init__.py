@@ -1,1 +1,1 @@
-"""Volume boxes: their sparse lattices, their files, and how rays meet them."""
+"""Volume boxes: their sparse lattices, their files, and their interpolation."""

@@ -1,4 +1,4 @@
-"""Bricks: the sparse lattice of a volume box. Bricks of 8³ voxels that hold matter are kept, with 9³ voxels each."""
+"""Bricks: the sparse lattice of a volume box. Bricks of 8³ voxels that hold matter are stored, with 9³ voxels each."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Bricks:
-    """The sparse lattice: shape (nz, ny, nx) [voxels], and the kept bricks' places (n, 3) [z, y, x] in table order.
+    """The sparse lattice: shape (nz, ny, nx) [voxels], and the stored bricks' places (n, 3) [z, y, x] in table order.
 
     density: pairs of halves, UInt; axis: bits, Int (see `PackedVoxels`); colour: Float16, four coefficients of the body
     colour on the box's basis, or None; material: UInt8, or None. chart: UInt, four words, or None; see `chart`.
@@ -64,12 +64,12 @@ class Bricks:
 
     @property
     def lattice(self) -> Shape:
-        """Bricks along (z, y, x), kept or not."""
+        """Bricks along (z, y, x), stored or not."""
         return table_shape(self.shape)
 
     @cached_property
     def table(self) -> BrickTable:
-        """Where the kept bricks are."""
+        """Where the stored bricks are."""
         return table_of(self.places, self.lattice)
 
     @property
@@ -80,7 +80,7 @@ class Bricks:
         )
 
     def corners(self) -> np.ndarray:
-        """First voxel (z, y, x) of every kept brick, in order: (bricks, 3)."""
+        """First voxel (z, y, x) of every stored brick, in order: (bricks, 3)."""
         return self.places * BRICK
 
     def read(self, begin: int, end: int) -> dict[str, np.ndarray]:
@@ -110,7 +110,7 @@ class Bricks:
 
 
 def in_one_pool(grids: Sequence[Grid]) -> None:
-    """Move the values of several grids into one array, where they stay: nothing is held twice."""
+    """Move the values of several grids into one array and drop the old ones: no value is in memory twice."""
     import drjit as dr
 
     distinct = list({id(grid): grid for grid in grids}.values())
@@ -126,18 +126,18 @@ def in_one_pool(grids: Sequence[Grid]) -> None:
 
 
 def table_shape(shape: Shape) -> Shape:
-    """Bricks along (z, y, x): interpolation meets voxel pairs 0…n−2, so n−1 of them are covered."""
+    """Bricks along (z, y, x): interpolation reads the voxel pairs 0…n−2, so they cover n−1 voxels."""
     z, y, x = (-(-(n - 1) // BRICK) for n in shape)
     return z, y, x
 
 
 def brick_bytes(colour: bool = False, material: bool = False, chart: bool = False) -> int:
-    """Memory of one kept brick [byte]."""
+    """Memory of one stored brick [byte]."""
     return 4 * PAIRS + VOXELS * (4 + 8 * colour + material + 16 * chart)
 
 
 def check_bricks(count: int, what: str, colour: bool = False, material: bool = False, chart: bool = False) -> None:
-    """Raises `InputError` where `what`, `count` kept bricks, does not fit the memory or the indices of arrays."""
+    """Raises `InputError` where `what`, `count` stored bricks, does not fit the memory or the indices of arrays."""
     check_memory(count * brick_bytes(colour, material, chart), what)
     check_entries(count * (4 * VOXELS if colour or chart else VOXELS), what)
 

@@ -1,8 +1,8 @@
-"""Brick table: where the kept bricks of a sparse lattice are, in two levels, so that its size follows the bricks.
+"""Brick table: places of the stored bricks of a sparse lattice, in two levels, so that its size follows their number.
 
 `coarse`, an entry per block of 8³ bricks (C order of [z, y, x]): ≥ 0 the number of a block that holds bricks, else
 −(2d + 1) with the Chebyshev distance d [blocks] to the nearest one. `fine`, 8³ entries per such block: ≥ 0 the number
-of a kept brick, else −2d, d in bricks. Bricks are numbered block by block, in C order inside each.
+of a stored brick, else −2d, d in bricks. Bricks are numbered block by block, in C order inside each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hagoromo.files.door import check_memory
 
 BLOCK = 8  # bricks a side
 BRICKS = BLOCK**3  # bricks of a block
-BLOCKS_AT_ONCE = 1 << 13  # blocks whose distances are sought at once
+BLOCKS_AT_ONCE = 1 << 13  # blocks whose distances are computed together
 
 
 class BrickTable(NamedTuple):
@@ -46,7 +46,7 @@ def in_table_order(places: NDArray[np.integer], bricks: tuple[int, ...]) -> NDAr
 
 
 def table_of(places: NDArray[np.integer], bricks: tuple[int, ...]) -> BrickTable:
-    """The table of kept bricks at `places` (n, 3), in table order, on a lattice of `bricks` (z, y, x)."""
+    """The table of stored bricks at `places` (n, 3), in table order, on a lattice of `bricks` (z, y, x)."""
     from scipy.ndimage import distance_transform_cdt
 
     shape = blocks_shape(bricks)
@@ -81,7 +81,7 @@ def _numbers(places: NDArray[np.integer], bricks: tuple[int, ...]) -> tuple[NDAr
 def _distances(
     kept: NDArray[np.bool_], coarse: NDArray[np.int32], held: NDArray[np.int64]
 ) -> Iterator[tuple[slice, NDArray[np.int32]]]:
-    """Chebyshev distance [bricks] from every brick of the held blocks to the nearest kept one: slice, (…, 512).
+    """Chebyshev distance [bricks] from every brick of the held blocks to the nearest stored one: slice, (…, 512).
 
     Rows of bricks along x are bits of a number. A block and its neighbours are widened by one brick, eight times.
     """

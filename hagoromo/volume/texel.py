@@ -1,4 +1,4 @@
-"""Texel: a block of micro-structure that repeats along a surface, and the same seen from farther and farther away.
+"""Texel: a block of micro-structure that repeats along a surface, at several levels of detail.
 
 After Kajiya & Kay, "Rendering Fur with Three Dimensional Textures" (1989), and Neyret, "Modeling, Animating, and
 Rendering Complex Scenes Using Volumetric Textures" (1998). A box with a texel keeps a chart instead of matter: at every

@@ -16,7 +16,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Array4f, Float, Int, UInt, arrays, clip
 
 BRICK = 8  # voxels a side
-STORED = BRICK + 1  # voxels a side as kept
+STORED = BRICK + 1  # voxels a side as stored
 VOXELS = STORED**3
 PAIRS = STORED * STORED * BRICK
 SMALLEST_DENSITY = 2.0**-14  # less counts as 0: smaller halves would need denormal singles, which kernels flush
@@ -56,10 +56,10 @@ class PackedVoxels:
 
     def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
-        found = []
+        densities = []
         for pair in self._pairs(brick, place):
-            found += [half_value(pair << 13) * HALF_EXPONENT, half_value(pair >> 3) * HALF_EXPONENT]
-        return found
+            densities += [half_value(pair << 13) * HALF_EXPONENT, half_value(pair >> 3) * HALF_EXPONENT]
+        return densities
 
     def _pairs(self, brick: UInt, place: Array3f) -> list[UInt]:
         """The four pairs of halves around a place."""

@@ -1,6 +1,6 @@
 """Blocks: cubes of 8³ bricks (64³ voxels), the pieces in which a lattice is stored, built and read.
 
-Arrays of a block are indexed [z, y, x, …]. A brick is kept when any of its 9³ voxels holds matter, and the last layer
+Arrays of a block are indexed [z, y, x, …]. A brick is stored when any of its 9³ voxels holds matter, and the last layer
 of these is the first of the next brick: so a block notes, per brick, which of its low faces, edges and corner hold
 matter, and bricks are chosen when all blocks are known.
 """

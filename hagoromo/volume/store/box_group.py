@@ -58,7 +58,7 @@ class BoxGroup:
         return all(chunk.is_file() and chunk.stat().st_size for chunk in chunks)
 
     def finish(self, places: NDArray[np.integer]) -> None:
-        """Write which bricks are kept, (n, 3), and zeros where one of them lies in a block that was not written.
+        """Write which bricks are stored, (n, 3), and zeros where one of them lies in a block that was not written.
 
         Such a brick holds matter only in the layer that it shares with the next block.
         """

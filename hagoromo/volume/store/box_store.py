@@ -76,9 +76,9 @@ def _holds_shell(path: str | Path) -> bool:
 
 
 def _blocks(box: VolumeBox, colours: int) -> Iterator[tuple[Block, dict[str, NDArray]]]:
-    """Every block (64, 64, 64, …) of `box` in which a kept brick has voxels.
+    """Every block (64, 64, 64, …) of `box` in which a stored brick has voxels.
 
-    The last layer of a kept brick may be the first of a brick, or of a block, that is not kept.
+    The last layer of a stored brick may be the first of a brick, or of a block, that is not stored.
     """
     blocks, starts = runs(box.bricks.places // BLOCK)
     shared: dict[Block, list[tuple[Block, dict[str, NDArray]]]] = {}

@@ -72,8 +72,8 @@ class FieldBlocks:
     def _candidates(self) -> NDArray[np.int32]:
         """Bricks that may hold voxels of the box, (n, 3) in the order of its table.
 
-        They reach to the last voxel of the lattice, which may be one brick farther than bricks are kept. Where voxels
-        have colours or materials these are wanted in the layer that kept bricks share with the next ones.
+        They reach to the last voxel of the lattice, which may be one brick farther than bricks are stored. Where voxels
+        have colours or materials these are wanted in the layer that stored bricks share with the next ones.
         """
         z, y, x = (-(-n // BRICK) for n in self.shape)
         found = candidates((z, y, x), self._may_hold if self.occupied else None)

@@ -21,7 +21,7 @@ ARRAYS = ("density", "axis", "body_colour", "material", "bricks")
 
 
 class OpenBox(NamedTuple):
-    """The Zarr group in `folder`: header, voxels, kept bricks (n, 3) in table order, and all its arrays by name."""
+    """The Zarr group in `folder`: header, voxels, stored bricks (n, 3) in table order, and all its arrays by name."""
 
     folder: Path
     header: BoxHeader
@@ -48,7 +48,7 @@ def open_box(path: str | Path) -> OpenBox:
 
 
 def _stored_places(bricks: ZarrArray, source: ZarrBlocks) -> NDArray[np.int32]:
-    """The kept bricks that `bricks` names, (n, 3) in table order; every block that holds some has its chunks."""
+    """The stored bricks that `bricks` names, (n, 3) in table order; every block that holds some has its chunks."""
     lattice = table_shape(source.shape)
     if bricks.shape != lattice:
         raise InputError(f"{bricks.where} is {bricks.shape}: density {source.shape} needs {lattice}")

@@ -1,4 +1,4 @@
-"""Packed bricks: the group `packed` of a box on disk, its kept bricks as the device holds them, for a quick opening.
+"""Packed bricks: the group `packed` of a box on disk, its stored bricks as the device holds them, for a quick opening.
 
 Made of the arrays beside it and never more than a copy of them: it may be removed, and is passed over where its seal
 shows that the arrays have changed. Arrays, in table order: `density` (bricks, 9, 9, 9), halves; `axis` (bricks, 9, 9,
@@ -68,7 +68,7 @@ def write_packed(folder: Path, progress: Progress = silent) -> None:
 
 
 def read_packed(box: OpenBox) -> Bricks | None:
-    """The kept bricks from the packed ones; None where there are none, or none of this format and these arrays.
+    """The stored bricks from the packed ones; None where there are none, or none of this format and these arrays.
 
     Raises `InputError` where they are damaged, hold what is no voxel, or do not fit the memory.
     """

@@ -1,4 +1,4 @@
-"""Shells on disk: boxes with a chart and a texel, as a Zarr v3 group of their kept bricks.
+"""Shells on disk: boxes with a chart and a texel, as a Zarr v3 group of their stored bricks.
 
 Arrays: `places` (n, 3) of the bricks [z, y, x], in table order; per brick `height` (n, 9, 9, 9), shares of the band,
 `normal` (n, 9, 9, 9, 3) and `chart` (n, 9, 9, 9, 4), see `hagoromo.transport.chart`; per level k of the texel
