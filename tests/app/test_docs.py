@@ -15,6 +15,8 @@ import hagoromo
 ROOT = Path(__file__).parents[2]
 CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
 SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
+SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.?)?,? \(?((?:19|20)\d\d)\b")  # author, year
+NO_SOURCES = {"CIE", "Schema", "Integument", "Luo"}  # a standard, a dialect, a title's end; a chart of colour-science
 NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
 
 
@@ -70,3 +72,19 @@ def test_citations_of_the_model_lead_to_its_sections():
     }
     assert len(cited) > 20 and sections
     assert {(number, name) for number, name in cited if number not in sections} == set()
+
+
+def test_sources_of_docstrings_are_in_the_bibliography():
+    """Every "Author year" in the code is an entry of docs/references.bib."""
+    bib = (ROOT / "docs" / "references.bib").read_text(encoding="utf-8")
+    authors = re.findall(r"author = \{(.*)\},\n.*\n  year = \{(\d+)\}", bib)
+    known = {(name.split(",")[0], year) for names, year in authors for name in names.split(" and ")}
+    cited = {
+        (first, second, year)
+        for room in ("hagoromo", "hagoromo_figures", "studies")
+        for path in (ROOT / room).rglob("*.py")
+        for first, second, year in SOURCE.findall(" ".join(path.read_text(encoding="utf-8").split()))
+        if first not in NO_SOURCES
+    }
+    assert len(cited) > 50
+    assert {c for c in cited if (c[0], c[2]) not in known and (c[1], c[2]) not in known} == set()
