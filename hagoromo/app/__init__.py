@@ -1,1 +1,1 @@
-"""The program around the package: command line, demo and report."""
+"""The program around the package: it parses commands, calls, and writes reports."""

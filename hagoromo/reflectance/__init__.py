@@ -1,1 +1,1 @@
-"""Reflectance: the dichromatic Torrance–Sparrow model, its micro-elements, and their measurement."""
+"""Reflectance: the dichromatic Torrance–Sparrow model, its micro-elements, spectra, and the record of a material."""
