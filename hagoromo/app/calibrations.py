@@ -168,6 +168,8 @@ def calibrate_response(
         )
     for channel, residual, noise in zip(found.response.channels, found.residual, found.noise, strict=True):
         print(f"{channel}: residual {100 * residual:.2f} % of the mean reading, noise {100 * noise:.2f} %")
+    for remark in found.remarks():
+        print(remark)
     wrote(*targets)
 
 

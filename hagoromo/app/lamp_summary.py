@@ -31,7 +31,8 @@ def object_summary(calibration: SelfCalibration) -> list[str]:
     ]
     convex = f"the object is taken for convex: {100 * calibration.convex:.0f} % of its outline turns away"
     count = f"{len(lines)} lamps, condition number of their directions {calibration.condition:.2f}"
-    return [*lines, convex if calibration.perspective else f"{convex}; {MIRRORED}", count]
+    convex = convex if calibration.perspective else f"{convex}; {MIRRORED}"
+    return [*lines, convex, count, *calibration.remarks()]
 
 
 def _of_ball(ball: Ball) -> str:
@@ -53,6 +54,7 @@ def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
     if strength is not None:
         shown = zip(strength.intensity, strength.standard_error, strict=True)
         said += f"; intensity {', '.join(f'{v:.4g} ± {e:.2g}' for v, e in shown)} by the {strength.source}"
+        said = "; ".join([said, *strength.remarks()])
         if strength.shading is not None:
             to_lamp, error = strength.shading
             off = np.degrees(np.arccos(np.clip(to_lamp @ lamp.to_lamp, -1.0, 1.0)))

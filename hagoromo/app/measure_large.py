@@ -57,6 +57,8 @@ def solve_large(
         coarse = solve_coarse(store, distance, progress=part_of(progress, STORING, COARSE))
         fine = solve_tiles(store, coarse, part_of(progress, STORING + COARSE, 1.0 - STORING - COARSE))
         measured = measurement_of(coarse.capture, coarse.found)
+        materials = [replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measured.materials]
+        measured = replace(measured, materials=tuple(materials))
         small = replace(coarse.capture, points=coarse.surface.points, normals=coarse.found.normals)
     return measured, small, fine
 

@@ -12,52 +12,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares import Damping, FitStatuses, Loss, RowsProblem, Tolerance, levenberg_marquardt
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.sight import Array
 
 GAMMA_RANGE = (0.01, 1.2)  # [rad] admissible: narrower than a pixel of a sphere sees, wider than a second Lambert lobe
 N_RANGE = (1.05, 3.0)  # admissible refractive index: above a gas, up to the densest dielectrics
-HUBER = 1.345  # 95 % efficient under normal noise (Huber 1981)
-BIWEIGHT = 6.0  # 98 % efficient under normal noise, forgets what lies beyond 6σ (Mosteller & Tukey 1977)
-DECREMENT = 1e-6  # a row has converged when one more step would lower Σρ by less: 0.1 % of a standard error
-STEPS = 60
-
-
-@dataclass(frozen=True)
-class Loss:
-    """ρ(r) of a residual in standard deviations: Huber's (convex, to get there) or Tukey's biweight."""
-
-    biweight: bool = False
-
-    def value(self, r: Array) -> Array:
-        """ρ(r); r²/2 near 0."""
-        if self.biweight:
-            return BIWEIGHT**2 / 6 * (1.0 - np.maximum(1.0 - (r / BIWEIGHT) ** 2, 0.0) ** 3)
-        size = np.abs(r)
-        return np.where(size <= HUBER, 0.5 * r * r, HUBER * (size - 0.5 * HUBER))
-
-    def weight(self, r: Array) -> Array:
-        """ρ'(r)/r."""
-        if self.biweight:
-            return np.maximum(1.0 - (r / BIWEIGHT) ** 2, 0.0) ** 2
-        return HUBER / np.maximum(np.abs(r), HUBER)
-
-    def curvature(self, r: Array) -> Array:
-        """ρ''(r)."""
-        if self.biweight:
-            t = (r / BIWEIGHT) ** 2
-            return np.where(t < 1.0, (1.0 - t) * (1.0 - 5.0 * t), 0.0)
-        return (np.abs(r) <= HUBER).astype(np.float64)
+SMALLEST_DECREMENT = 1e-6  # a row has converged when one more step would lower Σρ by less: 0.1 % of a standard error
+MATERIAL_FIT_STEPS = 60  # of one row
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """K fits: coordinates theta (K, C+3), cost (K,) = Σρ, curvature (K, C+3, C+3) = JᵀWJ, converged (K,)."""
+    """K fits: coordinates theta (K, C+3), cost (K,) = Σρ, curvature (K, C+3, C+3) = JᵀWJ, and how each ended."""
 
     theta: Array
     cost: Array
     curvature: Array
-    converged: NDArray[np.bool_]
+    statuses: FitStatuses
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,32 +73,16 @@ class Objective:
         return cost, gradient, curvature
 
 
-def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps: int = STEPS) -> Rows:
+def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps: int = MATERIAL_FIT_STEPS) -> Rows:
     """Rows theta (K, P) moved to their nearest minimum; coordinates where `free` (P,) is false stay.
 
-    Levenberg–Marquardt with Marquardt's scaling; β F₀ stays 0 or more, ln γ and ln(n − 1) in their admissible range. A
-    row that has not converged after `steps` steps says so in `Rows.converged`.
+    β F₀ stays 0 or more, ln γ and ln(n − 1) in their admissible range. A row that has not converged after `steps` steps
+    says so in `Rows.statuses`.
     """
-    theta = _admissible(theta)
-    cost, gradient, curvature = objective.at(theta)
-    damping = np.full(len(theta), 1e-3)
-    converged = np.zeros(len(theta), bool)
-    for _ in range(steps):
-        rows = np.flatnonzero(~converged)
-        step, decrement = _step(theta[rows], gradient[rows], curvature[rows], damping[rows], free)
-        settled = decrement < DECREMENT
-        converged[rows[settled]] = True
-        rows, step = rows[~settled], step[~settled]
-        if not rows.size:
-            break
-        trial = _admissible(theta[rows] + step)
-        trial_cost, trial_gradient, trial_curvature = objective.at(trial)
-        better = trial_cost <= cost[rows]
-        taken = rows[better]
-        theta[taken], cost[taken] = trial[better], trial_cost[better]
-        gradient[taken], curvature[taken] = trial_gradient[better], trial_curvature[better]
-        damping[rows] = np.where(better, np.maximum(damping[rows] / 10, 1e-9), np.minimum(damping[rows] * 10, 1e9))
-    return Rows(theta, cost, curvature, converged)
+    problem = RowsProblem(objective.at, *_bounds(theta.shape[1]), free)
+    tolerance = Tolerance(decrement=SMALLEST_DECREMENT)
+    found = levenberg_marquardt(problem, problem.start(theta), Damping(), tolerance, steps)
+    return Rows(found.state.theta, found.state.cost, found.state.curvature, found.statuses)
 
 
 def at_bound(theta: Array) -> NDArray[np.bool_]:
@@ -135,32 +91,8 @@ def at_bound(theta: Array) -> NDArray[np.bool_]:
     return (theta <= low) | (theta >= high)
 
 
-def _step(
-    theta: Array, gradient: Array, curvature: Array, damping: Array, free: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Damped step and the undamped Newton decrement gᵀH⁻¹g/2, for coordinates that are free and not held at a bound."""
-    low, high = _bounds(theta.shape[1])
-    held = ~free | ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
-    g = np.where(held, 0.0, gradient)
-    h = np.where(held[:, :, None] | held[:, None, :], 0.0, curvature)
-    diagonal = np.einsum("kpp->kp", h).copy()
-    flat = diagonal <= 1e-300  # nothing depends on it here (as γ and n where β = 0): it stays
-    scale = 1.0 / np.sqrt(np.where(flat, 1.0, diagonal))
-    g = np.where(flat, 0.0, g) * scale
-    h = h * scale[:, :, None] * scale[:, None, :]
-    identity = np.eye(theta.shape[1])
-    h = np.where(identity.astype(bool), 1.0, h)
-    newton = np.linalg.solve(h + 1e-12 * identity, g[..., None])[..., 0]
-    step = -np.linalg.solve(h + damping[:, None, None] * identity, g[..., None])[..., 0] * scale
-    return step, 0.5 * np.abs(np.einsum("kp,kp->k", g, newton))
-
-
 def _bounds(size: int) -> tuple[Array, Array]:
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
     low[-3] = 0.0
     low[-2:], high[-2:] = np.log([(GAMMA_RANGE[0], N_RANGE[0] - 1), (GAMMA_RANGE[1], N_RANGE[1] - 1)])
     return low, high
-
-
-def _admissible(theta: Array) -> Array:
-    return np.clip(theta, *_bounds(theta.shape[1]))

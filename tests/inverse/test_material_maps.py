@@ -7,11 +7,11 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
+from hagoromo.least_squares import HUBER
 from hagoromo.measurement.known_shape import measure, write_measurement
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.textured_objective import TexturedObjective
 from hagoromo.measurement.observations import known_shape, observations
-from hagoromo.measurement.robust_fit import Loss
 from hagoromo.reflectance.material.materials_file import read_materials
 from tests.inverse.simulated_ball import FULL_WELL, READ_NOISE, Truth, simulate
 
@@ -46,7 +46,7 @@ def measured():
 def test_elimination_of_the_bodies_has_the_gradient_of_its_cost():
     """Oracle: central differences; JᵀWJ of the stated Jacobian is the stated curvature."""
     seen = observations(dappled(2, 0.1)[0], known_shape(dappled(2, 0.1)[0]), None, 0)
-    objective = TexturedObjective(seen, seen.noise, Loss(), np.ones_like(seen.values))
+    objective = TexturedObjective(seen, seen.noise, HUBER, np.ones_like(seen.values))
     theta = fit_material(seen).theta * 1.01
     (gradient,), (curvature,) = objective.at(theta[None])[1:]
     for i, step in enumerate(1e-6 * np.eye(len(theta))):

@@ -13,12 +13,13 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, write_json
+from hagoromo.least_squares import TUKEY
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import measure, write_measurement
 from hagoromo.measurement.material.quantity import theta_of
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.observations import Pixels, known_shape, observations
-from hagoromo.measurement.robust_fit import Loss, Objective
+from hagoromo.measurement.robust_fit import Objective
 from hagoromo.measurement.sight import sight
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -49,7 +50,7 @@ def two_balls_in_one():
 def test_gradient_of_the_fit_is_that_of_its_cost(ball):
     """Oracle: central differences of Σρ; their error is of the order step² and rounding/step, each below 1e-5 here."""
     seen = observations(ball, known_shape(ball), None, 0)
-    objective = Objective(seen, seen.noise, Loss(biweight=True))
+    objective = Objective(seen, seen.noise, TUKEY)
     theta = theta_of(np.array(RED.alpha_body), RED.beta, RED.gamma, RED.n) * 1.01
     gradient = objective.at(theta[None])[1][0]
     for i, step in enumerate(1e-6 * np.eye(len(theta))):

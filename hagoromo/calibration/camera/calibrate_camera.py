@@ -23,6 +23,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
 from hagoromo.files.record import decode, read_json, write_json, written_by
 from hagoromo.files.whole import whole_file
+from hagoromo.least_squares import robust_scale
 from hagoromo.progress import Progress, silent
 
 Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitted, the first ones of OpenCV's order
@@ -218,5 +219,5 @@ def _outliers(boards: Mapping[str, float], counts: NDArray) -> tuple[str, ...]:
     logs = np.log(np.maximum(list(boards.values()), 1e-12))
     above = logs - np.median(logs)
     chance = 1.0 / np.sqrt(2.0 * (2.0 * counts - 6.0))  # of the log of an rms over 2n residuals less 6 of the pose
-    spread = np.maximum(1.4826 * np.median(np.abs(above)), chance)  # 1.4826 makes the median one of a normal law
+    spread = np.maximum(robust_scale(above), chance)
     return tuple(name for name, far in zip(boards, above / spread, strict=True) if far > OUTLIER)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.least_squares import scipy_status
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,7 @@ FEWEST_EDGE_POINTS = 40  # of the mask: a circle through fewer is too coarse for
 ROUND = 0.02  # rms deviation of the mask's edge from the outline of a ball, over its radius, up to which it is one
 MASK_ERROR = 0.5 / np.sqrt(3.0)  # px: masks follow pixel edges, all around off by up to half a pixel
 SECOND = 0.2  # of the area of a mask's largest part, from which another part is no speck
-HUBER = 0.5  # px: deviations beyond count less
+EDGE_OUTLIER = 0.5  # px: deviations beyond count less (Huber)
 
 
 class Mirrored(NamedTuple):
@@ -153,7 +154,8 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
         def deviation(found: Array) -> Array:
             return np.hypot(edge[:, 0] - found[0], edge[:, 1] - found[1]) - found[2]
 
-        fit = least_squares(deviation, np.r_[middle, size], loss="huber", f_scale=HUBER).x
+        solved = least_squares(deviation, np.r_[middle, size], loss="huber", f_scale=EDGE_OUTLIER)
+        fit = solved.x
         centre, radius, axis, angle = fit[:2], float(fit[2]), np.array([0.0, 0.0, 1.0]), 0.0
     else:
         grazing = camera.unproject(edge)
@@ -173,9 +175,14 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
             return (np.arctan2(away, grazing @ turned(found)) / found[2] - 1.0) * size
 
         width = float(np.mean(np.arccos(np.clip(grazing @ start, -1.0, 1.0))))
-        fit = least_squares(deviation, [0.0, 0.0, width], loss="huber", f_scale=HUBER, x_scale=width / size).x
+        start_of_turn, scale = [0.0, 0.0, width], width / size
+        solved = least_squares(deviation, start_of_turn, loss="huber", f_scale=EDGE_OUTLIER, x_scale=scale)
+        fit = solved.x
         axis, angle = turned(fit), float(fit[2])
         centre, radius = camera.project(camera.position + axis), size
+    status = scipy_status(solved)
+    if not status.converged:
+        raise InputError(f"{status.remark('the ball')}: paint the mask anew, the ball white and nothing else")
     rms = float(np.sqrt(np.mean(deviation(fit) ** 2)))
     scatter = rms * math.sqrt(3.0 / len(edge))  # neighbouring points of an edge follow each other: every third counts
     errors = (1.414 * scatter, 1.414 * scatter, float(np.hypot(scatter, radius_error)))

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array
 from hagoromo.calibration.lamps.highlight import LampReading, figure_errors, slopes
 from hagoromo.errors import InputError
+from hagoromo.least_squares import FitStatus, Status
 
 NEAR = 3.0  # standard errors from which 1/distance differs from 0
 ASTRAY = 12.0  # standard errors (rms) by which rays of one lamp may miss it; more are of two lamps or a wrong radius
-STEPS = 12  # of Gauss and Newton: q starts at 0, and each step about squares its error
+LAMP_PLACE_STEPS = 12  # of Gauss and Newton: q starts at 0, and each step about squares its error
+LAMP_PLACE_STANDSTILL = 1e-3  # of a standard error: a last step beyond it has not converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ def locate_lamp(readings: Sequence[LampReading], radius: float) -> LampPlace:
         raise InputError("the place of a near lamp needs two balls, or one in two places, and a calibrated --camera")
     rays = [_Ray(reading, radius) for reading in readings]
     middle = np.mean([ray.origin for ray in rays], axis=0)
-    near, misfit, covariance = _fit(rays, middle, True)
+    near, misfit, covariance, status = _fit(rays, middle, True)
     q, error = near[3], float(np.sqrt(covariance[2, 2]))
     name = readings[0].name
     if misfit > ASTRAY or q < -2.0 * NEAR * error:
@@ -86,9 +88,11 @@ def locate_lamp(readings: Sequence[LampReading], radius: float) -> LampPlace:
             f"(1/distance {q:.3g} ± {error:.2g} per m): is the radius right, and one lamp on in each photograph?"
         )
     if q < NEAR * error:
-        far, misfit, covariance = _fit(rays, middle, False)
+        far, misfit, covariance, status = _fit(rays, middle, False)
+        _check_converged(name, status)
         degrees = float(np.degrees(np.sqrt(np.trace(covariance[:2, :2]))))
         return LampPlace(name, middle, far[:3], degrees, None, None, q, error, misfit, tuple(readings))
+    _check_converged(name, status)
     d, across = near[:3], _across(near[:3])
     slope = np.column_stack([across.T / q, -d / q**2])  # of X = M + d/q
     degrees = float(np.degrees(np.sqrt(np.trace(covariance[:2, :2]))))
@@ -120,13 +124,16 @@ class _Ray:
         return across @ (wanted - self.direction), slope.T @ slope
 
 
-def _fit(rays: Sequence[_Ray], middle: Array, near: bool) -> tuple[Array, float, Array]:
-    """(d, q) (4,), misfit, and the covariance (3, 3) of d's two turns and q; q stays 0 unless `near`."""
+def _fit(rays: Sequence[_Ray], middle: Array, near: bool) -> tuple[Array, float, Array, FitStatus]:
+    """(d, q) (4,), misfit, the covariance (3, 3) of d's two turns and q, and how the fit ended.
+
+    q stays 0 unless `near`. The last step is in standard errors.
+    """
     towards = np.mean([ray.direction for ray in rays], axis=0)
     towards, q = towards / np.linalg.norm(towards), 0.0
     count = 3 if near else 2
-    loss, normal = 0.0, np.eye(3)
-    for _ in range(STEPS):
+    loss, normal, push, last = 0.0, np.eye(3), np.zeros(count), np.inf
+    for _ in range(LAMP_PLACE_STEPS):
         across, tiny = _across(towards), 1e-6 * np.eye(3)
         normal, push, loss = np.zeros((count, count)), np.zeros(count), 0.0
         for ray in rays:
@@ -138,13 +145,23 @@ def _fit(rays: Sequence[_Ray], middle: Array, near: bool) -> tuple[Array, float,
             push -= weighed @ miss
             loss += float(miss @ np.linalg.solve(covariance, miss))
         change = np.linalg.solve(normal, push)
+        last = float(np.sqrt(max(change @ normal @ change, 0.0)))
         towards = _turned(towards, across, change[:2])
         q += float(change[2]) if near else 0.0
     freedom = max(2 * len(rays) - count, 1)
     misfit = float(np.sqrt(loss / freedom))
     covariance = np.zeros((3, 3))
     covariance[:count, :count] = np.linalg.inv(normal) * max(misfit, 1.0) ** 2
-    return np.r_[towards, q], misfit, covariance
+    converged = last < LAMP_PLACE_STANDSTILL * max(misfit, 1.0)
+    status = Status.CONVERGED if converged else Status.OUT_OF_STEPS
+    gradient = float(np.linalg.norm(push))
+    ended = FitStatus(status, LAMP_PLACE_STEPS, 0.5 * loss, gradient, last)
+    return np.r_[towards, q], misfit, covariance, ended
+
+
+def _check_converged(name: str, status: FitStatus) -> None:
+    if not status.converged:
+        raise InputError(f"{status.remark(name)}: move the balls farther apart, or photograph one more")
 
 
 def _turned(towards: Array, across: Array, by: NDArray) -> Array:

@@ -113,6 +113,7 @@ def reference_strength(
         "reference",
         float(np.mean([fit.scatter / (fit.coefficients[0] * bright.max()) for fit in fits])),
         shading if reference.is_ball else None,
+        tuple(fit.status for fit in fits),
     )
 
 
@@ -122,6 +123,8 @@ def _shading(reference: Reference, values: Array, used: NDArray[np.bool_]) -> tu
         return None
     design = np.c_[reference.normal[used], np.ones(int(used.sum()))]
     fit: Fitted = robust_regression(design, values[used], reference.tiles[used])
+    if not fit.status.converged:
+        return None
     length = float(np.linalg.norm(fit.coefficients[:3]))
     unit = fit.coefficients[:3] / length
     across = np.eye(3) - np.outer(unit, unit)

@@ -8,18 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array
+from hagoromo.least_squares import CAUCHY_SCALE, FitStatus, reweighted, robust_scale
 
-REWEIGHTINGS = 15
-CAUCHY = 2.385  # standard deviations: 95 % efficient for normal errors (Holland and Welsch 1977)
-MAD = 1.4826  # standard deviation of a normal error over its median absolute value
+REGRESSION_REWEIGHTINGS = 15
+STANDSTILL = 1e-3  # relative change of the coefficients in the last of them, beyond which they have not converged
 
 
 class Fitted(NamedTuple):
-    """coefficients (p,), their covariance (p, p), and scatter: standard deviation of the residuals, by their median."""
+    """coefficients (p,), their covariance (p, p), and scatter: standard deviation of the residuals, by their median.
+
+    status: how the reweighting ended.
+    """
 
     coefficients: Array
     covariance: Array
     scatter: float
+    status: FitStatus
 
 
 def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) -> Fitted:
@@ -27,18 +31,23 @@ def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) 
 
     tiles: (n,) number of the tile that each value is in; the covariance is the clustered one (Liang and Zeger 1986).
     """
-    weight = np.ones(len(values))
-    found, scatter = np.zeros(design.shape[1]), 0.0
-    for _ in range(REWEIGHTINGS):
+    smallest = 1e-12 * np.abs(values).max() + 1e-30
+
+    def solve(weight: Array) -> tuple[Array, Array]:
         root = np.sqrt(weight)
         found = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
-        off = values - design @ found
-        scatter = float(MAD * np.median(np.abs(off)))
-        weight = 1.0 / (1.0 + (off / max(CAUCHY * scatter, 1e-12 * np.abs(values).max() + 1e-30)) ** 2)
+        return found, values - design @ found
+
+    def reweigh(off: Array) -> Array:
+        return 1.0 / (1.0 + (off / max(CAUCHY_SCALE * robust_scale(off), smallest)) ** 2)
+
+    start = np.ones(len(values))
+    found, weight, status = reweighted(solve, reweigh, start, REGRESSION_REWEIGHTINGS, STANDSTILL)
     off = values - design @ found
+    scatter = robust_scale(off)
     inverse = np.linalg.pinv(design.T @ (design * weight[:, None]))
     push = np.zeros((int(tiles.max()) + 1, design.shape[1]))
     np.add.at(push, tiles, design * (weight * off)[:, None])
     push = push[np.bincount(tiles, minlength=len(push)) > 0]
     few = len(push) / max(len(push) - design.shape[1], 1)
-    return Fitted(np.asarray(found, np.float64), few * inverse @ (push.T @ push) @ inverse, scatter)
+    return Fitted(np.asarray(found, np.float64), few * inverse @ (push.T @ push) @ inverse, scatter, status)

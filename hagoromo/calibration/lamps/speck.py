@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array
+from hagoromo.least_squares import scipy_status
 
 MARGIN = 3  # pixels around the speck
 NEAREST, LARGEST = 6, 90  # px: fewer pixels tell no ellipse; wider specks have a good centroid
 POOR = 0.06  # of the peak, rms: a worse fit is that of another shape than an ellipse
+ELLIPSE_STEPS = 200  # evaluations of the fit
 ASTRAY = 0.6  # px from the centroid beyond which the fit is not that of the speck
 FLOOR = 0.03  # px: standard error of the best fit, of lamps that are no ellipses
 
@@ -29,7 +31,10 @@ class Centre(NamedTuple):
 
 
 def ellipse_centre(light: Array, speck: NDArray[np.bool_]) -> Centre | None:
-    """The centre of the ellipse in `light` (height, width; its peak is 1) that shows as `speck`; None if none fits."""
+    """The centre of the ellipse in `light` (height, width; its peak is 1) that shows as `speck`; None if none fits.
+
+    A fit that does not converge is none: the highlight's centroid is then stated, with its own error.
+    """
     from scipy.optimize import least_squares
     from scipy.special import ndtr
 
@@ -54,7 +59,11 @@ def ellipse_centre(light: Array, speck: NDArray[np.bool_]) -> Centre | None:
     values, axes = np.linalg.eigh(spread)
     root = axes @ np.diag(0.5 * np.sqrt(values)) @ axes.T  # a disc's second moment is a quarter of its radius squared
     start = np.r_[middle, root[0, 0], root[0, 1], root[1, 1], np.log(3.0), np.log(0.5), np.median(seen)]
-    fit = least_squares(lambda found: (model(found) - seen).ravel(), start, loss="soft_l1", f_scale=0.03, max_nfev=200)
+    fit = least_squares(
+        lambda found: (model(found) - seen).ravel(), start, loss="soft_l1", f_scale=0.03, max_nfev=ELLIPSE_STEPS
+    )
+    if not scipy_status(fit).converged:
+        return None
     rms = float(np.sqrt(np.mean((model(fit.x) - seen) ** 2)))
     if not rms < POOR or not np.hypot(*(fit.x[:2] - middle)) < ASTRAY:
         return None

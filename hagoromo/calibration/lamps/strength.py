@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.highlight import Highlight, solid_angles
 from hagoromo.errors import InputError
+from hagoromo.least_squares import FitStatus
 
 APERTURE, BORDER = 2.0, 3.0  # times the highlight's radius, and px beside: where its light is summed
 RING = 1.6  # times the aperture: out to there the light of the room is taken
@@ -26,6 +27,7 @@ class Strength:
     """intensity (C,) per channel and its standard error: of a far lamp the irradiance that faces it, of a near one that
     times its distance squared [m²]. source: "reference" or "highlight". scatter: standard deviation of the residuals
     over the brightest value. shading: direction (3,) and standard error [°] that a matte ball tells, None where none.
+    statuses: how the fits of the reference ended, one per channel.
     """
 
     intensity: Array
@@ -33,10 +35,20 @@ class Strength:
     source: str
     scatter: float
     shading: tuple[Array, float] | None = None
+    statuses: tuple[FitStatus, ...] = ()
+
+    def remarks(self) -> list[str]:
+        """One line for each fit that did not converge."""
+        return [one.remark("the lamp's strength") for one in self.statuses if not one.converged]
 
     def record(self) -> dict[str, Any]:
         """What lamps.json says of it, beside `intensity`."""
-        known = {"intensity_standard_error": self.standard_error.tolist(), "intensity_from": self.source}
+        known: dict[str, Any] = {
+            "intensity_standard_error": self.standard_error.tolist(),
+            "intensity_from": self.source,
+        }
+        if self.statuses:
+            known["intensity_convergence"] = [status.record() for status in self.statuses]
         if self.shading is None:
             return {**known, "intensity_scatter": self.scatter}
         shading = {"to_lamp": self.shading[0].tolist(), "standard_error_deg": self.shading[1]}

@@ -18,6 +18,7 @@ from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_file
+from hagoromo.least_squares import FitStatus
 
 FEWEST_PAIRS = 5
 
@@ -29,7 +30,7 @@ class ResponseCalibration:
     interval_95: (wavelengths, channels, 2), lower and upper bound of each value. standard_error: (wavelengths,
     channels), to first order. residual: (channels,) root mean square of the residuals, relative to the channel's mean
     reading. noise: (channels,) that the readings seem to have, likewise relative. length: (channels,) [nm] over which
-    the logarithm of a curve is correlated.
+    the logarithm of a curve is correlated. statuses: (channels,) how the fits ended.
     """
 
     response: Response
@@ -38,6 +39,12 @@ class ResponseCalibration:
     residual: NDArray[np.float64]
     noise: NDArray[np.float64]
     length: NDArray[np.float64]
+    statuses: tuple[FitStatus, ...] = ()
+
+    def remarks(self) -> list[str]:
+        """One line for each channel whose fit did not converge."""
+        pairs = zip(self.response.channels, self.statuses, strict=False)
+        return [status.remark(f"channel {channel}") for channel, status in pairs if not status.converged]
 
     def __repr__(self) -> str:
         """The channels and their residuals."""
@@ -128,6 +135,7 @@ def solve_response(
         np.array(residuals),
         np.array([of.noise for of in curves]),
         np.array([of.length for of in curves]),
+        tuple(of.status for of in curves),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import FitStatus, scipy_status
 
 # Log-normal priors of the deviation of z, its length [nm], the relative noise and its floor (in units of the mean
 # reading): middle, and standard deviation in logarithms. They are wide; they hold what few readings leave open.
@@ -23,7 +24,8 @@ KNEE = 0.3  # κ: below it R falls off as an exponential of z, above it R is z
 ROUGHNESS = 0.1  # of z, from one wavelength to the next: measured curves are not smoother
 LEAST_NOISE = 1e-5  # relative, of any reading
 JITTER = 1e-6  # relative, keeps the kernel invertible in double precision
-STEPS, EVALUATIONS = 200, 600
+CURVE_STEPS = 200  # of Gauss and Newton, to the mode of one curve
+EVIDENCE_STEPS = 600  # evaluations of the evidence, in the search for smoothness and noise
 SETTLED = 1e-6
 Array = NDArray[np.float64]
 
@@ -33,7 +35,7 @@ class PositiveCurve:
     """R > 0 and how well it is known.
 
     values: (n,). standard_error: (n,), to first order. interval_95: (n, 2). length: [nm] over which the curve is
-    correlated. noise: of a mean reading, relative.
+    correlated. noise: of a mean reading, relative. status: how the search for length and noise ended.
     """
 
     values: Array
@@ -41,6 +43,7 @@ class PositiveCurve:
     interval_95: Array
     length: float
     noise: float
+    status: FitStatus
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +77,9 @@ def fit_positive_curve(wavelengths: Array, matrix: Array, readings: Array) -> Po
         return found[1] + 0.5 * float(np.sum(((at - middles) / widths) ** 2))
 
     simplex = np.vstack([middles, middles + 0.5 * np.diag(widths)])
-    options = {"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.01, "maxfev": EVALUATIONS}
-    at = minimize(cost, middles, method="Nelder-Mead", options=options).x
+    options = {"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.01, "maxfev": EVIDENCE_STEPS}
+    search = minimize(cost, middles, method="Nelder-Mead", options=options)
+    at = search.x
     found = _laplace(problem, at, last[0])
     if found is None:
         raise InputError("the fit of the response does not settle: add spectra that differ more")
@@ -85,7 +89,9 @@ def fit_positive_curve(wavelengths: Array, matrix: Array, readings: Array) -> Po
     # R is convex in z: its tangent bounds it from below, and reaches 0 where the readings do not tell R from 0
     interval = np.stack([np.maximum(values - 1.96 * error, 0.0), _positive(z + 1.96 * deviation)], axis=1)
     noise = float(np.sqrt(np.sum(np.exp(2.0 * at[2:4])) + 2.0 * LEAST_NOISE**2))
-    return PositiveCurve(unit * values, unit * error, unit * interval, float(np.exp(at[1])), noise)
+    return PositiveCurve(
+        unit * values, unit * error, unit * interval, float(np.exp(at[1])), noise, scipy_status(search)
+    )
 
 
 def _positive(z: Array) -> Array:
@@ -123,7 +129,7 @@ def _mode(
         return 0.5 * float(np.sum(off**2 / variance) + (z - middle) @ precision @ (z - middle))
 
     z, cost = start, cost_at(start)
-    for _ in range(STEPS):
+    for _ in range(CURVE_STEPS):
         rate = problem.matrix * _slope(z)
         curvature = (rate.T / variance) @ rate + precision
         off = problem.matrix @ _positive(z) - problem.readings

@@ -23,7 +23,7 @@ WELL_TOLD = 0.15  # standard error of ln β and ln γ by the photographs alone, 
 ANY = 1e3  # standard deviation of a law that says nothing
 NORMAL_95 = 1.959964
 NODES = 0.15 * np.arange(-3, 4)  # of ln(n − 1), to either side: a parabola through them tells n and its error
-TURNS = 4  # of the search
+INDEX_SEARCH_TURNS = 4  # of the search
 COPIES, SEED = 4, 0  # of the photographs
 
 
@@ -62,7 +62,7 @@ def _search(fit: PixelFit, gloss: Array, n: float) -> tuple[float, float]:
     """ln(n − 1) at which the photographs are most likely, and its standard error; gloss (P, 2): at `n`."""
     low, high = (float(np.log(bound - 1.0)) for bound in N_RANGE)
     middle, best, error = float(np.log(n - 1.0)), 0.0, np.inf
-    for _ in range(TURNS):
+    for _ in range(INDEX_SEARCH_TURNS):
         nodes = np.clip(middle + NODES, low, high)
         curve = np.polyfit(nodes - middle, [_any_gloss(fit, gloss, n, node) for node in nodes], 2)
         error = float(curve[0] ** -0.5) if curve[0] > 0.0 else np.inf
@@ -78,7 +78,7 @@ def _any_gloss(fit: PixelFit, gloss: Array, n: float, log_n1: float) -> float:
     """−2 ln likelihood of all pixels at ln(n − 1), the gloss of each being any; gloss (P, 2): at `n`."""
     moved, start = _with_index(fit, gloss, n, log_n1)
     law = GlossLaw(start.mean(axis=0), ANY**2 * np.eye(2))
-    return float(lack(moved.at(moved.settled(start, law)), law).sum())
+    return float(lack(moved.at(moved.settled(start, law)[0]), law).sum())
 
 
 def _with_index(fit: PixelFit, gloss: Array, n: float, log_n1: float) -> tuple[PixelFit, Array]:

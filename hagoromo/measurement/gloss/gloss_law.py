@@ -8,27 +8,32 @@ from __future__ import annotations
 
 import numpy as np
 
+from hagoromo.least_squares import SMALLEST_CURVATURE, FitStatus, Status
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
 from hagoromo.measurement.sight import Array
 
-STEPS = 200  # of expectation and maximisation
+GLOSS_LAW_STEPS = 200  # of expectation and maximisation
 STANDSTILL = 1e-3  # relative change of the covariance
 
 
-def likeliest(found: PixelGloss, law: GlossLaw) -> GlossLaw:
-    """The law that makes the photographs most likely, sought from `law` on (Dempster, Laird & Rubin 1977)."""
+def likeliest(found: PixelGloss, law: GlossLaw) -> tuple[GlossLaw, FitStatus]:
+    """The law that makes the photographs most likely, and how the search ended (Dempster, Laird & Rubin 1977).
+
+    It starts from `law`. The last step is relative to the largest variance.
+    """
     told = found.pull + np.einsum("pij,pj->pi", found.information, found.gloss)
-    mean, spread = law.mean, law.covariance
-    for _ in range(STEPS):
+    mean, spread, change = law.mean, law.covariance, np.inf
+    for step in range(GLOSS_LAW_STEPS):
         prior = GlossLaw(mean, spread).information
         covariance = np.linalg.inv(found.information + prior)
         gloss = np.einsum("pij,pj->pi", covariance, told + prior @ mean)
         mean = gloss.mean(axis=0)
         off = gloss - mean
         last, spread = spread, covariance.mean(axis=0) + off.T @ off / len(off)
+        change = float(np.abs(spread - last).max() / max(np.abs(spread).max(), SMALLEST_CURVATURE))
         if np.abs(spread - last).max() < STANDSTILL * np.abs(spread).max():
-            break
-    return GlossLaw(mean, spread)
+            return GlossLaw(mean, spread), FitStatus(Status.CONVERGED, step + 1, last_step=change)
+    return GlossLaw(mean, spread), FitStatus(Status.OUT_OF_STEPS, GLOSS_LAW_STEPS, last_step=change)
 
 
 def lack(found: PixelGloss, law: GlossLaw) -> Array:

@@ -20,7 +20,7 @@ from hagoromo.measurement.sight import Array, sight
 from hagoromo.photograph.capture import Capture
 
 STARTS = 8  # patches that a further material is tried from
-TURNS = 20
+PATCH_TURNS = 20
 FAINTEST = 1e-7  # of the most that a patch says of a lobe: less is rounding
 MOST_MATERIALS = 4  # of one colour
 CHANCE = 30.0  # fall of χ² beyond which a further material is none by chance: 3 numbers and the choice among the grid's
@@ -28,7 +28,6 @@ SMALLEST_SHARE = 0.03  # of the patches that tell gloss
 DISTINCT_WIDTH, DISTINCT_STRENGTH = 1.25, 1.4  # ratios, of two steps of WIDTHS, that materials differ by at least
 SEES_MIDDLE = 0.7  # of γ: a material must be seen this near to the middle of its lobe, or it may be another's tail
 FEWEST_MIDDLES = 3  # patches that see it
-NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ class Patches:
     def _settled(self, lobes: list[Lobe]) -> tuple[list[Lobe], float]:
         """`lobes` after patches and lobes were fitted to each other by turns, and Σ of the patches' least χ²."""
         patches = np.flatnonzero(self.apart)
-        for _ in range(TURNS):
+        for _ in range(PATCH_TURNS):
             costs = np.stack([self.cost(*lobe)[patches] for lobe in lobes])
             nearest = np.argmin(costs, axis=0)
             moved = [self._alone(patches[nearest == i]) if (nearest == i).any() and lobe.strength > 0.0 else lobe

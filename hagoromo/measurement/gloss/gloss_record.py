@@ -23,6 +23,9 @@ def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstim
         "log_evidence": spread.log_evidence,
         "chi_square": {"shared": spread.chi_square[0], "per_pixel": spread.chi_square[1]},
     }
+    record["convergence"] = {"pixels": spread.converged, "fits": [status.record() for status in spread.statuses]}
+    if spread.log_evidence > DECISIVE:
+        material = replace(material, remarks=(*material.remarks, *unsettled_remarks(spread)))
     if spread.follows_angles:
         remark = "pixels differ in gloss as one lobe that is no Gaussian would make them: no maps of it are given"
         return replace(material, gloss=record, remarks=(*material.remarks, remark))
@@ -39,6 +42,14 @@ def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstim
         f"{spread.log_evidence:.3g}): it was measured pixel by pixel, beta and gamma are its geometric means"
     )
     return replace(_with_middle(material, spread), gloss=record, remarks=(*material.remarks, remark))
+
+
+def unsettled_remarks(spread: GlossSpread) -> list[str]:
+    """One line for each fit of the gloss that did not converge."""
+    remarks = [status.remark("the gloss") for status in spread.statuses if not status.converged]
+    if spread.converged < 1.0:
+        remarks.append(f"the gloss of {100.0 * (1.0 - spread.converged):.2g} % of the pixels did not converge")
+    return remarks
 
 
 def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstimate:

@@ -13,17 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares import HUBER, Damping, FitStatuses, Tolerance, levenberg_marquardt
 from hagoromo.measurement.gloss.lobes import Lobes
 from hagoromo.measurement.observations import Observations
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, Loss
+from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.torrance_sparrow import Cosines
 
 START_WIDTHS = np.geomspace(0.35, 2.8, 7)  # of the law's γ: a lobe off by less than 1.3 keeps its overlap with the data
 STARTS_WITHIN = 2.5  # standard deviations of the law that starts may lie from its mean
-ROUNDS = 3  # of weights and variances that follow the model
-STEPS = 25
-DECREMENT = 1e-4  # a pixel has converged when a step would lower χ²/2 by less: 1 % of a standard error
+PIXEL_GLOSS_ROUNDS = 3  # of weights and variances that follow the model
+PIXEL_GLOSS_STEPS = 25  # of a pixel, in each round
+SMALLEST_DECREMENT = 1e-4  # a pixel has converged when a step would lower χ²/2 by less: 1 % of a standard error
 SMALLEST_SPREAD = 1e-4  # standard deviation that keeps a law of no width invertible
 
 
@@ -46,7 +47,7 @@ class PixelGloss:
 
     gloss: (P, 2) ln β F₀ and ln γ. covariance: (P, 2, 2) of the posterior. information: (P, 2, 2) of the photographs
     alone; pull: (P, 2) −½ dχ²/d(gloss). body: (P, C) α c_b and its standard error. chi_square: (P,) with the weights
-    of `PixelFit.weight`.
+    of `PixelFit.weight`. converged: (P,) whether the estimate is at a maximum of the posterior.
     """
 
     gloss: Array
@@ -56,6 +57,7 @@ class PixelGloss:
     body: Array
     body_error: Array
     chi_square: Array
+    converged: NDArray[np.bool_]
 
 
 class PixelFit:
@@ -92,44 +94,29 @@ class PixelFit:
 
     def solve(self, law: GlossLaw) -> PixelGloss:
         """The estimates under `law`; afterwards `weight` is that of the residuals they leave."""
-        gloss = self._start(law)
-        for _ in range(ROUNDS):
+        gloss, converged = self._start(law), np.zeros(len(self), bool)
+        for _ in range(PIXEL_GLOSS_ROUNDS):
             self.reweigh(gloss)
-            gloss = self.settled(gloss, law)
+            gloss, statuses = self.settled(gloss, law)
+            converged = statuses.converged
         found = self.at(gloss)
         covariance = np.asarray(np.linalg.inv(found.information + law.information), np.float64)
         body_error = np.sqrt(found.body_error**2 + self._body_variance(gloss, covariance))
-        return PixelGloss(gloss, covariance, found.information, found.pull, found.body, body_error, found.chi_square)
+        return PixelGloss(
+            gloss, covariance, found.information, found.pull, found.body, body_error, found.chi_square, converged
+        )
 
-    def settled(self, gloss: Array, law: GlossLaw) -> Array:
-        """`gloss` (P, 2) moved to the nearest maximum of the posterior under the present weights."""
-        prior, damping = law.information, np.full(len(self), 1e-3)
-        found = self.at(gloss)
-        cost = found.chi_square + _beside(gloss, law)
-        for _ in range(STEPS):
-            pull = found.pull - (gloss - law.mean) @ prior
-            curvature = found.information + prior
-            newton = np.linalg.solve(curvature, pull[..., None])[..., 0]
-            moving = 0.5 * np.einsum("pi,pi->p", pull, newton) > DECREMENT
-            if not moving.any():
-                break
-            damped = curvature + damping[:, None, None] * curvature * np.eye(2)
-            step = np.linalg.solve(damped, pull[..., None])[..., 0]
-            trial = gloss + np.where(moving[:, None], np.clip(step, -1.0, 1.0), 0.0)
-            trial[:, 1] = np.clip(trial[:, 1], *np.log(GAMMA_RANGE))
-            there = self.at(trial)
-            height = there.chi_square + _beside(trial, law)
-            better = height <= cost
-            gloss, cost = np.where(better[:, None], trial, gloss), np.where(better, height, cost)
-            found = _chosen(better, there, found)
-            damping = np.where(better, np.maximum(damping / 10, 1e-9), np.minimum(damping * 10, 1e9))
-        return gloss
+    def settled(self, gloss: Array, law: GlossLaw) -> tuple[Array, FitStatuses]:
+        """`gloss` (P, 2) moved to the nearest maximum of the posterior under these weights, and how that ended."""
+        problem, tolerance = _Posterior(self, law), Tolerance(decrement=SMALLEST_DECREMENT)
+        found = levenberg_marquardt(problem, self.at(gloss), Damping(), tolerance, PIXEL_GLOSS_STEPS)
+        return found.state.gloss, found.statuses
 
     def reweigh(self, gloss: Array) -> None:
         """Take variances at the values expected for `gloss` (P, 2), and the robust weights of the residuals."""
         model = self.model(gloss)
         variance = self.noise**2 * self.seen.variance_at(model)
-        loss = Loss().weight((self.seen.values - model) / np.sqrt(variance))
+        loss = HUBER.weight((self.seen.values - model) / np.sqrt(variance))
         self.weigh(np.where(self.seen.used, loss, 0.0) / variance)
 
     def weigh(self, weight: Array) -> None:
@@ -160,7 +147,14 @@ class PixelFit:
         ss, sg, gg = (self._sum((weighted[i] * within[j]).sum(axis=1)) for i, j in ((0, 0), (0, 1), (1, 1)))
         information = np.stack([ss, sg, sg, gg], axis=1).reshape(-1, 2, 2)
         return PixelGloss(
-            gloss, np.zeros_like(information), information, pull, body, np.sqrt(self._inverse), chi_square
+            gloss,
+            np.zeros_like(information),
+            information,
+            pull,
+            body,
+            np.sqrt(self._inverse),
+            chi_square,
+            np.zeros(len(self), bool),
         )
 
     def _start(self, law: GlossLaw) -> Array:
@@ -200,6 +194,48 @@ class PixelFit:
         if values.ndim == 1:
             return np.bincount(self.pixel, values, len(self)).astype(np.float64)
         return np.stack([self._sum(column) for column in values.T], axis=1)
+
+
+class _Posterior:
+    """The posterior of P pixels under a law as a problem of `least_squares`; the cost is χ², with the law's part."""
+
+    def __init__(self, fit: PixelFit, law: GlossLaw) -> None:
+        self.fit, self.law, self.prior = fit, law, law.information
+
+    def cost(self, state: PixelGloss) -> Array:
+        """(P,)"""
+        return state.chi_square + _beside(state.gloss, self.law)
+
+    def decrement(self, state: PixelGloss, moving: NDArray[np.bool_]) -> Array:
+        """(P,) of χ²/2, over what is not held at an end of the range of γ."""
+        pull, curvature = self._equations(state)
+        low, high = np.log(GAMMA_RANGE)
+        log_gamma = state.gloss[:, 1]
+        held = ((log_gamma <= low) & (pull[:, 1] < 0.0)) | ((log_gamma >= high) & (pull[:, 1] > 0.0))
+        newton = np.linalg.solve(curvature, pull[..., None])[..., 0]
+        whole = 0.5 * np.einsum("pi,pi->p", pull, newton)
+        return np.where(held, 0.5 * pull[:, 0] ** 2 / curvature[:, 0, 0], whole)
+
+    def trial(self, state: PixelGloss, damping: Array, moving: NDArray[np.bool_]) -> tuple[PixelGloss, Array]:
+        """The state after a damped step, at most 1 in each coordinate."""
+        pull, curvature = self._equations(state)
+        damped = curvature + damping[:, None, None] * curvature * np.eye(2)
+        step = np.linalg.solve(damped, pull[..., None])[..., 0]
+        gloss = state.gloss + np.where(moving[:, None], np.clip(step, -1.0, 1.0), 0.0)
+        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
+        return self.fit.at(gloss), np.linalg.norm(gloss - state.gloss, axis=1)
+
+    def chosen(self, better: NDArray[np.bool_], trial: PixelGloss, state: PixelGloss) -> PixelGloss:
+        """Of each pixel the better one."""
+        return _chosen(better, trial, state)
+
+    def gradient(self, state: PixelGloss) -> Array:
+        """(P,) of χ²/2."""
+        return np.linalg.norm(self._equations(state)[0], axis=1)
+
+    def _equations(self, state: PixelGloss) -> tuple[Array, Array]:
+        pull = state.pull - (state.gloss - self.law.mean) @ self.prior
+        return pull, state.information + self.prior
 
 
 def _beside(gloss: Array, law: GlossLaw) -> Array:

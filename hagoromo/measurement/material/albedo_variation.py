@@ -14,17 +14,18 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hagoromo.errors import InputError
-from hagoromo.measurement.material.material_fit import LACK, NORMAL_MEDIAN
+from hagoromo.least_squares import HUBER, NORMAL_MEDIAN, TUKEY
+from hagoromo.measurement.material.material_fit import LACK, standstill, status_of
 from hagoromo.measurement.material.sandwich import MaterialFit, with_covariance
 from hagoromo.measurement.material.textured_objective import TexturedObjective
-from hagoromo.measurement.robust_fit import Loss, minimise
+from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.sight import Array
 
 FEWEST_VALUES = 2  # of a pixel, on average, from which it can have a body of its own
 FEWEST_PIXELS = 30
 DECISIVE = 5.0  # ln of the odds from which on a texture is taken for one
-ROUNDS = 25
-DECIDED = 5  # rounds after which the loss stays what it is
+TEXTURE_FIT_ROUNDS = 25
+LOSS_ROUNDS = 5  # rounds after which the loss stays what it is
 STANDSTILL = 0.02  # standard errors
 TRIMMED = 0.02  # share of the pixels that may be anything: edges, dust
 TRIMMED_VARIANCE = 0.8735  # of a normal law without the TRIMMED share that lies farthest
@@ -36,12 +37,13 @@ class Texture:
     """Variation of the body colour over the pixels of a material.
 
     variation: (C,) relative standard deviation τ. log_evidence: ln odds for it against one colour. per_pixel: whether
-    the material was therefore measured pixel by pixel.
+    the material was therefore measured pixel by pixel. failure: why it was not, although there is evidence; else "".
     """
 
     variation: tuple[float, ...]
     log_evidence: float
     per_pixel: bool
+    failure: str = ""
 
     def record(self) -> dict[str, Any]:
         """As materials.json has it."""
@@ -49,6 +51,8 @@ class Texture:
 
     def remark(self) -> str:
         """One line for people."""
+        if self.failure:
+            return f"the body colour varies from pixel to pixel, but one colour was fitted to all: {self.failure}"
         varies = ", ".join(f"{100.0 * share:.2g}" for share in self.variation)
         return (
             f"the body colour varies from pixel to pixel (by {varies} % per channel, ln odds {self.log_evidence:.3g}): "
@@ -67,8 +71,8 @@ def find_texture(fit: MaterialFit) -> tuple[MaterialFit, Texture | None]:
         return fit, first
     try:
         textured = fit_textured(fit)
-    except InputError:
-        return fit, replace(first, per_pixel=False)
+    except InputError as error:
+        return fit, replace(first, per_pixel=False, failure=str(error))
     objective = textured.objective
     assert isinstance(objective, TexturedObjective)
     last = _evidence(objective, textured.theta)
@@ -80,13 +84,13 @@ def fit_textured(fit: MaterialFit) -> MaterialFit:
     seen, theta, free = fit.objective.seen, fit.theta.copy(), fit.free
     objective, change = _objective(fit, theta, np.ones_like(seen.values)), np.inf
     biweight, scale = True, 1.0
-    for turn in range(ROUNDS):
+    for turn in range(TEXTURE_FIT_ROUNDS):
         model = objective.model(theta)
         variance = seen.variance_at(model)
-        if turn < DECIDED:
+        if turn < LOSS_ROUNDS:
             scale = _scale(objective, (seen.values - model) / np.sqrt(variance))
             biweight = scale <= LACK
-        loss = Loss(biweight=biweight)
+        loss = TUKEY if biweight else HUBER
         spread = variance * max(scale, 1.0) ** 2
         weights = loss.weight((seen.values - model) / np.sqrt(spread))
         objective = TexturedObjective(seen, spread, loss, weights)
@@ -95,9 +99,11 @@ def fit_textured(fit: MaterialFit) -> MaterialFit:
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
         change = float(moved @ rows.curvature[0][np.ix_(free, free)] @ moved) ** 0.5
-        if turn >= DECIDED and change < (STANDSTILL if rows.converged[0] else STANDSTILL / 10.0):
-            return with_covariance(objective, theta, free, scale, 0.0)
-    raise InputError(f"the fit of each pixel's body still moves by {change:.2g} standard errors after {ROUNDS} rounds")
+        if turn >= LOSS_ROUNDS and standstill(rows, change, STANDSTILL):
+            return with_covariance(objective, theta, free, scale, 0.0, status_of(rows, turn + 1, change))
+    raise InputError(
+        f"the fit of each pixel's body still moves by {change:.2g} standard errors after {TEXTURE_FIT_ROUNDS} rounds"
+    )
 
 
 def _objective(fit: MaterialFit, theta: Array, weights: Array) -> TexturedObjective:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares import HUBER
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.gloss.lobes import Lobes
 from hagoromo.measurement.material.quantity import theta_of
 from hagoromo.measurement.observations import Pixels, known_shape
-from hagoromo.measurement.robust_fit import Loss
 from hagoromo.measurement.sight import Array, sight
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -120,7 +120,7 @@ def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Ar
             variance = photograph.variance[at].astype(np.float64)
             weight = np.where(used & (variance > 0.0), 1.0 / np.where(variance > 0.0, variance, 1.0), 0.0)
             if turn:
-                weight = weight * Loss().weight((rest - body * lit) * np.sqrt(weight))
+                weight = weight * HUBER.weight((rest - body * lit) * np.sqrt(weight))
             pull += weight * lit * rest
             power += weight * lit**2
         body = np.where(power > 0.0, pull / np.where(power > 0.0, power, 1.0), body)

@@ -14,7 +14,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import Texture, find_texture
-from hagoromo.measurement.material.interval import inflation, profile_over_n
+from hagoromo.measurement.material.interval import Profile, inflation, profile_over_n
 from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.quantity import alpha, body_colour, coordinate
@@ -72,18 +72,21 @@ def _detected(fit: MaterialFit) -> bool:
     if fit.theta[c] <= 0.0:
         return False
     without = np.where(np.arange(c + 3) == c, 0.0, fit.theta)[None]
-    cost = minimise(fit.objective, without, np.arange(c + 3) < c).cost[0]
-    fall = 2.0 * (cost - fit.objective.at(fit.theta[None])[0][0])
+    matte = minimise(fit.objective, without, np.arange(c + 3) < c)
+    if not matte.statuses.converged[0]:
+        raise InputError(matte.statuses[0].remark("the matte material that a highlight is detected against"))
+    fall = 2.0 * (matte.cost[0] - fit.objective.at(fit.theta[None])[0][0])
     return bool(fall > DETECTION * inflation(fit, coordinate(c)))
 
 
 def _glossy(seen: Observations, found: Fitted, name: str, pixels: int, error: Array) -> MaterialEstimate:
     """Estimate with the interface term: n estimated, given, or unknown and then chosen."""
     fit = found.fit
-    intervals = intervals_of(profile_over_n(fit))
+    profile = profile_over_n(fit)
+    intervals = intervals_of(profile)
     identifiable = identifiable_of(fit, intervals)
     tested = lack_of_fit(fit)
-    remarks, values, covered = _remarks(found, tested), values_at(fit.theta), fit
+    remarks, values, covered = _remarks(found, tested, profile), values_at(fit.theta), fit
     if not fit.free[-1]:
         remarks.append(f"n = {values['n']:.4g} was given, not measured")
     elif not identifiable["n"]:
@@ -105,6 +108,7 @@ def _glossy(seen: Observations, found: Fitted, name: str, pixels: int, error: Ar
         remarks=tuple(remarks),
         lack_of_fit=None if tested is None else tested.record(),
         texture=None if found.texture is None else found.texture.record(),
+        convergence=fit.status.record(),
         **values,
     )
 
@@ -138,12 +142,13 @@ def _matte(found: Fitted, name: str, pixels: int, n: float | None) -> MaterialEs
         ),
         lack_of_fit=None if tested is None else tested.record(),
         texture=None if found.texture is None else found.texture.record(),
+        convergence=fit.status.record(),
         **values,
     )
 
 
-def _remarks(found: Fitted, tested: LackOfFit | None) -> list[str]:
-    """What the residuals say of the model."""
+def _remarks(found: Fitted, tested: LackOfFit | None, profile: Profile | None = None) -> list[str]:
+    """What the residuals say of the model, and which of its fits did not converge."""
     residuals, remarks = found.fit.residuals, []
     if residuals.model_error:
         remarks.append(
@@ -154,6 +159,12 @@ def _remarks(found: Fitted, tested: LackOfFit | None) -> list[str]:
         remarks.append(f"{100 * residuals.outliers:.2g} % of the values lie beyond 6 standard deviations")
     if tested is not None and tested.rejected:
         remarks.append(tested.remark())
-    if found.texture is not None and found.texture.per_pixel:
+    if found.texture is not None and (found.texture.per_pixel or found.texture.failure):
         remarks.append(found.texture.remark())
+    if profile is not None and not profile.statuses.converged.all():
+        unsettled = int(np.sum(~profile.statuses.converged))
+        remarks.append(
+            f"the fit did not converge at {unsettled} of the {len(profile.rest)} refractive indices that the intervals "
+            "rest on: they may be too narrow"
+        )
     return remarks

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import t as student
 
+from hagoromo.least_squares import FitStatuses
 from hagoromo.measurement.material.quantity import Quantity, coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over
 from hagoromo.measurement.robust_fit import N_RANGE, at_bound, minimise
@@ -30,12 +31,16 @@ FINE = 48  # points read off the profile between two nodes
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The fit at K values of ln(n − 1): rest (K,) is Δχ², theta (K, P), covariance (K, P, P) at n held."""
+    """The fit at K values of ln(n − 1): rest (K,) is Δχ², theta (K, P), covariance (K, P, P) at n held.
+
+    statuses: how the fit of each point ended.
+    """
 
     fit: MaterialFit
     rest: Array
     theta: Array
     covariance: Array
+    statuses: FitStatuses
 
     @property
     def log_n1(self) -> Array:
@@ -55,7 +60,7 @@ def profile_over_n(fit: MaterialFit) -> Profile:
     pairs = zip(rows.curvature, rows.theta, strict=True)
     covariance = np.stack([inverse_over(curvature, others & ~at_bound(theta)) for curvature, theta in pairs])
     best = fit.objective.at(fit.theta[None])[0][0]
-    return Profile(fit, np.maximum(2.0 * (rows.cost - best), 0.0), rows.theta, covariance)
+    return Profile(fit, np.maximum(2.0 * (rows.cost - best), 0.0), rows.theta, covariance, rows.statuses)
 
 
 def _nodes(fit: MaterialFit) -> Array:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import HUBER, HUBER_SCALE, scipy_status
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Pixels, known_shape, noise_gain, stratified
-from hagoromo.measurement.robust_fit import HUBER, Loss
 from hagoromo.measurement.sight import Array, sight
 from hagoromo.photograph.capture import Capture
 
@@ -27,7 +27,8 @@ LARGEST_ERROR = 0.1  # standard error of a chromaticity beyond which no lamp col
 FEWEST = 100  # values of a material
 SIGNIFICANT = 10.0  # standard deviations of the scatter that noise alone gives
 STEP, WIDE_STEP = 1e-6, 1e-4  # of numerical first and second derivatives [rad]
-ROUNDS = 3  # of re-weighting by the variance of the fitted value
+LAMP_COLOUR_STEPS: int | None = None  # evaluations of one fit: SciPy's 100 per unknown
+LAMP_COLOUR_ROUNDS = 3  # of re-weighting by the variance of the fitted value
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +120,19 @@ def _meeting(clouds: list[Cloud]) -> LampColour:
     first, second = normals(np.array([0.0, 0.0, 0.0, np.pi / 2]))
     x = np.array([0.0, 0.0, *np.arctan2(planes @ second, planes @ first)])
     variances = [cloud.noise for cloud in clouds]
-    for _ in range(ROUNDS):
-        x = least_squares(distances, x, args=(variances,), loss="huber", f_scale=HUBER, x_scale="jac").x
+    for _ in range(LAMP_COLOUR_ROUNDS):
+        fit = least_squares(
+            distances,
+            x,
+            args=(variances,),
+            loss="huber",
+            f_scale=HUBER_SCALE,
+            x_scale="jac",
+            max_nfev=LAMP_COLOUR_STEPS,
+        )
+        if not scipy_status(fit).converged:
+            raise InputError(f"{scipy_status(fit).remark('the lamp colour')}: give the lamp's spectrum")
+        x = fit.x
         variances = [_variance_at_foot(cloud, p) for cloud, p in zip(clouds, normals(x), strict=True)]
 
     def scores(at: Array) -> Array:
@@ -128,7 +140,7 @@ def _meeting(clouds: list[Cloud]) -> LampColour:
         r = distances(at, variances)
         steps = STEP * np.eye(len(at))
         j = [distances(at + step, variances) - distances(at - step, variances) for step in steps]
-        return np.stack(j, axis=1) / (2 * STEP) * (Loss().weight(r) * r)[:, None]
+        return np.stack(j, axis=1) / (2 * STEP) * (HUBER.weight(r) * r)[:, None]
 
     # the whole Hessian: JᵀJ alone counts the noise within the planes as if it told where they are
     steps = WIDE_STEP * np.eye(len(x))

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from scipy.optimize import root_scalar
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import HUBER, NORMAL_MEDIAN, TUKEY, FitStatus, Status
 from hagoromo.measurement.material.material_objective import MaterialObjective, expected
 from hagoromo.measurement.material.sandwich import MaterialFit, with_covariance
 from hagoromo.measurement.observations import Observations
-from hagoromo.measurement.robust_fit import Loss, Objective, minimise
+from hagoromo.measurement.robust_fit import Objective, Rows, minimise
 from hagoromo.measurement.sight import Array
 
 START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a lobe off by less than 1.3 in width keeps its overlap with the data
 START_N = (1.2, 1.7)
-RANKING_STEPS = 6  # the linear fits at the starts are only compared, not kept
-ROUNDS = 30
-DECIDED = 6  # rounds after which the loss stays what it is and no value returns
-SETTLED = 15  # rounds after which the model error stays what it is, too
+START_RANKING_STEPS = 6  # the linear fits at the starts are only compared, not kept
+MATERIAL_FIT_ROUNDS = 30
+LOSS_ROUNDS = 6  # rounds after which the loss stays what it is and no value returns
+MODEL_ERROR_ROUNDS = 15  # rounds after which the model error stays what it is, too
 STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
-NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 LACK = 1.2  # robust scale beyond which the model lacks: 10 % of gross outliers would raise it to 1.14 only
 SATURATION_MARGIN = 4.0  # standard deviations below the ceiling
 LOG_MODEL_ERROR = (np.log(1e-6), np.log(10.0))  # range searched, relative
@@ -48,26 +48,42 @@ def fit_material(seen: Observations, n: float | None = None, with_interface: boo
     theta = _start(seen, n, free) if with_interface else _matte_start(seen, n)
     usable, lacks, model_error, change = seen.used, False, 0.0, np.inf
     signal = np.abs(expected(seen.sight, theta))
-    for turn in range(ROUNDS):
+    for turn in range(MATERIAL_FIT_ROUNDS):
         model = expected(seen.sight, theta)
         # decided anew in the first rounds only: a choice between two near equals could otherwise go on for ever
-        usable = usable if turn < DECIDED else seen.used
+        usable = usable if turn < LOSS_ROUNDS else seen.used
         seen = replace(seen, used=usable & _below_ceiling(seen, model))
         scale = _scale(seen, model)
-        lacks = scale > LACK if turn < DECIDED else lacks
-        if turn < SETTLED:
+        lacks = scale > LACK if turn < LOSS_ROUNDS else lacks
+        if turn < MODEL_ERROR_ROUNDS:
             # the middle of all rounds: a lobe and the variance that follows it could chase each other for ever
             signal = np.sqrt(signal * np.abs(model))
             model_error = _model_error(seen, model, signal) if lacks else 0.0
         variance = seen.variance_at(model) + (model_error * signal) ** 2
-        objective = MaterialObjective(seen, variance, Loss(biweight=not lacks))
+        objective = MaterialObjective(seen, variance, HUBER if lacks else TUKEY)
         rows = minimise(objective, theta[None], free)
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
         change = float(moved @ rows.curvature[0][np.ix_(free, free)] @ moved) ** 0.5
-        if change < (STANDSTILL if rows.converged[0] else STANDSTILL / 10.0):  # steps of rounding never converge
-            return with_covariance(objective, theta, free, scale, model_error)
-    raise InputError(f"the fit still moves by {change:.2g} standard errors after {ROUNDS} rounds")
+        if standstill(rows, change, STANDSTILL):
+            return with_covariance(objective, theta, free, scale, model_error, status_of(rows, turn + 1, change))
+    raise InputError(
+        f"the fit still moves by {change:.2g} standard errors after {MATERIAL_FIT_ROUNDS} rounds: mask pixels that "
+        "this reflectance cannot explain, or give more photographs"
+    )
+
+
+def standstill(rows: Rows, change: float, limit: float) -> bool:
+    """Whether a round that moved its one row by `change` standard errors is the last: a tenth of `limit` if unsettled.
+
+    Steps that rounding alone rejects never meet the test of convergence.
+    """
+    return change < (limit if rows.statuses.converged[0] else limit / 10.0)
+
+
+def status_of(rows: Rows, rounds: int, change: float) -> FitStatus:
+    """The status of rounds that came to a standstill, the last of which gave `rows`."""
+    return replace(rows.statuses[0], status=Status.CONVERGED, steps=rounds, last_step=change)
 
 
 def _start(seen: Observations, n: float | None, free: NDArray[np.bool_]) -> Array:
@@ -78,9 +94,9 @@ def _start(seen: Observations, n: float | None, free: NDArray[np.bool_]) -> Arra
     theta[:, -2:] = np.log(grid - [0.0, 1.0])
     # where the model lacks, residuals of many standard deviations would make the loss a sum of absolute values
     scale = max(_scale(seen, expected(seen.sight, matte)), 1.0)
-    objective = Objective(seen, scale**2 * seen.noise, Loss())
+    objective = Objective(seen, scale**2 * seen.noise, HUBER)
     linear = np.arange(theta.shape[1]) <= seen.channels
-    ranked = minimise(objective, theta, linear, RANKING_STEPS)
+    ranked = minimise(objective, theta, linear, START_RANKING_STEPS)
     rows = minimise(objective, ranked.theta[np.argsort(ranked.cost)[:3]], free)
     return rows.theta[np.argmin(rows.cost)]
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares import FitStatus
 from hagoromo.measurement.material.material_objective import MaterialObjective
 from hagoromo.measurement.robust_fit import at_bound
 from hagoromo.measurement.sight import Array
@@ -38,6 +39,7 @@ class MaterialFit:
 
     objective: the least squares, frozen at the estimate, and its weight W (N, C). curvature: (P, P) JᵀWJ. covariance:
     (P, P), sandwich. free: (P,) coordinates that were estimated. inside: (P,) those of them inside their range.
+    status: how the rounds of the fit ended; steps are rounds, the last step is in standard errors.
     influence: (V, P) on the estimate of each value that was used, by a residual of usual size; group: (V,) values whose
     residuals the sandwich took for independent have different ones.
     """
@@ -50,12 +52,18 @@ class MaterialFit:
     free: NDArray[np.bool_]
     inside: NDArray[np.bool_]
     residuals: Residuals
+    status: FitStatus
     influence: Array
     group: NDArray[np.intp]
 
 
 def with_covariance(
-    objective: MaterialObjective, theta: Array, free: NDArray[np.bool_], scale: float, model_error: float
+    objective: MaterialObjective,
+    theta: Array,
+    free: NDArray[np.bool_],
+    scale: float,
+    model_error: float,
+    status: FitStatus,
 ) -> MaterialFit:
     """The fit with weights frozen where they are, and the sandwich covariance A⁻¹BA⁻¹ of the estimate (Huber 1981).
 
@@ -89,7 +97,17 @@ def with_covariance(
     chi_square = float(np.sum(squared) / (squared.size - np.sum(inside) - np.sum(own)))
     residuals = Residuals(scale, model_error, chi_square, float(np.mean(np.abs(r) > OUTLIER)))
     return MaterialFit(
-        theta, frozen, weights / objective.variance, curvature, covariance, free, inside, residuals, influence, group
+        theta,
+        frozen,
+        weights / objective.variance,
+        curvature,
+        covariance,
+        free,
+        inside,
+        residuals,
+        status,
+        influence,
+        group,
     )
 
 

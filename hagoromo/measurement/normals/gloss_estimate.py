@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import Status
 from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.material.quantity import log_albedo, theta_of
 from hagoromo.measurement.normals.normals import NormalMap
@@ -86,6 +87,7 @@ def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
             f"body colours are measured pixel by pixel: they vary by {100 * varies:.0f} % over the material",
             *_remarks(fit, number, told),
         ),
+        convergence=None if fit.status is None else fit.status.record(),
         **value,
     )
 
@@ -93,6 +95,7 @@ def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
 def _remarks(fit: Fit, number: int, told: dict[str, bool]) -> list[str]:
     """What the photographs say of the model, and what they do not tell."""
     remarks = [
+        *_unsettled(fit, number),
         f"the model is off by {100 * fit.model_error:.1f} % beside the noise",
         f"n is not told by lamps on the eye's side: {N} was chosen, and beta belongs to it",
     ]
@@ -103,6 +106,20 @@ def _remarks(fit: Fit, number: int, told: dict[str, bool]) -> list[str]:
     unknown = [key for key in ("alpha", "beta", "gamma") if not told[key]]
     if unknown:
         remarks.append(f"not told by these photographs: {', '.join(unknown)}")
+    return remarks
+
+
+def _unsettled(fit: Fit, number: int) -> list[str]:
+    """One line for the fit of gloss and lamps, and one for the normals, where they did not converge."""
+    remarks = []
+    if fit.status is not None and not fit.status.converged:
+        remarks.append(fit.status.remark("gloss and lamps"))
+    if fit.shape_status is not None and not fit.shape_status.converged:
+        remarks.append(fit.shape_status.remark("the surface under near lamps"))
+    if fit.pixel_status is not None:
+        share = float(np.mean(fit.pixel_status[fit.labels == number] != Status.CONVERGED))
+        if share > 0.0:
+            remarks.append(f"the normal of {100.0 * share:.2g} % of its pixels did not converge")
     return remarks
 
 

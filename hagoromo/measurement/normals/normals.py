@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.photometric_fit import photometric_fit
 from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.pixel_fit import CAUCHY
 from hagoromo.measurement.normals.shading import GRAZING, Gloss
 from hagoromo.measurement.normals.views import Array, Views, views
 from hagoromo.photograph.capture import Capture
@@ -23,7 +23,7 @@ from hagoromo.progress import Progress, silent
 
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)
 START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start
-REWEIGHTINGS = 10
+LAMBERT_REWEIGHTINGS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +105,9 @@ def robust_lambert(seen: Views) -> tuple[Array, Array]:
     spread = noise + (START_ERROR * np.maximum(grey, grey.mean(axis=0))) ** 2
     weight = np.where(seen.used, 1.0, 1e-6)
     scaled = _weighted(seen, weight)
-    for _ in range(REWEIGHTINGS):
+    for _ in range(LAMBERT_REWEIGHTINGS):
         model = np.maximum(np.einsum("kpi,pi->kp", seen.to_lamp, scaled), 0.0)
-        squared = (grey - model) ** 2 / (spread * CAUCHY**2)
+        squared = (grey - model) ** 2 / (spread * CAUCHY_SCALE**2)
         weight = np.where(seen.used, 1.0, 1e-6) / (1.0 + squared)
         scaled = _weighted(seen, weight)
     return _split(seen, scaled, weight)

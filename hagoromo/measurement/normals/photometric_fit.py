@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hagoromo.least_squares import NORMAL_MEDIAN, Damping, SingleProblem, Tolerance, levenberg_marquardt
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.photometric_model import Fit, precision, predicted, size
 from hagoromo.measurement.normals.photometric_prior import Prior
@@ -18,9 +19,10 @@ from hagoromo.measurement.normals.pixel_fit import Light, fit_pixels
 from hagoromo.measurement.normals.views import Views
 
 SUBSET = 2000  # pixels that gloss and lamps are estimated from
-STEPS, ROUNDS = 12, 3
+PHOTOMETRIC_FIT_STEPS, PHOTOMETRIC_FIT_ROUNDS = 12, 3
+PHOTOMETRIC_FIT_DAMPING = Damping(start=1e-2, shrink=5.0, grow=5.0, least=1e-5, most=np.inf, ties=False)
+PHOTOMETRIC_FIT_GAIN = 1e-4  # of the cost: a step that gains less is the last
 FLOOR = 0.003  # least relative error of the model
-NORMAL_MEDIAN = 0.4549364  # median of r² for a normal r
 
 
 def photometric_fit(seen: Views, start: Fit, prior: Prior | None = None, seed: int = 0) -> tuple[Views, Fit]:
@@ -31,8 +33,10 @@ def photometric_fit(seen: Views, start: Fit, prior: Prior | None = None, seed: i
     fit = fit_together(seen, start, prior or Prior(), seed)
     seen = seen.under(shifted_lamps(seen, fit.shift), float(np.exp(fit.depth)))
     light = Light(fit.gloss.rows[fit.labels], fit.evenness(seen.place), precision(seen, fit.model_error))
-    normals, body, variance = fit_pixels(seen, light, start.normals, start.body)
-    return seen, replace(fit, normals=normals, body=body, variance=variance)
+    pixels = fit_pixels(seen, light, start.normals, start.body)
+    return seen, replace(
+        fit, normals=pixels.normals, body=pixels.body, variance=pixels.variance, pixel_status=pixels.status
+    )
 
 
 def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
@@ -44,19 +48,14 @@ def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
     share = independent_share(seen, start) * count / len(chosen)
     problem = Problem(seen.pixels(chosen), seen.place[chosen], share, prior)
-    fit = start.pixels(chosen)
-    for _ in range(ROUNDS):
-        step, damping = Step(problem, fit), 1e-2
-        first = step.cost
-        for _ in range(STEPS):
-            trial = Step(problem, step.moved(damping))
-            if trial.cost < step.cost:
-                settled = step.cost - trial.cost < 1e-4 * step.cost
-                step, damping = trial, max(damping / 5, 1e-5)
-                if settled:
-                    break
-            else:
-                damping *= 5
+    fit, status = start.pixels(chosen), None
+    for _ in range(PHOTOMETRIC_FIT_ROUNDS):
+        start_of_round = Step(problem, fit)
+        tolerance = Tolerance(gain=PHOTOMETRIC_FIT_GAIN)
+        found = levenberg_marquardt(
+            SingleProblem(), start_of_round, PHOTOMETRIC_FIT_DAMPING, tolerance, PHOTOMETRIC_FIT_STEPS
+        )
+        first, step, status = start_of_round.cost, found.state, found.status
         fit = replace(step.fit, model_error=_model_error(step))
         learnt = problem.prior.learnt(prior, step.of_lamps, step.covariances()[1])
         problem = replace(problem, prior=learnt)
@@ -72,6 +71,7 @@ def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
         depth=fit.depth,
         model_error=fit.model_error,
         covariance=step.covariances()[0],
+        status=status,
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares import FitStatus
 from hagoromo.measurement.normals.shading import Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
 
@@ -24,7 +25,9 @@ class Fit:
     the distance of the surface over what it is said to be.
 
     model_error: relative error of the model beside the noise. variance: (P,) of the normal's direction [rad²], the sum
-    over its two turns; inf where not estimated. covariance: (M, 4, 4) of the rows of `gloss`.
+    over its two turns; inf where not estimated. covariance: (M, 4, 4) of the rows of `gloss`. status: how the fit of
+    gloss and lamps ended; pixel_status: (P,) `Status` of the fit of each normal; shape_status: how the
+    rounds of normals and surface under near lamps ended. None for what was not fitted so.
     """
 
     normals: Array
@@ -38,6 +41,9 @@ class Fit:
     model_error: float
     variance: Array
     covariance: Array
+    status: FitStatus | None = None
+    pixel_status: NDArray[np.int8] | None = None
+    shape_status: FitStatus | None = None
 
     def evenness(self, place: Array) -> Array:
         """s_k (K, P) at `place` (P, 2)."""
@@ -45,7 +51,8 @@ class Fit:
 
     def pixels(self, chosen: NDArray) -> Fit:
         """The fit of some pixels."""
-        parts = {name: getattr(self, name)[chosen] for name in ("normals", "labels", "variance")}
+        names = ("normals", "labels", "variance", *([] if self.pixel_status is None else ["pixel_status"]))
+        parts = {name: getattr(self, name)[chosen] for name in names}
         return replace(self, body=self.body[:, chosen], **parts)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hagoromo.measurement.normals.pixel_fit import CAUCHY
+from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.normals.views import Array
 
 WORTH = 6.0  # numbers that a stated scale counts for beside those of the lamps
@@ -35,14 +35,14 @@ class Prior:
 
     def loss(self, lamps: Array) -> float:
         """Twice the negative logarithm of the prior of `lamps` (K, 6): ln e, a, shift."""
-        strength = CAUCHY**2 * np.log1p((lamps[:, 0] / self.strength / CAUCHY) ** 2)
+        strength = CAUCHY_SCALE**2 * np.log1p((lamps[:, 0] / self.strength / CAUCHY_SCALE) ** 2)
         others = np.sum((lamps[:, 1:3] / self.slope) ** 2) + np.sum((lamps[:, 3:] / self.direction) ** 2)
         return float(np.sum(strength) + others)
 
     def precision(self, lamps: Array) -> Array:
         """(K, 6) curvature of the prior at `lamps`; Cauchy's as a weight."""
         found = np.empty(lamps.shape)
-        found[:, 0] = 1.0 / (self.strength**2 + (lamps[:, 0] / CAUCHY) ** 2)
+        found[:, 0] = 1.0 / (self.strength**2 + (lamps[:, 0] / CAUCHY_SCALE) ** 2)
         found[:, 1:3] = self.slope**-2.0
         found[:, 3:] = self.direction**-2.0
         return found
@@ -53,7 +53,7 @@ class Prior:
         stated: what the scales were said to be; it counts for WORTH more numbers.
         """
         weight = np.ones(lamps.shape)
-        weight[:, 0] = 1.0 / (1.0 + (lamps[:, 0] / self.strength / CAUCHY) ** 2)
+        weight[:, 0] = 1.0 / (1.0 + (lamps[:, 0] / self.strength / CAUCHY_SCALE) ** 2)
         second = weight * (lamps**2 + variance)
 
         def scale(columns: slice, before: float) -> float:

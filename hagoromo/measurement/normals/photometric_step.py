@@ -8,13 +8,14 @@ law would pass for uneven lamps.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.normals.lamp_shift import Shifted, shifted
 from hagoromo.measurement.normals.photometric_model import Fit, precision
 from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.pixel_fit import CAUCHY
 from hagoromo.measurement.normals.shading import Gloss, Shading, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 
@@ -50,9 +51,9 @@ class Step:
         self.model = self.even * (fit.body * self.shade.body[:, None] + self.shade.interface[:, None])
         self.deviation = seen.values - self.model
         inverse = precision(seen, fit.model_error)
-        squared = self.deviation**2 * inverse / CAUCHY**2
+        squared = self.deviation**2 * inverse / CAUCHY_SCALE**2
         self.weight_of_rows = _rows(problem.share * inverse / (1.0 + squared))  # (P, K·C)
-        self.cost = 0.5 * (problem.share * CAUCHY**2 * float(np.log1p(squared).sum()) + self._prior_loss())
+        self.cost = 0.5 * (problem.share * CAUCHY_SCALE**2 * float(np.log1p(squared).sum()) + self._prior_loss())
 
     @property
     def of_lamps(self) -> Array:
@@ -63,6 +64,19 @@ class Step:
         prior = self.problem.prior
         gloss = np.sum(((self.fit.gloss.rows - prior.gloss[:, 0]) / prior.gloss[:, 1]) ** 2)
         return float(gloss) + prior.loss(self.of_lamps) + (self.fit.depth / prior.distance) ** 2
+
+    @property
+    def gradient(self) -> float:
+        """Norm of the slope of the cost by gloss, lamps and depth, the pixels following."""
+        return float(np.linalg.norm(self._undamped[1]))
+
+    def trial(self, damping: float) -> tuple[Step, float]:
+        """The point after a damped step, and the size of the step in gloss, lamps and depth."""
+        after = self.moved(damping)
+        before, there = ((fit.gloss.rows, fit.strength, fit.slope, fit.shift) for fit in (self.fit, after))
+        parts = [np.sum((b - a) ** 2) for a, b in zip(before, there, strict=True)]
+        size = float(np.sqrt(sum(parts) + (after.depth - self.fit.depth) ** 2))
+        return Step(self.problem, after), size
 
     def moved(self, damping: float) -> Fit:
         """One damped step of everything."""
@@ -91,13 +105,19 @@ class Step:
 
     def covariances(self) -> tuple[Array, Array]:
         """(M, OF_GLOSS, OF_GLOSS) of each material's row of gloss, (K, OF_LAMP) variance of lamps; all else free."""
-        outer, _, _ = self._reduced(1e-6)  # not 0: some pixels are lit by too few lamps to be eliminated
+        outer, _ = self._undamped
         count = len(self.fit.gloss.rows)
         inverse = np.linalg.inv(outer)
         split = OF_GLOSS * count
         of_gloss = inverse[:split, :split].reshape(count, OF_GLOSS, count, OF_GLOSS)
         of_lamps = np.diag(inverse)[split:-1].reshape(-1, OF_LAMP).astype(np.float64)
         return np.stack([of_gloss[m, :, m] for m in range(count)]).astype(np.float64), of_lamps
+
+    @cached_property
+    def _undamped(self) -> tuple[Array, Array]:
+        """Normal equations of gloss, lamps and depth; damped by 1e-6, as some pixels are lit by too few lamps."""
+        outer, push, _ = self._reduced(1e-6)
+        return outer, push
 
     def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
         """Normal equations of gloss, lamps, depth with the pixels eliminated; the pixels' part (P, 2 + C, · + 1)."""

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
+from hagoromo.least_squares import CAUCHY_SCALE, Status
 from hagoromo.measurement.normals.shading import GRAZING, N, body_of
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
-CAUCHY = 2.385  # standard deviations: 95 % efficient on normal errors (Holland and Welsch 1977)
-STEPS = 15
+PIXEL_FIT_STEPS = 15
 SETTLED = 1e-4  # of its loss, gain of a step from which on a pixel has settled
 FEW = 2e-4  # share of the pixels that may still be moving at the end
+STALLED_DAMPING = 1e3  # of a pixel: five rejected trials or more in a row brought it there
 LONGEST_TURN = 0.3  # rad, of a normal in one step
 WEAKEST = 1e-3  # rad⁻²: curvature that keeps the step of a pixel finite that hardly any lamp lights
 DIMMEST = 0.1  # of its body colour that a step may leave
@@ -52,27 +53,50 @@ class Equations(NamedTuple):
     pull_body: list[Any]
 
 
-def fit_pixels(seen: Views, light: Light, normals: Array, body: Array) -> tuple[Array, Array, Array]:
-    """Normals (P, 3), body colours (C, P) and variance of the normals (P,) [rad²] from where they start."""
+class PixelFit(NamedTuple):
+    """normals (P, 3), body colours (C, P), variance of the normals (P,) [rad²], and the `Status` (P,) of each pixel."""
+
+    normals: Array
+    body: Array
+    variance: Array
+    status: NDArray[np.int8]
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """(P,)"""
+        return self.status == Status.CONVERGED
+
+
+def fit_pixels(seen: Views, light: Light, normals: Array, body: Array) -> PixelFit:
+    """The normal and body colour of every pixel, from where they start.
+
+    A pixel has converged when its last accepted step lowered its loss by less than a share SETTLED of it, or none of
+    its trials does. It has stalled when its damping grew to STALLED_DAMPING before any step did; else, when the steps
+    are used up, it is out of steps.
+    """
     data = PixelData(seen, light)
     normal, colour = data.vectors(normals), [data.floats(channel) for channel in body]
     at, damping = data.equations(normal, colour), dr.full(arrays().Float, 1e-2, len(normals))
-    dr.make_opaque(damping)
-    for _ in range(STEPS):
+    settled = dr.full(arrays().Bool, False, len(normals))
+    dr.make_opaque(damping, settled)
+    for _ in range(PIXEL_FIT_STEPS):
         tried, tried_colour = data.moved(normal, colour, at, damping)
         dr.eval(tried, tried_colour)  # one kernel for the equations, compiled once
         there = data.equations(tried, tried_colour)
         better = there.loss < at.loss
         moving = better & (at.loss - there.loss > SETTLED * at.loss)
+        settled = dr.select(better, ~moving, settled)
         normal = dr.select(better, tried, normal)
         colour = [dr.select(better, new, old) for new, old in zip(tried_colour, colour, strict=True)]
         at = Equations(*_chosen(better, there, at))
         damping = dr.select(better, dr.fmax(0.2 * damping, 1e-5), 5.0 * damping)
-        dr.eval(normal, colour, damping, moving, *at)
+        dr.eval(normal, colour, damping, moving, settled, *at)
         if int(dr.count(moving)[0]) <= FEW * len(normals):
             break
-    variance = _variance(at)
-    return normal.numpy().T.astype(np.float64), np.array([c.numpy() for c in colour], np.float64), variance.numpy()
+    stalled = damping.numpy() >= STALLED_DAMPING
+    status = np.where(settled.numpy(), Status.CONVERGED, np.where(stalled, Status.STALLED, Status.OUT_OF_STEPS))
+    colours = np.array([c.numpy() for c in colour], np.float64)
+    return PixelFit(normal.numpy().T.astype(np.float64), colours, _variance(at).numpy(), status.astype(np.int8))
 
 
 class PixelData:
@@ -113,10 +137,10 @@ class PixelData:
                 place = (lamp * c + i) * self.width + pixel
                 deviation = dr.gather(kinds.Float, self.values, place) - scale * (body[i] * shade[0] + shade[1])
                 precision = dr.gather(kinds.Float, self.precision, place)
-                squared = deviation * deviation * precision * (1.0 / CAUCHY**2)
+                squared = deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2)
                 weight = precision / (1.0 + squared)
                 a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
-                terms = (CAUCHY**2 * dr.log(1.0 + squared), weight * a * a, weight * a * b, weight * b * b)
+                terms = (CAUCHY_SCALE**2 * dr.log(1.0 + squared), weight * a * a, weight * a * b, weight * b * b)
                 pulls = (weight * a * deviation, weight * b * deviation)
                 for j, term in enumerate((*terms, *pulls)):
                     new[j] += term

@@ -12,7 +12,8 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.measurement.normals.pixel_fit import CAUCHY, WEAKEST, Light, PixelData, frame
+from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.measurement.normals.pixel_fit import WEAKEST, Light, PixelData, frame
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
 
 STRIDE = 1e-3  # of the distance to the eye, of the differences that slopes are taken from
@@ -80,7 +81,7 @@ def _sums(data: PixelData, normal: Any, body: list[Any], towards: Any, brighter:
             slope = (more * scale * (body[i] * there[0] + there[1]) - model) * (1.0 / STRIDE)
             deviation = dr.gather(kinds.Float, data.values, place) - model
             precision = dr.gather(kinds.Float, data.precision, place)
-            weight = precision / (1.0 + deviation * deviation * precision * (1.0 / CAUCHY**2))
+            weight = precision / (1.0 + deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2))
             a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
             for j, by in enumerate((slope, a, b, deviation)):
                 new[j] += weight * slope * by

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import FitStatus, Status
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals
 from hagoromo.measurement.normals.photometric_fit import independent_share
 from hagoromo.measurement.normals.photometric_model import Fit, precision
@@ -24,7 +25,7 @@ from hagoromo.measurement.surface.depth_pull import depth_pull
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
-ROUNDS = 6
+SHAPE_ROUNDS = 6
 SIMPLE = 2  # rounds in which bodies are Lambert's and lamps where they are said to be: the shape is still wrong
 SETTLED = 5e-4  # rms change of ln depth from one round to the next that ends them
 STRICT = 1e-3  # scale of what is held still in those rounds
@@ -33,11 +34,15 @@ LONGEST = 0.1  # of ln depth that one round moves a pixel by
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """found: the normals and what came with them; surface: the points that go with them; rounds that it took."""
+    """found: the normals and what came with them; surface: the points that go with them; rounds that it took.
+
+    status: how the rounds ended; the last step is the rms change of ln depth in the last of them.
+    """
 
     found: NormalMap
     surface: Surface
     rounds: int
+    status: FitStatus
 
 
 def has_near_lamps(capture: Capture) -> bool:
@@ -61,8 +66,9 @@ def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, p
         points = camera.position + rays * (distance / (rays @ camera.camera_to_world[:3, 2]))[..., None]
     labels: NDArray[np.integer] | None = np.zeros((camera.height, camera.width), np.intp)
     strict = replace(prior, strength=STRICT, slope=STRICT, direction=STRICT, roughness=STRICT, exponent=STRICT)
-    for round_ in range(ROUNDS):
-        progress(round_ / ROUNDS, f"shape, round {round_ + 1}")
+    status, change = Status.OUT_OF_STEPS, np.inf
+    for round_ in range(SHAPE_ROUNDS):
+        progress(round_ / SHAPE_ROUNDS, f"shape, round {round_ + 1}")
         here = replace(capture, points=np.asarray(points, np.float32))
         early = round_ < SIMPLE
         found = solve_normals(here, labels if early else None, strict if early else prior)
@@ -72,10 +78,12 @@ def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, p
         change = _change(points, surface.points, camera.position)
         points = np.where(found.variance[..., None] < np.inf, surface.points, points)
         if not early and change < SETTLED:
+            status = Status.CONVERGED
             break
     surface = surface_from_normals(found.normals, camera, middle, found.variance, told)
     progress(1.0, "")
-    return Shape(found, surface, round_ + 1)
+    ended = FitStatus(status, round_ + 1, last_step=change)
+    return Shape(replace(found, fit=replace(found.fit, shape_status=ended)), surface, round_ + 1, ended)
 
 
 def depth_told(found: NormalMap) -> DepthTold:

@@ -41,7 +41,7 @@ class Fine:
     """Full-size maps: normals, points (h, w, 3), body (h, w, C), 0 where unknown; labels (h, w), −1 unknown.
 
     variance (h, w) of the normals [rad²] and depth_variance (h, w) of the distance [m²], inf where unknown: the latter
-    is the coarse surface's.
+    is the coarse surface's. converged (h, w): whether the fit of a pixel's normal did.
     """
 
     normals: NDArray[np.float32]
@@ -50,6 +50,13 @@ class Fine:
     labels: NDArray[np.int16]
     points: NDArray[np.float32]
     depth_variance: NDArray[np.float32]
+    converged: NDArray[np.bool_]
+
+    def remarks(self) -> list[str]:
+        """One line where the normals of some pixels did not converge."""
+        known = np.isfinite(self.variance)
+        share = float(np.mean(~self.converged[known]))
+        return [f"the normal of {100.0 * share:.2g} % of all pixels did not converge"] if share > 0.0 else []
 
 
 def solve_coarse(store: TileStore, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Coarse:
@@ -74,6 +81,7 @@ def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, t
         np.full(size, -1, np.int16),
         np.zeros((*size, 3), np.float32),
         np.full(size, np.inf, np.float32),
+        np.zeros(size, bool),
     )
     known = tiles or range(store.count)
     for i, tile in enumerate(known):
@@ -106,10 +114,11 @@ def _solve_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> None
     labels = label_of[inside, np.minimum(seen.columns // store.factor, small.shape[1] - 1)]
     even = evenness(fit.strength, fit.slope, _place(seen.rows, seen.columns, coarse, store.factor))
     light = Light(fit.gloss.rows[labels], even, precision(seen, fit.model_error))
-    normals, body, variance = fit_pixels(seen, light, *robust_lambert(seen))
-    fine.normals[seen.rows, seen.columns] = normals
-    fine.body[seen.rows, seen.columns] = body.T
-    fine.variance[seen.rows, seen.columns] = variance
+    pixels_fit = fit_pixels(seen, light, *robust_lambert(seen))
+    fine.normals[seen.rows, seen.columns] = pixels_fit.normals
+    fine.body[seen.rows, seen.columns] = pixels_fit.body.T
+    fine.variance[seen.rows, seen.columns] = pixels_fit.variance
+    fine.converged[seen.rows, seen.columns] = pixels_fit.converged
     fine.labels[seen.rows, seen.columns] = labels
 
 

@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, planes
 
 BINS = 24  # of the signal, per pair and colour
 FEWEST = 200  # samples of a bin
 REACH = 5.0  # standard deviations that a bin keeps away from the clipped end
 TOLD = 3.0  # standard errors above 0 from which a gain counts as told
+NOISE_REWEIGHTINGS = 5
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0]) / 6.0  # of unit variance
 SMOOTHEST = 0.25  # share of the samples of a level, those where the scene changes least
-MAD_OF_NORMAL = 0.6745  # median absolute deviation of a normal law over its standard deviation
 OVERLAP = 2.0  # samples per independent one where neighbours are shared
 
 
@@ -118,7 +119,7 @@ def _binned(
             continue
         level, off = float(mean[part].mean()), deviation[part] - np.median(deviation[part])
         if robust:
-            variance, count = float(np.median(np.abs(off)) / MAD_OF_NORMAL) ** 2, len(part) / OVERLAP
+            variance, count = robust_scale(off) ** 2, len(part) / OVERLAP
         else:
             variance, count = float(off.var(ddof=1)), float(len(part))
         if level + REACH * np.sqrt(variance) < white and variance > 0.0:
@@ -132,7 +133,7 @@ def _fit(rows: list[tuple[float, float, float]], source: str) -> Noise:
     level, variance, count = np.array(rows, np.float64).T
     design, model = np.stack([level, np.ones_like(level)], axis=1), np.maximum(variance, np.median(variance) * 1e-3)
     slope, floor, covariance = 0.0, 0.0, np.eye(2)
-    for _ in range(5):  # the weights follow the model, not the noise of each bin
+    for _ in range(NOISE_REWEIGHTINGS):  # the weights follow the model, not the noise of each bin
         weight = count / (2.0 * model**2)
         covariance = np.linalg.pinv(design.T @ (weight[:, None] * design))
         slope, floor = (float(k) for k in covariance @ (design.T @ (weight * variance)))

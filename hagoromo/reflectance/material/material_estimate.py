@@ -30,6 +30,7 @@ class MaterialEstimate:
     chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
     `LackOfFit.record` gives it; texture: whether the body colour varies over the pixels, as `Texture.record` gives it;
     gloss: whether β and γ do, with the standard deviations of ln β and ln γ. None where there is too little to tell.
+    convergence: how the fit ended, as `FitStatus.record` gives it; None where that is not known.
     """
 
     name: str
@@ -51,6 +52,7 @@ class MaterialEstimate:
     lack_of_fit: Mapping[str, Any] | None = None
     texture: Mapping[str, Any] | None = None
     gloss: Mapping[str, Any] | None = None
+    convergence: Mapping[str, Any] | None = None
 
     def reflectance(
         self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None

@@ -81,6 +81,7 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     lack_of_fit: Annotated[dict[str, Any] | None, about("test whether the model has the right shape")] = None
     texture: Annotated[dict[str, Any] | None, about("whether the body colour varies over the pixels")] = None
     gloss: Annotated[dict[str, Any] | None, about("whether β and γ vary over the pixels")] = None
+    convergence: Annotated[dict[str, Any] | None, about("how the fit ended: status, steps, gradient, last step")] = None
     hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 

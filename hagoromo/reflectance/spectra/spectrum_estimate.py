@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.camera.response import Response, response_matrix, white
 from hagoromo.errors import InputError
+from hagoromo.least_squares import scipy_status
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 
 BRIGHTNESS = 0.3  # standard deviation of the brightness, relative to the one that the readings' mean tells
+BOUNDED_SPECTRUM_STEPS: int | None = None  # SciPy's own
 NEGLIGIBLE = 1e-6  # parts of a mixture of less weight than this, of the greatest, are left out
 Array = NDArray[np.float64]
 
@@ -171,4 +173,10 @@ def _within(mean: Array, covariance: Array, upper: float) -> Array:
     from scipy.optimize import lsq_linear
 
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    return np.clip(lsq_linear(whiten, whiten @ mean, (0.0, upper)).x, 0.0, upper)
+    fit = lsq_linear(whiten, whiten @ mean, (0.0, upper), max_iter=BOUNDED_SPECTRUM_STEPS)
+    status = scipy_status(fit)
+    if not status.converged:
+        raise InputError(
+            f"{status.remark('a spectrum within its bounds')}: check that the readings and their errors agree"
+        )
+    return np.clip(fit.x, 0.0, upper)

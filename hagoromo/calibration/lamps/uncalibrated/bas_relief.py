@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.entropy import entropy
-from hagoromo.calibration.lamps.uncalibrated.low_rank import MAD, Array, Factors
+from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors
+from hagoromo.least_squares import ROBUST_SCALE, FitStatus, scipy_status
 
 SAMPLES = 5000  # pixels
 ALONE = 30.0  # pixels' worth of independent albedos: those of neighbours are alike
 GRID = (np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, 9), np.linspace(-1.2, 1.5, 10))
+BAS_RELIEF_STEPS = 400  # of the simplex
 EDGE_ON = 0.02  # of the median: pixels with less of a normal towards the camera are left out
 
 
@@ -56,7 +58,7 @@ class Family:
         self.some, self.size = self.pixels[seen], np.log(found.size[seen])
         slope = self.some[:, :2] / self.some[:, 2:]
         self.slope = np.median(slope, axis=0)
-        self.steepness = float(np.hypot(*(MAD * np.median(np.abs(slope - self.slope), axis=0))))
+        self.steepness = float(np.hypot(*(ROBUST_SCALE * np.median(np.abs(slope - self.slope), axis=0))))
 
     def third(self, figures: Array) -> Array:
         """(m, n, l) of `figures`: the median slope in x and in y, and ln of the relief over that of half a ball."""
@@ -83,13 +85,14 @@ class Family:
         return loss
 
 
-def resolve(family: Family, belief: Belief, start: NDArray | None = None) -> Array:
-    """The figures of least cost, by a grid, or from `start`, then Nelder and Mead's simplex."""
+def resolve(family: Family, belief: Belief, start: NDArray | None = None) -> tuple[Array, FitStatus]:
+    """The figures of least cost, by a grid, or from `start`, then Nelder and Mead's simplex, and how that ended."""
     from scipy.optimize import minimize
 
     if start is None:
         grid = np.stack(np.meshgrid(*GRID, indexing="ij"), axis=-1).reshape(-1, 3)
         start = grid[int(np.argmin([family.cost(figures, belief) for figures in grid]))]
     simplex = np.asarray(start) + np.vstack([np.zeros((1, 3)), 0.15 * np.eye(3)])
-    options = {"initial_simplex": simplex, "maxiter": 400, "xatol": 1e-3, "fatol": 1e-3}
-    return np.asarray(minimize(family.cost, start, args=(belief,), method="Nelder-Mead", options=options).x)
+    options = {"initial_simplex": simplex, "maxiter": BAS_RELIEF_STEPS, "xatol": 1e-3, "fatol": 1e-3}
+    found = minimize(family.cost, start, args=(belief,), method="Nelder-Mead", options=options)
+    return np.asarray(found.x), scipy_status(found)

@@ -9,7 +9,7 @@ when albedo is left out of account, beside a third of the bound on how far integ
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
 from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_file
+from hagoromo.least_squares import FitStatus
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, silent
 
@@ -44,7 +45,8 @@ class SelfCalibration:
 
     convex: share of the outline that the surface turns away at, as closed objects do; 0.5 tells nothing, and the
     hollow surface under lamps mirrored about the line of sight is as good. integrability: 0, well told, to 1.
-    condition: of the directions. perspective: whether a camera was given. Axes: x right, y up, z to the camera; with a
+    condition: of the directions. perspective: whether a camera was given. statuses: how each of the
+    fits that it rests on ended. Axes: x right, y up, z to the camera; with a
     camera, world.
     """
 
@@ -57,6 +59,7 @@ class SelfCalibration:
     integrability: float
     condition: float
     perspective: bool = False
+    statuses: Mapping[str, FitStatus] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """The number of lamps and their standard errors."""
@@ -80,6 +83,7 @@ class SelfCalibration:
                 "ambiguity": "taken for convex at its outline" if self.perspective else MIRRORED,
                 "integrability": self.integrability,
                 "condition": self.condition,
+                "convergence": {name: status.record() for name, status in self.statuses.items()},
             },
             "readings": readings,
         }
@@ -89,6 +93,10 @@ class SelfCalibration:
         with whole_file(path, force) as partial:
             write_json(partial, self.record())
         return Path(path)
+
+    def remarks(self) -> list[str]:
+        """One line for each fit that did not converge."""
+        return [status.remark(name) for name, status in self.statuses.items() if not status.converged]
 
     def records(self) -> list[dict[str, Any]]:
         """Entries of lamps.json."""
@@ -148,6 +156,11 @@ def self_calibrate(
         max(convex, 1.0 - convex),
         best.ratio,
         check_spread(to_lamp).condition,
+        statuses={
+            "lamps and pixels of low rank": best.factors.status,
+            "integrability": best.status,
+            "the bas-relief": found.status,
+        },
     )
 
 

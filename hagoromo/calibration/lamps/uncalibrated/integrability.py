@@ -18,9 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.uncalibrated.low_rank import MAD, Array
+from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
+from hagoromo.least_squares import FitStatus, Status, robust_scale
 
-REWEIGHTINGS = 15
+INTEGRABILITY_REWEIGHTINGS = 15
+STANDSTILL = 1e-3  # change of c₁ and c₂ in the last of them, beyond which they have not converged
 CLIP = 2.0  # scales of the residual beyond which a pixel (an edge, a shadow) counts less
 
 
@@ -54,20 +56,22 @@ def rows(pixels: Array, step: int, tangent: Array) -> Rows:
     return Rows(np.c_[k_x, k_y], at[:, :1] * k_x + at[:, 1:] * k_y, place)
 
 
-def first_rows(found: Rows) -> tuple[Array, float]:
-    """c₁ and c₂ (2, 3) of unit length together, and how well they are told: 0, well, to 1, not at all."""
+def first_rows(found: Rows) -> tuple[Array, float, FitStatus]:
+    """c₁ and c₂ (2, 3) of unit length together, how well they are told, 0 (well) to 1, and how the fit ended."""
     weight, ratio = np.ones(len(found.along)), 1.0
-    best = np.zeros(6)
-    for _ in range(REWEIGHTINGS):
+    best, change = np.zeros(6), np.inf
+    for _ in range(INTEGRABILITY_REWEIGHTINGS):
+        last = best
         values, vectors = np.linalg.eigh(found.along.T @ (found.along * weight[:, None]))
         best, ratio = vectors[:, 0], float(np.sqrt(max(values[0], 0.0) / values[1]))
+        change = float(min(np.linalg.norm(best - last), np.linalg.norm(best + last)))  # its sign is free
         weight = _weight(found.along @ best)
-    return best.reshape(2, 3), ratio
+    status = Status.CONVERGED if change < STANDSTILL else Status.OUT_OF_STEPS
+    return best.reshape(2, 3), ratio, FitStatus(status, INTEGRABILITY_REWEIGHTINGS, last_step=change)
 
 
 def _weight(off: Array) -> Array:
-    scale = MAD * float(np.median(np.abs(off)))
-    return 1.0 / (1.0 + (off / max(CLIP * scale, 1e-30)) ** 2)
+    return 1.0 / (1.0 + (off / max(CLIP * robust_scale(off), 1e-30)) ** 2)
 
 
 def _product(one: Array, other: Array) -> Array:

@@ -9,14 +9,15 @@ photometric stereo"), and each by its evidence: lamps alike, albedos few, a surf
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.entropy import WIDTH, entropy
+from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.normals.photometric_prior import Prior
 from hagoromo.measurement.normals.photometric_step import EXPONENTS, ROUGHNESSES, WIDTHS
-from hagoromo.measurement.normals.pixel_fit import CAUCHY
 from hagoromo.measurement.normals.shading import Shading, shading, tangents
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.surface.height_field import HeightField
@@ -78,7 +79,7 @@ class JointSurface:
         self.deviation = seen.values - self.model
         inverse = seen.precision
         unit = len(seen.place) / ALONE
-        squared = unit * self.deviation**2 * inverse / CAUCHY**2
+        squared = unit * self.deviation**2 * inverse / CAUCHY_SCALE**2
         self.weight = inverse / (1.0 + squared)
         self.disorder, self.by_albedo = entropy(guess.albedo)
         around = guess.lamps[:, 0] - guess.lamps[:, 0].mean()
@@ -86,15 +87,27 @@ class JointSurface:
         self.tilt = np.array([float(np.mean(slope @ guess.depth)) for slope in seen.field.slopes])
         mean, scale = prior.gloss.T
         losses = (
-            CAUCHY**2 / unit * float(np.sum(np.log1p(squared[seen.used]))),
+            CAUCHY_SCALE**2 / unit * float(np.sum(np.log1p(squared[seen.used]))),
             2.0 * seen.few * self.disorder,
             count * float(np.log(self.spread)) + UNIT * float(guess.lamps[:, 0].mean()) ** 2,
-            CAUCHY**2 * float(np.sum(np.log1p((guess.lamps[:, 1:] / prior.slope / CAUCHY) ** 2))),
+            CAUCHY_SCALE**2 * float(np.sum(np.log1p((guess.lamps[:, 1:] / prior.slope / CAUCHY_SCALE) ** 2))),
             float(np.sum((self.tilt / LEVEL) ** 2)),
             float(np.sum(((guess.gloss - mean) / scale) ** 2)),
             self._held * float(np.sum((seen.field.saddle @ guess.depth) ** 2)),
         )
         self.cost = 0.5 * sum(losses)
+
+    @property
+    def gradient(self) -> float:
+        """Norm of the slope of the cost by lamps and gloss, surface and albedos following."""
+        return float(np.linalg.norm(self._undamped[1]))
+
+    def trial(self, damping: float) -> tuple[JointSurface, float]:
+        """The point after a damped step, and the size of the step in lamps and gloss."""
+        there, here = self.moved(damping), self.guess
+        pairs = ((there.to_lamp, here.to_lamp), (there.lamps, here.lamps), (there.gloss, here.gloss))
+        size = float(np.sqrt(sum(np.sum((after - before) ** 2) for after, before in pairs)))
+        return JointSurface(self.seen, there, self.prior), size
 
     def moved(self, damping: float) -> Guess:
         """One damped step of everything."""
@@ -122,10 +135,16 @@ class JointSurface:
 
     def variance(self) -> tuple[Array, Array]:
         """(K,) of a direction [rad²], the sum over its two turns, and of ln strength; all else free."""
-        schur, _, _, _ = self._reduced(1e-6)
+        schur, _ = self._undamped
         diagonal = np.maximum(np.diag(np.linalg.inv(schur)), 0.0)
         lamps = diagonal[: OF_LAMP * len(self.guess.to_lamp)].reshape(OF_LAMP, -1)
         return lamps[0] + lamps[1], lamps[2]
+
+    @cached_property
+    def _undamped(self) -> tuple[Array, Array]:
+        """Normal equations of lamps, gloss and mean slope, damped by 1e-6."""
+        schur, push, _, _ = self._reduced(1e-6)
+        return schur, push
 
     @property
     def _held(self) -> float:
@@ -206,7 +225,7 @@ class JointSurface:
         mean, scale = self.prior.gloss.T
         slope = self.guess.lamps[:, 1:].T.ravel()
         # Cauchy's: now and then a lamp is near, or shaded by its stand
-        held = np.r_[1.0 / (self.prior.slope**2 + (slope / CAUCHY) ** 2), scale**-2.0]
+        held = np.r_[1.0 / (self.prior.slope**2 + (slope / CAUCHY_SCALE) ** 2), scale**-2.0]
         away = np.r_[slope, self.guess.gloss - mean]
         last = np.arange(3 * count, len(push))
         outer[last, last] += held

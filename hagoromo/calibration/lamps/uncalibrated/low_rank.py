@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import CAUCHY_SCALE, FitStatus, Status, robust_scale
 
 Array = NDArray[np.float64]
 
@@ -21,9 +22,8 @@ FEWEST_LAMPS = 5  # four are explained by any four numbers a pixel, five show wh
 FEWEST_PIXELS = 1500  # of the object
 SHADOW = 0.15  # of a pixel's second largest value: below it is in shadow or nearly
 FAINT = 0.015  # of the 99th percentile of all: below noise and stray light count
-STEPS = 25
-CAUCHY = 2.385  # standard deviations (Holland and Welsch 1977)
-MAD = 1.4826
+LOW_RANK_STEPS = 25  # of lamps and pixels by turns
+STANDSTILL = 1e-3  # relative change of the lamps in the last of them, beyond which they have not converged
 TELLING = 2.0  # times the residual that the least of the three ways must stand out, in which the photographs differ
 
 
@@ -31,7 +31,8 @@ TELLING = 2.0  # times the residual that the least of the three ways must stand 
 class Factors:
     """lamps (K, 3) and pixels (P, 3) whose products are the values over `size` (P,), the pixels' mean values.
 
-    mask: (h, w) where the pixels are. residual: standard deviation of a value over its pixel's mean.
+    mask: (h, w) where the pixels are. residual: standard deviation of a value over its pixel's mean. status: how
+    the turns of lamps and pixels ended.
     """
 
     lamps: Array
@@ -39,6 +40,7 @@ class Factors:
     size: Array
     mask: NDArray[np.bool_]
     residual: float
+    status: FitStatus
 
     def image(self) -> Array:
         """(h, w, 3) of `pixels`, NaN elsewhere."""
@@ -78,33 +80,37 @@ def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:
     where[mask] = told
     values, used = shine[:, told], used[:, told]
     size = np.maximum(values.sum(axis=0) / len(values), 1e-30)
-    lamps, pixels, residual = _alternate(values / size, used)
+    lamps, pixels, residual, status = _alternate(values / size, used)
     weakest = float(np.linalg.svd(lamps, compute_uv=False)[2] / np.sqrt(len(lamps)))
     if weakest < TELLING * residual:
         raise InputError(
             "the photographs differ in fewer than three ways: the lamps lie in one plane with the object, or it is "
             "flat: move a lamp out of the plane, or calibrate with a ball"
         )
-    return Factors(lamps, pixels, size, where, residual)
+    return Factors(lamps, pixels, size, where, residual, status)
 
 
-def _alternate(values: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, float]:
-    """lamps (K, 3), pixels (P, 3) of mean square 1 along any axis, and the scale of the residuals."""
+def _alternate(values: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, float, FitStatus]:
+    """lamps (K, 3), pixels (P, 3) of mean square 1 along any axis, the scale of the residuals, and the fit's status."""
     start = values[:, used.all(axis=0)]
     start = start if start.shape[1] > FEWEST_PIXELS // 3 else values
     vectors, singular, _ = np.linalg.svd(start @ start.T)
     lamps = vectors[:, :3] * np.sqrt(singular[:3])
     weight, pixels, residual = used.astype(np.float64), np.zeros((values.shape[1], 3)), 0.0
-    for _ in range(STEPS):
+    change = np.inf
+    for _ in range(LOW_RANK_STEPS):
+        last = lamps
         square = np.einsum("kp,ki,kj->pij", weight, lamps, lamps, optimize=True) + 1e-9 * np.eye(3)
         pull = np.einsum("kp,ki->pi", weight * values, lamps)
         pixels = np.linalg.solve(square, pull[..., None])[..., 0]
         off = values - lamps @ pixels.T
         free = np.sqrt(used.sum() / max(used.sum() - 3.0 * len(pixels), 1.0))
-        residual = float(MAD * np.median(np.abs(off[used])) * free)
-        weight = used / (1.0 + (off / (CAUCHY * max(residual, 1e-12))) ** 2)
+        residual = float(robust_scale(off[used]) * free)
+        weight = used / (1.0 + (off / (CAUCHY_SCALE * max(residual, 1e-12))) ** 2)
         square = np.einsum("kp,pi,pj->kij", weight, pixels, pixels, optimize=True)
         lamps = np.linalg.solve(square, ((weight * values) @ pixels)[..., None])[..., 0]
         root = np.linalg.cholesky(pixels.T @ pixels / len(pixels))
         pixels, lamps = np.linalg.solve(root, pixels.T).T, lamps @ root
-    return lamps, pixels, residual
+        change = float(np.linalg.norm(lamps - last) / np.linalg.norm(lamps))
+    status = Status.CONVERGED if change < STANDSTILL else Status.OUT_OF_STEPS
+    return lamps, pixels, residual, FitStatus(status, LOW_RANK_STEPS, last_step=change)

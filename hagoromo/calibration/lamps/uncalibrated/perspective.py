@@ -12,7 +12,8 @@ import numpy as np
 
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import Belief, Family
 from hagoromo.calibration.lamps.uncalibrated.integrability import CLIP, Rows
-from hagoromo.calibration.lamps.uncalibrated.low_rank import MAD, Array
+from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
+from hagoromo.least_squares import FitStatus, robust_scale, scipy_status
 
 ALONE = 200.0  # rows whose residuals are independent
 SAMPLES = 2000
@@ -20,8 +21,9 @@ SAMPLES = 2000
 
 def resolve_in_perspective(
     family_of: Callable[[Array], Family], lines: Rows, first: Array, figures: Array, belief: Belief, sweeps: int
-) -> tuple[Array, Array]:
-    """c₁ and c₂ (2, 3) and the figures of the bas-relief, from those of a view from afar, by Powell's directions.
+) -> tuple[Array, Array, FitStatus]:
+    """c₁ and c₂ (2, 3) and the figures of the bas-relief, from those of a view from afar, by Powell's directions, and
+    how they ended.
 
     family_of: c₁ and c₂ → what they leave possible.
     """
@@ -30,7 +32,7 @@ def resolve_in_perspective(
     count = len(lines.along)
     some = np.random.default_rng(0).choice(count, min(SAMPLES, count), replace=False)
     along, beyond, start = lines.along[some], lines.beyond[some], first.ravel()
-    scale = CLIP * MAD * float(np.median(np.abs(along @ start)))
+    scale = CLIP * robust_scale(along @ start)
     free = np.linalg.svd(start[None])[2][1:]  # of unit length: five ways to move
 
     def rows_at(moved: Array) -> Array:
@@ -45,5 +47,5 @@ def resolve_in_perspective(
         return ALONE * float(np.log(np.mean(np.log1p((off / scale) ** 2)))) + family.cost(moved[5:], belief)
 
     options = {"maxiter": sweeps, "xtol": 1e-3, "ftol": 1e-5}
-    best = minimize(cost, np.r_[np.zeros(5), figures], method="Powell", options=options).x
-    return rows_at(best), best[5:]
+    best = minimize(cost, np.r_[np.zeros(5), figures], method="Powell", options=options)
+    return rows_at(best.x), best.x[5:], scipy_status(best)

@@ -16,17 +16,28 @@ from hagoromo.calibration.lamps import check_spread
 from hagoromo.calibration.lamps.uncalibrated import SelfCalibration
 from hagoromo.calibration.lamps.uncalibrated.colours import colours
 from hagoromo.calibration.lamps.uncalibrated.joint_surface import Guess, JointSurface, Seen
-from hagoromo.calibration.lamps.uncalibrated.low_rank import FEWEST_LAMPS, MAD, Array, lit
+from hagoromo.calibration.lamps.uncalibrated.low_rank import FEWEST_LAMPS, Array, lit
 from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
 from hagoromo.camera.camera import Camera
+from hagoromo.least_squares import (
+    CAUCHY_SCALE,
+    ROBUST_SCALE,
+    Damping,
+    FitStatus,
+    SingleProblem,
+    Status,
+    Tolerance,
+    levenberg_marquardt,
+    robust_scale,
+)
 from hagoromo.measurement.normals.photometric_fit import FLOOR
 from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.pixel_fit import CAUCHY
 from hagoromo.measurement.surface.height_field import height_field
 from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 6000  # of the object
-ROUNDS, STEPS, TRIALS = 3, 13, 6
+JOINT_SURFACE_ROUNDS, JOINT_SURFACE_STEPS, JOINT_SURFACE_TRIALS = 3, 13, 6
+JOINT_SURFACE_DAMPING = Damping(start=1e-2, shrink=6.0, grow=6.0, least=1e-6, most=np.inf, ties=False)
 DULL = (-1.5, np.log(0.3), 0.0, 0.0)  # row of gloss at the start
 START_ERROR = 0.03  # relative
 LEAST = 0.7  # of the median error of all photographs that one's is taken for
@@ -53,7 +64,7 @@ def refined_lamps(
     on_surface[on_object] = told
     strength = np.log(start.strength.mean(axis=1))
     lamps = start.to_lamp @ turn.T * np.exp(strength - strength.mean())[:, None]
-    fit = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, progress)
+    fit, status = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, progress)
     error, of_strength = _errors(fit, start)
     found = np.exp(fit.guess.lamps[:, :1]) * colours(light[:, on_object])
     to_lamp = fit.guess.to_lamp @ turn
@@ -65,6 +76,7 @@ def refined_lamps(
         standard_error_deg=error,
         strength_error=of_strength,
         condition=check_spread(to_lamp).condition,
+        statuses={**start.statuses, "the joint surface": status},
     )
 
 
@@ -75,7 +87,7 @@ def _errors(fit: JointSurface, start: SelfCalibration) -> tuple[Array, Array]:
     states, and what light from other things (6 % of the lamp's, from below) does to simulated objects.
     """
     guess, (turns, strengths) = fit.guess, fit.variance()
-    other = _settled(JointSurface(replace(fit.seen, few=0.0), guess, fit.prior)).guess
+    other = _settled(JointSurface(replace(fit.seen, few=0.0), guess, fit.prior))[0].guess
     moved = np.degrees(np.arccos(np.clip(np.sum(guess.to_lamp * other.to_lamp, axis=1), -1.0, 1.0)))
     ratio = other.lamps[:, 0] - guess.lamps[:, 0]
     directions = [np.degrees(np.sqrt(turns)), moved, KEPT * start.standard_error_deg, np.full(len(moved), BOUNCE_DEG)]
@@ -90,8 +102,8 @@ def _fitted(
     tangent: Array,
     lamps: Array,
     progress: Progress,
-) -> JointSurface:
-    """The joint surface over `mask`, from lamps (K, 3) strength times direction."""
+) -> tuple[JointSurface, FitStatus]:
+    """The joint surface over `mask`, and how its fit ended, from lamps (K, 3) strength times direction."""
     field = height_field(mask, tangent)
     at = np.argwhere(mask)
     place = (at - at.mean(axis=0))[:, ::-1] * [1.0, -1.0] / np.sqrt(len(at) / np.pi)
@@ -107,33 +119,21 @@ def _fitted(
         np.array(DULL),
     )
     seen, prior = Seen(values / unit, used, place, field, np.full(len(lamps), START_ERROR)), Prior()
-    step = JointSurface(seen, guess, prior)
-    for i in range(ROUNDS):
-        progress(i / (ROUNDS + 1), "surface")
-        step = _settled(JointSurface(replace(seen, model_error=_model_error(step)), step.guess, prior))
-    progress(ROUNDS / (ROUNDS + 1), "errors")
-    return step
+    step, status = JointSurface(seen, guess, prior), FitStatus(Status.OUT_OF_STEPS, 0)
+    for i in range(JOINT_SURFACE_ROUNDS):
+        progress(i / (JOINT_SURFACE_ROUNDS + 1), "surface")
+        step, status = _settled(JointSurface(replace(seen, model_error=_model_error(step)), step.guess, prior))
+    progress(JOINT_SURFACE_ROUNDS / (JOINT_SURFACE_ROUNDS + 1), "errors")
+    return step, status
 
 
-def _settled(step: JointSurface) -> JointSurface:
-    """Steps from `step` until they gain little."""
-    damping = 1e-2
-    for _ in range(STEPS):
-        before = step.cost
-        step, damping = _stepped(step, damping)
-        if before - step.cost < SETTLED * before + SMALL:
-            break
-    return step
-
-
-def _stepped(step: JointSurface, damping: float) -> tuple[JointSurface, float]:
-    """A step that costs less, or the same where there is none."""
-    for _ in range(TRIALS):
-        trial = JointSurface(step.seen, step.moved(damping), step.prior)
-        if trial.cost < step.cost:
-            return trial, max(damping / 6.0, 1e-6)
-        damping *= 6.0
-    return step, damping
+def _settled(point: JointSurface) -> tuple[JointSurface, FitStatus]:
+    """Steps from `point` until they gain little, and how that ended."""
+    tolerance = Tolerance(gain=SETTLED, least_gain=SMALL)
+    found = levenberg_marquardt(
+        SingleProblem(), point, JOINT_SURFACE_DAMPING, tolerance, JOINT_SURFACE_STEPS, JOINT_SURFACE_TRIALS
+    )
+    return found.state, found.status
 
 
 def _model_error(step: JointSurface) -> Array:
@@ -146,7 +146,7 @@ def _model_error(step: JointSurface) -> Array:
         max(float(np.median(off[own])), LEAST * whole) if own.any() else whole
         for off, own in zip(relative, used, strict=True)
     ]
-    return np.maximum(MAD * free * np.array(each), FLOOR)
+    return np.maximum(ROBUST_SCALE * free * np.array(each), FLOOR)
 
 
 def _by_lambert(values: Array, used: NDArray[np.bool_], lamps: Array) -> Array:
@@ -157,6 +157,6 @@ def _by_lambert(values: Array, used: NDArray[np.bool_], lamps: Array) -> Array:
         square = np.einsum("kp,ki,kj->pij", weight, lamps, lamps, optimize=True) + 1e-6 * np.eye(3)
         scaled = np.linalg.solve(square, np.einsum("kp,ki->pi", weight * values, lamps)[..., None])[..., 0]
         off = (values - lamps @ scaled.T) / size
-        scale = MAD * float(np.median(np.abs(off[used])))
-        weight = used / (1.0 + (off / max(CAUCHY * scale, 1e-9)) ** 2)
+        scale = robust_scale(off[used])
+        weight = used / (1.0 + (off / max(CAUCHY_SCALE * scale, 1e-9)) ** 2)
     return scaled

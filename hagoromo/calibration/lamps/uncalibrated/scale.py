@@ -13,9 +13,10 @@ from hagoromo.calibration.lamps.uncalibrated.integrability import Rows, first_ro
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
 from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
 from hagoromo.errors import InputError
+from hagoromo.least_squares import FitStatus
 from hagoromo.progress import Progress
 
-SCALES, STEPS = (1, 2, 3), (1, 2)  # binning, and pixels to the neighbours that are compared
+SCALES, NEIGHBOUR_STEPS = (1, 2, 3), (1, 2)  # binning, and pixels to the neighbours that are compared
 FEWEST_ROWS = 100  # of integrability
 UNTOLD = 0.8  # `first_rows` from which integrability tells nothing
 TILES = 12  # across the object, drawn anew for errors
@@ -24,19 +25,20 @@ FLIP = np.array([-1.0, -1.0, 1.0])  # convex to hollow
 
 
 class Solved(NamedTuple):
-    """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), and the figures of the bas-relief."""
+    """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), the figures of the bas-relief, and how their fit ended."""
 
     lamps: Array
     pixels: Array
     first: Array
     figures: Array
+    status: FitStatus
 
 
 @dataclass(frozen=True, eq=False)
 class Scale:
     """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and how well those are told.
 
-    sample: pixels whose albedos count; None for all.
+    status: how the fit of c₁ and c₂ ended. sample: pixels whose albedos count; None for all.
     """
 
     factors: Factors
@@ -44,6 +46,7 @@ class Scale:
     first: Array
     ratio: float
     afar: bool
+    status: FitStatus
     sample: NDArray[np.intp] | None = None
 
     def family(self, first: Array) -> Family:
@@ -56,14 +59,14 @@ class Scale:
         if start is not None and not self.afar:
             first = start.first
         family = self.family(first)
-        figures = resolve(family, belief, figures)
+        figures, status = resolve(family, belief, figures)
         if not self.afar:
             if self.turned_away(family.true(family.third(figures))[1]) < 0.5:
                 first, figures = -first, figures * FLIP
             sweeps = SWEEPS if start is None else FEWER
-            first, figures = resolve_in_perspective(self.family, self.rows, first, figures, belief, sweeps)
+            first, figures, status = resolve_in_perspective(self.family, self.rows, first, figures, belief, sweeps)
             family = self.family(first)
-        return Solved(*family.true(family.third(figures)), first, figures)
+        return Solved(*family.true(family.third(figures)), first, figures, status)
 
     def drawn(self, random: np.random.Generator) -> Scale:
         """The same with tiles of the object drawn anew."""
@@ -76,8 +79,9 @@ class Scale:
             return np.repeat(np.arange(len(place)), drawn[row, column])
 
         some = self.rows.chosen(again(self.rows.place))
-        first = _same_sign(first_rows(some)[0], self.first)
-        return Scale(self.factors, some, first, self.ratio, self.afar, again(at))
+        first, _, status = first_rows(some)
+        first = _same_sign(first, self.first)
+        return Scale(self.factors, some, first, self.ratio, self.afar, status, again(at))
 
     def turned_away(self, pixels: Array) -> float:
         """Share of the outline's pixels whose normal points out of it."""
@@ -103,11 +107,11 @@ def scales_of(light: Array, mask: NDArray[np.bool_], tangent: Array, progress: P
                 break
             raise
         at = binned(tangent, k)
-        for step in STEPS:
+        for step in NEIGHBOUR_STEPS:
             lines = rows(factors.image(), step, at)
             if len(lines.along) > FEWEST_ROWS:
-                first, ratio = first_rows(lines)
-                found.append(Scale(factors, lines, first, ratio, not tangent.any()))
+                first, ratio, status = first_rows(lines)
+                found.append(Scale(factors, lines, first, ratio, not tangent.any(), status))
     found.sort(key=lambda scale: scale.ratio)
     if not found or found[0].ratio > UNTOLD:
         raise InputError(
