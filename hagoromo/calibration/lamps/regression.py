@@ -36,7 +36,7 @@ def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) 
     def solve(weight: Array) -> tuple[Array, Array]:
         root = np.sqrt(weight)
         found = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
-        return found, values - design @ found
+        return np.asarray(found, np.float64), values - design @ found
 
     def reweigh(off: Array) -> Array:
         return 1.0 / (1.0 + (off / max(CAUCHY_SCALE * robust_scale(off), smallest)) ** 2)
