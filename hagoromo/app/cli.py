@@ -248,11 +248,10 @@ def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
     Args:
         recipe: matter TOML.
     """
-    from hagoromo.matter.build import build_to
     from hagoromo.volume.store.box_store import look_at_box
 
     with progress_bar("build") as progress:
-        build_to(recipe, out, force, progress)
+        hg.build_to(recipe, out, force, progress)
     print(look_at_box(out))
     wrote(out)
 
