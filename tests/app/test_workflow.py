@@ -36,7 +36,7 @@ def photograph(scene: hg.Scene, unit: float) -> np.ndarray:
 def files(tmp_path_factory):
     """The photographs, a mask, and the light that is full."""
     folder = tmp_path_factory.mktemp("photographs")
-    ball = (hg.Surface.sphere(CENTRE, RADIUS, TRUTH),)
+    ball = (hg.Surface.sphere(CENTRE.tolist(), RADIUS, TRUTH),)
     scenes = {name: hg.Scene(CAMERA, (lamp,), surfaces=ball) for name, lamp in lamps(1.0).items()}
     unit = 1.05 * max(float(hg.render(scene).expose(RESPONSE).max()) for scene in scenes.values())
     for name, scene in scenes.items():
@@ -109,8 +109,8 @@ def test_a_box_of_the_measured_material_predicts_the_photograph_kept_aside(files
     breadth; under the lamp of another photograph the box is more than five times as far off.
     """
     folder, unit = files
-    aside = cv2.imread(str(folder / "aside.png"), cv2.IMREAD_UNCHANGED)[..., ::-1] / 65535.0
-    mask = cv2.imread(str(folder / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
+    aside = np.asarray(cv2.imread(str(folder / "aside.png"), cv2.IMREAD_UNCHANGED))[..., ::-1] / 65535.0
+    mask = np.asarray(cv2.imread(str(folder / "mask.png"), cv2.IMREAD_UNCHANGED)) > 0
     box, known = ball_of(material.reflectance(RESPONSE)), lamps(1.0 / unit)
     predicted, wrong = (
         hg.compare(hg.render(hg.Scene(CAMERA, (known[name],), (box,))).expose(RESPONSE), aside, mask=mask)
