@@ -15,7 +15,7 @@ WIDEST_TANGENT = math.tan(math.radians(75))  # of the half angle; a wider view i
 
 
 class LampView:
-    """Square coordinates a, b in 0…1 of the rays from a lamp: parallel (far lamp), or a pyramid or octahedral map of all
+    """Square coordinates a, b in 0…1 of the rays of a lamp: parallel (far lamp), or a pyramid or octahedral map of all
     directions (near lamp). Which of the last two is read from memory: a lamp that moves compiles no new kernel.
     """
 
