@@ -24,7 +24,7 @@ BILINEAR = {"R": SQUARE, "G": CROSS, "B": SQUARE}
 # Menon (2007) chooses its filter by the picture: variance of an interpolated value over the mean raw variance around
 # it, measured on flat and sloping fields of white noise (both within 0.02).
 MENON_VARIANCE = {"R": 1.02, "G": 0.84, "B": 1.02}
-REACH = {"bilinear": 1, "menon2007": 3}  # pixels around a saturated sample whose interpolated values it spoils
+DEMOSAIC_REACH = {"bilinear": 1, "menon2007": 3}  # pixels around a saturated sample whose interpolated values it spoils
 SATURATION_MARGIN = 4.0  # read noises below full well from which a sample counts as saturated
 
 
@@ -179,7 +179,7 @@ def demosaiced(
         else:
             around = convolve(variance, np.full((3, 3), 1.0 / 9.0), mode="mirror")
             spread.append(np.where(native, variance, MENON_VARIANCE[colour] * around))
-    reach, inner = 2 * REACH[demosaic] + 1, slice(PAD, -PAD)
+    reach, inner = 2 * DEMOSAIC_REACH[demosaic] + 1, slice(PAD, -PAD)
     full = np.asarray(algorithm(np.pad(electrons, PAD, mode="reflect"), mosaic), np.float64)[inner, inner]
     return full, np.stack(spread, axis=2), np.asarray(binary_dilation(saturated, np.ones((reach, reach))), np.bool_)
 

@@ -12,14 +12,14 @@ from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
 from hagoromo.photograph.photograph import Photograph
 
-SMALLEST = 0.05  # share of a picture
+LEAST_LIT_SHARE = 0.05  # share of a picture
 
 
 def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percentile: float = 99.5) -> Photograph:
     """The photograph that the scene's camera takes of `image`: noise, mosaic and bits, developed with its variance.
 
     The sensor is metered so that the light at `percentile` fills four fifths of its range (100: nothing is clipped); of
-    a picture that is nearly black, as if SMALLEST of it were lit.
+    a picture that is nearly black, as if LEAST_LIT_SHARE of it were lit.
     """
     camera = scene.camera
     if camera.response is None or camera.sensor is None:
@@ -41,6 +41,6 @@ def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percen
 def _metered(signal: NDArray, percentile: float) -> float:
     """The light at `percentile`."""
     lit = signal[signal > 0.0]
-    if not 0 < lit.size < SMALLEST * signal.size:
+    if not 0 < lit.size < LEAST_LIT_SHARE * signal.size:
         return float(np.percentile(signal, percentile))
-    return float(np.percentile(lit, max(100.0 - (100.0 - percentile) / SMALLEST, 0.0)))
+    return float(np.percentile(lit, max(100.0 - (100.0 - percentile) / LEAST_LIT_SHARE, 0.0)))

@@ -24,7 +24,7 @@ from hagoromo.image.surface import Surfaces
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, part_of, silent
 
-CLEAR = 1e-3  # share of a pixel's light from volume boxes above which its surface counts as hidden
+HIDDEN_SHARE = 1e-3  # share of a pixel's light from volume boxes above which its surface counts as hidden
 
 
 class Shape(NamedTuple):
@@ -88,4 +88,4 @@ def _in_the_open(scene: Scene) -> NDArray[np.bool_]:
     if not scene.boxes:
         return np.ones((scene.camera.height, scene.camera.width), np.bool_)
     boxes_alone = render(replace(scene, surfaces=()), Settings(shadows="none"))
-    return boxes_alone.alpha < CLEAR
+    return boxes_alone.alpha < HIDDEN_SHARE

@@ -20,7 +20,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
-SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
+RELATIVE_SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class Surfaces:
         order[numbers] = np.arange(len(shapes))
         self.order = lookup(jit.UInt, order)
         corners = np.concatenate([surface.corners() for surface in surfaces])
-        self.shadow_bias = dr.opaque(jit.Float, SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
+        self.shadow_bias = dr.opaque(jit.Float, RELATIVE_SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
     def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 
-FEWEST_LAMPS = 3  # a Lambertian normal has three unknowns; a fourth lamp judges it
+FEWEST_DIRECTIONS = 3  # a Lambertian normal has three unknowns; a fourth lamp judges it
 LARGEST_CONDITION = 20.0  # errors of the photographs grow by it in the worst direction of the normal
 
 
@@ -30,8 +30,10 @@ def check_spread(to_lamp: ArrayLike) -> Spread:
     """
     directions = np.asarray(to_lamp, np.float64).reshape(-1, 3)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    if len(directions) < FEWEST_LAMPS:
-        raise InputError(f"{len(directions)} lamps cannot tell normals: light the object from {FEWEST_LAMPS} or more")
+    if len(directions) < FEWEST_DIRECTIONS:
+        raise InputError(
+            f"{len(directions)} lamps cannot tell normals: light the object from {FEWEST_DIRECTIONS} or more"
+        )
     condition = condition_of(directions)
     widest = float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))))
     if condition > LARGEST_CONDITION:

@@ -42,7 +42,7 @@ def a_box(shape=SHAPE, colours=2, seed=3) -> VolumeBox:
 @pytest.fixture
 def path(tmp_path, monkeypatch) -> Path:
     """A box on disk with several chunks of packed bricks, the last one not full."""
-    monkeypatch.setattr(packed_bricks, "TOGETHER", 7)
+    monkeypatch.setattr(packed_bricks, "BRICKS_PER_CHUNK", 7)
     save_box(a_box(), tmp_path / "b.zarr")
     return tmp_path / "b.zarr"
 
@@ -70,7 +70,7 @@ def packed_is_used(path: Path, monkeypatch) -> bool:
 @pytest.mark.parametrize(("shape", "colours"), [(SHAPE, 0), (SHAPE, 3), ((9, 9, 9), 4), ((2, 5, 7), 0)])
 @pytest.mark.parametrize("together", [5, 512])
 def test_packed_bricks_are_those_cut_from_the_arrays(tmp_path, monkeypatch, shape, colours, together):
-    monkeypatch.setattr(packed_bricks, "TOGETHER", together)
+    monkeypatch.setattr(packed_bricks, "BRICKS_PER_CHUNK", together)
     box = a_box(shape, colours)
     save_box(box, tmp_path / "b.zarr")
     assert packed_is_used(tmp_path / "b.zarr", monkeypatch)

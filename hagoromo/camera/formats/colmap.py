@@ -19,7 +19,7 @@ from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
 
-PLACES = ("", "sparse/0", "sparse", "0", "colmap/sparse/0")  # where programs keep the model within a folder
+MODEL_FOLDERS = ("", "sparse/0", "sparse", "0", "colmap/sparse/0")  # where programs keep the model within a folder
 # COLMAP's parameters in their order; f stands for both focal lengths, k for k1.
 LENSES = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
@@ -29,7 +29,7 @@ LENSES = {
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
     "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
-UNIT = 1e-3  # how far the length of a quaternion may be from 1
+QUATERNION_TOLERANCE = 1e-3  # how far the length of a quaternion may be from 1
 
 
 class Points(NamedTuple):
@@ -42,7 +42,7 @@ class Points(NamedTuple):
 
 def find_colmap(folder: str | Path) -> tuple[Path, str] | None:
     """The folder that holds the model, in or below `folder`, and the suffix of its files; None when there is none."""
-    for place in PLACES:
+    for place in MODEL_FOLDERS:
         for suffix in (".bin", ".txt"):
             home = Path(folder) / place
             if all((home / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
@@ -122,7 +122,7 @@ def _pose(image: ColmapImage, where: str) -> NDArray[np.float64]:
     from scipy.spatial.transform import Rotation
 
     length = float(np.linalg.norm(image.quaternion))
-    if not abs(length - 1.0) < UNIT:
+    if not abs(length - 1.0) < QUATERNION_TOLERANCE:
         raise InputError(f"{where} has a quaternion of length {length:.4g}: it must be 1")
     w, x, y, z = image.quaternion
     return rigid_pose(pose_of(Rotation.from_quat([x, y, z, w]).as_matrix(), image.translation), where)

@@ -27,7 +27,7 @@ MODELS = {
     9: ("RADIAL_FISHEYE", 5),
     10: ("THIN_PRISM_FISHEYE", 12),
 }
-NUMBERS = {name: number for number, (name, _) in MODELS.items()}
+MODEL_NUMBERS = {name: number for number, (name, _) in MODELS.items()}
 POINT_2D, TRACK = 24, 8  # bytes of a point seen in an image, and of an image that saw a point
 
 
@@ -91,7 +91,7 @@ def read_points(path: Path) -> NDArray[np.float64]:
 def write(folder: Path, cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage]) -> None:
     """Write the three files into `folder`."""
     rows = [
-        struct.pack(f"<iiQQ{len(c.parameters)}d", c.number, NUMBERS[c.model], c.width, c.height, *c.parameters)
+        struct.pack(f"<iiQQ{len(c.parameters)}d", c.number, MODEL_NUMBERS[c.model], c.width, c.height, *c.parameters)
         for c in cameras
     ]
     (folder / "cameras.bin").write_bytes(struct.pack("<Q", len(rows)) + b"".join(rows))

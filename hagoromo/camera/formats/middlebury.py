@@ -18,8 +18,8 @@ from hagoromo.files.door import read_bytes
 from hagoromo.files.picture import picture_size
 from hagoromo.files.record import inside
 
-NUMBERS = 21
-POSE_TOLERANCE = 1e-5  # largest entry of R Rᵀ − I: the sets are written with 12 digits or more
+NUMBERS_PER_VIEW = 21
+MIDDLEBURY_POSE_TOLERANCE = 1e-5  # largest entry of R Rᵀ − I: the sets are written with 12 digits or more
 HALF = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])  # centre of the first pixel
 
 
@@ -68,13 +68,15 @@ def _camera(words: list[str], size: tuple[int, int], where: str) -> Camera:
         numbers = np.array([float(word) for word in words[1:]])
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-    if numbers.size != NUMBERS or not np.isfinite(numbers).all():
-        raise InputError(f"{where} has {numbers.size} numbers: K, R and t are {NUMBERS} finite ones")
+    if numbers.size != NUMBERS_PER_VIEW or not np.isfinite(numbers).all():
+        raise InputError(f"{where} has {numbers.size} numbers: K, R and t are {NUMBERS_PER_VIEW} finite ones")
     k, pose = numbers[:9].reshape(3, 3), pose_of(numbers[9:18].reshape(3, 3), numbers[18:])
     if k[0, 1] or k[1, 0] or (k[2] != (0.0, 0.0, 1.0)).any():
         raise InputError(f"{where} has a skewed K: only one with 0 beside the diagonal is a camera here")
     k = k + HALF
-    return Camera(*size, (k[0, 0], k[1, 1]), (k[0, 2], k[1, 2])).with_pose(rigid_pose(pose, where, POSE_TOLERANCE))
+    return Camera(*size, (k[0, 0], k[1, 1]), (k[0, 2], k[1, 2])).with_pose(
+        rigid_pose(pose, where, MIDDLEBURY_POSE_TOLERANCE)
+    )
 
 
 def _first_image(path: Path, names: list[str]) -> Path:

@@ -30,7 +30,7 @@ from hagoromo.files.record import (
     written_by,
 )
 
-POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
+FOREIGN_POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
 RATIONAL = ("k4", "k5", "k6")
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE", "FULL_OPENCV")
 POSE = Meta(
@@ -130,7 +130,7 @@ def camera_from_record(view: ViewRecord, size: tuple[int, int] | None, where: st
     fl_y = view.fl_y or (_focal(view.camera_angle_y, height, where) if view.camera_angle_y else fl_x)
     if view.transform_matrix is UNSET:
         raise InputError(f"{where} lacks the key 'transform_matrix': add it")
-    pose = rigid_pose(view.transform_matrix, f"{where}: transform_matrix", POSE_TOLERANCE)
+    pose = rigid_pose(view.transform_matrix, f"{where}: transform_matrix", FOREIGN_POSE_TOLERANCE)
     return Camera(
         width,
         height,

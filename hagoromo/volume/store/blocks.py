@@ -16,7 +16,7 @@ from hagoromo.volume.bricks import table_shape
 from hagoromo.volume.table import BLOCK, in_table_order
 from hagoromo.volume.voxels import BRICK, STORED
 
-SIDE = BLOCK * BRICK  # voxels
+BLOCK_SIDE = BLOCK * BRICK  # voxels
 Block = tuple[int, int, int]  # [z, y, x in blocks]
 OFFSETS = tuple(product((0, 1), repeat=3))  # from a brick or block to those whose first layer it shares; itself first
 
@@ -74,7 +74,7 @@ def bricks_of(block: NDArray, places: NDArray[np.integer]) -> NDArray:
 
 def block_of(bricks: NDArray, places: NDArray[np.integer]) -> NDArray:
     """The block (65, 65, 65, …) that carries the next layer, of bricks (k, 9, 9, 9, …) at `places`; 0 elsewhere."""
-    block = np.zeros((SIDE + 1,) * 3 + bricks.shape[4:], bricks.dtype)
+    block = np.zeros((BLOCK_SIDE + 1,) * 3 + bricks.shape[4:], bricks.dtype)
     _windows(block)[tuple(places.T)] = _packets(bricks, 4)
     return block
 

@@ -17,7 +17,7 @@ import zarr
 from numpy.typing import NDArray
 
 from hagoromo.volume.bricks import table_shape
-from hagoromo.volume.store.blocks import SIDE
+from hagoromo.volume.store.blocks import BLOCK_SIDE
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.seal import SEALED
 from hagoromo.volume.table import BLOCK
@@ -46,7 +46,9 @@ class BoxGroup:
 
     def write(self, block: tuple[int, int, int], values: Mapping[str, NDArray]) -> None:
         """Write the voxels (≤ 64, ≤ 64, ≤ 64, …) of a block [z, y, x in blocks], each array whole."""
-        region = tuple(slice(SIDE * k, min(SIDE * (k + 1), n)) for k, n in zip(block, self.shape, strict=True))
+        region = tuple(
+            slice(BLOCK_SIDE * k, min(BLOCK_SIDE * (k + 1), n)) for k, n in zip(block, self.shape, strict=True)
+        )
         for name, array in self._arrays.items():
             array[region] = values[name][tuple(slice(0, r.stop - r.start) for r in region)]
 
@@ -62,15 +64,17 @@ class BoxGroup:
 
         Such a brick holds matter only in the layer that it shares with the next block.
         """
-        empty = {name: np.zeros((SIDE,) * 3 + array.shape[3:], array.dtype) for name, array in self._arrays.items()}
+        empty = {
+            name: np.zeros((BLOCK_SIDE,) * 3 + array.shape[3:], array.dtype) for name, array in self._arrays.items()
+        }
         for block in np.unique(places // BLOCK, axis=0).tolist():
             if not self.holds(tuple(block)):
                 self.write(tuple(block), empty)
         lattice = table_shape(self.shape)
-        bricks: Any = self._create("bricks", lattice, tuple(min(SIDE, n) for n in lattice), "bool", AXES)
-        chunk, inverse = np.unique(places // SIDE, axis=0, return_inverse=True)
-        for number, corner in enumerate(chunk * SIDE):
-            kept = np.zeros([min(SIDE, n - c) for n, c in zip(lattice, corner, strict=True)], bool)
+        bricks: Any = self._create("bricks", lattice, tuple(min(BLOCK_SIDE, n) for n in lattice), "bool", AXES)
+        chunk, inverse = np.unique(places // BLOCK_SIDE, axis=0, return_inverse=True)
+        for number, corner in enumerate(chunk * BLOCK_SIDE):
+            kept = np.zeros([min(BLOCK_SIDE, n - c) for n, c in zip(lattice, corner, strict=True)], bool)
             kept[tuple((places[inverse == number] - corner).T)] = True
             bricks[tuple(slice(c, c + n) for c, n in zip(corner, kept.shape, strict=True))] = kept
 
@@ -79,7 +83,7 @@ class BoxGroup:
             with zarr.config.set(KEEP_EMPTY):
                 return self.group[name]
         more = (components,) if components else ()
-        chunks = tuple(min(SIDE, n) for n in self.shape)
+        chunks = tuple(min(BLOCK_SIDE, n) for n in self.shape)
         return self._create(name, self.shape + more, chunks + more, kind, AXES + (("component",) if more else ()))
 
     def _create(self, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], kind: str, axes: Any) -> Any:

@@ -13,7 +13,7 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.files.zarr_arrays import open_arrays
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import brick_bytes
-from hagoromo.volume.store.blocks import OFFSETS, SIDE, Block, block_of, low_part, runs
+from hagoromo.volume.store.blocks import BLOCK_SIDE, OFFSETS, Block, block_of, low_part, runs
 from hagoromo.volume.store.box_group import BoxGroup
 from hagoromo.volume.store.header import BoxHeader, header_of
 from hagoromo.volume.store.open_box import open_box
@@ -90,15 +90,18 @@ def _blocks(box: VolumeBox, colours: int) -> Iterator[tuple[Block, dict[str, NDA
         inner = box.bricks.places[begin:end] % BLOCK
         wide = {name: block_of(values, inner) for name, values in held.items()}
         for a, b, c in OFFSETS[1:]:
-            beyond = tuple(slice(SIDE, None) if step else slice(SIDE) for step in (a, b, c))
+            beyond = tuple(slice(BLOCK_SIDE, None) if step else slice(BLOCK_SIDE) for step in (a, b, c))
             part = {name: values[beyond].copy() for name, values in wide.items()}
             if any(values.any() for values in part.values()):
                 shared.setdefault((z + a, y + b, x + c), []).append(((a, b, c), part))
-        own = {name: values[:SIDE, :SIDE, :SIDE] for name, values in wide.items()}
+        own = {name: values[:BLOCK_SIDE, :BLOCK_SIDE, :BLOCK_SIDE] for name, values in wide.items()}
         yield (z, y, x), _with_shared(own, shared.pop((z, y, x), []))
     for block, parts in shared.items():
-        if all(SIDE * k < n for k, n in zip(block, box.bricks.shape, strict=True)):
-            own = {name: np.zeros((SIDE,) * 3 + values.shape[3:], values.dtype) for name, values in parts[0][1].items()}
+        if all(BLOCK_SIDE * k < n for k, n in zip(block, box.bricks.shape, strict=True)):
+            own = {
+                name: np.zeros((BLOCK_SIDE,) * 3 + values.shape[3:], values.dtype)
+                for name, values in parts[0][1].items()
+            }
             yield block, _with_shared(own, parts)
 
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.volume.bricks import Bricks, check_shape
-from hagoromo.volume.store.blocks import OFFSETS, SIDE, Block, as_bricks, runs
+from hagoromo.volume.store.blocks import BLOCK_SIDE, OFFSETS, Block, as_bricks, runs
 from hagoromo.volume.store.brick_writer import check_density
 from hagoromo.volume.store.fill_bricks import bricks_from_field, candidates
 from hagoromo.volume.table import BLOCK, in_table_order
 from hagoromo.volume.voxels import BRICK
 
 BRICKS_AT_ONCE = 1 << 12  # bricks evaluated together, but no less than a block
-SHAPES = {"density": (), "axis": (3,), "body_colour": (4,), "material": ()}  # of a voxel
-INNER = BRICK**3  # voxels of a brick that it does not share with those before it
+COMPONENTS = {"density": (), "axis": (3,), "body_colour": (4,), "material": ()}  # of a voxel
+INNER_VOXELS = BRICK**3  # voxels of a brick that it does not share with those before it
 
 
 class FieldBlocks:
@@ -95,11 +95,12 @@ class FieldBlocks:
         import drjit as dr
 
         jit = arrays()
-        index = dr.arange(jit.UInt, len(places) * INNER)
-        inner = index % INNER
+        index = dr.arange(jit.UInt, len(places) * INNER_VOXELS)
+        inner = index % INNER_VOXELS
         z, y, x = (
             dr.minimum(
-                dr.gather(jit.UInt, jit.UInt(np.ascontiguousarray(places[:, k], np.uint32)), index // INNER) * BRICK
+                dr.gather(jit.UInt, jit.UInt(np.ascontiguousarray(places[:, k], np.uint32)), index // INNER_VOXELS)
+                * BRICK
                 + inner // BRICK ** (2 - k) % BRICK,
                 self.shape[k] - 1,
             )
@@ -119,7 +120,7 @@ class FieldBlocks:
         check_density(density)
         if not np.array(finite).all():
             raise InputError("the axis of a voxel with matter is not finite: give unit vectors or zeros")
-        values = {name: np.array(array).reshape(-1, *(BRICK,) * 3, *SHAPES[name]) for name, array in packed.items()}
+        values = {name: np.array(array).reshape(-1, *(BRICK,) * 3, *COMPONENTS[name]) for name, array in packed.items()}
         if self.colours:
             values["body_colour"] = values["body_colour"][..., : self.colours]
         if self.material:
@@ -142,6 +143,6 @@ class FieldBlocks:
 
 def _block(bricks: NDArray, places: NDArray[np.integer]) -> NDArray:
     """The block of bricks (n, 8, 8, 8, …) at `places` (n, 3); 0 elsewhere."""
-    block = np.zeros((SIDE,) * 3 + bricks.shape[4:], bricks.dtype)
+    block = np.zeros((BLOCK_SIDE,) * 3 + bricks.shape[4:], bricks.dtype)
     as_bricks(block)[tuple(places.T)] = bricks
     return block

@@ -14,8 +14,8 @@ from hagoromo.volume.store.brick_writer import BrickWriter, check_density
 from hagoromo.volume.voxels import BRICK, STORED, VOXELS
 
 CHUNK = 1 << 12  # bricks evaluated at once
-TOLD = 1 << 18  # bricks between two looks at the free memory
-PARTS = 4  # along each edge, of a cube that `occupied` does not promise to be empty
+BRICKS_PER_CHECK = 1 << 18  # bricks between two looks at the free memory
+CUBE_PARTS = 4  # along each edge, of a cube that `occupied` does not promise to be empty
 Field = Callable[[Any, Any, Any], dict[str, Any]]
 Occupied = Callable[[Any, float], Any]
 
@@ -33,7 +33,7 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
     check_shape(shape)
     jit, kept, count, checked = arrays(), [np.zeros((0, 3), np.int32)], 0, 0
     for places in candidates(table_shape(shape), occupied):
-        if count - checked > TOLD:  # what will not fit is refused while it is counted
+        if count - checked > BRICKS_PER_CHECK:  # what will not fit is refused while it is counted
             check_memory(count * brick_bytes(), f"more than {count} bricks of a lattice of {shape[::-1]} voxels")
             checked = count
         x, y, z = _indices(places, shape)
@@ -62,8 +62,8 @@ def candidates(lattice: Shape, occupied: Occupied | None) -> Iterator[np.ndarray
     Large cubes are asked about first; those that may hold matter are cut into PARTS³, down to bricks.
     """
     size = 1
-    while occupied and PARTS * PARTS * size <= max(lattice):
-        size *= PARTS
+    while occupied and CUBE_PARTS * CUBE_PARTS * size <= max(lattice):
+        size *= CUBE_PARTS
     across = tuple(-(-n // size) for n in lattice)
     count = int(np.prod(across, dtype=np.int64))
     for start in range(0, count, CHUNK):
@@ -83,8 +83,10 @@ def _within(places: np.ndarray, size: int, lattice: Shape, occupied: Occupied | 
     if size == 1:
         yield places
         return
-    size //= PARTS
-    parts = (places[:, None] + np.array(list(np.ndindex(PARTS, PARTS, PARTS)), np.int32) * size).reshape(-1, 3)
+    size //= CUBE_PARTS
+    parts = (places[:, None] + np.array(list(np.ndindex(CUBE_PARTS, CUBE_PARTS, CUBE_PARTS)), np.int32) * size).reshape(
+        -1, 3
+    )
     for start in range(0, len(parts), CHUNK):
         yield from _within(parts[start : start + CHUNK], size, lattice, occupied)
 

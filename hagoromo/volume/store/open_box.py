@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.bricks import table_shape
-from hagoromo.volume.store.blocks import SIDE, runs
+from hagoromo.volume.store.blocks import BLOCK_SIDE, runs
 from hagoromo.volume.store.header import BoxHeader, header_from_record
 from hagoromo.volume.store.read_bricks import occupied_places
 from hagoromo.volume.store.zarr_blocks import ZarrBlocks
@@ -60,7 +60,7 @@ def _stored_places(bricks: ZarrArray, source: ZarrBlocks) -> NDArray[np.int32]:
     places = in_table_order(np.concatenate(found), lattice)
     blocks = runs(places // BLOCK)[0].tolist()
     for array in (source.density, *source.others.values()):
-        if array.grid[:3] == tuple(min(SIDE, n) for n in source.shape):
+        if array.grid[:3] == tuple(min(BLOCK_SIDE, n) for n in source.shape):
             _check_chunks(array, blocks)
     return places
 

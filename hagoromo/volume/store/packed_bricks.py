@@ -29,13 +29,13 @@ from hagoromo.volume.store.zarr_blocks import in_order
 from hagoromo.volume.voxels import PAIRS, STORED, paired_density, unpacked_density
 
 FORMAT = 1
-FOLDER = "packed"
-TOGETHER = 512  # bricks a chunk
+PACKED_GROUP = "packed"
+BRICKS_PER_CHUNK = 512  # bricks a chunk
 CODEC = {"name": "zstd", "configuration": {"level": -3, "checksum": True}}  # twice as fast to undo as level 0
-KINDS = {"density": "float16", "axis": "int32", "colour": "float16", "material": "uint8"}
+PACKED_DTYPES = {"density": "float16", "axis": "int32", "colour": "float16", "material": "uint8"}
 COMPONENTS = {"colour": (4,)}
 BITS = {"density": np.uint16, "axis": np.int32, "colour": np.uint16, "material": np.uint8}  # read as whole numbers
-MOST = int(np.float16(DENSEST).view(np.uint16))  # bits of the largest density: those of negative ones are above
+LARGEST_HALF = int(np.float16(DENSEST).view(np.uint16))  # bits of the largest density: those of negative ones are above
 INFINITE = 0x7C00  # bits of an infinite half; of NaN or infinity when all of them are set
 Values = dict[str, NDArray]
 
@@ -46,10 +46,11 @@ def write_packed(folder: Path, progress: Progress = silent) -> None:
     count = len(box.places)
     if not count:
         return
-    group = zarr.open_group(folder / FOLDER, mode="w", zarr_format=3)
+    group = zarr.open_group(folder / PACKED_GROUP, mode="w", zarr_format=3)
     made: dict[str, Any] = {
         name: group.create_array(
-            name, shape=(count, *_voxel(name)), chunks=(min(TOGETHER, count), *_voxel(name)), dtype=KINDS[name],
+            name, shape=(count, *_voxel(name)), chunks=(min(BRICKS_PER_CHUNK, count), *_voxel(name)),
+            dtype=PACKED_DTYPES[name],
             compressors=CODEC, fill_value=0, config={"write_empty_chunks": True},
             dimension_names=("brick", "z", "y", "x", "component")[: 1 + len(_voxel(name))],
         )
@@ -72,10 +73,10 @@ def read_packed(box: OpenBox) -> Bricks | None:
 
     Raises `InputError` where they are damaged, hold what is no voxel, or do not fit the memory.
     """
-    folder = box.folder / FOLDER
+    folder = box.folder / PACKED_GROUP
     if not (folder / "zarr.json").is_file() or "bricks" not in box.arrays or not len(box.places):
         return None
-    record, stored = open_arrays(folder, tuple(KINDS))
+    record, stored = open_arrays(folder, tuple(PACKED_DTYPES))
     if record.get("format") != FORMAT or record.get("seal") != seal(box.arrays.values()):
         return None
     names, count = _names(box), len(box.places)
@@ -132,10 +133,10 @@ def _chunks(box: OpenBox) -> Iterator[tuple[int, Values]]:
     for first, voxels in brick_runs(box.source, box.places, len(box.header.materials)):
         values = _as_stored(packed_voxels(**voxels)[1])
         held = {name: np.concatenate([array, *([held[name]] if held else [])]) for name, array in values.items()}
-        whole = -(-first // TOGETHER) * TOGETHER
+        whole = -(-first // BRICKS_PER_CHUNK) * BRICKS_PER_CHUNK
         end = first + len(held["density"])
-        for begin in range(whole, end, TOGETHER):
-            yield begin, {name: array[begin - first : begin - first + TOGETHER] for name, array in held.items()}
+        for begin in range(whole, end, BRICKS_PER_CHUNK):
+            yield begin, {name: array[begin - first : begin - first + BRICKS_PER_CHUNK] for name, array in held.items()}
         held = {name: array[: whole - first] for name, array in held.items()}
 
 
@@ -147,9 +148,16 @@ def _as_stored(packed: dict[str, Any]) -> Values:
 
 def _numbers(box: OpenBox, name: str, array: ZarrArray | None) -> range:
     """Numbers of the chunks of an array, if it is what `box` needs and all of them are there."""
-    where, wanted = box.folder / FOLDER, (len(box.places), *_voxel(name))
-    if array is None or array.shape != wanted or array.grid[1:] != wanted[1:] or str(array.array.dtype) != KINDS[name]:
-        raise InputError(f"{where / name} is no array {KINDS[name]} {wanted}: remove {where}, the box is read without")
+    where, wanted = box.folder / PACKED_GROUP, (len(box.places), *_voxel(name))
+    if (
+        array is None
+        or array.shape != wanted
+        or array.grid[1:] != wanted[1:]
+        or str(array.array.dtype) != PACKED_DTYPES[name]
+    ):
+        raise InputError(
+            f"{where / name} is no array {PACKED_DTYPES[name]} {wanted}: remove {where}, the box is read without"
+        )
     numbers = range(-(-len(box.places) // array.grid[0]))
     for number in numbers:
         if (number, *(0 for _ in _voxel(name))) not in array.files:
@@ -160,7 +168,7 @@ def _numbers(box: OpenBox, name: str, array: ZarrArray | None) -> range:
 def _check_voxels(name: str, bits: NDArray, array: ZarrArray, materials: int) -> None:
     """Raises `InputError` for values that no voxel has; an axis is one whatever its bits."""
     bad = {
-        "density": lambda: bits.max() > MOST,
+        "density": lambda: bits.max() > LARGEST_HALF,
         "axis": lambda: False,
         "colour": lambda: ((bits & INFINITE) == INFINITE).any(),
         "material": lambda: bits.max() >= materials,

@@ -18,7 +18,7 @@ from hagoromo.volume.store.zarr_blocks import THREADS
 
 SEALED = {"name": "zstd", "configuration": {"level": 0, "checksum": True}}  # the codec of arrays that are sealed
 TAIL = 4  # bytes of the checksum
-TOGETHER = 64  # files that a thread reads at a time
+FILES_AT_ONCE = 64  # files that a thread reads at a time
 
 
 def seal(arrays: Iterable[ZarrArray]) -> str:
@@ -32,7 +32,7 @@ def seal(arrays: Iterable[ZarrArray]) -> str:
         for array in sorted(arrays, key=lambda array: array.where):
             folder = Path(array.where)
             files = [file for _, file in sorted(array.files.items())]
-            batches = [files[k : k + TOGETHER] for k in range(0, len(files), TOGETHER)]
+            batches = [files[k : k + FILES_AT_ONCE] for k in range(0, len(files), FILES_AT_ONCE)]
             try:
                 digest.update(folder.name.encode() + blake2b((folder / "zarr.json").read_bytes()).digest())
                 digest.update(repr(sorted(array.files)).encode())

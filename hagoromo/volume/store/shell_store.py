@@ -29,10 +29,10 @@ from hagoromo.volume.table import in_table_order
 from hagoromo.volume.texel import SCALES, Level, Texel
 from hagoromo.volume.voxels import STORED
 
-TOGETHER = 512  # bricks a chunk, and sent to the device together
-VOXEL = (STORED, STORED, STORED)
-BRICKS = {"height": (np.float16, ()), "normal": (np.float16, (3,)), "chart": (np.uint32, (4,))}
-LEVEL = {"density": np.float16, "axis": np.float16, "scale": np.float32}
+BRICKS_PER_CHUNK = 512  # bricks a chunk, and sent to the device together
+STORED_SHAPE = (STORED, STORED, STORED)
+BRICK_ARRAYS = {"height": (np.float16, ()), "normal": (np.float16, (3,)), "chart": (np.uint32, (4,))}
+LEVEL_ARRAYS = {"density": np.float16, "axis": np.float16, "scale": np.float32}
 
 
 def write_shell(box: VolumeBox, folder: Path) -> None:
@@ -44,20 +44,21 @@ def write_shell(box: VolumeBox, folder: Path) -> None:
     total = max(box.bricks.kept, 1)
     made: dict[str, Any] = {
         name: group.create_array(
-            name, shape=(total, *VOXEL, *more), chunks=(min(TOGETHER, total), *VOXEL, *more), dtype=kind,
+            name, shape=(total, *STORED_SHAPE, *more), chunks=(min(BRICKS_PER_CHUNK, total), *STORED_SHAPE, *more),
+            dtype=kind,
             compressors=SEALED, fill_value=0,
         )
-        for name, (kind, more) in BRICKS.items()
+        for name, (kind, more) in BRICK_ARRAYS.items()
     }  # fmt: skip
-    for begin in range(0, box.bricks.kept, TOGETHER):
-        end = min(begin + TOGETHER, box.bricks.kept)
+    for begin in range(0, box.bricks.kept, BRICKS_PER_CHUNK):
+        end = min(begin + BRICKS_PER_CHUNK, box.bricks.kept)
         held = box.bricks.read(begin, end)
         made["height"][begin:end], made["normal"][begin:end] = held["density"], held["axis"]
         made["chart"][begin:end] = held["chart"]
     group.create_array("places", data=box.bricks.places.astype(np.int32), compressors=SEALED)
     for k, level in enumerate(box.texel.levels):
         part = group.create_group(f"texel/{k}")
-        for name in LEVEL:
+        for name in LEVEL_ARRAYS:
             part.create_array(name, data=getattr(level, name), compressors=SEALED)
 
 
@@ -85,13 +86,13 @@ def read_shell(folder: Path) -> VolumeBox:
     if not np.array_equal(places, in_table_order(places, lattice)) or len(np.unique(places, axis=0)) != len(places):
         raise InputError(f"{folder}/places is not in the order of bricks: the box is damaged")
     writer = BrickWriter(shape, places, chart=True)
-    for name, (kind, more) in BRICKS.items():
-        _check(stored[name], kind, (max(len(places), 1), *VOXEL, *more))
-    for begin in range(0, len(places), TOGETHER):
-        end = min(begin + TOGETHER, len(places))
+    for name, (kind, more) in BRICK_ARRAYS.items():
+        _check(stored[name], kind, (max(len(places), 1), *STORED_SHAPE, *more))
+    for begin in range(0, len(places), BRICKS_PER_CHUNK):
+        end = min(begin + BRICKS_PER_CHUNK, len(places))
         height, normal, words = (
-            stored[name].read((begin, *[0] * (3 + len(more))), (end, *VOXEL, *more))
-            for name, (_, more) in BRICKS.items()
+            stored[name].read((begin, *[0] * (3 + len(more))), (end, *STORED_SHAPE, *more))
+            for name, (_, more) in BRICK_ARRAYS.items()
         )
         writer.write(begin, height.astype(np.float32), normal.astype(np.float32), chart=words)
     levels = tuple(_level(stored, k, str(folder)) for k in range(numbers.levels))
@@ -111,7 +112,7 @@ def _opened(folder: Path) -> tuple[Any, Shape, TexelRecord, dict[str, ZarrArray]
     numbers = decode(record, BoxRecord, where).texel
     if numbers is None:
         raise InputError(f"{where} has no texel: it is no shell")
-    names = ["places", *BRICKS, *(f"texel/{k}/{name}" for k in range(numbers.levels) for name in LEVEL)]
+    names = ["places", *BRICK_ARRAYS, *(f"texel/{k}/{name}" for k in range(numbers.levels) for name in LEVEL_ARRAYS)]
     stored = open_arrays(folder, tuple(names))[1]
     for name in names:
         if name not in stored:

@@ -18,7 +18,7 @@ from hagoromo.errors import InputError, described
 from hagoromo.files.door import check_memory
 from hagoromo.files.zarr_arrays import Index, ZarrArray
 from hagoromo.volume.bricks import check_shape
-from hagoromo.volume.store.blocks import SIDE
+from hagoromo.volume.store.blocks import BLOCK_SIDE
 from hagoromo.volume.store.brick_writer import DENSEST
 
 LARGEST_HALF = 0x7BFF  # bits of the largest finite half: halves from 0 on have no greater ones
@@ -45,7 +45,9 @@ class ZarrBlocks:
         self.colours = others["body_colour"].shape[-1] if "body_colour" in others else 0
         self.material = "material" in others
         chunks = 1 if "axis" in others else GRADIENT_CHUNKS
-        self.tile = tuple(SIDE * -(-min(chunks * c, n) // SIDE) for c, n in zip(density.grid, self.shape, strict=True))
+        self.tile = tuple(
+            BLOCK_SIDE * -(-min(chunks * c, n) // BLOCK_SIDE) for c, n in zip(density.grid, self.shape, strict=True)
+        )
         self.across = tuple(-(-n // side) for n, side in zip(self.shape, self.tile, strict=True))
         voxel = 40 + 8 * self.colours  # as read and as kept, two tiles a thread
         check_memory(2.0 * THREADS * voxel * np.prod(self.tile, dtype=float), f"reading tiles of {density.where}")

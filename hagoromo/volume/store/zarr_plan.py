@@ -14,7 +14,7 @@ from hagoromo.files.zarr_arrays import open_array
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks
-from hagoromo.volume.store.blocks import SIDE, Block
+from hagoromo.volume.store.blocks import BLOCK_SIDE, Block
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.read_bricks import occupied_places, read_bricks
@@ -55,20 +55,21 @@ class ZarrVolume:
 
     def parts(self) -> list[NDArray[np.integer]]:
         """The blocks (n, 3) of every tile."""
-        inner = np.argwhere(np.ones([side // SIDE for side in self.source.tile], bool))
-        ends = -(-np.array(self.shape) // SIDE)
-        blocks = (inner + tile * self.source.tile // SIDE for tile in self.source.tiles())
+        inner = np.argwhere(np.ones([side // BLOCK_SIDE for side in self.source.tile], bool))
+        ends = -(-np.array(self.shape) // BLOCK_SIDE)
+        blocks = (inner + tile * self.source.tile // BLOCK_SIDE for tile in self.source.tiles())
         return [part[(part < ends).all(axis=1)] for part in blocks]
 
     def read(self, part: NDArray[np.integer]) -> Iterator[tuple[Block, dict[str, NDArray]]]:
         """The blocks of a tile that hold matter, with their voxels."""
-        corner = part[0] * SIDE
+        corner = part[0] * BLOCK_SIDE
         tile = tuple((corner // self.source.tile).tolist())
         values = self.source.voxels(tile)
         values["axis"] = np.where(values["density"][..., None] > 0, values["axis"], np.float16(0))
         for z, y, x in part.tolist():
             inner = tuple(
-                slice(k - c, k - c + SIDE) for k, c in zip((z * SIDE, y * SIDE, x * SIDE), corner, strict=True)
+                slice(k - c, k - c + BLOCK_SIDE)
+                for k, c in zip((z * BLOCK_SIDE, y * BLOCK_SIDE, x * BLOCK_SIDE), corner, strict=True)
             )
             block = {name: array[inner] for name, array in values.items()}
             if block["density"].any():
