@@ -174,10 +174,10 @@ def _camera(width: int, height: int, focal: tuple[float, float], principal: tupl
 
 def _weights(normals: Array, to_lamp: Array, points: Array, look: Look) -> tuple[Array, Array]:
     """Body and interface weights of eq. (2) at each point, cosθ_i in them."""
-    kinds: Any = arrays()
+    jit: Any = arrays()
     to_eye = -points / np.linalg.norm(points, axis=1, keepdims=True)
-    n, towards, eye = (kinds.Array3f(vectors.T.astype(np.float32)) for vectors in (normals, to_lamp, to_eye))
-    found = torrance_sparrow(n, towards, eye, 1.0, look.beta, kinds.Float(look.gamma), look.n)
+    n, towards, eye = (jit.Array3f(vectors.T.astype(np.float32)) for vectors in (normals, to_lamp, to_eye))
+    found = torrance_sparrow(n, towards, eye, 1.0, look.beta, jit.Float(look.gamma), look.n)
     return found.body.numpy().astype(np.float64), found.interface.numpy().astype(np.float64)
 
 

@@ -118,16 +118,16 @@ def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:
 
     Each ball is tested in PARTS³ parts: the bound of a shape with steep slopes then keeps fewer empty bricks.
     """
-    kinds, parts = arrays(), PARTS**3
+    jit, parts = arrays(), PARTS**3
     dr.eval(centre)
     may_hold = []
     for first in range(0, dr.width(centre), ASKED):
         count = min(ASKED, dr.width(centre) - first)
-        index = dr.arange(kinds.UInt, count * parts)
+        index = dr.arange(jit.UInt, count * parts)
         part = index % parts
-        place = kinds.Array3f(part % PARTS, (part // PARTS) % PARTS, part // PARTS**2)
+        place = jit.Array3f(part % PARTS, (part // PARTS) % PARTS, part // PARTS**2)
         shift = (place - 0.5 * (PARTS - 1)) * (2.0 * radius / math.sqrt(3.0) / PARTS)
-        middle = dr.gather(kinds.Array3f, centre, index // parts + dr.opaque(kinds.UInt, first))
-        near = dr.select(bound(middle + shift) < radius / PARTS, kinds.UInt(1), 0)
+        middle = dr.gather(jit.Array3f, centre, index // parts + dr.opaque(jit.UInt, first))
+        near = dr.select(bound(middle + shift) < radius / PARTS, jit.UInt(1), 0)
         may_hold.append(np.array(dr.block_sum(near, parts)) > 0)
     return np.concatenate(may_hold)

@@ -72,9 +72,9 @@ def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> Cells:
 
     jitter: 0 puts the points on a lattice, 1 anywhere in their cells.
     """
-    kinds = arrays()
+    jit = arrays()
     cell, part = _cell(point)
-    nearest, second, number = kinds.Float(9.0), kinds.Float(9.0), kinds.UInt(0)
+    nearest, second, number = jit.Float(9.0), jit.Float(9.0), jit.UInt(0)
     for corner in product((-1, 0, 1), repeat=3):
         numbers = hashed(_plus(cell, corner), seed)
         offset = [corner[k] + 0.5 + jitter * (uniform(numbers[k]) - 0.5) - part[k] for k in range(3)]
@@ -101,9 +101,9 @@ def _mixed(numbers: list[Any]) -> tuple[Any, Any, Any]:
 
 def _cell(point: Any) -> tuple[Any, Any]:
     """The integer cell of a point and the position inside it, 0…1."""
-    kinds = arrays()
+    jit = arrays()
     floor = dr.floor(dr.detach(point))
-    return kinds.Array3i(floor), point - floor
+    return jit.Array3i(floor), point - floor
 
 
 def _plus(cell: Any, corner: tuple[int, ...]) -> tuple[Any, Any, Any]:

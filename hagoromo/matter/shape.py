@@ -103,15 +103,15 @@ def spline(at: Any, knots: Sequence[float], values: Sequence[float]) -> Any:
     """Smooth curve through (knots, values), without overshoot (PCHIP), constant beyond its ends."""
     from scipy.interpolate import PchipInterpolator
 
-    kinds, pieces = arrays(), PchipInterpolator(knots, values)
-    table = kinds.Float(np.ascontiguousarray(pieces.c.T[:, ::-1], np.float32).ravel())
+    jit, pieces = arrays(), PchipInterpolator(knots, values)
+    table = jit.Float(np.ascontiguousarray(pieces.c.T[:, ::-1], np.float32).ravel())
     at = clip(at, float(knots[0]), float(knots[-1]))
-    piece = kinds.UInt(0)
+    piece = jit.UInt(0)
     for knot in knots[1:-1]:
-        piece += dr.select(dr.detach(at) >= float(knot), kinds.UInt(1), 0)
-    start = kinds.Float(np.asarray(knots, np.float32))
-    part = at - dr.gather(kinds.Float, start, piece)
-    c = [dr.gather(kinds.Float, table, piece * 4 + k) for k in range(4)]
+        piece += dr.select(dr.detach(at) >= float(knot), jit.UInt(1), 0)
+    start = jit.Float(np.asarray(knots, np.float32))
+    part = at - dr.gather(jit.Float, start, piece)
+    c = [dr.gather(jit.Float, table, piece * 4 + k) for k in range(4)]
     return dr.fma(dr.fma(dr.fma(c[3], part, c[2]), part, c[1]), part, c[0])
 
 

@@ -159,6 +159,6 @@ def _local(points: NDArray, pose: Pose) -> NDArray:
 
 def head_axes(pose: Pose) -> NDArray:
     """The head's axes in the world, as rows."""
-    kinds = arrays()
-    rows = [np.array(placed(kinds.Array3f(*row), (0, 0, 0), pose.nod)).ravel() for row in np.eye(3).tolist()]
+    jit = arrays()
+    rows = [np.array(placed(jit.Array3f(*row), (0, 0, 0), pose.nod)).ravel() for row in np.eye(3).tolist()]
     return np.array(rows).T

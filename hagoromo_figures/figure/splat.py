@@ -105,20 +105,20 @@ class _Lattice:
         self, low: NDArray, voxel: float, cells: NDArray, table: NDArray, values: list[NDArray], far: NDArray
     ) -> None:
         """values: density, tangent x, y, z and kind of the voxels of the cells that `table` numbers."""
-        kinds = arrays()
+        jit = arrays()
         self.low, self.voxel, self.cells = [float(x) for x in low], float(voxel), [int(n) for n in cells]
-        self.table, self.far = lookup(kinds.Int, table), lookup(kinds.Float, far.astype(np.float32))
-        self.values = [lookup(kinds.Float, part.astype(np.float32)) for part in values]
+        self.table, self.far = lookup(jit.Int, table), lookup(jit.Float, far.astype(np.float32))
+        self.values = [lookup(jit.Float, part.astype(np.float32)) for part in values]
 
     def field(self, point: Any) -> tuple[Any, Any, Any]:
         """Density, tangent and kind of the voxel whose middle is nearest."""
-        kinds = arrays()
+        jit = arrays()
         cell, inner = self._cell(point)
-        held = dr.gather(kinds.Int, self.table, cell)
+        held = dr.gather(jit.Int, self.table, cell)
         some = held >= 0
-        index = kinds.UInt(held) * CELL**3 + inner
-        density, x, y, z, kind = (dr.gather(kinds.Float, part, index, some) for part in self.values)
-        return density, kinds.Array3f(x, y, z), kinds.UInt(kind)
+        index = jit.UInt(held) * CELL**3 + inner
+        density, x, y, z, kind = (dr.gather(jit.Float, part, index, some) for part in self.values)
+        return density, jit.Array3f(x, y, z), jit.UInt(kind)
 
     def bound(self, point: Any) -> Any:
         """At most the distance to the cells that hold anything [mm]; below 0 inside them."""
@@ -132,10 +132,10 @@ class _Lattice:
 
     def _cell(self, point: Any) -> tuple[Any, Any]:
         """Number of the cell of a point, and of its voxel in it."""
-        kinds, index, inner = arrays(), arrays().UInt(0), arrays().UInt(0)
+        jit, index, inner = arrays(), arrays().UInt(0), arrays().UInt(0)
         for k in range(3):
             at = clip((point[k] - self.low[k]) * (1.0 / self.voxel), 0.0, self.cells[k] * CELL - 1.0)
-            whole = kinds.UInt(at)
+            whole = jit.UInt(at)
             index = index * self.cells[k] + whole // CELL
             inner = inner * CELL + whole % CELL
         return index, inner

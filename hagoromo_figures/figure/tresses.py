@@ -102,9 +102,9 @@ def face_hair(pose: Pose, step: float, draw: np.random.Generator) -> Strands:
 
 def _front(x: NDArray, z: NDArray) -> NDArray:
     """y of the face at x, z, in the axes of the head: of the skin that is met first from in front."""
-    kinds = arrays()
+    jit = arrays()
     y = np.full(x.shape, -22.0)
     for _ in range(60):
         flat = (np.ascontiguousarray(part.ravel(), np.float32) for part in (x, y, z))
-        y += 0.7 * np.array(head(kinds.Array3f(*flat)), np.float64).reshape(x.shape)
+        y += 0.7 * np.array(head(jit.Array3f(*flat)), np.float64).reshape(x.shape)
     return y

@@ -99,9 +99,9 @@ def test_gradient_of_the_march_by_colour(ball):
 
 
 def test_rays_of_arrays_and_of_dr_jit_give_the_same_light(ball):
-    light, kinds = ball(ORIGINS, FORWARD), arrays()
-    x = kinds.Float(ORIGINS[:, 0].astype(np.float32))
-    weights, transmittance = ball.along(kinds.Array3f(x, 0.013, -1.0), kinds.Array3f(0.0, 0.0, 1.0) + 0 * x)
+    light, jit = ball(ORIGINS, FORWARD), arrays()
+    x = jit.Float(ORIGINS[:, 0].astype(np.float32))
+    weights, transmittance = ball.along(jit.Array3f(x, 0.013, -1.0), jit.Array3f(0.0, 0.0, 1.0) + 0 * x)
     np.testing.assert_array_equal(light.weights[:, 0], np.array(weights[0]))
     np.testing.assert_array_equal(light.transmittance, np.array(transmittance))
     np.testing.assert_array_equal(hg.march(ball, ORIGINS, FORWARD).weights, light.weights)

@@ -111,16 +111,14 @@ def test_cubes_that_may_hold_matter_are_cut_down_to_the_same_bricks():
 
 def picture(boxes, slots=None):
     """Rays across `boxes`: weights and transmittance; `slots`: as many boxes at once, in place of what may overlap."""
-    kinds, lamps = arrays(), [Lamp(position=(0.3, 0.5, -2.9))]
+    jit, lamps = arrays(), [Lamp(position=(0.3, 0.5, -2.9))]
     medium = Medium(boxes)
     medium.frames.slots = slots or medium.frames.slots
     lighting = Lighting(lamps, Materials([MATTER] * len(boxes), palette_of([MATTER], [], [WHITE])))
-    index = dr.arange(kinds.UInt, 61 * 47)
-    x, y = kinds.Float(index % 61) / 61 * 0.7 - 0.1, kinds.Float(index // 61) / 47 * 0.5 - 0.1
-    direction = dr.normalize(kinds.Array3f(0.1 * x + 0.05, 0.1 * y, 1.0))
-    channels, passed = march(
-        medium, lighting, kinds.Array3f(x, y, -2.0), direction, kinds.Float(0), kinds.Float(dr.inf)
-    )
+    index = dr.arange(jit.UInt, 61 * 47)
+    x, y = jit.Float(index % 61) / 61 * 0.7 - 0.1, jit.Float(index // 61) / 47 * 0.5 - 0.1
+    direction = dr.normalize(jit.Array3f(0.1 * x + 0.05, 0.1 * y, 1.0))
+    channels, passed = march(medium, lighting, jit.Array3f(x, y, -2.0), direction, jit.Float(0), jit.Float(dr.inf))
     return medium.frames.slots, np.stack([np.array(value) for value in (*channels, passed)])
 
 

@@ -283,14 +283,14 @@ def test_all_feathers_grow_from_the_arm():
 
 def test_no_feather_is_overlooked():
     """At places over one wing, the feathers that a cell names hold all that any of the feathers holds there."""
-    made, kinds = Wing(2, Fineness(0.4, 0.1)), arrays()
+    made, jit = Wing(2, Fineness(0.4, 0.1)), arrays()
     draw = np.random.default_rng(3)
     point = arrays().Array3f(*draw.uniform((2.0, 15.0, 60.0), (135.0, 70.0, 300.0), (60_000, 3)).T.astype(np.float32))
     place, count = ground(point), feathers(2).shape[1]
     cell = np.array(cell_at(place.x, place.z, place.height)) + made.cells
     starts, members = np.array(made.starts), np.array(made.members)
     for number in range(count, 2 * count, 7):
-        density = np.array(made.feather(place, dr.full(kinds.UInt, number, len(cell)))[0])
+        density = np.array(made.feather(place, dr.full(jit.UInt, number, len(cell)))[0])
         for at in np.flatnonzero(density > 0)[:50]:
             assert number in members[starts[cell[at]] : starts[cell[at] + 1]]
 

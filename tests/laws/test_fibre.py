@@ -21,13 +21,13 @@ MIDDLE = (32.3, 32.4, 32.2)  # off the voxels' centres
 
 def light_along(tilt: float, across: int) -> np.ndarray:
     """Light of a fibre one voxel thick, tilted against the lattice, at 40 places along it; `across` rays a voxel."""
-    kinds = arrays()
+    jit = arrays()
     along = np.array([1.0, np.tan(tilt), 0.37 * np.tan(tilt)])
     along /= np.linalg.norm(along)
-    axis = kinds.Array3f(*map(float, along))
+    axis = jit.Array3f(*map(float, along))
 
     def field(p):
-        offset = p - kinds.Array3f(*MIDDLE)
+        offset = p - jit.Array3f(*MIDDLE)
         away = dr.norm(offset - axis * dr.dot(offset, axis))
         return coverage(away - 0.5, 2.0), axis
 
@@ -35,9 +35,9 @@ def light_along(tilt: float, across: int) -> np.ndarray:
     lighting = Lighting([Lamp(to_lamp=(0.3, -0.2, -1.0))], Materials([FIBRE], palette_of([FIBRE], [], [WHITE])))
     u, w = np.meshgrid(np.linspace(12, 52, 40), (np.arange(8 * across) + 0.5) / across - 4, indexing="ij")
     y = MIDDLE[1] + (u - MIDDLE[0]) * np.tan(tilt) + w
-    origin = kinds.Array3f(*(np.float32(v.ravel()) for v in (u, y)), -5.0)
-    direction = kinds.Array3f(0, 0, 1) + 0 * origin
-    channels, _ = march(medium, lighting, origin, direction, kinds.Float(0), kinds.Float(dr.inf))
+    origin = jit.Array3f(*(np.float32(v.ravel()) for v in (u, y)), -5.0)
+    direction = jit.Array3f(0, 0, 1) + 0 * origin
+    channels, _ = march(medium, lighting, origin, direction, jit.Float(0), jit.Float(dr.inf))
     return (np.array(channels[0]) + np.array(channels[1])).reshape(u.shape).mean(axis=1)
 
 

@@ -152,13 +152,13 @@ def test_transmittance_against_quadrature():
 
 def frame(box, order="tiles", skip=True):
     """33 × 29 rays through the ball, in tile or row order."""
-    kinds, width, height = arrays(), 33, 29
+    jit, width, height = arrays(), 33, 29
     numbers = tile_order(width, height) if order == "tiles" else np.arange(width * height, dtype=np.uint32)
-    index = kinds.UInt(numbers)
-    x, y = kinds.Float(index % width) / width * 0.12 - 0.06, kinds.Float(index // width) / height * 0.12 - 0.06
+    index = jit.UInt(numbers)
+    x, y = jit.Float(index % width) / width * 0.12 - 0.06, jit.Float(index // width) / height * 0.12 - 0.06
     medium, lighting = lit([box], [Lamp(position=(0.3, 0.5, -0.9))])
     direction = dr.normalize(vector(0.1 * x, 0.1 * y, 1.0))
-    channels, _ = march(medium, lighting, vector(x, y, -1.0), direction, kinds.Float(0), kinds.Float(9), 0.0, skip)
+    channels, _ = march(medium, lighting, vector(x, y, -1.0), direction, jit.Float(0), jit.Float(9), 0.0, skip)
     picture = np.empty((width * height, len(channels)), np.float32)
     picture[numbers] = np.stack([np.array(c) for c in channels], -1)
     return picture

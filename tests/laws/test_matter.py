@@ -190,8 +190,8 @@ def test_noise_is_smooth_and_its_slope_is_its_derivative(noise):
 
 def test_random_numbers_are_uniform():
     """Chi-square over 64 bins of 2¹⁶ neighbouring cells, at a fixed seed: p above 1 % (significance 1 %)."""
-    kinds = arrays()
-    index = dr.arange(kinds.Int, 1 << 16)
+    jit = arrays()
+    index = dr.arange(jit.Int, 1 << 16)
     drawn = np.array(random((index % 256, index // 256, -3), 11))
     counts, _ = np.histogram(drawn, bins=64, range=(0.0, 1.0))
     assert sampler_follows_density(counts, np.full(64, drawn.size / 64), significance=0.01)

@@ -60,17 +60,17 @@ def test_what_is_not_occupied_holds_no_matter(focal):
         camera = camera.look_at((0.0, -0.075, 0.02), (0.0, 0.0, 0.0))
     field = plan_of(ball(camera)[1], camera).blocks
     assert isinstance(field, FieldBlocks) and field.occupied is not None
-    kinds, random = arrays(), np.random.default_rng(3)
+    jit, random = arrays(), np.random.default_rng(3)
     size = np.array(field.shape[::-1]) * field.voxel_size
     points = (random.random((200_000, 3)) * size).astype(np.float32)
-    p = kinds.Array3f(*(np.ascontiguousarray(points[:, k]) for k in range(3)))
+    p = jit.Array3f(*(np.ascontiguousarray(points[:, k]) for k in range(3)))
     filled = np.array(field.field(p)[0]) > 0.0
     assert filled.sum() > 1000
     for radius in (0.5, 4.0, 31.0):  # voxels
         away = random.normal(size=points.shape)
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         away *= radius * field.voxel_size * random.random((len(points), 1))
-        middle = kinds.Array3f(*(np.ascontiguousarray((points + away).astype(np.float32)[:, k]) for k in range(3)))
+        middle = jit.Array3f(*(np.ascontiguousarray((points + away).astype(np.float32)[:, k]) for k in range(3)))
         may = np.array(field.occupied(middle, radius * field.voxel_size))
         assert may[filled].all()
         assert radius > 1.0 or not may.all()  # it does exclude

@@ -31,13 +31,13 @@ FACING = (0.0, -1.0, 0.0)
 
 def square(side_mm: float, pixels: int):
     """Points on the plane y = 0, `pixels` a side, and their normals."""
-    kinds = arrays()
-    index = dr.arange(kinds.UInt, pixels * pixels)
+    jit = arrays()
+    index = dr.arange(jit.UInt, pixels * pixels)
     step = side_mm / pixels
-    flat = dr.zeros(kinds.Float, pixels * pixels)
-    point = kinds.Array3f(kinds.Float(index % pixels) * step, flat, kinds.Float(index // pixels) * step)
+    flat = dr.zeros(jit.Float, pixels * pixels)
+    point = jit.Array3f(jit.Float(index % pixels) * step, flat, jit.Float(index // pixels) * step)
     dr.make_opaque(point)
-    return point, kinds.Array3f(*FACING)
+    return point, jit.Array3f(*FACING)
 
 
 def relief(depth, side_mm: float, pixels: int) -> np.ndarray:

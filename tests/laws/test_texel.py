@@ -32,7 +32,7 @@ LAMPS = (Lamp(position=(-0.2, -0.3, 0.25)), Lamp(to_lamp=(0.6, -0.7, 0.5)))
 
 def bars(point, variant=None):
     """Round bars along v, one a millimetre of u, and thinner ones along u that dip under every second of them."""
-    kinds = arrays()
+    jit = arrays()
     u, v, h = point.x, point.y, point.z
     beside = u - dr.floor(u) - 0.5
     first = dr.sqrt(dr.square(beside) + dr.square(h - 0.15)) - 0.22
@@ -40,8 +40,8 @@ def bars(point, variant=None):
     second = dr.sqrt(dr.square(over) + dr.square(h + 0.2 * dr.cos(2.0 * math.pi * u / 3.0))) - 0.16
     density = coverage(dr.fmin(first, second), 2.0 * VOXEL)
     upper = first < second
-    axis = dr.select(upper, kinds.Array3f(0, 1, 0), kinds.Array3f(1, 0, 0))
-    return density, axis, dr.select(upper, kinds.UInt(0), 1)
+    axis = dr.select(upper, jit.Array3f(0, 1, 0), jit.Array3f(1, 0, 0))
+    return density, axis, dr.select(upper, jit.UInt(0), 1)
 
 
 def block(variants=1):
@@ -52,9 +52,9 @@ def flat(jump=0.0, turned=False):
     """The plane y = 0, seen from −y: u along x, v along z; u jumps by whole periods at x = 1.3 if asked."""
 
     def chart(point):
-        kinds = arrays()
+        jit = arrays()
         u = point.x + dr.select(point.x > 1.3, jump * PERIOD[0], 0.0)
-        return Chart(-point.y, kinds.Array3f(0, -1, 0), u, point.z, kinds.Array3f(1, 0, 0))
+        return Chart(-point.y, jit.Array3f(0, -1, 0), u, point.z, jit.Array3f(1, 0, 0))
 
     return chart
 
@@ -74,9 +74,9 @@ def plain(size=12.0, voxel=VOXEL):
     half = 0.5 * size
 
     def field(point):
-        kinds = arrays()
-        density, axis, _ = bars(kinds.Array3f(point.x, point.z, -point.y))
-        return density, kinds.Array3f(axis.x, -axis.z, axis.y)
+        jit = arrays()
+        density, axis, _ = bars(jit.Array3f(point.x, point.z, -point.y))
+        return density, jit.Array3f(axis.x, -axis.z, axis.y)
 
     extent = (-half, -0.6, -half), (half, 0.6, half)
     return fill(field, lambda p: dr.abs(p.y) - 0.5, extent, Fineness(voxel, PATH), MATTER).box()
@@ -96,8 +96,8 @@ def mean_difference(a, b):
 
 
 def depth(box, origin, direction):
-    kinds = arrays()
-    ray = kinds.Array3f(*origin), kinds.Array3f(*direction), kinds.Float(0), kinds.Float(dr.inf)
+    jit = arrays()
+    ray = jit.Array3f(*origin), jit.Array3f(*direction), jit.Float(0), jit.Float(dr.inf)
     return float(optical_depth(Medium([box]), *ray, deepest=math.inf)[0])
 
 
@@ -127,18 +127,18 @@ def test_sheets_closer_than_two_voxels_stay_apart():
     """Light through two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
 
     def full(point, variant):
-        kinds = arrays()
+        jit = arrays()
         inside = coverage(dr.abs(point.z) - 0.3, 0.1)
-        return inside, kinds.Array3f(1, 0, 0), kinds.UInt(0)
+        return inside, jit.Array3f(1, 0, 0), jit.UInt(0)
 
     made = texel(full, (2.0, 2.0), (-0.5, 0.5), 0.05)
 
     def chart(point):
-        kinds = arrays()
+        jit = arrays()
         nearer = point.y < 0.0
         height = dr.select(nearer, -0.8 - point.y, 0.8 - point.y)
         u = point.x + dr.select(nearer, 0.0, 1000.0)
-        return Chart(height, kinds.Array3f(0, -1, 0), u, point.z, kinds.Array3f(1, 0, 0))
+        return Chart(height, jit.Array3f(0, -1, 0), u, point.z, jit.Array3f(1, 0, 0))
 
     def bound(point):
         return dr.fmin(dr.abs(point.y + 0.8), dr.abs(point.y - 0.8))

@@ -29,14 +29,14 @@ GREY = Reflectance(0.2, 0.1, 0.2, 1.5, Spectrum.constant(0.8), element="cylinder
 
 def sampled(fabric: Fabric, voxel: float, size: tuple[float, float] | None = None, start=(0.0, 0.0), variant: int = 0):
     """Density, tangent and population on a lattice (height, v, u) over a part of the period [mm]."""
-    kinds, (bottom, top) = arrays(), fabric.heights_mm
+    jit, (bottom, top) = arrays(), fabric.heights_mm
     size = size or fabric.period_mm
     nx, ny, nz = (max(1, round(span / voxel)) for span in (*size, top - bottom))
-    index = dr.arange(kinds.UInt, nx * ny * nz)
-    at = [kinds.Float(n) + 0.5 for n in (index % nx, index // nx % ny, index // (nx * ny))]
+    index = dr.arange(jit.UInt, nx * ny * nz)
+    at = [jit.Float(n) + 0.5 for n in (index % nx, index // nx % ny, index // (nx * ny))]
     spans, low = (*size, top - bottom), (*start, bottom)
-    point = kinds.Array3f(*(low[k] + at[k] * (spans[k] / n) for k, n in enumerate((nx, ny, nz))))
-    density, tangent, population = fabric.field(point, kinds.UInt(variant) + 0 * index)
+    point = jit.Array3f(*(low[k] + at[k] * (spans[k] / n) for k, n in enumerate((nx, ny, nz))))
+    density, tangent, population = fabric.field(point, jit.UInt(variant) + 0 * index)
     shape = (nz, ny, nx)
     return (
         np.array(density).reshape(shape),
@@ -122,7 +122,7 @@ def test_fibres_wind_by_their_twist(hand):
 )
 def test_a_period_has_no_seam_and_variants_share_their_border(make):
     """At u = 0 and at the period densities agree but for rounding; variants do to two voxels from it, not inside."""
-    fabric, kinds = make(), arrays()
+    fabric, jit = make(), arrays()
     voxel, draw = 0.05, np.random.default_rng(2)
     count = 20_000
     across, height = draw.random(count), draw.uniform(fabric.heights_mm[0], fabric.heights_mm[1], count)
@@ -131,13 +131,13 @@ def test_a_period_has_no_seam_and_variants_share_their_border(make):
         low[1 - axis], low[2] = across * fabric.period_mm[1 - axis], height
         high = low.copy()
         low[axis], high[axis] = 1e-4, fabric.period_mm[axis] - 1e-4
-        ends = [np.array(fabric.field(kinds.Array3f(*p.astype(np.float32)), kinds.UInt(1))[0]) for p in (low, high)]
+        ends = [np.array(fabric.field(jit.Array3f(*p.astype(np.float32)), jit.UInt(1))[0]) for p in (low, high)]
         assert ends[0].max() > 0.2
         assert np.abs(ends[0] - ends[1]).mean() < 0.01
         for inward in (0.0, 2.0 * voxel, 0.5 * fabric.period_mm[axis]):
             low[axis] = inward
-            point = kinds.Array3f(*low.astype(np.float32))
-            first, other = (np.array(fabric.field(point, kinds.UInt(k))[0]) for k in (0, 2))
+            point = jit.Array3f(*low.astype(np.float32))
+            first, other = (np.array(fabric.field(point, jit.UInt(k))[0]) for k in (0, 2))
             if inward < 1.0:
                 # steps of the paths lie elsewhere; between two edges of a course, in a few points, either is found
                 assert np.quantile(np.abs(first - other), 0.999) < 0.04
@@ -153,13 +153,13 @@ def test_one_seed_one_result():
 
 def seen_through(cloth: Woven, size: float) -> np.ndarray:
     """Share of light that a flat cloth keeps from a camera far above it, 16 pixels a mm over a square of `size` mm."""
-    fabric, kinds = woven(cloth, 0.02, 1), arrays()
+    fabric, jit = woven(cloth, 0.02, 1), arrays()
 
     def field(point):
         (pu, pv), u, v = fabric.period_mm, point.x + 0.5 * size, point.z + 0.5 * size
-        place = kinds.Array3f(u - pu * dr.floor(u / pu), v - pv * dr.floor(v / pv), -point.y)
-        density, tangent, _ = fabric.field(place, kinds.UInt(0))
-        return density, kinds.Array3f(tangent.x, -tangent.z, tangent.y)
+        place = jit.Array3f(u - pu * dr.floor(u / pu), v - pv * dr.floor(v / pv), -point.y)
+        density, tangent, _ = fabric.field(place, jit.UInt(0))
+        return density, jit.Array3f(tangent.x, -tangent.z, tangent.y)
 
     half, top = 0.5 * size, fabric.heights_mm[1]
     extent = ((-half, -top, -half), (half, top, half))

@@ -63,7 +63,7 @@ def _fabric(
     populations: int, voxel_mm: float, seed: int,
 ) -> Fabric:  # fmt: skip
     """The fabric of two kinds of yarns: densities add where soft edges overlap; the densest yarn gives the tangent."""
-    kinds = arrays()
+    jit = arrays()
     room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
     thicker = max(0.5 * yarn.thickness_mm * (each.girth.max() - 1.0) for yarn, each in zip(yarns, paths, strict=True))
     top = float(0.5 * thickness + thicker + room)
@@ -73,7 +73,7 @@ def _fabric(
         for yarn, each in zip(yarns, paths, strict=True)
     )
     shown = tuple(section(yarn, voxel_mm, seed) for yarn in yarns)
-    table = lookup(kinds.Float, np.concatenate([each.nearest for each in shown]))
+    table = lookup(jit.Float, np.concatenate([each.nearest for each in shown]))
     lengths = tuple(each.step * each.steps for each in strands)
     kept = tuple(
         spun(yarn, each, voxel_mm, length, k * len(each.nearest))

@@ -63,7 +63,7 @@ class Fuzz:
     """Hairs of all variants, on the device; there may be none."""
 
     def __init__(self, variants: list[list[Hairs]], period: tuple[float, float], grid: Grid, voxel_mm: float) -> None:
-        kinds = arrays()
+        jit = arrays()
         far = Hairs(np.array([[0.0, 0.0, 1e3]]), np.eye(3)[:1], np.full(1, 1e-6), np.zeros(1, np.int64))
         joined = [Hairs(*(np.concatenate(part) for part in zip(*(hairs or [far]), strict=True))) for hairs in variants]
         starts = np.cumsum([0] + [len(each.radius) for each in joined[:-1]])
@@ -74,41 +74,41 @@ class Fuzz:
         self.period, self._count = period, sum(len(each.radius) for each in joined)
         lengths = [np.linalg.norm(np.diff(each.points, axis=0), axis=1) for each in joined]
         self._length = float(np.median(np.concatenate([*lengths, [1e-3]])))
-        self._nearest = lookup(kinds.UInt, np.concatenate(cells).astype(np.uint32))
+        self._nearest = lookup(jit.UInt, np.concatenate(cells).astype(np.uint32))
         soft = 2.0 * voxel_mm
         rows = []
         for each in joined:
             edge = np.array([sharp_radius(r, soft) for r in each.radius])
             height = np.minimum(1.0, 3.0 * (each.radius / soft) ** 2)
             rows.append(np.column_stack([each.points, edge, each.tangents, height + 2.0 * each.population]))
-        self._steps, self._soft = lookup(kinds.Float, np.concatenate(rows).astype(np.float32)), soft
+        self._steps, self._soft = lookup(jit.Float, np.concatenate(rows).astype(np.float32)), soft
 
     def at(self, point: Any, cell: Any) -> tuple[Any, Any, Any]:
         """Density, unit tangent and population (UInt) of the hair nearest to points."""
-        kinds = arrays()
-        first = dr.gather(kinds.UInt, self._nearest, cell)
+        jit = arrays()
+        first = dr.gather(jit.UInt, self._nearest, cell)
         along = self._beside(point, first)[1]
         moved = clip(dr.round(along / self._length), -FOLLOWED, FOLLOWED)
-        last = kinds.Int(self._count - 1)
-        other = kinds.UInt(dr.minimum(dr.maximum(kinds.Int(first) + kinds.Int(moved), 0), last))
+        last = jit.Int(self._count - 1)
+        other = jit.UInt(dr.minimum(dr.maximum(jit.Int(first) + jit.Int(moved), 0), last))
         better = (
             self._beside(point, other)[0] < self._beside(point, first)[0]
         )  # otherwise the step belongs to another hair
         squared, along, a, b = self._beside(point, dr.select(better, other, first))
         far = dr.sqrt(dr.fmax(squared - along * along, 0.0) + dr.square(dr.fmax(abs(along) - self._length, 0.0)))
-        tangent = kinds.Array3f(b.x, b.y, b.z)
+        tangent = jit.Array3f(b.x, b.y, b.z)
         population = dr.floor(0.5 * b.w)
         height = b.w - 2.0 * population
-        return height * coverage(far - a.w, self._soft), tangent, kinds.UInt(population)
+        return height * coverage(far - a.w, self._soft), tangent, jit.UInt(population)
 
     def _beside(self, point: Any, step: Any) -> tuple[Any, Any, Any, Any]:
         """Squared distance of points from a step, how far they lie along it, and its numbers."""
-        kinds = arrays()
-        a, b = (dr.gather(kinds.Array4f, self._steps, 2 * step + k) for k in (0, 1))
-        offset, (u, v) = point - kinds.Array3f(a.x, a.y, a.z), self.period
+        jit = arrays()
+        a, b = (dr.gather(jit.Array4f, self._steps, 2 * step + k) for k in (0, 1))
+        offset, (u, v) = point - jit.Array3f(a.x, a.y, a.z), self.period
         offset.x -= u * dr.round(offset.x * (1.0 / u))
         offset.y -= v * dr.round(offset.y * (1.0 / v))
-        return dr.squared_norm(offset), dr.dot(offset, kinds.Array3f(b.x, b.y, b.z)), a, b
+        return dr.squared_norm(offset), dr.dot(offset, jit.Array3f(b.x, b.y, b.z)), a, b
 
 
 def _between(z: NDArray, height: tuple[float, float]) -> NDArray:

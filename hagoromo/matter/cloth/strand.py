@@ -69,9 +69,9 @@ class Grid(NamedTuple):
 
     def cell(self, point: Any, variant: Any) -> Any:
         """Index of the cell of a point (UInt), the variants one after another."""
-        kinds = arrays()
-        place = (point - kinds.Array3f(0.0, 0.0, self.bottom)) / kinds.Array3f(*self.edge)
-        x, y, z = (kinds.UInt(dr.fmin(dr.fmax(place[k], 0.0), self.count[k] - 1.0)) for k in range(3))
+        jit = arrays()
+        place = (point - jit.Array3f(0.0, 0.0, self.bottom)) / jit.Array3f(*self.edge)
+        x, y, z = (jit.UInt(dr.fmin(dr.fmax(place[k], 0.0), self.count[k] - 1.0)) for k in range(3))
         nx, ny, nz = self.count
         return ((variant * nz + z) * ny + y) * nx + x
 
@@ -104,7 +104,7 @@ class Strands:
     """Paths on the device. reach: largest distance of the points that are looked up [mm]."""
 
     def __init__(self, paths: Paths, period: tuple[float, float], grid: Grid, reach: float) -> None:
-        kinds = arrays()
+        jit = arrays()
         _, self.yarns, self.steps, _ = paths.points.shape
         self.period, self.grid = period, grid
         ahead, behind = np.roll(paths.points, -1, axis=2), np.roll(paths.points, 1, axis=2)
@@ -113,35 +113,35 @@ class Strands:
         self.step = float(np.linalg.norm(_within(ahead - paths.points, period), axis=-1).mean())
         turn = np.diff(paths.phase, axis=2, append=paths.phase[:, :, :1] + 2.0 * np.pi * paths.turns)
         population = np.broadcast_to(paths.population, paths.girth.shape)
-        self._a = _packets(kinds, paths.points, paths.girth)
-        self._b = _packets(kinds, tangent, paths.phase % (2.0 * np.pi))
+        self._a = _packets(jit, paths.points, paths.girth)
+        self._b = _packets(jit, tangent, paths.phase % (2.0 * np.pi))
         onward = np.diff(paths.way, axis=2, append=1.0)
-        self._c = lookup(kinds.Float, np.stack([turn, population, paths.way, onward], axis=-1).astype(np.float32))
+        self._c = lookup(jit.Float, np.stack([turn, population, paths.way, onward], axis=-1).astype(np.float32))
         cells = [nearest_steps(each.reshape(-1, 3), period, grid, reach) for each in paths.points]
-        self._nearest = lookup(kinds.UInt, np.concatenate(cells))
+        self._nearest = lookup(jit.UInt, np.concatenate(cells))
 
     def nearest(self, point: Any, cell: Any, variant: Any) -> Place:
         """The position of points relative to the yarn nearest to them."""
-        kinds = arrays()
-        nearest = dr.gather(kinds.UInt, self._nearest, cell)
-        yarn, step = nearest // self.steps, kinds.Float(nearest % self.steps)
+        jit = arrays()
+        nearest = dr.gather(jit.UInt, self._nearest, cell)
+        yarn, step = nearest // self.steps, jit.Float(nearest % self.steps)
         first = (variant * self.yarns + yarn) * self.steps
         for _ in range(SOUGHT):  # the step stored for a cell is a few steps off
             step = step - self.steps * dr.floor(step / self.steps)
-            index = dr.fmin(kinds.UInt(step), self.steps - 1)
+            index = dr.fmin(jit.UInt(step), self.steps - 1)
             following = dr.select(index + 1 < self.steps, index + 1, 0)
             (a, b), (a_next, b_next) = self._step(first + index), self._step(first + following)
             before, beyond = self._beyond(point, a, b), self._beyond(point, a_next, b_next)
             stretch = dr.fmax(before - beyond, LEAST_STRETCH * self.step)
             part = before / stretch
-            step = kinds.Float(index) + clip(part, -FARTHEST, FARTHEST)
+            step = jit.Float(index) + clip(part, -FARTHEST, FARTHEST)
         part = clip(part, 0.0, 1.0)
         middle = _xyz(a) + self._within(_xyz(a_next) - _xyz(a)) * part
         tangent = dr.normalize(dr.lerp(_xyz(b), _xyz(b_next), part))
         offset = self._within(point - middle)
-        up = dr.normalize(kinds.Array3f(0.0, 0.0, 1.0) - tangent * tangent.z)
+        up = dr.normalize(jit.Array3f(0.0, 0.0, 1.0) - tangent * tangent.z)
         aside = dr.cross(up, tangent)
-        turn, population, way, onward = dr.gather(kinds.Array4f, self._c, first + index)
+        turn, population, way, onward = dr.gather(jit.Array4f, self._c, first + index)
         # points beyond every step that was tried are in no yarn
         missed = dr.fmax(abs(dr.dot(offset, tangent)) - self.step, 0.0)
         across = dr.dot(offset, aside)
@@ -149,7 +149,7 @@ class Strands:
         return Place(
             across, dr.dot(offset, up), aside, up, tangent, stretch * (1.0 / self.step),
             dr.lerp(a.w, a_next.w, part), b.w + part * turn, turn * (1.0 / self.step),
-            way + part * onward, yarn, kinds.UInt(population),
+            way + part * onward, yarn, jit.UInt(population),
         )  # fmt: skip
 
     def _beyond(self, point: Any, a: Any, b: Any) -> Any:
@@ -157,8 +157,8 @@ class Strands:
         return dr.dot(self._within(point - _xyz(a)), _xyz(b))
 
     def _step(self, index: Any) -> tuple[Any, Any]:
-        kinds = arrays()
-        return dr.gather(kinds.Array4f, self._a, index), dr.gather(kinds.Array4f, self._b, index)
+        jit = arrays()
+        return dr.gather(jit.Array4f, self._a, index), dr.gather(jit.Array4f, self._b, index)
 
     def _within(self, offset: Any) -> Any:
         """An offset to the nearest periodic copy."""
@@ -173,8 +173,8 @@ def _within(offset: NDArray, period: tuple[float, float]) -> NDArray:
     return moved
 
 
-def _packets(kinds: Any, vector: NDArray, fourth: NDArray) -> Any:
-    return lookup(kinds.Float, np.concatenate([vector, fourth[..., None]], axis=-1).astype(np.float32))
+def _packets(jit: Any, vector: NDArray, fourth: NDArray) -> Any:
+    return lookup(jit.Float, np.concatenate([vector, fourth[..., None]], axis=-1).astype(np.float32))
 
 
 def _xyz(packet: Any) -> Any:

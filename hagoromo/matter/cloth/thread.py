@@ -70,24 +70,24 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
 
     table: of the sections; number: by which yarns differ.
     """
-    kinds = arrays()
+    jit = arrays()
     girth = yarn.radius * place.girth
     wide, high = girth * yarn.flatness, girth / yarn.flatness
     x, y = place.across / wide, place.above / high
     apart = TURN / yarn.plies
     ply = dr.round((dr.atan2(y, x) - place.phase) / apart)
     angle = place.phase + ply * apart
-    ply = kinds.Int(ply - yarn.plies * dr.floor(ply / yarn.plies))
+    ply = jit.Int(ply - yarn.plies * dr.floor(ply / yarn.plies))
     sine, cosine = dr.sincos(angle)
-    name = (kinds.Int(number) * 8 + ply, 5)
+    name = (jit.Int(number) * 8 + ply, 5)
     rolled = place.phase - yarn.back * yarn.length * place.way + TURN * random((*name, 0), seed)
     spin = place.rate - yarn.back
     s, c = dr.sincos(rolled)
     x, y = (x - yarn.offset * cosine) / yarn.ply, (y - yarn.offset * sine) / yarn.ply
-    p = kinds.Array2f(c * x + s * y, c * y - s * x)
+    p = jit.Array2f(c * x + s * y, c * y - s * x)
     q, drift = _migrated(p, place.way, yarn, name, seed)
     p = p * dr.rcp(dr.fmax(dr.norm(p), 1.0))  # in the soft edge fibres run as at the outside
-    moving = kinds.Array2f(drift.x - spin * p.y, drift.y + spin * p.x) * yarn.ply
+    moving = jit.Array2f(drift.x - spin * p.y, drift.y + spin * p.x) * yarn.ply
     turning = place.rate * yarn.offset
     slope_x = (c * moving.x - s * moving.y - turning * sine) * wide
     slope_y = (s * moving.x + c * moving.y + turning * cosine) * high
@@ -96,10 +96,10 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
     lengthened = dr.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     tangent = (place.tangent + place.aside * slope_x + place.up * slope_y) / lengthened
 
-    cell = kinds.Array2u(clip((0.5 * q.x + 0.5) * SIDE, 0, SIDE - 1), clip((0.5 * q.y + 0.5) * SIDE, 0, SIDE - 1))
-    centre = dr.gather(kinds.Array2f, table, cell.y * SIDE + cell.x + yarn.first)
+    cell = jit.Array2u(clip((0.5 * q.x + 0.5) * SIDE, 0, SIDE - 1), clip((0.5 * q.y + 0.5) * SIDE, 0, SIDE - 1))
+    centre = dr.gather(jit.Array2f, table, cell.y * SIDE + cell.x + yarn.first)
     o = q - centre
-    far = dr.norm(kinds.Array2f((c * o.x - s * o.y) * yarn.flatness, (s * o.x + c * o.y) / yarn.flatness))
+    far = dr.norm(jit.Array2f((c * o.x - s * o.y) * yarn.flatness, (s * o.x + c * o.y) / yarn.flatness))
     profile = coverage(far - yarn.shown.radius, yarn.shown.softness)
     # an inclined fibre is longer by the factor by which its section across the yarn is wider
     filled = yarn.shown.filling * lengthened * dr.lerp(1.0, profile / yarn.shown.mean, yarn.shown.contrast)
@@ -112,15 +112,15 @@ def _migrated(p: Any, way: Any, yarn: Spun, name: tuple[Any, int], seed: int | A
 
     A product of shears, each a wave across its own direction, which keeps areas.
     """
-    kinds = arrays()
+    jit = arrays()
     moved, shears = p, []
     for k, (x, y, _) in enumerate(WAVES):
-        across = kinds.Array2f(y, -x) * (yarn.migration / math.hypot(x, y))
+        across = jit.Array2f(y, -x) * (yarn.migration / math.hypot(x, y))
         phase = moved.x * x + moved.y * y + yarn.waves[k] * way + TURN * random((*name, k + 1), seed)
         sine, cosine = dr.sincos(phase)
         moved = moved + across * sine
         shears.append((across * cosine, x, y, yarn.waves[k] / yarn.length))
-    drift = kinds.Array2f(0.0)
+    drift = jit.Array2f(0.0)
     for shear, x, y, rate in reversed(shears):
         drift = drift - shear * (x * drift.x + y * drift.y + rate)
     return moved, drift

@@ -31,7 +31,7 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
     from scipy.spatial import KDTree
 
     points, normals = (np.concatenate(parts) for parts in zip(*(_samples(sheet) for sheet in sheets), strict=True))
-    tree, kinds = KDTree(points), arrays()
+    tree, jit = KDTree(points), arrays()
 
     def shape(point: Any) -> Any:
         asked = np.array(point, np.float64).T
@@ -40,7 +40,7 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
         nearest = np.where(is_within_reach, nearest, 0)
         above = np.einsum("ij,ij->i", asked - points[nearest], normals[nearest]) > 0
         # beyond the reach of the search the distance is at least DEEP; the body itself decides what is inside
-        cloth = kinds.Float(np.where(is_within_reach, np.where(above, far, -far), DEEP).astype(np.float32))
+        cloth = jit.Float(np.where(is_within_reach, np.where(above, far, -far), DEEP).astype(np.float32))
         return dr.fmin(body(point), cloth)
 
     return shape

@@ -92,7 +92,7 @@ def _after(
     seed: int,
 ) -> list[Sheet]:
     """Sheets after `seconds` of fall, the last third of it at rest."""
-    kinds, mesh = arrays(), mesh_of(cuts, sheets, spacing)
+    jit, mesh = arrays(), mesh_of(cuts, sheets, spacing)
     points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in sheets])
     draw = np.random.default_rng(seed).normal(size=points.shape) * 0.02 * spacing
     points = points + np.where(mesh["held"].numpy()[:, None] > 0, 0.0, draw)
@@ -105,18 +105,18 @@ def _after(
         "step": step, "bend": GRAVITY * fabric.bending**3, "clear": fabric.clear, "friction": fabric.friction,
         "thick": spacing,
     }  # fmt: skip
-    mesh |= {name: dr.opaque(kinds.Float, value) for name, value in numbers.items()}
+    mesh |= {name: dr.opaque(jit.Float, value) for name, value in numbers.items()}
     mesh["body"] = collider.values  # a frozen function reads only its arguments
     move = frozen(lambda place, speed, touching, drag, mesh: _moved(place, speed, touching, drag, mesh, collider))
-    place = kinds.Array3f(*(resident(kinds.Float, points[:, k].astype(np.float32)) for k in range(3)))
-    speed = dr.zeros(kinds.Array3f, len(points))
+    place = jit.Array3f(*(resident(jit.Float, points[:, k].astype(np.float32)) for k in range(3)))
+    speed = dr.zeros(jit.Array3f, len(points))
     turns, every = math.ceil(seconds / step), max(round(TOUCH_EVERY / step), 1)
     for turn in range(turns):
         if turn % every == 0:
             now = np.array(place, np.float64).T
-            touching = [resident(kinds.UInt, row) for row in contacts.candidates(now, REACH * spacing)]
+            touching = [resident(jit.UInt, row) for row in contacts.candidates(now, REACH * spacing)]
             ease = FALL + (REST - FALL) * min(max(3.0 * turn / turns - 1.5, 0.0), 1.0)
-            drag = dr.opaque(kinds.Float, math.exp(-ease * step))
+            drag = dr.opaque(jit.Float, math.exp(-ease * step))
         place, speed = move(place, speed, touching, drag, mesh)
     now, starts = np.array(place, np.float64).T, np.cumsum([0] + [sheet.u.size for sheet in sheets])
     if not np.isfinite(now).all():
@@ -129,29 +129,29 @@ def _after(
 
 def _moved(place: Any, speed: Any, touching: Sequence[Any], drag: Any, mesh: dict[str, Any], collider: Collider) -> Any:
     """Places and speeds one step later."""
-    kinds, step = arrays(), mesh["step"]
+    jit, step = arrays(), mesh["step"]
     stiff = dr.rcp(dr.square(step))
-    pull = kinds.Array3f(0.0, 0.0, -GRAVITY)
+    pull = jit.Array3f(0.0, 0.0, -GRAVITY)
     for springs, share in ((mesh["along"], STRETCH), (mesh["across"], SHEAR)):
         for other, rest in springs:
-            offset = dr.gather(kinds.Array3f, place, other) - place
+            offset = dr.gather(jit.Array3f, place, other) - place
             length = dr.norm(offset) + 1e-6
             direction = offset / length
-            closing = dr.dot(dr.gather(kinds.Array3f, speed, other) - speed, direction)
+            closing = dr.dot(dr.gather(jit.Array3f, speed, other) - speed, direction)
             force = share * stiff * (length - rest) + FRICTION_INSIDE / step * closing
             pull += direction * dr.select(rest > 0, force, 0.0)
     for before, after, before2, after2, share in mesh["bends"]:
-        one, two = (dr.gather(kinds.Array3f, place, index) for index in (before, after))
+        one, two = (dr.gather(jit.Array3f, place, index) for index in (before, after))
         middle = one + two - 2.0 * place
-        first = dr.gather(kinds.Array3f, place, before2[0]) + place - 2.0 * one
-        last = dr.gather(kinds.Array3f, place, after2[0]) + place - 2.0 * two
+        first = dr.gather(jit.Array3f, place, before2[0]) + place - 2.0 * one
+        last = dr.gather(jit.Array3f, place, after2[0]) + place - 2.0 * two
         pull += (middle * (2.0 * share) - first * before2[1] - last * after2[1]) * mesh["bend"]
-    own = dr.arange(kinds.UInt, dr.width(place))
+    own = dr.arange(jit.UInt, dr.width(place))
     for other in touching:
-        offset = dr.gather(kinds.Array3f, place, other) - place
+        offset = dr.gather(jit.Array3f, place, other) - place
         far = dr.norm(offset) + 1e-6
         deep = dr.fmax(mesh["thick"] - far, 0.0)
-        slip = dr.gather(kinds.Array3f, speed, other) - speed
+        slip = dr.gather(jit.Array3f, speed, other) - speed
         force = slip * (FRICTION_INSIDE / step) - offset * (TOUCH * stiff * deep / far)
         pull += dr.select((deep > 0) & (other != own), force, 0.0)
     speed = (speed + pull * step) * drag
@@ -159,7 +159,7 @@ def _moved(place: Any, speed: Any, touching: Sequence[Any], drag: Any, mesh: dic
     moved = place + speed * step
     moved, speed = _held_off(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
     moved, speed, near = _drawn_in(moved, speed, *collider.distance_and_normal(moved, mesh["layer"]), mesh)
-    moved, speed = _held_off(moved, speed, moved.z, kinds.Array3f(0, 0, 1), mesh)
+    moved, speed = _held_off(moved, speed, moved.z, jit.Array3f(0, 0, 1), mesh)
     free = (mesh["held"] <= 0) | ~near
     return dr.select(free, moved, place), dr.select(free, speed, 0.0)
 

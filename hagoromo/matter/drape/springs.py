@@ -18,16 +18,16 @@ WAYS = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  #
 
 def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dict[str, Any]:
     """The joined points: index and rest length of every spring (0: none), weights of the bends."""
-    kinds = arrays()
+    jit = arrays()
     parts = [_joined(cut, sheet, spacing) for cut, sheet in zip(cuts, sheets, strict=True)]
     starts = np.cumsum([0] + [sheet.u.size for sheet in sheets[:-1]])
 
     def index(key: str, k: int) -> Any:
         values = [part[key][k] + start for part, start in zip(parts, starts, strict=True)]
-        return resident(kinds.UInt, np.concatenate(values).astype(np.uint32))
+        return resident(jit.UInt, np.concatenate(values).astype(np.uint32))
 
     def weight(key: str, k: int) -> Any:
-        return resident(kinds.Float, np.concatenate([part[key][k] for part in parts]).astype(np.float32))
+        return resident(jit.Float, np.concatenate([part[key][k] for part in parts]).astype(np.float32))
 
     springs = [(index("other", k), weight("rest", k)) for k in range(8)]
     bends = [
@@ -42,9 +42,9 @@ def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dic
     layer = np.repeat([cut.layer for cut in cuts], [sheet.u.size for sheet in sheets])
     return {
         "along": springs[:4], "across": springs[4:], "bends": bends,
-        "layer": resident(kinds.UInt, layer.astype(np.uint32)),
-        "held": resident(kinds.Float, values["held"].astype(np.float32)),
-        "reach": resident(kinds.Float, np.minimum(values["reach"], ANYWHERE).astype(np.float32)),
+        "layer": resident(jit.UInt, layer.astype(np.uint32)),
+        "held": resident(jit.Float, values["held"].astype(np.float32)),
+        "reach": resident(jit.Float, np.minimum(values["reach"], ANYWHERE).astype(np.float32)),
     }  # fmt: skip
 
 

@@ -62,15 +62,15 @@ class Barb(NamedTuple):
 
 def barb_at(across: Any, along: Any, plume: Any, barbs: Barbs, seed: Any) -> Barb:
     """The barb at a place of a feather with the form `plume`."""
-    kinds = arrays()
+    jit = arrays()
     inner = across >= 0
-    out, half = abs(across), dr.select(inner, kinds.Float(plume.inner_mm), plume.outer_mm)
+    out, half = abs(across), dr.select(inner, jit.Float(plume.inner_mm), plume.outer_mm)
     begin, bend = _slopes(barbs, inner)
     reach = out * (begin + 0.5 * bend * out / half)  # along the shaft from a barb's foot, at the foot of the vane
     more = (barbs.steepen - 1.0) / plume.length_mm
     start = (along - reach) / (1.0 + more * reach)
     if barbs.waver > 0:
-        place = kinds.Array3f(across * 0.23, along * 0.17, dr.select(inner, 0.5, 7.5))
+        place = jit.Array3f(across * 0.23, along * 0.17, dr.select(inner, 0.5, 7.5))
         start = start + gradient_noise(place, seed) * (barbs.waver / barbs.per_mm)
     slope = (begin + bend * out / half) * (1.0 + more * start)
     sine = dr.rsqrt(1.0 + slope * slope)
@@ -78,9 +78,9 @@ def barb_at(across: Any, along: Any, plume: Any, barbs: Barbs, seed: Any) -> Bar
     number = dr.floor(place * barbs.per_mm)
     wide = (1.0 + more * reach) * sine * squeezed  # across the barbs per mm along the shaft
     beside = (place - (number + 0.5) / barbs.per_mm) * wide
-    side = dr.select(inner, kinds.Float(1.0), -1.0)
-    tangent = kinds.Array2f(side * sine, slope * sine)
-    aside = kinds.Array2f(-side * slope * sine, sine)
+    side = dr.select(inner, jit.Float(1.0), -1.0)
+    tangent = jit.Array2f(side * sine, slope * sine)
+    aside = jit.Array2f(-side * slope * sine, sine)
     return Barb(number, start, beside, wide / barbs.per_mm, out, tangent, aside, gap * wide)
 
 
@@ -121,23 +121,23 @@ def nominal_spacing(barbs: Barbs) -> float:
 
 def _slopes(barbs: Barbs, inner: Any) -> tuple[Any, Any]:
     """Slope of the barbs (along / across) at the shaft, and by how much it has grown at the edge."""
-    kinds, slopes = arrays(), []
+    jit, slopes = arrays(), []
     for degrees in (barbs.outer_deg, barbs.inner_deg):
         foot, edge = (1.0 / math.tan(math.radians(angle)) for angle in (degrees, degrees - barbs.curl_deg))
         slopes.append((foot, edge - foot))
     (outer, outer_more), (own, own_more) = slopes
-    return dr.select(inner, kinds.Float(own), outer), dr.select(inner, kinds.Float(own_more), outer_more)
+    return dr.select(inner, jit.Float(own), outer), dr.select(inner, jit.Float(own_more), outer_more)
 
 
 def _parted(start: Any, share: Any, inner: Any, barbs: Barbs, seed: Any) -> tuple[Any, Any, Any]:
     """Where barbs stood before a split pushed them aside, how closely they are pressed, and the depth in the gap."""
-    kinds = arrays()
+    jit = arrays()
     if barbs.splits_per_cm <= 0:
         return start, 1.0, 0.0 * start - 1e3
     every = 10.0 / barbs.splits_per_cm
     cell = dr.floor(start / every)
-    side = dr.select(inner, kinds.Int(0), 1)
-    place, wide, deep = (random((kinds.Int(cell), side, k), seed + 9) for k in range(3))
+    side = dr.select(inner, jit.Int(0), 1)
+    place, wide, deep = (random((jit.Int(cell), side, k), seed + 9) for k in range(3))
     off = start - (cell + 0.5 + (place - 0.5) * 0.2) * every
     zone = SPREAD * every
     gape = dr.fmin(0.5 * barbs.split_mm, 0.5 * zone) * wide * wide

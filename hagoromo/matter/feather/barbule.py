@@ -63,9 +63,9 @@ def barbule_density(
     barb: Barb, height: Any, share: Any, inner: Any, made: Any, softness: float, seed: Any
 ) -> tuple[Any, Any]:
     """Density of barbules and hooklets, and their tangent: along the barb, beside it, up."""
-    kinds, barbules = arrays(), made.barbules
+    jit, barbules = arrays(), made.barbules
     where = between(barb)
-    density, tangent = kinds.Float(0.0) * height, kinds.Array3f(1, 0, 0)
+    density, tangent = jit.Float(0.0) * height, jit.Array3f(1, 0, 0)
     for distal in (True, False):
         angle = math.radians(barbules.distal_deg if distal else barbules.proximal_deg)
         per_mm = barbules.distal_per_mm if distal else barbules.proximal_per_mm
@@ -73,11 +73,11 @@ def barbule_density(
         away, sign = (where.distal, 1.0) if distal else (where.proximal, -1.0)
         out = barb.out + sign * away * abs(barb.along.y)
         number = where.lower + (0.0 if distal else 1.0)
-        shift = random((kinds.Int(number), int(distal), dr.select(inner, kinds.Int(0), 1)), seed + 5)
+        shift = random((jit.Int(number), int(distal), dr.select(inner, jit.Int(0), 1)), seed + 5)
         foot = way_along(out, barb.start, inner, made.plume, made.barbs) - away / math.tan(angle)
         place = foot * per_mm + shift
         own = dr.floor(place)
-        nudge, longer = (random((kinds.Int(own), kinds.Int(number), k), seed + 6) - 0.5 for k in range(2))
+        nudge, longer = (random((jit.Int(own), jit.Int(number), k), seed + 6) - 0.5 for k in range(2))
         aside = (place - own - 0.5 + UNEVEN * nudge) / per_mm * math.sin(angle)
         run = away / (math.sin(angle) * long * (1.0 + UNEVEN * longer))  # share of the barbule's length
         middle = sign * barbules.rise_mm * run - 0.5 * barbules.height_mm
@@ -85,14 +85,12 @@ def barbule_density(
         here = rod(aside, height - middle, radius, tall, softness)
         here = dr.select((run < 1.0) & (away > section(share, made.barbs)[0]), here, 0.0)
         pitch = math.atan(sign * barbules.rise_mm / long)
-        way = kinds.Array3f(
-            math.cos(angle) * math.cos(pitch), sign * math.sin(angle) * math.cos(pitch), math.sin(pitch)
-        )
+        way = jit.Array3f(math.cos(angle) * math.cos(pitch), sign * math.sin(angle) * math.cos(pitch), math.sin(pitch))
         density, tangent = dr.fmin(density + here, 1.0), dr.select(here > density, way, tangent)
         if distal and barbules.hooks:
             here, turn = _hooklet(run * long, height - middle, aside, barbules, softness)
-            flat = kinds.Array3f(math.cos(angle), math.sin(angle), 0.0)
-            hook = unit(flat * turn.x + kinds.Array3f(0, 0, 1) * turn.y)
+            flat = jit.Array3f(math.cos(angle), math.sin(angle), 0.0)
+            hook = unit(flat * turn.x + jit.Array3f(0, 0, 1) * turn.y)
             tangent = dr.select(here > density, hook, tangent)
             density = dr.fmax(density, here)
     return density, tangent
@@ -130,7 +128,7 @@ def _volume(run: Any, barbules: Barbules) -> Any:
 
 def _hooklet(run: Any, height: Any, aside: Any, barbules: Barbules, softness: float) -> tuple[Any, Any]:
     """Density of half rings that leave a distal barbule forwards and come back beneath; tangent (along it, up)."""
-    kinds = arrays()
+    jit = arrays()
     first, last = (share * barbules.distal_mm for share in HOOKED)
     every, radius = (last - first) / barbules.hooks, 0.5 * barbules.hook_mm
     place = (run - first) / every
@@ -139,5 +137,5 @@ def _hooklet(run: Any, height: Any, aside: Any, barbules: Barbules, softness: fl
     off = dr.select(x > 0, round_ - radius, dr.sqrt(x * x + dr.square(abs(y) - radius)))
     there = rod(dr.sqrt(off * off + aside * aside), 0.0, HOOK * barbules.width_mm, 0.0, softness)
     inside = (place >= 0.0) & (place < float(barbules.hooks))
-    turn = dr.select(x > 0, kinds.Array2f(y, -x) / round_, kinds.Array2f(1.0, 0.0))
+    turn = dr.select(x > 0, jit.Array2f(y, -x) / round_, jit.Array2f(1.0, 0.0))
     return dr.select(inside, there, 0.0), turn

@@ -39,24 +39,24 @@ def fluff_at(start: Any, plume: Any, down: Down) -> Any:
 
 def down_density(barb: Barb, height: Any, down: Down, fineness: Fineness, seed: Any) -> tuple[Any, Any]:
     """Density of downy barbs and their barbules, and their tangent: along the barb, beside it, up."""
-    kinds, softness = arrays(), fineness.softness
-    density, tangent = 0.0 * height, kinds.Array3f(1, 0, 0)
+    jit, softness = arrays(), fineness.softness
+    density, tangent = 0.0 * height, jit.Array3f(1, 0, 0)
     grown = dr.fmin(barb.out / (1.2 * down.loft_mm), 1.0)
     for step in BESIDE:
-        number = kinds.Int(barb.number) + step
+        number = jit.Int(barb.number) + step
         lift, own, side = random((number, 0, 3), seed + 21), barb.number * 5.3 + 5.3 * step, barb.along.x
-        place = kinds.Array3f(barb.out * (2.0 / down.wave_mm), own, side)
+        place = jit.Array3f(barb.out * (2.0 / down.wave_mm), own, side)
         wave = gradient_noise(place, seed + 22)
         beside = barb.beside - (step + 1.3 * wave * grown) * barb.spacing
-        sway = gradient_noise(place * kinds.Array3f(0.7, 1, 1) + 0.37, seed + 23)
+        sway = gradient_noise(place * jit.Array3f(0.7, 1, 1) + 0.37, seed + 23)
         up = height - grown * down.loft_mm * (1.4 * (lift - 0.6) + 1.2 * sway)
         far = dr.sqrt(beside * beside + up * up + 1e-9)
         core = rod(beside, up, STALK, 0.0, softness)
-        radial = kinds.Array3f(0.0, beside / far, up / far)
+        radial = jit.Array3f(0.0, beside / far, up / far)
         halo = _halo(barb, far, height, down, fineness, seed)
         here = dr.fmax(core, halo)
-        lean = kinds.Array3f(1.0, wave * grown, sway * grown)
-        along = dr.select(core > halo, unit(lean), unit(radial + kinds.Array3f(0.5, 0, 0)))
+        lean = jit.Array3f(1.0, wave * grown, sway * grown)
+        along = dr.select(core > halo, unit(lean), unit(radial + jit.Array3f(0.5, 0, 0)))
         tangent = dr.select(here > density, along, tangent)
         density = dr.fmin(density + here, 1.0)
     return density, tangent

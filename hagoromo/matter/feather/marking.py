@@ -29,9 +29,9 @@ class Marking(NamedTuple):
 
 def is_marked(across: Any, along: Any, edge: Any, number: Any, plume: Any, marking: Marking, seed: Any) -> Any:
     """Whether a place has the second colour; edge: distance to the outline, negative within; number: of its barb."""
-    kinds = arrays()
-    side = dr.select(across < 0, kinds.Int(1), 0)
-    jag = (random((kinds.Int(number), side, 77), seed) - 0.5) * marking.jag_mm
+    jit = arrays()
+    side = dr.select(across < 0, jit.Int(1), 0)
+    jag = (random((jit.Int(number), side, 77), seed) - 0.5) * marking.jag_mm
     if marking.pattern == "bars":
         place = (plume.length_mm - along + jag + 0.35 * abs(across)) * (0.1 * marking.bars_per_cm)
         return place - dr.floor(place) < marking.bar_share

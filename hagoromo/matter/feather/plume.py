@@ -51,16 +51,16 @@ class Spot(NamedTuple):
 
 def flat_spot(point: Any) -> Spot:
     """A place on a flat feather that lies in the plane y = 0, its upper side towards −y."""
-    kinds = arrays()
-    directions = kinds.Array3f(1, 0, 0), kinds.Array3f(0, 0, 1), kinds.Array3f(0, -1, 0)
+    jit = arrays()
+    directions = jit.Array3f(1, 0, 0), jit.Array3f(0, 0, 1), jit.Array3f(0, -1, 0)
     return Spot(point.x, point.z, -point.y, *directions)
 
 
 def spot_on(point: Any, plume: Plume) -> Spot:
     """A place on a bent feather: arched and cambered over cylinders, bowed along a circle, all true to lengths."""
-    kinds, long = arrays(), plume.length_mm
+    jit, long = arrays(), plume.length_mm
     height, z, s, c = rolled(-point.y, point.z, 2.0 * plume.arch_mm / long**2)
-    right, ahead, above = kinds.Array3f(1, 0, 0), kinds.Array3f(0, s, c), kinds.Array3f(0, -c, s)
+    right, ahead, above = jit.Array3f(1, 0, 0), jit.Array3f(0, s, c), jit.Array3f(0, -c, s)
     across, along, s, c = rolled(point.x, z, -2.0 * plume.bow_mm / long**2)
     right, ahead = right * c + ahead * s, ahead * c - right * s
     wide = max(plume.outer_mm, plume.inner_mm)

@@ -46,7 +46,7 @@ class Web(NamedTuple):
 
 def feather_at(spot: Spot, made: Feather, fineness: Fineness, seed: Any) -> tuple[Any, Any, Any]:
     """Density, tangent and colour (UInt: 0, 1 for the marking, 2 for the shaft) of a feather at a place on it."""
-    kinds, soft, web = arrays(), fineness.softness, web_at(spot.across, spot.along, made, seed)
+    jit, soft, web = arrays(), fineness.softness, web_at(spot.across, spot.along, made, seed)
     density, way = closed_vane(spot, web, made, fineness, seed)
     if made.down.share > 0:
         loose, loose_way = down_density(web.barb, spot.height, made.down, fineness, seed)
@@ -64,19 +64,19 @@ def feather_at(spot: Spot, made: Feather, fineness: Fineness, seed: Any) -> tupl
     density = density * (1.0 - taken)
     stiff = stem > density
     marked = is_marked(spot.across, spot.along, web.rim, web.barb.number, made.plume, made.marking, seed)
-    colour = dr.select(stiff, kinds.UInt(2), dr.select(marked, kinds.UInt(1), 0))
+    colour = dr.select(stiff, jit.UInt(2), dr.select(marked, jit.UInt(1), 0))
     return dr.fmin(density + stem, 1.0), unit(dr.select(stiff, spot.ahead, tangent)), colour
 
 
 def web_at(across: Any, along: Any, made: Feather, seed: Any) -> Web:
     """The vane of a feather at a place."""
-    plume, kinds = made.plume, arrays()
+    plume, jit = made.plume, arrays()
     barb = barb_at(across, along, plume, made.barbs, seed)
     fluff = fluff_at(barb.start, plume, made.down)
-    longer = random((kinds.Int(barb.number), dr.select(across < 0, kinds.Int(0), 1), 5), seed) - 0.5
+    longer = random((jit.Int(barb.number), dr.select(across < 0, jit.Int(0), 1), 5), seed) - 0.5
     rim = outline(across, along, plume) + longer * made.barbs.ragged_mm * (1.0 + 2.0 * fluff)
     edge = dr.fmax(rim, dr.fmax(plume.quill * plume.length_mm - barb.start, barb.gap))
-    half = dr.select(across < 0, plume.outer_mm, kinds.Float(plume.inner_mm))
+    half = dr.select(across < 0, plume.outer_mm, jit.Float(plume.inner_mm))
     return Web(barb, clip(barb.out / half, 0.0, 1.0), fluff, edge, rim)
 
 
@@ -86,9 +86,9 @@ def closed_vane(spot: Spot, web: Web, made: Feather, fineness: Fineness, seed: A
     Strands that the lattice cannot resolve become a film of the same mass with their mean tangent: barbules
     lean to both sides of the barb, so their mean is along it.
     """
-    kinds, soft, (barb, share, _, edge, _) = arrays(), fineness.softness, web
+    jit, soft, (barb, share, _, edge, _) = arrays(), fineness.softness, web
     barbs_shown, barbules_shown = shown(made, fineness)
-    inside, way = coverage(edge, soft), kinds.Array3f(1, 0, 0)
+    inside, way = coverage(edge, soft), jit.Array3f(1, 0, 0)
     # the edge is stiff barbs alone: barbules end before it
     webbed = inside * clip(-edge / made.barbules.distal_mm, 0.3, 1.0)
     middle = spot.height + 0.5 * made.barbs.height_mm

@@ -57,8 +57,8 @@ class Wing:
     """The feathers of both wings, on the device."""
 
     def __init__(self, seed: int, fineness: Fineness) -> None:
-        kinds, self.fineness = arrays(), fineness
-        self.seed = dr.opaque(kinds.UInt, seed)
+        jit, self.fineness = arrays(), fineness
+        self.seed = dr.opaque(jit.UInt, seed)
         middle, _ = arm(np.linspace(0.0, 1.0, JOINTS))
         _, direction = arm(np.linspace(0.0, 1.0, JOINTS))
         thick = np.interp(np.linspace(0.0, 1.0, JOINTS), AT, THICK)
@@ -68,8 +68,8 @@ class Wing:
         around = np.array([(*p, h) for p, r in zip(self.bone, self.thick, strict=True) for h in np.linspace(-r, r, 9)])
         grown = [around + np.array([x, z, 0.0]) for x in np.linspace(-6, 6, 7) for z in np.linspace(-8, 8, 9)]
         grid: Grid = grid_of(feathers(seed), np.concatenate(grown))
-        self.starts, self.members = kinds.UInt(grid.starts), kinds.UInt(grid.members)
-        self.table, self.clear = kinds.Float(grid.table), kinds.Float(grid.clear)
+        self.starts, self.members = jit.UInt(grid.starts), jit.UInt(grid.members)
+        self.table, self.clear = jit.Float(grid.table), jit.Float(grid.clear)
         self.cells = len(grid.clear)
 
     def bound(self, point: Any) -> Any:
@@ -79,18 +79,18 @@ class Wing:
 
     def field(self, point: Any) -> tuple[Any, Any, Any]:
         """Density, tangent and colour of all feathers near points."""
-        kinds, place = arrays(), ground(point)
+        jit, place = arrays(), ground(point)
         cell = cell_at(place.x, place.z, place.height) + place.side * self.cells
-        now, end = (dr.gather(kinds.UInt, self.starts, cell + k) for k in range(2))
+        now, end = (dr.gather(jit.UInt, self.starts, cell + k) for k in range(2))
         density, tangent = self._arm(place)
-        strongest, colour = density + 0.0, kinds.UInt(0) * now
+        strongest, colour = density + 0.0, jit.UInt(0) * now
         state = (now, density, strongest, tangent, colour)
 
         def some_left(now: Any, *_: Any) -> Any:
             return now < end
 
         def add_one(now: Any, density: Any, strongest: Any, tangent: Any, colour: Any) -> tuple[Any, ...]:
-            here, way, tint = self.feather(place, dr.gather(kinds.UInt, self.members, now))
+            here, way, tint = self.feather(place, dr.gather(jit.UInt, self.members, now))
             more = here > strongest
             return (
                 now + 1,
@@ -105,8 +105,8 @@ class Wing:
 
     def feather(self, place: Ground, number: Any) -> tuple[Any, Any, Any]:
         """Density, tangent and colour of one feather."""
-        kinds, first = arrays(), number * len(FIELDS)
-        own = {name: dr.gather(kinds.Float, self.table, first + k) for k, name in enumerate(FIELDS)}
+        jit, first = arrays(), number * len(FIELDS)
+        own = {name: dr.gather(jit.Float, self.table, first + k) for k, name in enumerate(FIELDS)}
         x, z = place.x - own["x"], place.z - own["z"]
         off = -x * own["cosine"] - z * own["sine"]
         ahead = x * own["sine"] - z * own["cosine"]
@@ -125,17 +125,17 @@ class Wing:
             **{name: own[name] for name in ("length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip")}
         )
         made = WEB._replace(plume=plume)
-        density, tangent, colour = feather_at(spot, made, self.fineness, self.seed + kinds.UInt(own["seed"]))
+        density, tangent, colour = feather_at(spot, made, self.fineness, self.seed + jit.UInt(own["seed"]))
         return density, tangent, dr.select((colour == 0) & (own["flight"] > 0.5), 1, colour)
 
     def _arm(self, place: Ground) -> tuple[Any, Any]:
         """Density and tangent of the arm: a frayed body under the smallest coverts."""
-        kinds = arrays()
-        there, distance = kinds.Array3f(place.x, place.z, place.height), kinds.Float(1e3)
+        jit = arrays()
+        there, distance = jit.Array3f(place.x, place.z, place.height), jit.Float(1e3)
         for k in range(JOINTS - 1):
             start, end = ((float(x), float(z), 0.0) for x, z in self.bone[k : k + 2])
             piece = capsule(there, start, end, float(self.thick[k]), float(self.thick[k + 1]))
             distance = dr.fmin(distance, piece)
-        fray = gradient_noise(there * kinds.Array3f(0.9, 0.35, 0.9), self.seed)
+        fray = gradient_noise(there * jit.Array3f(0.9, 0.35, 0.9), self.seed)
         density = coverage(distance + FUR * (0.2 + fray), self.fineness.softness + FUR)
         return density, unit(place.outwards * (0.4 * fray) - place.upwards)

@@ -39,7 +39,7 @@ class Ground(NamedTuple):
 
 def ground(point: Any) -> Ground:
     """Where points are over the sheet, to first order in the height."""
-    kinds = arrays()
+    jit = arrays()
     x, q = abs(point.x), TOP - point.z
     turn = (math.pi / (2.0 * WIDTH)) * dr.fmin(x, 1.5 * WIDTH)
     sine, cosine = dr.sin(turn), dr.cos(turn)
@@ -47,11 +47,11 @@ def ground(point: Any) -> Ground:
     slope_x = (SWEEP * math.pi / WIDTH) * sine * cosine
     slope_q = HANG * q
     flat = dr.rsqrt(1.0 + slope_x * slope_x + slope_q * slope_q)
-    sign = dr.select(point.x < 0, -1.0, kinds.Float(1.0))
-    side = dr.select(point.x < 0, kinds.UInt(0), kinds.UInt(1))
-    outwards = unit(kinds.Array3f(sign, slope_x, 0.0))
-    upwards = unit(kinds.Array3f(0.0, -slope_q, 1.0))
-    forwards = kinds.Array3f(sign * slope_x, -1.0, -slope_q) * flat
+    sign = dr.select(point.x < 0, -1.0, jit.Float(1.0))
+    side = dr.select(point.x < 0, jit.UInt(0), jit.UInt(1))
+    outwards = unit(jit.Array3f(sign, slope_x, 0.0))
+    upwards = unit(jit.Array3f(0.0, -slope_q, 1.0))
+    forwards = jit.Array3f(sign * slope_x, -1.0, -slope_q) * flat
     return Ground(x, point.z, (y - point.y) * flat, side, outwards, upwards, forwards)
 
 

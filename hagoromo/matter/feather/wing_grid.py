@@ -74,10 +74,10 @@ def places_on(feather: Mapping[str, float]) -> NDArray[np.float64]:
 
 def cell_at(x: Any, z: Any, height: Any) -> Any:
     """Number of the cell of a place; the nearest one for places outside."""
-    kinds, index = arrays(), arrays().UInt(0)
+    jit, index = arrays(), arrays().UInt(0)
     for k, at in enumerate((x, z, height)):
         number = clip((at - float(LOW[k])) * float(1.0 / CELL[k]), 0.0, float(SHAPE[k] - 1))
-        index = index * int(SHAPE[k]) + kinds.UInt(number)
+        index = index * int(SHAPE[k]) + jit.UInt(number)
     return index
 
 

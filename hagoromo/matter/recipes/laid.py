@@ -73,17 +73,17 @@ def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], na
 
 def _patch(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
     """A flat patch from the middle of the repeat, laid out voxel by voxel."""
-    kinds, fine = arrays(), recipe.fineness
+    jit, fine = arrays(), recipe.fineness
     (wide, tall), (low, high) = (recipe.table.width_mm, recipe.table.height_mm), fabric.heights_mm
 
     def field(point: Any) -> tuple[Any, Any, Any]:
         turns = (x * (1.0 / period) + 0.5 for x, period in zip((point.x, point.z), fabric.period_mm, strict=True))
         u, v = ((t - dr.floor(t)) * period for t, period in zip(turns, fabric.period_mm, strict=True))
-        density, tangent, population = fabric.field(kinds.Array3f(u, v, -point.y), kinds.UInt(0))
+        density, tangent, population = fabric.field(jit.Array3f(u, v, -point.y), jit.UInt(0))
         edge = rounded_box(point, (0.0, 0.0, 0.5 * tall), (0.5 * wide, high - low, 0.5 * tall))
         return (
             density * coverage(edge, fine.softness),
-            kinds.Array3f(tangent.x, -tangent.z, tangent.y),
+            jit.Array3f(tangent.x, -tangent.z, tangent.y),
             population,
         )
 

@@ -52,8 +52,8 @@ class MeshRays:
     @dr.syntax
     def _left(self, point: Any, direction: Any, asked: Any) -> Any:
         """How often a ray leaves the mesh minus how often it enters."""
-        kinds = arrays()
-        count, going = kinds.Float(0) + 0.0 * point.x, kinds.Bool(asked) & (point.x == point.x)
+        jit = arrays()
+        count, going = jit.Float(0) + 0.0 * point.x, jit.Bool(asked) & (point.x == point.x)
         while going:
             going, _, leaving, point = self._next(point, direction)
             count += dr.select(going, leaving, 0.0)
@@ -62,9 +62,9 @@ class MeshRays:
     @dr.syntax
     def _way_inside(self, point: Any, direction: Any, length: float, winding: Any, asked: Any) -> Any:
         """Length of a line that is inside; `winding` of the mesh around its start."""
-        kinds = arrays()
-        left, way = kinds.Float(length) + 0.0 * point.x, 0.0 * point.x
-        going = kinds.Bool(asked) & (left > 0)
+        jit = arrays()
+        left, way = jit.Float(length) + 0.0 * point.x, 0.0 * point.x
+        going = jit.Bool(asked) & (left > 0)
         while going:
             hit, distance, leaving, point = self._next(point, direction)
             part = dr.select(hit, dr.fmin(distance, left), left)

@@ -52,16 +52,16 @@ class MeshTree:
     @dr.syntax
     def _search(self, point: Any, best: Any) -> tuple[Any, Any]:
         """Squared distance and number of the leaf (0: none) of the nearest face closer than √`best`."""
-        kinds = arrays()
-        node, leaf = kinds.UInt(1) + 0 * kinds.UInt(point.x), kinds.UInt(0)
+        jit = arrays()
+        node, leaf = jit.UInt(1) + 0 * jit.UInt(point.x), jit.UInt(0)
         while node < self.leaves:  # straight down to a near face, so that the search may skip the rest
             left, right = self._square_to(point, node * 2), self._square_to(point, node * 2 + 1)
-            node = node * 2 + dr.select(right < left, kinds.UInt(1), 0)
+            node = node * 2 + dr.select(right < left, jit.UInt(1), 0)
         _, on = _nearest_on(point, *self._corners_of(node - self.leaves))
         square = dr.squared_norm(point - on)
         near = square < best
         best, leaf = dr.select(near, square, best), dr.select(near, node, leaf)
-        node = kinds.UInt(1) + 0 * node
+        node = jit.UInt(1) + 0 * node
         while node > 0:
             down = self._square_to(point, node) < best
             if down & (node >= self.leaves):
@@ -74,15 +74,15 @@ class MeshTree:
 
     def _square_to(self, point: Any, node: Any) -> Any:
         """Square of the distance to the box of a node."""
-        kinds = arrays()
-        low = dr.gather(kinds.Array3f, self._low, node)
-        high = dr.gather(kinds.Array3f, self._high, node)
-        apart = kinds.Array3f(*(dr.fmax(dr.fmax(low[k] - point[k], point[k] - high[k]), 0.0) for k in range(3)))
+        jit = arrays()
+        low = dr.gather(jit.Array3f, self._low, node)
+        high = dr.gather(jit.Array3f, self._high, node)
+        apart = jit.Array3f(*(dr.fmax(dr.fmax(low[k] - point[k], point[k] - high[k]), 0.0) for k in range(3)))
         return dr.squared_norm(apart)
 
     def _corners_of(self, leaf: Any) -> tuple[Any, Any, Any]:
-        kinds = arrays()
-        a, b, c = (dr.gather(kinds.Array3f, self._corners, leaf * 3 + k) for k in range(3))
+        jit = arrays()
+        a, b, c = (dr.gather(jit.Array3f, self._corners, leaf * 3 + k) for k in range(3))
         return a, b, c
 
 
@@ -114,7 +114,7 @@ def _morton_order(points: NDArray[np.float64]) -> NDArray[np.intp]:
 
 def _nearest_on(point: Any, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
     """Shares of the corners, and the point, of the triangle a b c that is nearest to `point`."""
-    kinds = arrays()
+    jit = arrays()
     ab, ac, ap = b - a, c - a, point - a
     aa, bb, ab_ac = dr.squared_norm(ab), dr.squared_norm(ac), dr.dot(ab, ac)
     along_b, along_c = dr.dot(ap, ab), dr.dot(ap, ac)
@@ -124,12 +124,12 @@ def _nearest_on(point: Any, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
     on_b, on_c = clip(along_b / dr.fmax(aa, 1e-30), 0.0, 1.0), clip(along_c / dr.fmax(bb, 1e-30), 0.0, 1.0)
     bc = c - b
     on_bc = clip(dr.dot(point - b, bc) / dr.fmax(dr.squared_norm(bc), 1e-30), 0.0, 1.0)
-    zero = kinds.Float(0)
+    zero = jit.Float(0)
     edges = ((on_b, zero), (zero, on_c), (1.0 - on_bc, on_bc))
-    best = kinds.Float(dr.inf)
+    best = jit.Float(dr.inf)
     for edge_v, edge_w in edges:
         square = dr.squared_norm(ap - ab * edge_v - ac * edge_w)
         nearer = ~inside & (square < best)
         v, w = dr.select(nearer, edge_v, v), dr.select(nearer, edge_w, w)
         best = dr.select(nearer, square, best)
-    return kinds.Array3f(1.0 - v - w, v, w), a + ab * v + ac * w
+    return jit.Array3f(1.0 - v - w, v, w), a + ab * v + ac * w

@@ -55,21 +55,21 @@ class ReliefField:
         crop = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
         self.rows, self.columns = known[crop].shape
         self.voxel, self.low, self.camera = float(lattice.voxel), lattice.low.tolist(), lattice.camera
-        kinds = arrays()
+        jit = arrays()
 
         def images(values: NDArray) -> list[Any]:
-            return [kinds.Float(values[crop][..., i].astype(np.float32).ravel()) for i in range(values.shape[2])]
+            return [jit.Float(values[crop][..., i].astype(np.float32).ravel()) for i in range(values.shape[2])]
 
         (self.known,) = images(known[..., None])
         self.place, self.facing, self.colour = images(places), images(facing), images(colour)
-        self.labels = kinds.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
+        self.labels = jit.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
         self.levels = _levels(
             np.where(known, places[..., 2], np.inf)[crop], np.where(known, places[..., 2], -np.inf)[crop]
         )
 
     def occupied(self, centre: Any, radius: float) -> Any:
         """Whether there may be matter in the ball [m] around `centre` (Array3f): never False where there is."""
-        kinds = arrays()
+        jit = arrays()
         # pixels that the ball may cover: of its own size, and as lines of sight part over its depth
         nearest = max(self.low[2], 1e-9)
         aside = 1.0 + max(self.camera.width, self.camera.height) / min(self.camera.focal)
@@ -77,13 +77,13 @@ class ReliefField:
         level = min(max(math.ceil(math.log2(2.0 * reach)), 0), len(self.levels) - 1)
         near, far, rows, columns = self.levels[level]
         column, row = (place / 2**level for place in self._pixel(centre))
-        holds = kinds.Bool(False)
+        holds = jit.Bool(False)
         for down in (-0.5, 0.5):
             for right in (-0.5, 0.5):
-                at = kinds.UInt(clip(row + down, 0.0, rows - 1.0)) * columns
-                at += kinds.UInt(clip(column + right, 0.0, columns - 1.0))
-                before = dr.gather(kinds.Float, near, at) - FRONT * self.voxel - radius
-                behind = dr.gather(kinds.Float, far, at) + BACK * self.voxel + radius
+                at = jit.UInt(clip(row + down, 0.0, rows - 1.0)) * columns
+                at += jit.UInt(clip(column + right, 0.0, columns - 1.0))
+                before = dr.gather(jit.Float, near, at) - FRONT * self.voxel - radius
+                behind = dr.gather(jit.Float, far, at) + BACK * self.voxel + radius
                 holds |= (centre.z > before) & (centre.z < behind)
         return holds
 
@@ -96,23 +96,23 @@ class ReliefField:
 
     def __call__(self, p: Any) -> tuple[Any, Any, Any, list[Any]]:
         """Density, axis, material number and body colour at `p` (Array3f)."""
-        kinds = arrays()
+        jit = arrays()
         column, row = self._pixel(p)
         inside = (column >= 0.0) & (row >= 0.0) & (column < self.columns) & (row < self.rows)
-        at = kinds.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns
-        at += kinds.UInt(clip(column, 0.0, self.columns - 1.0))
-        inside &= dr.gather(kinds.Float, self.known, at) > 0.5
-        axis = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.facing))
-        place = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.place))
+        at = jit.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns
+        at += jit.UInt(clip(column, 0.0, self.columns - 1.0))
+        inside &= dr.gather(jit.Float, self.known, at) > 0.5
+        axis = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.facing))
+        place = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.place))
         # distance below the plane of the pixel's facet: along its line of sight, no steeper than STEEPEST, and aside
-        ray = (place + kinds.Array3f(*self.low)) / (place.z + self.low[2])
+        ray = (place + jit.Array3f(*self.low)) / (place.z + self.low[2])
         deeper = p.z - place.z
         aside = p - place - ray * deeper
         cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
         above, below = ((deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (SHARPEST, STEEPEST))
         density = _rising(above / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
-        colour = [dr.gather(kinds.Float, part, at) for part in self.colour]
-        label = dr.gather(kinds.UInt, self.labels, at)
+        colour = [dr.gather(jit.Float, part, at) for part in self.colour]
+        label = dr.gather(jit.UInt, self.labels, at)
         bent, *between = self._between(column, row, place, axis, label)
         # what is beside the picture has no matter, but its colour is mixed into that of the outermost
         colour = [dr.select(inside, new, old) for new, old in zip(between, colour, strict=True)]
@@ -120,31 +120,32 @@ class ReliefField:
 
     def _between(self, column: Any, row: Any, place: Any, axis: Any, label: Any) -> tuple[Any, ...]:
         """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`."""
-        kinds = arrays()
+        jit = arrays()
         left, top = dr.floor(column - 0.5), dr.floor(row - 0.5)
-        sums = [kinds.Float(0) for _ in (*self.facing, *self.colour, self.known)]
+        sums = [jit.Float(0) for _ in (*self.facing, *self.colour, self.known)]
         for down in (0.0, 1.0):
             for right in (0.0, 1.0):
-                at = kinds.UInt(clip(top + down, 0.0, self.rows - 1.0)) * self.columns
-                at += kinds.UInt(clip(left + right, 0.0, self.columns - 1.0))
-                beside = kinds.Array3f(*(dr.gather(kinds.Float, part, at) for part in self.place))
+                at = jit.UInt(clip(top + down, 0.0, self.rows - 1.0)) * self.columns
+                at += jit.UInt(clip(left + right, 0.0, self.columns - 1.0))
+                beside = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.place))
                 weight = (1.0 - dr.abs(column - 0.5 - left - right)) * (1.0 - dr.abs(row - 0.5 - top - down))
-                weight *= dr.gather(kinds.Float, self.known, at)
+                weight *= dr.gather(jit.Float, self.known, at)
                 together = dr.abs(dr.dot(axis, beside - place)) < FOLD * self.voxel
-                together &= dr.gather(kinds.UInt, self.labels, at) == label
+                together &= dr.gather(jit.UInt, self.labels, at) == label
                 weight = dr.select(together, weight, 0.0)
                 parts = zip((*self.facing, *self.colour, self.known), sums, strict=True)
-                sums = [dr.fma(weight, dr.gather(kinds.Float, part, at), sum_) for part, sum_ in parts]
+                sums = [dr.fma(weight, dr.gather(jit.Float, part, at), sum_) for part, sum_ in parts]
         scale = dr.rcp(dr.fmax(sums.pop(), 1e-6))  # 0 where nothing is known
-        return dr.normalize(kinds.Array3f(*sums[:3]) + 1e-9), *(colour * scale for colour in sums[3:])
+        return dr.normalize(jit.Array3f(*sums[:3]) + 1e-9), *(colour * scale for colour in sums[3:])
 
 
 def _levels(near: Array, far: Array) -> list[tuple[Any, Any, int, int]]:
     """Least and greatest depth of blocks of 2ⁿ × 2ⁿ pixels, and how many rows and columns of them there are."""
-    kinds, levels = arrays().Float, []
+    jit, levels = arrays(), []
     while True:
         rows, columns = near.shape
-        levels.append((kinds(near.astype(np.float32).ravel()), kinds(far.astype(np.float32).ravel()), rows, columns))
+        least, greatest = (jit.Float(depth.astype(np.float32).ravel()) for depth in (near, far))
+        levels.append((least, greatest, rows, columns))
         if max(near.shape) == 1:
             return levels
         even = ((0, rows % 2), (0, columns % 2))

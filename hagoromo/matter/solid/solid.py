@@ -81,15 +81,15 @@ class MeshSurface:
         The density is the share of a line of length `softness` across the nearest surface that is inside: the coverage
         of what is thick, and the thickness of what is thin spread over `softness`.
         """
-        kinds, half = arrays(), 0.5 * softness
+        jit, half = arrays(), 0.5 * softness
         near = self._tree.nearest(point, half)
         away = point - near.point
-        plane = dr.gather(kinds.Array3f, self._planes, near.face)
+        plane = dr.gather(jit.Array3f, self._planes, near.face)
         across = dr.select(dr.squared_norm(away) > (BESIDE * half) ** 2, unit(away), plane)
         share = self._rays.share_inside(point - across * half, across, softness, near.is_within_reach)
         deep = self._rays.inside(point, ~near.is_within_reach)
-        corners = (dr.gather(kinds.Array3f, self._normals, near.face * 3 + k) for k in range(3))
-        normal = sum((corner * near.shares[k] for k, corner in enumerate(corners)), kinds.Array3f(0))
+        corners = (dr.gather(jit.Array3f, self._normals, near.face * 3 + k) for k in range(3))
+        normal = sum((corner * near.shares[k] for k, corner in enumerate(corners)), jit.Array3f(0))
         return dr.select(near.is_within_reach, share, dr.select(deep, 1.0, 0.0)), unit(normal)
 
     def distance(self, point: Any, reach: float) -> Any:

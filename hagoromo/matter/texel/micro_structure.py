@@ -63,23 +63,23 @@ def _evaluated(field: Field, cells: tuple[int, int, int], size: NDArray, bottom:
     """Density, tangent and population at the nodes (v, variant and u, height), part by part."""
     import drjit as dr
 
-    kinds, (nv, nu, nh) = arrays(), cells
+    jit, (nv, nu, nh) = arrays(), cells
     count = nv * variants * nu * (nh + 1)
     for start in range(0, count, AT_ONCE):
-        index = dr.arange(kinds.UInt, min(AT_ONCE, count - start)) + dr.opaque(kinds.UInt, start)
+        index = dr.arange(jit.UInt, min(AT_ONCE, count - start)) + dr.opaque(jit.UInt, start)
         h, column = index % (nh + 1), index // (nh + 1)
         across, v = column % (variants * nu), column // (variants * nu)
-        point = kinds.Array3f(
-            kinds.Float(across % nu) * float(size[0] / nu),
-            kinds.Float(v) * float(size[1] / nv),
-            dr.fma(kinds.Float(h), float(size[2] / nh), float(bottom)),
+        point = jit.Array3f(
+            jit.Float(across % nu) * float(size[0] / nu),
+            jit.Float(v) * float(size[1] / nv),
+            dr.fma(jit.Float(h), float(size[2] / nh), float(bottom)),
         )
         density, tangent, number = field(point, across // nu)
-        nothing = kinds.Float(0.0) * point.x
+        nothing = jit.Float(0.0) * point.x
         yield (
-            np.array(kinds.Float(density) + nothing),
-            np.array(kinds.Array3f(tangent) + nothing).T,
-            np.array(kinds.UInt(number) + kinds.UInt(nothing)),
+            np.array(jit.Float(density) + nothing),
+            np.array(jit.Array3f(tangent) + nothing).T,
+            np.array(jit.UInt(number) + jit.UInt(nothing)),
         )
 
 

@@ -41,11 +41,11 @@ class Rays:
     """SIDE² rays through a layer for each of PAIRS directions to the eye, (u, v, normal), and to a lamp; fixed."""
 
     def __init__(self) -> None:
-        kinds, rng = arrays(), np.random.default_rng(SEED)
+        jit, rng = arrays(), np.random.default_rng(SEED)
         eye, lamp = _directions(rng), _directions(rng)
         self.front = np.arange(PAIRS) % BEHIND > 0
         lamp[~self.front, 2] *= -1.0
-        nothing = dr.zeros(kinds.Float, PAIRS)
+        nothing = dr.zeros(jit.Float, PAIRS)
         features = light_features(_vectors(eye), _vectors(lamp))
         front = np.stack([np.array(value + nothing) for value in features] + [np.zeros(PAIRS)], axis=1)
         self.features = np.where(self.front[:, None], front, np.eye(SCALES)[-1])  # of `LightScale`
@@ -53,10 +53,10 @@ class Rays:
         cell, jitter = np.arange(SIDE**2), rng.random((2, PAIRS, SIDE**2))
         self.to_eye, self.to_lamp = (_vectors(np.repeat(d, SIDE**2, axis=0)) for d in (eye, lamp))
         self.u, self.v = (
-            lookup(kinds.Float, ((place + part) / SIDE).astype(np.float32))
+            lookup(jit.Float, ((place + part) / SIDE).astype(np.float32))
             for place, part in zip((cell % SIDE, cell // SIDE), jitter, strict=True)
         )
-        self.tile = lookup(kinds.Int, rng.integers(0, 1 << 12, lanes).astype(np.int32))
+        self.tile = lookup(jit.Int, rng.integers(0, 1 << 12, lanes).astype(np.int32))
 
 
 def matched(texel: Texel, tau: float, materials: Sequence[Reflectance]) -> Texel:
@@ -100,9 +100,9 @@ class Layer:
         tau: float,
         materials: Sequence[Reflectance] = (),
     ) -> None:
-        kinds = arrays()
+        jit = arrays()
         self.textures, self.rays, self.tau, self.materials = textures, rays, tau, tuple(materials)
-        self.box, self.row = kinds.UInt(0), dr.opaque(kinds.UInt, level)
+        self.box, self.row = jit.UInt(0), dr.opaque(jit.UInt, level)
         self.lattice = textures.lattice(self.box, self.row)
         densest = float(texel.levels[level].density.astype(np.float32).sum(axis=0).max())
         step = min(float(texel.edges[level]) / STEPS_PER_CELL, PART / (tau * max(densest, 1e-3)))
@@ -110,7 +110,7 @@ class Layer:
         self.steps = dr.ceil(length / step)
         self.part = length / self.steps
         start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
-        self.face = SurfacePoint(rays.tile, kinds.Int(0), rays.u, rays.v, start, kinds.Float(1))
+        self.face = SurfacePoint(rays.tile, jit.Int(0), rays.u, rays.v, start, jit.Float(1))
         self.per_metre = 1.0 / texel.period[0], 1.0 / texel.period[1]
         dr.eval(self.lattice, self.steps, self.part, start)
 
@@ -134,9 +134,9 @@ class Layer:
 @dr.syntax
 def _through(layer: Layer) -> tuple[Any, list[Any]]:
     """∫ ρ ds [m] along the rays, and the light that the materials of the layer reflect: body and interface of each."""
-    kinds, count, tau = arrays(), dr.width(layer.rays.u), layer.tau
-    k, passed = dr.zeros(kinds.Float, count), dr.zeros(kinds.Float, count)
-    sent = [dr.zeros(kinds.Float, count) for _ in range(2 * len(layer.materials))]
+    jit, count, tau = arrays(), dr.width(layer.rays.u), layer.tau
+    k, passed = dr.zeros(jit.Float, count), dr.zeros(jit.Float, count)
+    sent = [dr.zeros(jit.Float, count) for _ in range(2 * len(layer.materials))]
     while k < layer.steps:
         here = layer.place((k + 0.5) * layer.part)
         density = layer.textures.density(layer.lattice, here)
@@ -210,5 +210,5 @@ def _directions(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _vectors(rows: NDArray[np.float64]) -> Any:
-    kinds = arrays()
-    return kinds.Array3f(*(lookup(kinds.Float, rows[:, k].astype(np.float32)) for k in range(3)))
+    jit = arrays()
+    return jit.Array3f(*(lookup(jit.Float, rows[:, k].astype(np.float32)) for k in range(3)))

@@ -121,22 +121,22 @@ class PixelData:
 
     def equations(self, normal: Any, body: list[Any]) -> Equations:
         """Sums over lamps and channels, at `normal` and `body`."""
-        kinds, c = arrays(), self.channels
-        pixel = dr.arange(kinds.UInt, self.pixels)
+        jit, c = arrays(), self.channels
+        pixel = dr.arange(jit.UInt, self.pixels)
         first, second = frame(normal)
-        start = [dr.zeros(kinds.Float, self.pixels) for _ in range(6 + 4 * c)]
+        start = [dr.zeros(jit.Float, self.pixels) for _ in range(6 + 4 * c)]
 
         def add(lamp: Any, *sums: Any) -> tuple[Any, ...]:
             at = lamp * self.width + pixel
-            scale = dr.gather(kinds.Float, self.evenness, at)
-            to_lamp = dr.gather(kinds.Array3f, self.to_lamp, at)
+            scale = dr.gather(jit.Float, self.evenness, at)
+            to_lamp = dr.gather(jit.Array3f, self.to_lamp, at)
             shade, turned = self.shade(normal, to_lamp, (first, second))
             new = list(sums)
             by_body = scale * shade[0]
             for i in range(c):
                 place = (lamp * c + i) * self.width + pixel
-                deviation = dr.gather(kinds.Float, self.values, place) - scale * (body[i] * shade[0] + shade[1])
-                precision = dr.gather(kinds.Float, self.precision, place)
+                deviation = dr.gather(jit.Float, self.values, place) - scale * (body[i] * shade[0] + shade[1])
+                precision = dr.gather(jit.Float, self.precision, place)
                 squared = deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2)
                 weight = precision / (1.0 + squared)
                 a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
@@ -149,7 +149,7 @@ class PixelData:
                     new[6 + j * c + i] += term
             return lamp + 1, *new
 
-        state = (dr.zeros(kinds.UInt, self.pixels), *start)
+        state = (dr.zeros(jit.UInt, self.pixels), *start)
         _, loss, aa, ab, bb, pull_a, pull_b, *rest = dr.while_loop(state, lambda lamp, *_: lamp < self.lamps, add)
         a_body, b_body, own, pull = (rest[j * c : j * c + c] for j in range(4))
         found = Equations(loss, aa, ab, bb, a_body, b_body, own, pull_a, pull_b, pull)

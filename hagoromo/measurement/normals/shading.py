@@ -59,20 +59,20 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
 
     The turns are towards `tangents(normals)`.
     """
-    kinds, (lamps, pixels) = arrays(), to_lamp.shape[:2]
+    jit, (lamps, pixels) = arrays(), to_lamp.shape[:2]
 
     def wide(vectors: Array) -> Any:
         tiled = np.ascontiguousarray(np.tile(vectors, (lamps, 1)).T, np.float32)
-        return kinds.Array3f(tiled) if len(tiled) == 3 else [kinds.Float(row) for row in tiled]
+        return jit.Array3f(tiled) if len(tiled) == 3 else [jit.Float(row) for row in tiled]
 
     n, v, (t, b) = wide(normals), wide(to_eye), (wide(turn) for turn in tangents(normals))
-    towards = kinds.Array3f(to_lamp.reshape(-1, 3).T.astype(np.float32))
+    towards = jit.Array3f(to_lamp.reshape(-1, 3).T.astype(np.float32))
     log_beta, log_gamma, *body_rows = wide(np.maximum(gloss, -80.0))
     found = []
-    aside = [kinds.Array3f(turn.T.astype(np.float32)) for turn in tangents(to_lamp.reshape(-1, 3))]
-    still = kinds.Array3f(0.0)
+    aside = [jit.Array3f(turn.T.astype(np.float32)) for turn in tangents(to_lamp.reshape(-1, 3))]
+    still = jit.Array3f(0.0)
     for turned in range(5):
-        moved = dr.zeros(kinds.Float, lamps * pixels)
+        moved = dr.zeros(jit.Float, lamps * pixels)
         dr.enable_grad(moved)
         # N + δ t, made unit: the angle is arctan δ, its slope 1 at δ = 0
         normal = dr.normalize(n + moved * (t, b, still, still, still)[turned])

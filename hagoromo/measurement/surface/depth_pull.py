@@ -65,22 +65,22 @@ def _farther(seen: Views) -> tuple[Array, Array]:
 
 def _sums(data: PixelData, normal: Any, body: list[Any], towards: Any, brighter: Any) -> list[Any]:
     """Per pixel: depth × depth, turns × depth (two), pull on depth, and body × depth of each channel."""
-    kinds, c = arrays(), data.channels
-    pixel, turns = dr.arange(kinds.UInt, data.pixels), frame(normal)
-    start = [dr.zeros(kinds.Float, data.pixels) for _ in range(4 + c)]
+    jit, c = arrays(), data.channels
+    pixel, turns = dr.arange(jit.UInt, data.pixels), frame(normal)
+    start = [dr.zeros(jit.Float, data.pixels) for _ in range(4 + c)]
 
     def add(lamp: Any, *sums: Any) -> tuple[Any, ...]:
         at = lamp * data.width + pixel
-        scale, more = dr.gather(kinds.Float, data.evenness, at), dr.gather(kinds.Float, brighter, at)
-        here, turned = data.shade(normal, dr.gather(kinds.Array3f, data.to_lamp, at), turns)
-        there, _ = data.shade(normal, dr.gather(kinds.Array3f, towards, at), turns)
+        scale, more = dr.gather(jit.Float, data.evenness, at), dr.gather(jit.Float, brighter, at)
+        here, turned = data.shade(normal, dr.gather(jit.Array3f, data.to_lamp, at), turns)
+        there, _ = data.shade(normal, dr.gather(jit.Array3f, towards, at), turns)
         new = list(sums)
         for i in range(c):
             place = (lamp * c + i) * data.width + pixel
             model = scale * (body[i] * here[0] + here[1])
             slope = (more * scale * (body[i] * there[0] + there[1]) - model) * (1.0 / STRIDE)
-            deviation = dr.gather(kinds.Float, data.values, place) - model
-            precision = dr.gather(kinds.Float, data.precision, place)
+            deviation = dr.gather(jit.Float, data.values, place) - model
+            precision = dr.gather(jit.Float, data.precision, place)
             weight = precision / (1.0 + deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2))
             a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
             for j, by in enumerate((slope, a, b, deviation)):
@@ -88,6 +88,6 @@ def _sums(data: PixelData, normal: Any, body: list[Any], towards: Any, brighter:
             new[4 + i] += weight * slope * scale * here[0]
         return lamp + 1, *new
 
-    _, *sums = dr.while_loop((dr.zeros(kinds.UInt, data.pixels), *start), lambda lamp, *_: lamp < data.lamps, add)
+    _, *sums = dr.while_loop((dr.zeros(jit.UInt, data.pixels), *start), lambda lamp, *_: lamp < data.lamps, add)
     dr.eval(*sums)
     return sums
