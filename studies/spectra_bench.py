@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.camera.response import white
-from hagoromo.files.door import read_bytes
+from hagoromo.files.checks import read_bytes
 from hagoromo.files.record import read_json
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.spectrum_estimate import reading_matrix

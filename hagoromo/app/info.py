@@ -14,7 +14,7 @@ from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.camera.formats.colmap import find_colmap
 from hagoromo.camera.formats.opencv_file import MATRIX
 from hagoromo.errors import InputError
-from hagoromo.files.door import existing_file
+from hagoromo.files.checks import existing_file
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture

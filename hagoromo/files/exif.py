@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.files import jpeg, png
-from hagoromo.files.door import existing_file
-from hagoromo.files.quiet import quiet
+from hagoromo.files.checks import existing_file
+from hagoromo.files.silence import silenced
 
 TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # the last two are makers' own marks (Olympus, Panasonic)
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm
@@ -52,7 +52,7 @@ def read_exif(path: str | Path) -> Exif:
     if source is None:
         return Exif()
     try:
-        with quiet(), tifffile.TiffFile(source) as file:
+        with silenced(), tifffile.TiffFile(source) as file:
             tags = {tag.name: tag.value for tag in file.pages.first.tags}
     except (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, MemoryError, struct.error):
         return Exif()

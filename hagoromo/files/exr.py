@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_file
-from hagoromo.files.quiet import quiet
+from hagoromo.files.checks import check_memory, existing_file
+from hagoromo.files.silence import silenced
 
 MAGIC = b"\x76\x2f\x31\x01"
 
@@ -64,7 +64,7 @@ def _open(path: Path, header_only: bool = False) -> Any:
     import OpenEXR
 
     try:
-        with quiet():
+        with silenced():
             file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
     except (RuntimeError, ValueError, MemoryError) as error:
         raise InputError(f"{path} cannot be read as EXR, it may be cut off: {_one_line(error)}") from error

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, read_bytes
+from hagoromo.files.checks import check_memory, read_bytes
 
 START, END = b"\xff\xd8\xff", b"\xff\xd9"
 BYTES_PER_PIXEL = 6  # decoded, twice

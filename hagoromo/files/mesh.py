@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_file
+from hagoromo.files.checks import check_memory, existing_file
 
 
 def read_mesh(path: str | Path) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
-from hagoromo.files.door import existing_file, read_bytes
+from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.files.tiff import read_tiff
 
 TIFF_STARTS = (b"II*\0", b"MM\0*")

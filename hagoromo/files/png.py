@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, read_bytes
+from hagoromo.files.checks import check_memory, read_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

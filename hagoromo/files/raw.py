@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_file
+from hagoromo.files.checks import check_memory, existing_file
 from hagoromo.files.exif import Exif, read_exif
-from hagoromo.files.quiet import quiet
+from hagoromo.files.silence import silenced
 
 SUFFIXES = tuple(
     f".{suffix}"
@@ -43,7 +43,7 @@ def read_raw(path: str | Path) -> Raw:
 
     found = existing_file(path)
     try:
-        with quiet(), rawpy.RawPy() as raw:
+        with silenced(), rawpy.RawPy() as raw:
             raw.open_file(str(found))
             sizes = raw.sizes
             check_memory(float(BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(found))

@@ -27,7 +27,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType, inspect
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import read_bytes
+from hagoromo.files.checks import read_bytes
 from hagoromo.version import __version__
 
 Positive = Annotated[float, Meta(gt=0)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import read_bytes
+from hagoromo.files.checks import read_bytes
 
 
 def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:

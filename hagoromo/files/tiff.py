@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_file, read_bytes
-from hagoromo.files.quiet import quiet
+from hagoromo.files.checks import check_memory, existing_file, read_bytes
+from hagoromo.files.silence import silenced
 
 KINDS = (np.uint8, np.uint16, np.float32)
 DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, struct.error)
@@ -26,7 +26,7 @@ def read_tiff(path: str | Path) -> NDArray:
 
     found = existing_file(path)
     try:
-        with quiet(), tifffile.TiffFile(found) as file:
+        with silenced(), tifffile.TiffFile(found) as file:
             page = file.pages.first
             shape, kind = page.shape, page.dtype
             if kind not in KINDS or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_folder
+from hagoromo.files.checks import check_memory, existing_folder
 
 CODECS = (
     "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3

@@ -22,7 +22,7 @@ from hagoromo.camera.formats.nerfstudio import camera_from_record, record_from_c
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import ForeignRecord, decode, inside, read_json, write_json, written_by

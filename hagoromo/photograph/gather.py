@@ -10,7 +10,7 @@ from typing import Literal
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory, existing_folder
+from hagoromo.files.checks import check_memory, existing_folder
 from hagoromo.files.picture import picture_size
 from hagoromo.files.record import inside
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture

@@ -13,7 +13,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_header
 from hagoromo.files.picture import by_name, read_picture
 from hagoromo.files.record import decode, read_json

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays
 from hagoromo.camera.camera import Camera
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.progress import Progress, silent
 
 RAYS_AT_ONCE = 1 << 21  # rays of one launch; progress is reported, and an interrupt taken, between launches

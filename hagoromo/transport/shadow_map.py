@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.crossing import Cone
 from hagoromo.transport.film import TILE, tile_place

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, check_entries, clip, lookup
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
 from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
 from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST_DENSITY, axis_between, half_value, lerp, packed_axis

@@ -11,7 +11,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, check_entries
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.volume.table import BrickTable, table_of
 from hagoromo.volume.voxels import BRICK, PAIRS, STORED, VOXELS, unpacked_axis, unpacked_density
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 
 BLOCK = 8  # bricks a side
 BRICKS = BLOCK**3  # bricks of a block

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import Count, Record, Vector, about, decode, inside, one_of, read_json, read_toml, write_json

@@ -15,7 +15,7 @@ from hagoromo.camera.formats.nerfstudio import read_transforms, write_transforms
 from hagoromo.camera.formats.opencv_file import MATRIX, only_lens, read_opencv, write_opencv
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
-from hagoromo.files.door import existing_file
+from hagoromo.files.checks import existing_file
 from hagoromo.files.record import Count, ForeignRecord, WrittenBy, about, decode, read_json
 from hagoromo.files.whole import whole_file, whole_folder
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.errors import InputError
-from hagoromo.files.door import read_bytes
+from hagoromo.files.checks import read_bytes
 
 # number of a model → its name and how many parameters it has (COLMAP's sensor/models.h)
 MODELS = {

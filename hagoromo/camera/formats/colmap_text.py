@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.errors import InputError
-from hagoromo.files.door import read_bytes
+from hagoromo.files.checks import read_bytes
 
 
 def read_cameras(path: Path) -> list[ColmapCamera]:

@@ -14,7 +14,7 @@ import numpy as np
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
-from hagoromo.files.door import read_bytes
+from hagoromo.files.checks import read_bytes
 from hagoromo.files.picture import picture_size
 from hagoromo.files.record import inside
 

@@ -18,7 +18,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
-from hagoromo.files.door import existing_file
+from hagoromo.files.checks import existing_file
 
 LARGEST = 64 * 2**20  # bytes; cameras take far less
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")

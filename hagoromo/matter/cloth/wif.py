@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import existing_file, read_bytes
+from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.matter.cloth.draft import LARGEST, Draft, smallest_repeat
 from hagoromo.matter.cloth.weave import LINEN, Woven
 from hagoromo.matter.cloth.yarn import Yarn

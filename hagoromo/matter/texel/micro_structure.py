@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.matter.fill import MM
 from hagoromo.matter.texel.texel_levels import levels_of
 from hagoromo.volume.texel import Texel

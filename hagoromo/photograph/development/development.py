@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.development.bracket import Merged, Shot, merge

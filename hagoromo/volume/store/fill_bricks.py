@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.volume.bricks import Bricks, Shape, brick_bytes, check_shape, table_shape
 from hagoromo.volume.store.brick_writer import BrickWriter, check_density
 from hagoromo.volume.voxels import BRICK, STORED, VOXELS

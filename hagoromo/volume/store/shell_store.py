@@ -17,7 +17,7 @@ import zarr
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.files.record import decode
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.box import VolumeBox

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError, described
-from hagoromo.files.door import check_memory
+from hagoromo.files.checks import check_memory
 from hagoromo.files.zarr_arrays import Index, ZarrArray
 from hagoromo.volume.bricks import check_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE

@@ -8,7 +8,7 @@ from contextlib import contextmanager, redirect_stdout
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silenced() -> Iterator[None]:
     """Standard output and error lead nowhere within the block, those of C libraries as well."""
     kept = os.dup(2)
     with open(os.devnull, "w") as nowhere:
