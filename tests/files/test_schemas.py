@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from hagoromo.app.schemas import json_schema, schema_names, write_schemas
 from hagoromo.camera.camera import Camera
@@ -50,7 +51,7 @@ def test_every_field_says_what_it_is_and_every_reference_leads_somewhere(kind):
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
 def test_a_recipe_names_its_schema_and_its_tables_are_records(path):
-    """No validator of schemas is a dependency: the records that the schemas are made of decode the file."""
+    """The file is valid by its schema, and the record that the schema is made of decodes it."""
     text = path.read_text()
     kind = tomllib.loads(text)["kind"]
     named = path.parent / text.splitlines()[0].removeprefix("#:schema ")
@@ -58,6 +59,21 @@ def test_a_recipe_names_its_schema_and_its_tables_are_records(path):
     table = decode(tomllib.loads(text), kind_of(kind).record, path.name)
     known = read_json(named)["$defs"][type(table).__name__]["properties"]
     assert set(tomllib.loads(text)) <= set(known) and known["kind"]["const"] == kind
+    assert faults(f"recipe-{kind}", tomllib.loads(text)) == []
+
+
+@pytest.mark.parametrize(("key", "value"), [("threads_per_cm", "many"), ("crimp", [1]), ("wheft", {})])
+def test_a_schema_refuses_what_the_reader_refuses(key, value):
+    """The validator judges: a wrong type and an unknown key are faults."""
+    recipe = tomllib.loads((ROOT / "examples" / "recipes" / "linen.toml").read_text())
+    assert faults("recipe-cloth", recipe | {key: value})
+
+
+def faults(kind: str, record: object) -> list[str]:
+    """What the JSON Schema of a kind of file finds wrong in a record."""
+    validator = Draft202012Validator(json_schema(kind))
+    validator.check_schema(json_schema(kind))
+    return [f"{error.json_path}: {error.message}" for error in validator.iter_errors(record)]
 
 
 def test_a_kind_of_another_package_has_a_schema():
@@ -112,6 +128,7 @@ def test_what_the_package_writes_has_its_schema_and_names_its_version(tmp_path):
     assert set(record["lamps"][0]) <= known("transforms", LampRecord)
     (entry,) = read_json(write_materials([material()], tmp_path / "materials.json"))
     assert set(entry) == known("materials", MaterialRecord)
+    assert faults("transforms", record) == [] and faults("materials", [entry]) == []
     for written in (record, entry):
         assert written["hagoromo"] == {"format_version": 1, "version": __version__}
 
