@@ -15,9 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.record import inside
-from hagoromo.files.table import read_table
 from hagoromo.light.colour import colour_matching
-from hagoromo.light.curves_plot import curves_png
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
 
 # Two-sided Gaussians of the stand-in for the EOS 300D: height, centre [nm], widths below and above it [nm].
@@ -64,6 +62,8 @@ class Response:
 
     def _repr_png_(self) -> bytes:
         """The curves, in a notebook."""
+        from hagoromo.light.curves_plot import curves_png
+
         return curves_png(
             self.wavelengths, dict(zip(self.channels, self.values.T, strict=True)), "relative sensitivity"
         )
@@ -116,6 +116,8 @@ def _curves(response: Response) -> list[Spectrum]:
 
 
 def _from_csv(path: Path) -> Response:
+    from hagoromo.files.table import read_table
+
     table = read_table(path)
     key = next((name for name in WAVELENGTH_COLUMNS if name in table), next(iter(table)))
     wavelengths = table.pop(key)

@@ -14,9 +14,8 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
-from hagoromo.image.render import PreparedScene, metadata, pixel_points, shadow_casters
+from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_cache import SceneCache
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.transport.film import Film
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -14,7 +15,6 @@ from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_cache import SceneCache
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.progress import Progress, part_of, silent
@@ -26,6 +26,8 @@ from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
 
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
+
+Value = TypeVar("Value")
 
 
 def render(scene: Scene | str | Path, settings: Settings | None = None, progress: Progress = silent) -> Image:
@@ -54,6 +56,24 @@ def render(scene: Scene | str | Path, settings: Settings | None = None, progress
 def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
     """Metadata of an image: version, backend, settings and scene, as plain values."""
     return {"version": __version__, "backend": name(), "settings": asdict(settings), "scene": scene.record()}
+
+
+class SceneCache:
+    """One value per name with the key that it was built from. The old value is released before the new one is built."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, tuple[tuple[Any, ...], Any]] = {}
+
+    def key(self, name: str) -> tuple[Any, ...]:
+        """The key that the value `name` was built from; () where there is none."""
+        return self._entries[name][0] if name in self._entries else ()
+
+    def get(self, name: str, key: tuple[Any, ...], build: Callable[[], Value]) -> Value:
+        """The value `name`, built now unless it was built from the same `key`."""
+        if self.key(name) != key:
+            self._entries.pop(name, None)
+            self._entries[name] = key, build()
+        return self._entries[name][1]
 
 
 class PreparedScene:

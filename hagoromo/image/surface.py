@@ -15,7 +15,6 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba
 from hagoromo.errors import InputError
-from hagoromo.files.mesh import read_mesh
 from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
@@ -86,6 +85,8 @@ class Surface:
 
         record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file without faces.
         """
+        from hagoromo.files.mesh import read_mesh
+
         mesh = read_mesh(path)
         return cls(reflectance, "mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces), **record)
 

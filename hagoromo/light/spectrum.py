@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.record import Record, about, decode, inside, like
-from hagoromo.files.table import read_table
-from hagoromo.light.curves_plot import curves_png
 
 VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10)
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions
@@ -69,6 +67,8 @@ class Spectrum:
 
     def _repr_png_(self) -> bytes:
         """The curve, in a notebook."""
+        from hagoromo.light.curves_plot import curves_png
+
         return curves_png(self.wavelengths, {"": self.values}, "value")
 
     @staticmethod
@@ -82,6 +82,8 @@ class Spectrum:
 
         Without `column` the table must have one other column only, or `InputError` names them.
         """
+        from hagoromo.files.table import read_table
+
         table = read_table(path)
         key = next((name for name in WAVELENGTH_COLUMNS if name in table), next(iter(table)))
         wavelengths = table.pop(key)

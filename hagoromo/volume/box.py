@@ -16,7 +16,6 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.bricks import MATERIALS, Bricks
-from hagoromo.volume.store.fill_bricks import bricks_from_arrays, bricks_from_field
 from hagoromo.volume.texel import Texel
 
 Field = Callable[[Any], tuple[Any, ...]]
@@ -113,6 +112,8 @@ class VolumeBox:
             raise InputError(f"axis is {axis.shape}: density {density.shape} needs {(*density.shape, 3)}")
         if material is not None and material.size and material.max() >= len(materials):
             raise InputError(f"material number {material.max()} of {len(materials)} materials: numbers start at 0")
+        from hagoromo.volume.store.fill_bricks import bricks_from_arrays
+
         bricks = bricks_from_arrays(density, axis, body_colour, material)
         return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
 
@@ -144,6 +145,8 @@ class VolumeBox:
         def may(middle: Any, radius: float) -> Any:
             assert occupied is not None
             return occupied((middle + 0.5) * float(voxel_size), radius * float(voxel_size))
+
+        from hagoromo.volume.store.fill_bricks import bricks_from_field
 
         bricks = bricks_from_field(voxels, (nz, ny, nx), may if occupied else None)
         return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
