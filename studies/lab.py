@@ -17,14 +17,14 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.camera.response import camera_response, white
-from hagoromo.camera.sensor import CANON_EOS_300D, expose
+from hagoromo.camera.response import camera_response, camera_white
+from hagoromo.camera.sensor import CANON_EOS_300D, expose_raw
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json
 from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
-from hagoromo.image.simulate import seen_shape
+from hagoromo.image.simulate import visible_shape
 from hagoromo.light.colour import srgb_encode
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -
     with whole_folder(out, force) as home:
         camera, lit = lab_camera(width), lamps()
         assert camera.response is not None
-        bright = float(white(lit[0].spectrum, camera.response).max())
+        bright = float(camera_white(lit[0].spectrum, camera.response).max())
         sensor = CANON_EOS_300D.metered(bright, 0.9)  # white where the chart stands nearly fills the range
         for folder in ("board", "ball", "object", "truth"):
             (home / folder).mkdir()
@@ -70,12 +70,12 @@ def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -
         for number in range(10):
             grey = _board(camera, random)[..., None] * 0.8 + 0.002 * random.normal(size=(camera.height, width, 1))
             write_png(home / "board" / f"{number}.png", srgb_encode(np.repeat(grey, 3, axis=2)))
-        write_png(home / "chart.png", expose(_chart(camera, lit[0].spectrum), sensor, seed))
+        write_png(home / "chart.png", expose_raw(_chart(camera, lit[0].spectrum), sensor, seed))
         scene = hg.Scene(camera, tuple(lit), surfaces=_object(camera.response, lit[0].spectrum))
         rays = _on_ball(camera)
         for number, lamp in enumerate(lit):
             image = hg.render(scene.with_lamps(lamp), hg.Settings(samples=FINE)).expose(camera.response)
-            write_png(home / "object" / f"{number}.png", expose(image, sensor, seed + 100 + number))
+            write_png(home / "object" / f"{number}.png", expose_raw(image, sensor, seed + 100 + number))
             ball = _ball(rays, lamp) + 0.002 * random.normal(size=(camera.height, width))
             write_png(home / "ball" / f"{number}.png", srgb_encode(np.repeat(ball[..., None], 3, axis=2)))
         write_png(home / "ball_mask.png", np.rint(255.0 * _means(rays[0])).astype(np.uint8))
@@ -110,7 +110,7 @@ def _chart(camera: hg.Camera, lamp: hg.Spectrum) -> Array:
     inside = (column >= 0) & (row >= 0) & (column < 6) & (row < 4)
     within = inside & (np.abs(at - np.floor(at) - 0.5) < 0.5 - 0.5 * gap).all(axis=-1)
     frame = (at > -gap).all(axis=-1) & (at[..., 0] < 6 + gap) & (at[..., 1] < 4 + gap)
-    reads = white(lamp, camera.response)
+    reads = camera_white(lamp, camera.response)
     table = np.where(frame[..., None], 0.03, 0.35) * reads
     fine = np.where(within[..., None], patches[np.where(within, 6 * row + column, 0)], table)
     return np.stack([_means(fine[..., channel]) for channel in range(3)], axis=2)
@@ -175,7 +175,7 @@ def _write_truth(folder: Path, scene: hg.Scene, sensor: hg.Sensor) -> None:
     middle = np.array([0.0, 0.0, AWAY])
     towards = [lamp.direction_and_irradiance(middle)[0] for lamp in scene.lamps]
     write_json(folder / "lamps.json", [{"name": f"{k}", "to_lamp": t.tolist()} for k, t in enumerate(towards)])
-    shape = seen_shape(scene.with_camera(replace(camera, distortion=(0.0,) * 8)))
+    shape = visible_shape(scene.with_camera(replace(camera, distortion=(0.0,) * 8)))
     write_exr(folder / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(shape.normals, 2, 0), strict=True)))
     assert camera.response is not None
     curves = dict(zip(camera.response.channels, camera.response.values.T, strict=True))

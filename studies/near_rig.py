@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.camera.sensor import develop_raw, expose
+from hagoromo.camera.sensor import develop_raw, expose_raw
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 Array = NDArray[Any]
@@ -130,7 +130,7 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
     for k, (lamp, value) in enumerate(zip(rig.lamps, light, strict=True)):
         signal = np.zeros((*known.shape, 3))
         signal[known] = value
-        developed = develop_raw(expose(signal, sensor, 1000 * seed + k), sensor)
+        developed = develop_raw(expose_raw(signal, sensor, 1000 * seed + k), sensor)
         shot = developed.values, developed.variance, known & developed.valid
         photographs.append(hg.Photograph(*shot, camera, (lamp,), lamp.name))
     return hg.Capture(tuple(photographs), "simulated"), truth

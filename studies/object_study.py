@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.camera.response import white
+from hagoromo.camera.response import camera_white
 from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
@@ -108,7 +108,7 @@ def _basis_camera() -> hg.Response:
     """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
     wavelengths = np.arange(400.0, 700.5, 0.5)
     bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
-    bands /= white(hg.Spectrum.constant(1.0), hg.Response(wavelengths, bands))
+    bands /= camera_white(hg.Spectrum.constant(1.0), hg.Response(wavelengths, bands))
     return hg.Response(wavelengths, bands, name="basis")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.camera.response import white
+from hagoromo.camera.response import camera_white
 from hagoromo.files.checks import read_bytes
 from hagoromo.files.record import read_json
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
@@ -55,7 +55,7 @@ def read_bench(path: str | Path, every: int = 1) -> Bench:
     observer = hg.Response.load("cie1931")
     colours = {}
     for lamp in TARGETS:
-        reads = white(lamps[lamp], observer)
+        reads = camera_white(lamps[lamp], observer)
         colours[lamp] = reading_matrix(lamps[lamp], observer) * (reads / reads[1])[:, None]
     return Bench(cameras, colours)
 

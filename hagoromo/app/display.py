@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.camera.response import Response, camera_response, white
+from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 
@@ -27,9 +27,9 @@ def srgb_from_camera(response: Response, lamp: Spectrum) -> NDArray[np.float64]:
 
     chart = colour.SDS_COLOURCHECKERS["BabelColor Average"].values()
     patches = [Spectrum(patch.wavelengths, patch.values) for patch in chart]
-    observer, ones = Response.load("cie1931"), white(lamp, response)
+    observer, ones = Response.load("cie1931"), camera_white(lamp, response)
     seen = np.array([camera_response(patch, lamp, response) / ones for patch in patches])
-    xyz = np.array([camera_response(patch, lamp, observer) / white(lamp, observer) for patch in patches])
+    xyz = np.array([camera_response(patch, lamp, observer) / camera_white(lamp, observer) for patch in patches])
     wanted = srgb_from_xyz(xyz * WHITE)
     # rows sum to 1: M = [a, b, 1 − a − b]
     basis = seen[:, :2] - seen[:, 2:]

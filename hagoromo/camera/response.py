@@ -106,8 +106,10 @@ def response_matrix(
     return np.stack([camera_response(basis, lamp, response, lo, hi) for basis in bases], axis=1)
 
 
-def white(lamp: Spectrum, response: Response, lo: float = VISIBLE[0], hi: float = VISIBLE[1]) -> NDArray[np.float64]:
-    """∫ E R_c dλ (channels,): what the camera reads of the lamp itself, S = 1 at every wavelength."""
+def camera_white(
+    lamp: Spectrum, response: Response, lo: float = VISIBLE[0], hi: float = VISIBLE[1]
+) -> NDArray[np.float64]:
+    """∫ E R_c dλ (channels,): reading of a perfect white, S = 1 at every wavelength, under `lamp`, over [lo, hi] nm."""
     return np.array([integrate_product(lamp, curve, lo=lo, hi=hi) for curve in _curves(response)])
 
 

@@ -102,7 +102,7 @@ class Developed(NamedTuple):
     valid: NDArray[np.bool_]
 
 
-def expose(signal: ArrayLike, sensor: Sensor, seed: int) -> NDArray[np.uint16]:
+def expose_raw(signal: ArrayLike, sensor: Sensor, seed: int) -> NDArray[np.uint16]:
     """Raw DN of one exposure to `signal` (height, width, channels), in units of ρ; the same seed gives the same DN.
 
     Shot noise (Poisson), full well, read noise, black level, gain, rounding and clipping, in this order.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.sensor import develop_raw, native_channels
-from hagoromo.camera.sensor import expose as raw_exposure
+from hagoromo.camera.sensor import develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
@@ -26,7 +25,7 @@ def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percen
         raise InputError(f"camera {camera.name!r} has no response or no sensor: a photograph needs both")
     signal = image.expose(camera.response)
     sensor = camera.sensor.metered(max(_metered(signal, percentile), 1e-30))
-    developed = develop_raw(raw_exposure(signal, sensor, seed), sensor)
+    developed = develop_raw(expose_raw(signal, sensor, seed), sensor)
     return Photograph(
         values=developed.values,
         variance=developed.variance,

@@ -59,12 +59,12 @@ def simulate(
         lit, count = scene.with_lamps(lamp), len(scene.lamps)
         image = render(lit, settings, part_of(progress, k / count, 1.0 / count, f"lamp {k + 1} of {count}"))
         photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}", percentile))
-    shape = seen_shape(scene) if scene.surfaces else None
+    shape = visible_shape(scene) if scene.surfaces else None
     points, normals = (None, None) if shape is None else shape[:2]
     return Capture(tuple(photographs), name, None, scene.record(), points, normals)
 
 
-def seen_shape(scene: Scene) -> Shape:
+def visible_shape(scene: Scene) -> Shape:
     """The shape of the scene's surfaces, of which there is one at least, as its camera sees it."""
     jit, camera = arrays(), scene.camera
     number = dr.arange(jit.UInt, camera.width * camera.height)

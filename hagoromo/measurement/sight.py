@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.camera.response import white
+from hagoromo.camera.response import camera_white
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.torrance_sparrow import Cosines, fresnel, weights_at
@@ -106,7 +106,7 @@ def sight(photograph: Photograph, points: Array, normals: Array, lamp_colour: Ar
 
 def _white(photograph: Photograph, lamp: Lamp) -> Array:
     response = photograph.camera.response
-    return np.ones(photograph.values.shape[2]) if response is None else white(lamp.spectrum, response)
+    return np.ones(photograph.values.shape[2]) if response is None else camera_white(lamp.spectrum, response)
 
 
 def _unit(vectors: Array) -> Array:

@@ -18,7 +18,7 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.image.image import Image, read_image
 from hagoromo.image.render import render
 from hagoromo.image.settings import Settings
-from hagoromo.image.simulate import seen_shape, simulate
+from hagoromo.image.simulate import simulate, visible_shape
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import fill_measurement, measure
 from hagoromo.photograph.capture import load_capture, save_capture
@@ -103,7 +103,7 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
     settings = Settings(samples=size.capture_samples, seed=size.seed)
     with stages.stage("capture") as progress:
         save_capture(simulate(samples, settings, "samples", progress, percentile=100.0), home / "capture")
-        surface = seen_shape(samples).surface
+        surface = visible_shape(samples).surface
     with stages.stage("measurement") as progress:
         capture = load_capture(home / "capture", frames=slice(0, LAMPS_MEASURED))
         measurement = named(measure(capture, progress=progress), surface, list(truth))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, camera_response, white
+from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import Measurement
@@ -70,7 +70,7 @@ def rows(
     found = []
     for material in sorted(materials, key=lambda one: list(truth).index(one.name)):
         true = truth[material.name]
-        colour = camera_response(true.body_colour, lamp, response) / white(lamp, response)
+        colour = camera_response(true.body_colour, lamp, response) / camera_white(lamp, response)
         values = {key: getattr(true, key) for key in PARAMETERS} | {"alpha": true.alpha * float(colour.mean())}
         for key in PARAMETERS:
             low, high = material.interval_95[key]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.display import exposure, srgb_from_camera
-from hagoromo.camera.response import white
+from hagoromo.camera.response import camera_white
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.image.compare import compare
@@ -82,7 +82,7 @@ def relit(
     alone = scene.with_lamps(*lamps)
     # ρ of a white diffuser (f = 1/π) that faces the lamp from the middle of the samples
     _, irradiance = lamps[0].direction_and_irradiance(np.mean([s.pose[:3, 3] for s in scene.surfaces], axis=0))
-    diffuser = float(irradiance) * white(lamps[0].spectrum, response) / np.pi
+    diffuser = float(irradiance) * camera_white(lamps[0].spectrum, response) / np.pi
     matrix = srgb_from_camera(response, lamps[0].spectrum)
     matrix = matrix / (matrix @ diffuser)[:, None]
     views = [

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.response import camera_response, white
+from hagoromo.camera.response import camera_response, camera_white
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
@@ -58,7 +58,7 @@ def true_reflectances(camera: Camera) -> dict[str, Reflectance]:
     found = {}
     for name, (beta, gamma, n) in INTERFACE.items():
         albedo = Spectrum(KNOTS, SPECTRA[name])
-        mean = float(np.mean(camera_response(albedo, lamp, response) / white(lamp, response)))
+        mean = float(np.mean(camera_response(albedo, lamp, response) / camera_white(lamp, response)))
         found[name] = Reflectance(mean / np.pi, beta, gamma, n, albedo.scaled(1.0 / mean), name=name)
     return found
 

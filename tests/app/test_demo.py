@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.display import srgb_from_camera
-from hagoromo.camera.response import Response, camera_response, white
+from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_json
 from hagoromo.image.compare import compare
@@ -161,10 +161,10 @@ def test_a_camera_sees_the_chart_nearly_as_people_do():
 
     camera, observer, lamp = Response.load("canon_eos_300d"), Response.load("cie1931"), Spectrum.named("D65")
     matrix = srgb_from_camera(camera, lamp)
-    np.testing.assert_allclose(matrix @ white(lamp, camera), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(matrix @ camera_white(lamp, camera), 1.0, rtol=1e-9)
     different = []
     for patch in colour.SDS_COLOURCHECKERS["BabelColor Average"].values():
         spectrum = Spectrum(patch.wavelengths, patch.values)
-        xyz = camera_response(spectrum, lamp, observer) / white(lamp, observer) * (0.95047, 1.0, 1.08883)
+        xyz = camera_response(spectrum, lamp, observer) / camera_white(lamp, observer) * (0.95047, 1.0, 1.08883)
         different.append(delta_e_2000(matrix @ camera_response(spectrum, lamp, camera), srgb_from_xyz(xyz)))
     assert np.mean(different) < 1.0

@@ -7,7 +7,7 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
-from hagoromo.camera.sensor import CANON_EOS_300D, Sensor, develop_raw, expose, native_channels
+from hagoromo.camera.sensor import CANON_EOS_300D, Sensor, develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -32,7 +32,7 @@ def camera(sensor: Sensor | None, seed: int = 0, response: str | None = "canon_e
 
 
 def photograph(sensor: Sensor, seed: int, lamps=(), response="canon_eos_300d", channels: int = 3) -> Photograph:
-    values, variance, mask = develop_raw(expose(light(seed, channels), sensor, seed), sensor)
+    values, variance, mask = develop_raw(expose_raw(light(seed, channels), sensor, seed), sensor)
     mask = mask.copy()
     mask[2, 3:7] = False
     native = native_channels(sensor, HEIGHT, WIDTH)
@@ -88,7 +88,7 @@ def test_linear_values_read_back_as_the_same_photographs(tmp_path, channels):
 
 def test_another_demosaicing_keeps_its_values_and_native_samples(tmp_path):
     shot = photograph(CANON_EOS_300D, 4)
-    raw = expose(light(4), CANON_EOS_300D, 4)
+    raw = expose_raw(light(4), CANON_EOS_300D, 4)
     values, variance, _ = develop_raw(raw, CANON_EOS_300D, "menon2007")
     menon = replace(shot, values=values, variance=variance)
     assert_same(load_capture(save_capture(Capture((menon,)), tmp_path / "a")).photographs[0], menon)

@@ -6,7 +6,7 @@ import numpy as np
 import tifffile
 from scipy.ndimage import gaussian_filter, shift
 
-from hagoromo.camera.sensor import Sensor, expose
+from hagoromo.camera.sensor import Sensor, expose_raw
 from hagoromo.files.exif import Exif
 from hagoromo.photograph.development.exposure import Exposure
 
@@ -28,7 +28,7 @@ def scene(seed: int = 1, moved: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
 
 
 def numbers(light: np.ndarray, seconds: float, seed: int, sensor: Sensor = SENSOR) -> np.ndarray:
-    return expose(light * seconds, sensor, seed)
+    return expose_raw(light * seconds, sensor, seed)
 
 
 def shot(light: np.ndarray, seconds: float, seed: int, sensor: Sensor = SENSOR, offset: np.ndarray | float = 0.0):

@@ -9,7 +9,7 @@ from hagoromo.calibration.response.calibrate_response import overlap_matrix
 from hagoromo.calibration.response.chart import chart_spectra, read_chart
 from hagoromo.calibration.response.chart_response import response_from_chart
 from hagoromo.calibration.response.positive_curve import fit_positive_curve
-from hagoromo.camera.response import Response, camera_response, white
+from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
@@ -24,7 +24,7 @@ CAMERA = Response.load("Nikon 5100 (NPL)")
 CORNERS = np.array([[180.0, 150.0], [1010.0, 120.0], [1060.0, 720.0], [160.0, 690.0]])
 LAMP = Spectrum.named("D65")
 GREY = np.array([patch.mean() for patch in chart_spectra()])
-BRIGHT = float(white(LAMP, CAMERA).max())
+BRIGHT = float(camera_white(LAMP, CAMERA).max())
 
 
 def colours(lamp: Spectrum) -> np.ndarray:
@@ -71,7 +71,7 @@ def test_clipped_patches_are_left_out():
 def test_response_from_charts_lies_within_its_intervals():
     """Two lamps. At least 85 % of the values within their 95 % intervals: 93 values, and neighbours go together."""
     tube = Spectrum.named("FL11")
-    lamps = [LAMP, tube.scaled(BRIGHT / float(white(tube, CAMERA).max()))]
+    lamps = [LAMP, tube.scaled(BRIGHT / float(camera_white(tube, CAMERA).max()))]
     photographs = [photograph_of_chart(lamp) for lamp in lamps]
     found = response_from_chart(photographs, lamps, chart_spectra(), [CORNERS, CORNERS])
     at = found.response.wavelengths

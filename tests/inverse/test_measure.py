@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hagoromo.camera.response import Response, camera_response, white
-from hagoromo.camera.sensor import Sensor, develop_raw, expose, native_channels
+from hagoromo.camera.response import Response, camera_response, camera_white
+from hagoromo.camera.sensor import Sensor, develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
@@ -156,7 +156,7 @@ def test_only_samples_that_the_mosaic_measured_are_fitted(ball):
     photographs = []
     for photograph in simulate([RED], 9, full_well=1e12).photographs:
         metered = sensor.metered(float(photograph.values.max()))
-        developed = develop_raw(expose(np.maximum(photograph.values, 0), metered, 10), metered)
+        developed = develop_raw(expose_raw(np.maximum(photograph.values, 0), metered, 10), metered)
         mask, native = developed.valid & photograph.mask, native_channels(metered, 61, 61)
         photographs.append(replace(photograph, values=developed.values, variance=developed.variance, mask=mask,
                                    native=native))  # fmt: skip
@@ -191,7 +191,7 @@ def test_reflectance_looks_to_the_camera_as_the_material_does(ball):
     response, lamp = Response.load("canon_eos_300d"), Spectrum.named("A")
     reflectance = found.reflectance(response, lamp, "cylinder")
     seen = camera_response(reflectance.body_colour, lamp, response)
-    np.testing.assert_allclose(seen, np.array(found.body_colour) * white(lamp, response), rtol=1e-12)
+    np.testing.assert_allclose(seen, np.array(found.body_colour) * camera_white(lamp, response), rtol=1e-12)
     assert (reflectance.element, reflectance.alpha, reflectance.n) == ("cylinder", found.alpha, found.n)
 
 

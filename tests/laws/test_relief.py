@@ -12,7 +12,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.image.simulate import seen_shape
+from hagoromo.image.simulate import visible_shape
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -31,7 +31,7 @@ LAMP = Lamp(position=(0.2, -0.5, 0.3), spectrum=Spectrum.named("E"))
 def ball(camera: Camera = CAMERA) -> tuple[Scene, Relief]:
     surface = Surface.sphere((0.004, 0.0, -0.003), 0.04, MATTE, "ball")
     scene = Scene(camera, (LAMP,), surfaces=(surface,))
-    shape = seen_shape(scene)
+    shape = visible_shape(scene)
     body = np.where((shape.surface >= 0)[..., None], MATTE.alpha, 0.0) * np.ones(3)
     return scene, Relief(shape.points, shape.normals, body, shape.surface)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from hagoromo.camera.response import Response, camera_response, response_matrix, white
+from hagoromo.camera.response import Response, camera_response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
 from hagoromo.light.spectrum import Spectrum
@@ -59,12 +59,14 @@ def test_the_matrix_of_bases_reads_their_sum():
 
 def test_white_is_the_reading_of_a_surface_that_reflects_all():
     lamp, curves = Spectrum.named("FL2"), response()
-    np.testing.assert_allclose(white(lamp, curves), camera_response(Spectrum.constant(1.0), lamp, curves), rtol=1e-12)
+    np.testing.assert_allclose(
+        camera_white(lamp, curves), camera_response(Spectrum.constant(1.0), lamp, curves), rtol=1e-12
+    )
 
 
 def test_cie_1931_gives_the_white_point_of_d65():
     """x = 0.31271, y = 0.32902 (CIE 15); the sum at 1 nm in the standard differs from the integral by under 1e-4."""
-    xyz = white(Spectrum.named("D65"), Response.load("cie1931"), 360.0, 830.0)
+    xyz = camera_white(Spectrum.named("D65"), Response.load("cie1931"), 360.0, 830.0)
     np.testing.assert_allclose(xyz[:2] / xyz.sum(), (0.31271, 0.32902), atol=1e-4)
 
 

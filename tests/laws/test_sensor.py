@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.camera.sensor import CANON_EOS_300D, MOSAICS, Sensor, develop_raw, expose, native_channels
+from hagoromo.camera.sensor import CANON_EOS_300D, MOSAICS, Sensor, develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
 from tests.judges import intervals_hold, standard_normal
 
@@ -26,17 +26,17 @@ def test_photon_transfer_variance_rises_with_the_mean_by_one_over_the_gain():
     about 0.8 %: 3 % is beyond 3.5 standard deviations. The offset is tested on darkness alone, 5 % = 2.3 of them.
     """
     levels = np.linspace(0.05, 2.5, 13)
-    raws = [expose(np.full((67, 61, 1), level), PLAIN, seed).astype(float) for seed, level in enumerate(levels)]
+    raws = [expose_raw(np.full((67, 61, 1), level), PLAIN, seed).astype(float) for seed, level in enumerate(levels)]
     means, variances = np.array([[raw.mean(), raw.var(ddof=1)] for raw in raws]).T
     weights = 1.0 / variances
     assert np.polyfit(means, variances, 1, w=weights)[0] == pytest.approx(1.0 / PLAIN.gain, rel=0.03)
-    dark = expose(np.zeros((67, 61, 1)), PLAIN, 99)
+    dark = expose_raw(np.zeros((67, 61, 1)), PLAIN, 99)
     assert dark.var(ddof=1) == pytest.approx((PLAIN.read_noise / PLAIN.gain) ** 2 + 1.0 / 12.0, rel=0.05)
 
 
 def test_the_mean_raw_number_is_black_level_plus_electrons_over_gain():
     """To 4 standard errors of the mean over 4087 pixels."""
-    raw = expose(np.full((67, 61, 1), 0.7), PLAIN, 3)
+    raw = expose_raw(np.full((67, 61, 1), 0.7), PLAIN, 3)
     expected = PLAIN.black_level + 0.7 * PLAIN.exposure / PLAIN.gain
     assert abs(raw.mean() - expected) < 4.0 * raw.std() / np.sqrt(raw.size)
 
@@ -44,7 +44,7 @@ def test_the_mean_raw_number_is_black_level_plus_electrons_over_gain():
 def test_development_returns_the_light():
     """The mean over 31 exposures, in its own standard errors, of 3 · 11 · 13 values; significance 0.001."""
     light = slope(11, 13)
-    developed = [develop_raw(expose(light, PLAIN, seed), PLAIN) for seed in range(31)]
+    developed = [develop_raw(expose_raw(light, PLAIN, seed), PLAIN) for seed in range(31)]
     error = np.mean([d.values for d in developed], axis=0) - light
     assert all(d.valid.all() for d in developed)
     assert standard_normal(error / np.sqrt(np.mean([d.variance for d in developed], axis=0) / 31), significance=1e-3)
@@ -64,7 +64,7 @@ def test_95_percent_intervals_hold_the_truth_95_percent_of_the_time(sensor, demo
     light = slope(23, 29)
     hits = []
     for seed in range(199):
-        d = develop_raw(expose(light, sensor, seed), sensor, demosaic)
+        d = develop_raw(expose_raw(light, sensor, seed), sensor, demosaic)
         hits.append(np.abs(d.values - light) <= 1.96 * np.sqrt(d.variance))
     inner = np.array(hits)[:, 3:-3, 3:-3]  # a mirrored border bends the slope
     assert intervals_hold(inner, 0.95, significance=1e-3, tolerance=tolerance, independent=inner.size / 4)
@@ -77,15 +77,15 @@ def test_intervals_stay_honest_in_the_dark():
     """From 0 to 60 electrons with the read noise of a good sensor: 93 to 98 % of 40 000 (discrete counts jump)."""
     quiet = Sensor(exposure=1.0, full_well=9000.0, read_noise=3.0, gain=0.5, black_level=100.0, bits=12)
     for electrons in (0.0, 2.0, 7.0, 20.0, 60.0):
-        d = develop_raw(expose(np.full((200, 200, 1), electrons), quiet, 5), quiet)
+        d = develop_raw(expose_raw(np.full((200, 200, 1), electrons), quiet, 5), quiet)
         covered = (np.abs(d.values - electrons) <= 1.96 * np.sqrt(d.variance)).mean()
         assert 0.93 < covered < 0.98
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others():
     light = slope(11, 13)
-    np.testing.assert_array_equal(expose(light, BAYER, 7), expose(light, BAYER, 7))
-    assert (expose(light, BAYER, 7) != expose(light, BAYER, 8)).mean() > 0.9
+    np.testing.assert_array_equal(expose_raw(light, BAYER, 7), expose_raw(light, BAYER, 7))
+    assert (expose_raw(light, BAYER, 7) != expose_raw(light, BAYER, 8)).mean() > 0.9
 
 
 @pytest.mark.parametrize("gain", [1.0, 2.3])
@@ -94,7 +94,7 @@ def test_full_well_and_the_largest_number_saturate_and_are_invalid(gain):
     sensor = replace(PLAIN, gain=gain)
     light = np.full((7, 11, 2), 0.3)
     light[2, 3, 1] = 40.0
-    raw = expose(light, sensor, 1)
+    raw = expose_raw(light, sensor, 1)
     assert abs(raw[2, 3, 1] - sensor.white_level) < 5.0 * sensor.read_noise
     valid = develop_raw(raw, sensor).valid
     assert not valid[2, 3] and valid.sum() == 76
@@ -104,7 +104,7 @@ def test_full_well_and_the_largest_number_saturate_and_are_invalid(gain):
 def test_values_interpolated_from_a_saturated_sample_are_invalid(demosaic, reach):
     light = np.full((17, 19, 3), 0.3)
     light[8, 9] = 40.0
-    valid = develop_raw(expose(light, BAYER, 1), BAYER, demosaic).valid
+    valid = develop_raw(expose_raw(light, BAYER, 1), BAYER, demosaic).valid
     assert (~valid).sum() == (2 * reach + 1) ** 2 and not valid[8 - reach, 9 + reach]
 
 
@@ -117,7 +117,7 @@ def test_a_mosaic_sees_each_colour_where_its_letters_say(mosaic):
     for channel in range(3):
         light = np.zeros((5, 7, 3))
         light[..., channel] = 1.0
-        assert ((expose(light, sensor, 2) > 1000) == native[..., channel]).all()
+        assert ((expose_raw(light, sensor, 2) > 1000) == native[..., channel]).all()
 
 
 @pytest.mark.parametrize("demosaic", ["bilinear", "menon2007"])
@@ -135,15 +135,15 @@ def test_demosaicing_keeps_native_samples_and_flat_fields(demosaic):
 def test_binning_is_the_mean_over_pixels():
     """3 × 3 means of a fine sensor against its binned twin: mean to 4 standard errors, variance to 10 % (3.5 σ)."""
     fine = replace(PLAIN, exposure=500.0)
-    means = expose(np.full((183, 183, 1), 0.6), fine, 1)[..., 0].reshape(61, 3, 61, 3).mean(axis=(1, 3))
-    coarse = expose(np.full((61, 61, 1), 0.6), fine.binned(3), 2)[..., 0].astype(float)
+    means = expose_raw(np.full((183, 183, 1), 0.6), fine, 1)[..., 0].reshape(61, 3, 61, 3).mean(axis=(1, 3))
+    coarse = expose_raw(np.full((61, 61, 1), 0.6), fine.binned(3), 2)[..., 0].astype(float)
     assert abs(means.mean() - coarse.mean()) < 4.0 * np.hypot(means.std(), coarse.std()) / 61
     assert coarse.var() - 1 / 12 == pytest.approx(means.var() - 1 / 108, rel=0.1)
 
 
 def test_metering_fills_the_asked_share_of_the_range():
     sensor = CANON_EOS_300D.metered(17.0, 0.5)
-    raw = expose(np.full((64, 64, 3), 17.0), sensor, 1)
+    raw = expose_raw(np.full((64, 64, 3), 17.0), sensor, 1)
     share = (raw.mean() - sensor.black_level) / (sensor.white_level - sensor.black_level)
     assert share == pytest.approx(0.5, abs=0.001)
 
@@ -158,9 +158,9 @@ def test_metering_fills_the_asked_share_of_the_range():
         (lambda: replace(PLAIN, black_level=99_999.0), "black"),
         (lambda: replace(PLAIN, mosaic="RGB"), "mosaic"),
         (lambda: PLAIN.metered(0.0), "nothing to expose"),
-        (lambda: expose(np.full((5, 7, 3), -1.0), PLAIN, 1), "negative"),
-        (lambda: expose(np.full((5, 7, 3), np.nan), PLAIN, 1), "not finite"),
-        (lambda: expose(np.ones((5, 7, 4)), BAYER, 1), "height, width, 3"),
+        (lambda: expose_raw(np.full((5, 7, 3), -1.0), PLAIN, 1), "negative"),
+        (lambda: expose_raw(np.full((5, 7, 3), np.nan), PLAIN, 1), "not finite"),
+        (lambda: expose_raw(np.ones((5, 7, 4)), BAYER, 1), "height, width, 3"),
         (lambda: develop_raw(np.ones((5, 7, 3)), BAYER), "height, width"),
         (lambda: develop_raw(np.ones((5, 7)), BAYER, "ahd"), "demosaicing"),  # type: ignore[arg-type]
     ],

@@ -11,12 +11,12 @@ import pytest
 from scipy.ndimage import binary_erosion
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.response import Response, white
+from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.image.simulate import seen_shape
+from hagoromo.image.simulate import visible_shape
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -69,7 +69,7 @@ def shapes(name: str, material: Reflectance) -> list[Surface]:
 @cache
 def stood(name: str, of: str, side: int) -> tuple[tuple[Surface, ...], Relief, VolumeBox]:
     surfaces = tuple(shapes(name, MATERIALS[of]))
-    shape = seen_shape(Scene(camera(side), (lamp(HIGH),), surfaces=surfaces))
+    shape = visible_shape(Scene(camera(side), (lamp(HIGH),), surfaces=surfaces))
     labels = np.minimum(shape.surface, 0)
     body = np.where((labels >= 0)[..., None], MATERIALS[of].alpha, 0.0) * np.ones(3)
     relief = Relief(shape.points, shape.normals, body, labels)
@@ -77,7 +77,7 @@ def stood(name: str, of: str, side: int) -> tuple[tuple[Surface, ...], Relief, V
 
 
 def light(scene: Scene, settings: Settings = SETTINGS) -> np.ndarray:
-    one = MATERIALS["matte"].alpha * white(EVEN, EYE)[1]
+    one = MATERIALS["matte"].alpha * camera_white(EVEN, EYE)[1]
     return render(scene, settings).expose(EYE)[..., 1].astype(float) / one
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.app.display import srgb_from_camera
 from hagoromo.app.relight.stage import Stage
-from hagoromo.camera.response import response_matrix, white
+from hagoromo.camera.response import camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
@@ -130,7 +130,7 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
     response, lamp = photograph.camera.response, photograph.lamps[0].spectrum
     if stage.spectrum is not None and response is not None:  # the body under this lamp, not those it was measured under
         basis = body_basis(stage.camera.response, stage.spectrum)
-        matrix = response_matrix(basis, lamp, response) / white(lamp, response)[:, None]
+        matrix = response_matrix(basis, lamp, response) / camera_white(lamp, response)[:, None]
     for label, material in enumerate(stage.materials):
         here = known & (relief.labels == label)
         if not here.any():

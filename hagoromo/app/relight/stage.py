@@ -12,7 +12,7 @@ import numpy as np
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import write_views
-from hagoromo.camera.response import Response, white
+from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.table import write_table
 from hagoromo.light.lamp import Lamp
@@ -81,7 +81,9 @@ class Stage:
             if isinstance(lamp.intensity, tuple):
                 raise InputError(f"lamp {lamp.name!r} has an intensity per channel, the measured ones have a spectrum")
             return record_from_lamp(replace(lamp, intensity=lamp.intensity / self.dim))
-        reads = np.broadcast_to(lamp.intensity, 3) * (1.0 if response is None else white(lamp.spectrum, response))
+        reads = np.broadcast_to(lamp.intensity, 3) * (
+            1.0 if response is None else camera_white(lamp.spectrum, response)
+        )
         knots = [(w, value) for band, value in zip(BANDS[::-1], reads[::-1], strict=True) for w in band]
         return record_from_lamp(replace(lamp, intensity=1.0 / self.dim, spectrum=Spectrum(*zip(*knots, strict=True))))
 
@@ -113,7 +115,7 @@ def basis_camera() -> Response:
     """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
     wavelengths = np.arange(400.0, 700.5, 0.5)
     bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
-    bands /= white(Spectrum.constant(1.0), Response(wavelengths, bands))
+    bands /= camera_white(Spectrum.constant(1.0), Response(wavelengths, bands))
     return Response(wavelengths, bands, name="basis")
 
 

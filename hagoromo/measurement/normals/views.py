@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.response import white
+from hagoromo.camera.response import camera_white
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import LARGEST_CONDITION, condition_of
@@ -201,7 +201,7 @@ def check_lamps(photographs: Sequence[Photograph], fewest: int = FEWEST_LAMPS) -
 def _light(lamp: Lamp, camera: Camera, channels: int, points: Array) -> tuple[Array, Array]:
     """Directions to the lamp (P, 3) and its irradiance (P, C) as the channels see it."""
     direction, irradiance = lamp.direction_and_irradiance(points)
-    scale = np.ones(channels) if camera.response is None else white(lamp.spectrum, camera.response)
+    scale = np.ones(channels) if camera.response is None else camera_white(lamp.spectrum, camera.response)
     light = (irradiance if irradiance.ndim == 2 else irradiance[:, None]) * scale
     return direction, np.maximum(light, UNLIT * light.max())
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.camera.response import Response, response_matrix, white
+from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.reflectance import Reflectance
@@ -68,7 +68,7 @@ class MaterialEstimate:
         basis, weights = smooth_rgb_basis(), np.array(self.body_colour)
         if response is not None:
             lamp = Spectrum.constant(1.0) if lamp_spectrum is None else lamp_spectrum
-            weights = np.linalg.solve(response_matrix(basis, lamp, response), weights * white(lamp, response))
+            weights = np.linalg.solve(response_matrix(basis, lamp, response), weights * camera_white(lamp, response))
         if weights.min() < 0.0:
             raise InputError(
                 f"material {self.name!r}: no smooth spectrum above 0 has the body colour {_short(self.body_colour)} "

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.camera.response import Response, response_matrix, white
+from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.least_squares import scipy_status
 from hagoromo.light.spectrum import Spectrum
@@ -109,7 +109,7 @@ def reflectance_spectrum(
 def reading_matrix(lamp: Spectrum, response: Response) -> Array:
     """(channels, wavelengths): readings, relative to white, of a reflectance that is linear between `WAVELENGTHS`."""
     tents = [Spectrum(WAVELENGTHS, row) for row in np.eye(len(WAVELENGTHS))]
-    reads = white(lamp, response)
+    reads = camera_white(lamp, response)
     if not (reads > 0.0).all():
         dark = response.channels[int(np.argmin(reads))]
         raise InputError(f"channel {dark} reads nothing of this lamp over 400–700 nm: leave the channel out")
