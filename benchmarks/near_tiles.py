@@ -24,7 +24,7 @@ from hagoromo.camera.sensor import Sensor
 from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
 from hagoromo.photograph.photograph import Photograph
-from studies.near_rig import DISTANCE, Look, Rig, Truth, exact, ring_rig, shaded, waves
+from studies.near_rig import SURFACE_DISTANCE, Look, Rig, Truth, exact, ring_rig, shaded, waves
 
 WIDTH, HEIGHT, REPEAT = 4000, 3000, 8
 WELL = 20_000.0  # electrons
@@ -84,7 +84,7 @@ def main(scratch: Path, tiles: int = 24, lamps: int = 96) -> None:
     clock = _Clock(record)
     with tile_store(source, scratch, lambda share, step="": print(f"{step}", flush=True)) as store:
         clock.lap("store")
-        coarse = solve_coarse(store, 1.02 * DISTANCE, progress=lambda share, step="": print(step, flush=True))
+        coarse = solve_coarse(store, 1.02 * SURFACE_DISTANCE, progress=lambda share, step="": print(step, flush=True))
         clock.lap("coarse")
         chosen = range(0, store.count, max(store.count // tiles, 1))
         fine = solve_tiles(store, coarse, tiles=chosen)

@@ -9,14 +9,14 @@ from typing import Annotated
 from hagoromo.files.record import about, one_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe, RecipeTable
 from hagoromo.volume.store.plan import BoxPlan
-from hagoromo_figures.figure.figure import FIGURES, PARTS, element_of, figure_part
+from hagoromo_figures.figure.figure import FIGURE_PARTS, PART_MATERIALS, element_of, figure_part
 
 
 class FigureTable(RecipeTable, frozen=True, kw_only=True):
     """A part of the angel or the nun, 0.27 m high."""
 
-    figure: Annotated[str, one_of(*FIGURES), about("the figure")] = "angel"
-    part: Annotated[str, one_of(*PARTS), about("the part of it")]
+    figure: Annotated[str, one_of(*PART_MATERIALS), about("the figure")] = "angel"
+    part: Annotated[str, one_of(*FIGURE_PARTS), about("the part of it")]
 
 
 def _plan(recipe: Recipe[FigureTable]) -> BoxPlan:
@@ -25,7 +25,7 @@ def _plan(recipe: Recipe[FigureTable]) -> BoxPlan:
 
 
 def _element(table: FigureTable) -> str:
-    return element_of(table.figure, table.part) if table.part in FIGURES[table.figure] else "cylinder"
+    return element_of(table.figure, table.part) if table.part in PART_MATERIALS[table.figure] else "cylinder"
 
 
 KIND = Kind("", FigureTable, _plan, _element)

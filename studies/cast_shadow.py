@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 
-NEAR = 40  # pixels walked one by one; beyond, strides grow by a twentieth
-CLEAR = 1.0  # pixels of depth by which a ray must miss the surface, half of it to full shadow
+NEAR_PX = 40  # pixels walked one by one; beyond, strides grow by a twentieth
+CLEARANCE_PX = 1.0  # pixels of depth by which a ray must miss the surface, half of it to full shadow
 FAR_AWAY = 1e9  # depth where nothing is known to stand
 
 
@@ -44,14 +44,14 @@ def lit_share(points: NDArray[np.floating], camera: hg.Camera, to_lamp: NDArray[
         at = place[:, active] + walked * np.array([[down], [across]])
         there = map_coordinates(height, at, order=1, mode="constant", cval=FAR_AWAY)
         clearance[active] = np.minimum(clearance[active], there - ray[active])
-    lit[rows, columns] = np.clip((clearance + CLEAR) / (0.5 * CLEAR), 0.0, 1.0)
+    lit[rows, columns] = np.clip((clearance + CLEARANCE_PX) / (0.5 * CLEARANCE_PX), 0.0, 1.0)
     return lit
 
 
 def _strides(reach: float) -> NDArray[np.float64]:
-    """Distances [px] walked along a ray: 1, 2, … NEAR, then growing steps up to `reach`."""
-    near = np.arange(1.0, min(NEAR, reach) + 1.0)
-    if reach <= NEAR:
+    """Distances [px] walked along a ray: 1, 2, … NEAR_PX, then growing steps up to `reach`."""
+    near = np.arange(1.0, min(NEAR_PX, reach) + 1.0)
+    if reach <= NEAR_PX:
         return near
-    count = int(np.ceil(np.log(reach / NEAR) / np.log(1.05)))
-    return np.concatenate([near, NEAR * 1.05 ** np.arange(1, count + 1)])
+    count = int(np.ceil(np.log(reach / NEAR_PX) / np.log(1.05)))
+    return np.concatenate([near, NEAR_PX * 1.05 ** np.arange(1, count + 1)])

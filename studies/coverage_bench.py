@@ -16,7 +16,7 @@ from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.reflectance import interface_albedo
 from studies.goniometer import Directions, cosines_of
 
-PLACES = 400  # of the ball that the camera sees
+BALL_PIXELS = 400  # of the ball that the camera sees
 METERED = 0.8  # of the full well, the brightest value
 READ_NOISE = 10.0  # electrons
 FULL_WELLS = {"45,000 electrons": 45_000.0, "6,000 electrons": 6_000.0, "1,000 electrons": 1_000.0}
@@ -88,17 +88,22 @@ def exposed(seen: Sight, clean: Array, full_well: float, random: np.random.Gener
     used = np.broadcast_to(seen.fit_to_use[:, None], clean.shape)
     gain, ceiling = np.full(clean.shape, 1.0 / per_unit), np.full(clean.shape, np.inf)
     place = np.arange(len(clean))
-    return Observations(electrons / per_unit, variance / per_unit**2, gain, used, seen, ceiling, place, place % PLACES)
+    return Observations(
+        electrons / per_unit, variance / per_unit**2, gain, used, seen, ceiling, place, place % BALL_PIXELS
+    )
 
 
 def ball(azimuths: tuple[float, ...]) -> Sight:
-    """PLACES of a ball, evenly over the disc that the eye at +z sees, under each far lamp in turn."""
-    number = np.arange(PLACES) + 0.5
-    radius, turn = np.sqrt(number / PLACES), np.pi * (1.0 + 5.0**0.5) * number  # sunflower: even and without rows
+    """BALL_PIXELS of a ball, evenly over the disc that the eye at +z sees, under each far lamp in turn."""
+    number = np.arange(BALL_PIXELS) + 0.5
+    radius, turn = (
+        np.sqrt(number / BALL_PIXELS),
+        np.pi * (1.0 + 5.0**0.5) * number,
+    )  # sunflower: even and without rows
     normal = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - radius**2)], axis=1)
     angle = np.radians(azimuths)
     lamps = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
-    to_lamp = np.repeat(lamps, PLACES, axis=0)
+    to_lamp = np.repeat(lamps, BALL_PIXELS, axis=0)
     normals = np.tile(normal, (len(lamps), 1))
     at = Directions(*(_local(normals, way) for way in (to_lamp, np.broadcast_to((0.0, 0.0, 1.0), normals.shape))))
     return Sight(cosines_of(at), np.ones((len(normals), 1, 3)))

@@ -9,12 +9,12 @@ from scipy.stats import beta
 
 from hagoromo.app.report.page import page_text
 
-NOMINAL = 0.95
+NOMINAL_COVERAGE = 0.95
 LABELS = {
     "alpha": "α", "beta": "β", "gamma": "γ", "n": "n", "specular_albedo": "specular albedo",
     "body_colour": "body colour",
 }  # fmt: skip
-COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
+LINE_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 
 
 def write_coverage_page(home: Path, record: dict[str, Any]) -> None:
@@ -32,7 +32,7 @@ def chance(held: int, of: int) -> tuple[float, float]:
 
 def _page(record: dict[str, Any]) -> str:
     count = record["simulations"]
-    low, high = (100.0 * edge for edge in chance(round(NOMINAL * count), count))
+    low, high = (100.0 * edge for edge in chance(round(NOMINAL_COVERAGE * count), count))
     benches = []
     for name in dict.fromkeys(row["bench"] for row in record["rows"]):
         chosen = [row for row in record["rows"] if row["bench"] == name]
@@ -60,7 +60,7 @@ def _plot(path: Path, record: dict[str, Any]) -> None:
         rows = [row for row in record["rows"] if row["bench"] == bench]
         levels = list(dict.fromkeys(row["level"] for row in rows))
         for k, level in enumerate(levels):
-            shift, colour = 0.2 * (k - 0.5 * (len(levels) - 1)), COLOURS[k % len(COLOURS)]
+            shift, colour = 0.2 * (k - 0.5 * (len(levels) - 1)), LINE_COLOURS[k % len(LINE_COLOURS)]
             of = [row for row in rows if row["level"] == level]
             share = [100.0 * row["hold"] / row["intervals"] for row in of]
             edges = [[100.0 * edge for edge in chance(row["hold"], row["intervals"])] for row in of]

@@ -16,8 +16,12 @@ from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.torrance_sparrow import Cosines
 
 INCIDENCE = (0, 15, 30, 45, 60, 70)  # [°] from the normal
-OFFSETS = (0, 0.5, 1, 2, 3, 5, 8, 12, 18, 25, 35, 50, 70, 90)  # [°] of the eye from the mirror direction
-WAYS = (0, 90, 180)  # [°] in which the eye leaves the mirror direction: to grazing, to the side, back over the lamp
+EYE_OFFSETS_DEG = (0, 0.5, 1, 2, 3, 5, 8, 12, 18, 25, 35, 50, 70, 90)  # [°] of the eye from the mirror direction
+EYE_AZIMUTHS_DEG = (
+    0,
+    90,
+    180,
+)  # [°] in which the eye leaves the mirror direction: to grazing, to the side, back over the lamp
 HIGHEST = 75.0  # [°] from the normal up to which the eye goes
 
 
@@ -30,7 +34,12 @@ class Directions(NamedTuple):
 
 def goniometer() -> Directions:
     """The directions of a measurement: fine about the mirror direction, in the plane of incidence and across it."""
-    pairs = [_pair(*np.radians((lamp, offset, way))) for lamp in INCIDENCE for offset in OFFSETS for way in WAYS]
+    pairs = [
+        _pair(*np.radians((lamp, offset, way)))
+        for lamp in INCIDENCE
+        for offset in EYE_OFFSETS_DEG
+        for way in EYE_AZIMUTHS_DEG
+    ]
     at = np.array(pairs)
     kept = at[:, 1, 2] >= np.cos(np.radians(HIGHEST))
     _, first = np.unique(np.round(at[kept], 9), axis=0, return_index=True)  # an offset of 0 has no way

@@ -31,10 +31,10 @@ Array = NDArray[np.float64]
 LENS = (-0.3, 0.5, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3: 1 % in the corners of so narrow a view
 SPECTRUM = "A"  # of the lamp: a halogen bulb
 FAR, AWAY = 4.0, 0.6  # m: from the object to the lamp, and to the camera
-PLACES = ((20, 0), (25, 60), (22, 120), (26, 180), (21, 240), (24, 300), (48, 30), (46, 150), (50, 270))  # °
+LAMP_PLACES = ((20, 0), (25, 60), (22, 120), (26, 180), (21, 240), (24, 300), (48, 30), (46, 150), (50, 270))  # °
 BOARD, SQUARE = (9, 6), 0.02  # inner corners; m
-BALL = 0.035  # m
-FINE = 3  # rays a pixel along each axis
+BALL_RADIUS = 0.035  # m
+RAYS_PER_AXIS = 3  # rays a pixel along each axis
 
 
 def lab_camera(width: int) -> hg.Camera:
@@ -50,7 +50,7 @@ def lamps() -> list[hg.Lamp]:
     """The lamp in its places: angles from the line of sight and around it."""
     spectrum = hg.Spectrum.named(SPECTRUM)
     found = []
-    for number, (off, around) in enumerate(np.radians(PLACES)):
+    for number, (off, around) in enumerate(np.radians(LAMP_PLACES)):
         towards = np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
         place = np.array([0.0, 0.0, AWAY]) + FAR * towards
         found.append(hg.Lamp(position=place, intensity=np.pi * FAR**2, spectrum=spectrum, name=f"{number}"))
@@ -74,7 +74,7 @@ def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -
         scene = hg.Scene(camera, tuple(lit), surfaces=_object(camera.response, lit[0].spectrum))
         rays = _on_ball(camera)
         for number, lamp in enumerate(lit):
-            image = hg.render(scene.with_lamps(lamp), hg.Settings(samples=FINE)).expose(camera.response)
+            image = hg.render(scene.with_lamps(lamp), hg.Settings(samples=RAYS_PER_AXIS)).expose(camera.response)
             write_png(home / "object" / f"{number}.png", expose_raw(image, sensor, seed + 100 + number))
             ball = _ball(rays, lamp) + 0.002 * random.normal(size=(camera.height, width))
             write_png(home / "ball" / f"{number}.png", srgb_encode(np.repeat(ball[..., None], 3, axis=2)))
@@ -117,7 +117,7 @@ def _chart(camera: hg.Camera, lamp: hg.Spectrum) -> Array:
 
 
 def _on_plane(camera: hg.Camera) -> Array:
-    """(FINE h, FINE w, 2) where the camera's rays meet z = 0 [m]."""
+    """(RAYS_PER_AXIS h, RAYS_PER_AXIS w, 2) where the camera's rays meet z = 0 [m]."""
     direction = camera.unproject(_fine(camera))
     return camera.position[:2] - direction[..., :2] * (camera.position[2] / direction[..., 2])[..., None]
 
@@ -139,8 +139,8 @@ def _on_ball(camera: hg.Camera) -> tuple[NDArray[np.bool_], Array, Array]:
     """Of every fine ray: whether it meets the chrome ball, the normal there, the direction to the eye."""
     ray, centre = camera.unproject(_fine(camera)), np.array([0.0, 0.0, AWAY])
     along = ray @ centre
-    root = along**2 - centre @ centre + BALL**2
-    normal = (ray * (along - np.sqrt(np.maximum(root, 0.0)))[..., None] - centre) / BALL
+    root = along**2 - centre @ centre + BALL_RADIUS**2
+    normal = (ray * (along - np.sqrt(np.maximum(root, 0.0)))[..., None] - centre) / BALL_RADIUS
     return root > 0.0, normal, -ray
 
 
@@ -156,14 +156,14 @@ def _ball(rays: tuple[NDArray[np.bool_], Array, Array], lamp: hg.Lamp) -> Array:
 
 
 def _fine(camera: hg.Camera) -> Array:
-    row, column = np.mgrid[: camera.height * FINE, : camera.width * FINE]
-    return np.stack([(column + 0.5) / FINE, (row + 0.5) / FINE], axis=-1)
+    row, column = np.mgrid[: camera.height * RAYS_PER_AXIS, : camera.width * RAYS_PER_AXIS]
+    return np.stack([(column + 0.5) / RAYS_PER_AXIS, (row + 0.5) / RAYS_PER_AXIS], axis=-1)
 
 
 def _means(fine: NDArray) -> Array:
     """(h, w) means over the rays of each pixel."""
-    height, width = (size // FINE for size in fine.shape)
-    return fine.reshape(height, FINE, width, FINE).mean(axis=(1, 3), dtype=np.float64)
+    height, width = (size // RAYS_PER_AXIS for size in fine.shape)
+    return fine.reshape(height, RAYS_PER_AXIS, width, RAYS_PER_AXIS).mean(axis=(1, 3), dtype=np.float64)
 
 
 def _write_truth(folder: Path, scene: hg.Scene, sensor: hg.Sensor) -> None:

@@ -26,10 +26,10 @@ from hagoromo.files.png import read_png
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
 from studies.real import read_directions
-from studies.uw_psm import LAMPS, OBJECTS, WHOLE, read_lamps
+from studies.uw_psm import LAMPS, OBJECT_LEVEL, OBJECTS, read_lamps
 
 Array = NDArray[np.float64]
-FULL = 250  # of 255: clipped, or nearly
+CLIPPED_LEVEL = 250  # of 255: clipped, or nearly
 
 
 def lamp_study(folder: str | Path) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
     }
     objects = {}
     for name in OBJECTS:
-        light, mask = _light(home, name), _mask(home, name) >= WHOLE
+        light, mask = _light(home, name), _mask(home, name) >= OBJECT_LEVEL
         shading = self_calibrate(light, mask)
         objects[name] = _beside(refined_lamps(light, mask, None, shading), ours)
         objects[name]["by_shading_alone"] = _beside(shading, ours)
@@ -78,7 +78,7 @@ def _by_shading(home: Path, ours: Array) -> Array:
 
 def _light(home: Path, name: str) -> Mapping[str, Array]:
     numbers = {str(k): read_png(home / name / f"{name}.{k}.png").astype(np.float64) for k in range(LAMPS)}
-    return {k: np.where(n < FULL, n / 255.0, np.nan) for k, n in numbers.items()}
+    return {k: np.where(n < CLIPPED_LEVEL, n / 255.0, np.nan) for k, n in numbers.items()}
 
 
 def _mask(home: Path, name: str) -> NDArray:

@@ -19,7 +19,7 @@ from hagoromo.measurement.surface.depth import points_from_normals
 from studies.cast_shadow import lit_share
 from studies.predicted_photograph import disagreement, forecast
 
-METHODS = {
+NORMAL_METHODS = {
     "lambert": "Lambert, plain least squares",
     "lambert_even": "the same, lamps evened out",
     "lambert_neighbours": "the same, and the neighbours' disagreement",

@@ -29,9 +29,9 @@ from studies.merl_page import write_merl_page
 from studies.merl_rival import fit_ggx
 from studies.merl_truth import Truth, read_truths
 
-NOISE = 0.01  # relative, of each reading
-SEED = 0
-METHODS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
+MERL_NOISE = 0.01  # relative, of each reading
+MERL_SEED = 0
+MERL_MODELS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ def merl_study(folder: str | Path, out: str | Path, force: bool = False, progres
         cases = [(kind, name, of) for kind, named in read_truths(folder).items() for name, of in named.items()]
         for i, (kind, name, truth) in enumerate(cases):
             progress(i / len(cases), name)
-            rows.append(study(kind, name, truth, np.random.default_rng([SEED, i])))
+            rows.append(study(kind, name, truth, np.random.default_rng([MERL_SEED, i])))
         record = {
             "hagoromo": hg.__version__,
-            "noise": NOISE,
+            "noise": MERL_NOISE,
             "level": LEVEL,
             "directions": len(goniometer().to_lamp),
             "summary": {kind: summary([row for row in rows if row.truth == kind]) for kind in {c[0]: 0 for c in cases}},
@@ -76,19 +76,19 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
     at = goniometer()
     flat = cosines_of(at)
     clean = truth(flat)
-    values = clean * (1.0 + NOISE * random.standard_normal(clean.shape))
-    seen = readings(at, values, (NOISE * values) ** 2)
+    values = clean * (1.0 + MERL_NOISE * random.standard_normal(clean.shape))
+    seen = readings(at, values, (MERL_NOISE * values) ** 2)
     used = np.asarray(seen.used.all(axis=1))
     colours = {
         method: fit_ggx(flat, values, used, coloured)
-        for method, coloured in zip(METHODS[1:], (False, True), strict=True)
+        for method, coloured in zip(MERL_MODELS[1:], (False, True), strict=True)
     }
     try:
         fit = fit_material(seen)
     except hg.InputError as refused:
         raise hg.InputError(f"{name}: {refused}") from refused
     tested = lack_of_fit(fit)
-    models = {METHODS[0]: expected(seen.sight, fit.theta), **colours}
+    models = {MERL_MODELS[0]: expected(seen.sight, fit.theta), **colours}
     error = {method: _median_error(model, clean, used) for method, model in models.items()}
     rejected, p_value = (tested.rejected, tested.p_value) if tested else (False, 1.0)
     return Row(kind, name, error, rejected, p_value, fit.residuals.model_error)
@@ -96,7 +96,7 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
 
 def summary(rows: list[Row]) -> dict[str, Any]:
     """Median, quartiles and worst over the materials, of each method; the share that our result calls ill fitted."""
-    errors = {method: np.array([row.error[method] for row in rows]) for method in METHODS}
+    errors = {method: np.array([row.error[method] for row in rows]) for method in MERL_MODELS}
     figures = {
         method: {
             "quartile_1": float(np.percentile(of, 25)),
@@ -107,7 +107,7 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         }
         for method, of in errors.items()
     }
-    off = errors[METHODS[0]] > 3.0 * NOISE
+    off = errors[MERL_MODELS[0]] > 3.0 * MERL_NOISE
     told = np.array([row.rejected for row in rows])
     return {
         "materials": len(rows),
@@ -115,7 +115,7 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         "rejected": int(told.sum()),
         "off": int(off.sum()),
         "off_and_told": int((off & told).sum()),
-        "ours_better": int(np.sum(errors[METHODS[0]] < errors[METHODS[1]])),
+        "ours_better": int(np.sum(errors[MERL_MODELS[0]] < errors[MERL_MODELS[1]])),
     }
 
 

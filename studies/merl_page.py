@@ -9,7 +9,7 @@ import numpy as np
 
 from hagoromo.app.report.page import page_text
 
-COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
+MODEL_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 
 
 def write_merl_page(home: Path, record: dict[str, Any]) -> None:
@@ -36,7 +36,7 @@ def _plot(path: Path, record: dict[str, Any]) -> None:
     axes = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
     for axis, kind in zip(axes, kinds, strict=True):
         rows = [row for row in record["rows"] if row["truth"] == kind]
-        for method, colour in zip(rows[0]["error"], COLOURS, strict=True):
+        for method, colour in zip(rows[0]["error"], MODEL_COLOURS, strict=True):
             errors = np.sort([100.0 * row["error"][method] for row in rows])
             axis.step(errors, (np.arange(len(errors)) + 1.0) / len(errors), where="post", color=colour, label=method)
         axis.axvline(100.0 * record["noise"], color="#999", linewidth=0.8, linestyle=":")

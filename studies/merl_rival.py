@@ -17,7 +17,7 @@ from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.torrance_sparrow import Cosines
 
 ROUGHNESSES = (0.02, 0.06, 0.2, 0.5)  # where fits start; the best of them counts
-N_RANGE = (1.02, 20.0)  # up to what makes the Fresnel term that of a metal
+INDEX_RANGE = (1.02, 20.0)  # up to what makes the Fresnel term that of a metal
 
 
 def fit_ggx(at: Cosines, values: Array, used: NDArray[np.bool_], coloured: bool) -> Array:
@@ -30,8 +30,8 @@ def fit_ggx(at: Cosines, values: Array, used: NDArray[np.bool_], coloured: bool)
     def residuals(x: Array) -> Array:
         return ((model(x, here, channels, specular) - values[used]) * weight).ravel()
 
-    low = np.r_[np.zeros(channels), np.full(specular, np.log(1e-6)), np.log(0.002), np.log(N_RANGE[0] - 1.0)]
-    high = np.r_[np.full(channels, 10.0), np.full(specular, np.log(1e3)), 0.0, np.log(N_RANGE[1] - 1.0)]
+    low = np.r_[np.zeros(channels), np.full(specular, np.log(1e-6)), np.log(0.002), np.log(INDEX_RANGE[0] - 1.0)]
+    high = np.r_[np.full(channels, 10.0), np.full(specular, np.log(1e3)), 0.0, np.log(INDEX_RANGE[1] - 1.0)]
     body = np.percentile(values[used] / here.incidence, 20, axis=0)
     fits = []
     for roughness in ROUGHNESSES:

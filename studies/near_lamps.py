@@ -19,7 +19,7 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
 from hagoromo.measurement.normals.normals import least_squares_lambert
 from hagoromo.measurement.surface.shape import solve_shape
-from studies.near_rig import DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
+from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
 SURFACES = {"ball": sphere, "waves and a step": waves}
@@ -29,7 +29,7 @@ GUESS = 1.04  # of the true distance: what the search begins from
 def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     """One case: errors of normals [°] and depth [mm], and the median of error² over variance, 1 where it is honest."""
     capture, truth = simulate(rig, SURFACES[surface], look, bits)
-    shape = solve_shape(capture, GUESS * DISTANCE)
+    shape = solve_shape(capture, GUESS * SURFACE_DISTANCE)
     seen, fit = shape.found.seen, shape.found.fit
     true = truth.normals[seen.rows, seen.columns]
 

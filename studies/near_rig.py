@@ -23,11 +23,11 @@ from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 Array = NDArray[Any]
 Depth = Callable[[Array, Array], Array]
 
-DISTANCE = 0.7  # m, of the middle of the surface
+SURFACE_DISTANCE = 0.7  # m, of the middle of the surface
 FULL_WELL, READ_NOISE = 20_000.0, 8.0  # electrons
-BRIGHT = 0.7  # of white: the 98th percentile of all photographs
+EXPOSED_SHARE = 0.7  # of white: the 98th percentile of all photographs
 ON_THE_WAY = np.linspace(0.004, 1.0, 160) ** 1.5  # shares of the way to a lamp at which its shadow is looked for
-CLEAR = 1e-3  # of its depth that a ray must pass behind the surface to be blocked
+SHADOW_CLEARANCE = 1e-3  # of its depth that a ray must pass behind the surface to be blocked
 PATCH = 6  # px: side of the patches that light each other
 
 
@@ -67,7 +67,7 @@ def ring_rig(width: int = 120, height: int = 96, count: int = 10) -> Rig:
     for k in range(count):
         angle, far = 2.0 * np.pi * (k + 0.3) / count, 0.30 if k % 2 else 0.16
         place = np.array([far * np.cos(angle), far * np.sin(angle), 0.05 + 0.1 * (k % 3)])
-        axis = np.array([0.0, 0.0, DISTANCE]) - place
+        axis = np.array([0.0, 0.0, SURFACE_DISTANCE]) - place
         lamps.append(hg.Lamp(place, intensity=1.0 + 0.2 * (k % 4), name=f"led {k}", axis=axis, axis_power=1.0))
     return Rig(camera, tuple(lamps))
 
@@ -91,7 +91,7 @@ def read_rig(folder: str | Path, smaller: float = 20.0) -> Rig:
 
 def sphere(x: Array, y: Array, radius: float = 0.12) -> Array:
     """Depth [m] of a ball around the middle; NaN beside it, and where it is seen beyond 80°."""
-    middle = DISTANCE + 0.5 * radius
+    middle = SURFACE_DISTANCE + 0.5 * radius
     square = 1.0 + x * x + y * y
     inside = middle**2 - square * (middle**2 - radius**2)
     with np.errstate(invalid="ignore"):
@@ -104,7 +104,7 @@ def waves(x: Array, y: Array) -> Array:
     """Depth [m] of a wavy sheet with a block that stands 30 mm before it."""
     swell = 0.006 * np.sin(28.0 * x + 1.0) * np.cos(24.0 * y) + 0.004 * np.sin(55.0 * y + 20.0 * x)
     block = (np.abs(x - 0.05) < 0.09) & (np.abs(y + 0.03) < 0.07)
-    return DISTANCE + 0.04 * x + swell - np.where(block, 0.03, 0.0)
+    return SURFACE_DISTANCE + 0.04 * x + swell - np.where(block, 0.03, 0.0)
 
 
 def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) -> tuple[hg.Capture, Truth]:
@@ -122,7 +122,7 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
             diffuse = shaded(truth, lamp, replace(look, beta=0.0)) * ~blocked[:, None]
             value = value + body * between(diffuse)
         light.append(value)
-    white = float(np.percentile(np.concatenate(light), 98)) / BRIGHT
+    white = float(np.percentile(np.concatenate(light), 98)) / EXPOSED_SHARE
     gain = FULL_WELL / (2.0**bits - 1.0)
     sensor = hg.Sensor(FULL_WELL / white, FULL_WELL, READ_NOISE, gain, 0.0, bits)
     camera = replace(rig.camera, sensor=sensor)
@@ -190,7 +190,7 @@ def _shadowed(points: Array, lamp: hg.Lamp, depth: Depth) -> NDArray[np.bool_]:
         before = at[:, 2] > 0.05  # m: nothing stands nearer to the lens
         there = depth(at[:, 0] / np.maximum(at[:, 2], 0.05), at[:, 1] / np.maximum(at[:, 2], 0.05))
         with np.errstate(invalid="ignore"):
-            hidden |= before & (at[:, 2] > there * (1.0 + CLEAR))
+            hidden |= before & (at[:, 2] > there * (1.0 + SHADOW_CLEARANCE))
     return hidden
 
 

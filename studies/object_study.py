@@ -18,15 +18,15 @@ from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_lambert, solve_normals
 from hagoromo.measurement.normals.views import Array, views
 from hagoromo.progress import Progress, silent
-from studies.leave_one_out import METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
+from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
 from studies.rig import Unevenness, evened, flat_field
 from studies.uw_psm import sphere_normals
 
 SPHERE = "gray"  # the object whose normals are known
-INNER = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix with the ground
-SAMPLES = 4  # rays a pixel of the relief's picture
+INNER_RADIUS_SHARE = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix with the ground
+RELIEF_RAYS = 4  # rays a pixel of the relief's picture
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
-BANDS = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
+CHANNEL_BANDS_NM = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ def study_object(
     for i, lamp in enumerate(aside):
         progress(i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")
         kept = keep_aside(capture, even, field, lamp)
-        each.append([score(kept.photograph, kept.predictions[method]) for method in METHODS])
-    scores = dict(zip(METHODS, np.moveaxis(np.array(each), 1, 0), strict=True))
+        each.append([score(kept.photograph, kept.predictions[method]) for method in NORMAL_METHODS])
+    scores = dict(zip(NORMAL_METHODS, np.moveaxis(np.array(each), 1, 0), strict=True))
     order = np.argsort(scores[OURS][:, 0])
     shown = keep_aside(capture, even, field, aside[int(order[len(order) // 2])])
     picture = relief_picture(even, shown, field)
@@ -100,20 +100,22 @@ def relief_picture(even: hg.Capture, kept: KeptAside, field: Array) -> NDArray[n
     measured = measurement_of(others, kept.found)
     relief = Relief(kept.points, kept.found.normals, kept.found.body, measured.labels)
     box = relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
-    image = hg.render(hg.Scene(camera, photograph.lamps, (box,)), hg.Settings(samples=SAMPLES))
+    image = hg.render(hg.Scene(camera, photograph.lamps, (box,)), hg.Settings(samples=RELIEF_RAYS))
     return image.expose(_basis_camera()) * field[kept.lamp][..., None].astype(np.float32)
 
 
 def _basis_camera() -> hg.Response:
     """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
     wavelengths = np.arange(400.0, 700.5, 0.5)
-    bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
+    bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in CHANNEL_BANDS_NM], axis=1).astype(
+        np.float64
+    )
     bands /= camera_white(hg.Spectrum.constant(1.0), hg.Response(wavelengths, bands))
     return hg.Response(wavelengths, bands, name="basis")
 
 
 def _normal_errors(folder: str | Path, capture: hg.Capture, found: NormalMap) -> dict[str, dict[str, float]]:
-    """Errors of the sphere's normals [°]: mean and median over its pixels, mean within INNER of its radius."""
+    """Errors of the sphere's normals [°]: mean and median over its pixels, mean in its inner INNER_RADIUS_SHARE."""
     true, seen = sphere_normals(folder, capture.name), views(capture)
     maps = {
         "Lambert, plain least squares": seen.image(least_squares_lambert(seen)[0]),
@@ -125,7 +127,7 @@ def _normal_errors(folder: str | Path, capture: hg.Capture, found: NormalMap) ->
     for name, normals in maps.items():
         both = known & (np.linalg.norm(normals, axis=2) > 0.5)
         angle = np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", normals[both], true[both]), -1.0, 1.0)))
-        inner = np.hypot(*true[both][:, :2].T) < INNER
+        inner = np.hypot(*true[both][:, :2].T) < INNER_RADIUS_SHARE
         errors[name] = {
             "mean": float(angle.mean()),
             "median": float(np.median(angle)),

@@ -24,7 +24,7 @@ from hagoromo.measurement.normals.normals import solve_normals
 from hagoromo.measurement.normals.views import Array
 from hagoromo.progress import Progress, part_of, silent
 from studies.encoding import encoding_study
-from studies.leave_one_out import METHODS
+from studies.leave_one_out import NORMAL_METHODS
 from studies.object_study import study_object
 from studies.real_report import write_pictures, write_real_report
 from studies.rig import Unevenness, unevenness
@@ -59,7 +59,7 @@ def real_study(
             "hagoromo": hg.__version__,
             "lamps": [{**lamp.record(), "off_their_reading_deg": off} for lamp, off in _agreement(folder, lamps)],
             "response": response,
-            "methods": METHODS,
+            "methods": NORMAL_METHODS,
             "objects": {study.name: study.record() for study in studies},
         }
         write_json(home / "results.json", record)
@@ -105,13 +105,13 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
     with progress_bar("real photographs") as progress:
         record = real_study(folder, out, force=force, progress=progress)
     title, columns = "Kept-aside photographs: relative RMSE [%] · PSNR [dB]", ("method", *record["objects"])
-    print_table(title, columns, [_cells(record, method) for method in METHODS])
+    print_table(title, columns, [_cells(record, method) for method in NORMAL_METHODS])
     print(f"wrote {out / 'report.html'}")
 
 
 def _cells(record: dict[str, Any], method: str) -> list[str]:
     means = [found["mean"][method] for found in record["objects"].values()]
-    return [METHODS[method], *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means)]
+    return [NORMAL_METHODS[method], *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means)]
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from hagoromo.app.report.page import image, write_page
 from hagoromo.files.png import write_png
 from hagoromo_figures.demo.report_pictures import around
-from studies.leave_one_out import METHODS, OURS, YARDSTICK
-from studies.object_study import INNER, SPHERE, ObjectStudy
+from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK
+from studies.object_study import INNER_RADIUS_SHARE, SPHERE, ObjectStudy
 
-FULL_COLOUR = 0.25  # of the photograph's 99th percentile: difference that is shown fully red or blue
+FULL_COLOUR_SHARE = 0.25  # of the photograph's 99th percentile: difference that is shown fully red or blue
 
 
 def write_pictures(study: ObjectStudy, folder: Path) -> None:
@@ -30,7 +30,7 @@ def write_real_report(path: Path, record: Mapping[str, Any], studies: Sequence[O
     """Write the page to `path`."""
     gains = [100.0 * found["gain"] for found in record["objects"].values()]
     keys = list(next(iter(record["response"]["residuals"].values())))
-    inner = f"mean within {100 * INNER:.0f} % of the radius"
+    inner = f"mean within {100 * INNER_RADIUS_SHARE:.0f} % of the radius"
     write_page(
         path,
         "real.html.j2",
@@ -47,7 +47,7 @@ def write_real_report(path: Path, record: Mapping[str, Any], studies: Sequence[O
         sphere=SPHERE,
         normal_head=("method", "mean", "median", inner, "pixels"),
         normal_rows=_normal_rows(record),
-        full_colour=100 * FULL_COLOUR,
+        full_colour=100 * FULL_COLOUR_SHARE,
         objects=[_object(study) for study in studies],
     )
 
@@ -77,7 +77,7 @@ def _response_rows(found: Mapping[str, Any], keys: Sequence[str]) -> list[list[s
 
 def _score_rows(record: Mapping[str, Any]) -> list[list[str]]:
     rows = []
-    for method, text in METHODS.items():
+    for method, text in NORMAL_METHODS.items():
         name = Markup("<b>{}</b>").format(text) if method in (YARDSTICK, OURS) else text
         means = [found["mean"][method] for found in record["objects"].values()]
         rows.append([name, *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means)])
@@ -143,7 +143,7 @@ def _pictures(study: ObjectStudy) -> dict[str, NDArray[np.uint8]]:
 
 def _signed(difference: NDArray[np.floating], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """White at 0, red above, blue below, white outside."""
-    strength = np.where(inside, np.clip(difference / FULL_COLOUR, -1.0, 1.0), 0.0)
+    strength = np.where(inside, np.clip(difference / FULL_COLOUR_SHARE, -1.0, 1.0), 0.0)
     fading = 1.0 - np.abs(strength)
     return _eight_bit(
         np.stack([np.where(strength > 0, 1.0, fading), fading, np.where(strength < 0, 1.0, fading)], axis=2)

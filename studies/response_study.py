@@ -27,11 +27,11 @@ from hagoromo.progress import Progress, silent
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from studies.table import print_table
 
-NOISE = 0.01  # standard deviation of a reading, relative to it
-WAVELENGTHS = np.arange(400.0, 721.0, 10.0)  # [nm], those of the measured curves
+READING_NOISE = 0.01  # standard deviation of a reading, relative to it
+CURVE_WAVELENGTHS = np.arange(400.0, 721.0, 10.0)  # [nm], those of the measured curves
 PENALTIES = np.logspace(-6, 1, 22)  # of the rival, relative to the scale of its equations
-BRIGHT = 0.05  # of a curve's peak, above which coverage is told apart
-CHARTS = (("D65",), ("A",), ("D65", "A"), ("D65", "FL11"))
+LEAST_PEAK_SHARE = 0.05  # of a curve's peak, above which coverage is told apart
+CHART_LAMPS = (("D65",), ("A",), ("D65", "A"), ("D65", "FL11"))
 Array = NDArray[np.float64]
 
 
@@ -43,9 +43,9 @@ def response_study(
         cameras = dict(list(read_cameras(Path(folder) / CAMERAS).items())[::every])
         lights = known_lights()
         designs = {
-            "115 lights, tabulated every 10 nm": lights @ overlap_matrix(WAVELENGTHS),
+            "115 lights, tabulated every 10 nm": lights @ overlap_matrix(CURVE_WAVELENGTHS),
             "115 lights, sums over the table": lights,
-            **{f"chart under {' and '.join(lamps)}": chart_under(lamps) for lamps in CHARTS},
+            **{f"chart under {' and '.join(lamps)}": chart_under(lamps) for lamps in CHART_LAMPS},
         }
         rows = {}
         for i, (name, matrix) in enumerate(designs.items()):
@@ -54,7 +54,7 @@ def response_study(
         others = read_rawtoaces(Path(folder) / OTHERS)
         for name in list(designs)[:2] if others else []:
             rows[f"{name}, {len(others)} of rawtoaces"] = score(designs[name], others)
-        record = {"hagoromo": hg.__version__, "noise": NOISE, "cameras": list(cameras), "rows": rows}
+        record = {"hagoromo": hg.__version__, "noise": READING_NOISE, "cameras": list(cameras), "rows": rows}
         write_json(home / "results.json", record)
         progress(1.0, "")
     return record
@@ -65,15 +65,15 @@ def known_lights() -> Array:
     import colour
 
     sources = [*colour.SDS_ILLUMINANTS.values(), *colour.SDS_LIGHT_SOURCES.values()]
-    found = np.array([hg.Spectrum(of.wavelengths, of.values).at(WAVELENGTHS) for of in sources])
+    found = np.array([hg.Spectrum(of.wavelengths, of.values).at(CURVE_WAVELENGTHS) for of in sources])
     return found / found.mean(axis=1, keepdims=True)
 
 
 def chart_under(lamps: tuple[str, ...]) -> Array:
     """(24 · lamps, wavelengths): matrix of the readings of a ColorChecker under `lamps`, each of mean 1."""
-    patches = np.array([patch.at(WAVELENGTHS) for patch in hg.chart_spectra()])
-    lights = [hg.Spectrum.named(lamp).at(WAVELENGTHS) for lamp in lamps]
-    return np.concatenate([patches * light / light.mean() for light in lights]) @ overlap_matrix(WAVELENGTHS)
+    patches = np.array([patch.at(CURVE_WAVELENGTHS) for patch in hg.chart_spectra()])
+    lights = [hg.Spectrum.named(lamp).at(CURVE_WAVELENGTHS) for lamp in lamps]
+    return np.concatenate([patches * light / light.mean() for light in lights]) @ overlap_matrix(CURVE_WAVELENGTHS)
 
 
 def score(matrix: Array, cameras: Mapping[str, hg.Response], seed: int = 0) -> dict[str, Any]:
@@ -81,16 +81,16 @@ def score(matrix: Array, cameras: Mapping[str, hg.Response], seed: int = 0) -> d
     random = np.random.default_rng(seed)
     ours, rival, inside, bright = [], [], [], []
     for camera in cameras.values():
-        true = np.array([camera.curve(channel).at(WAVELENGTHS) for channel in range(3)])
+        true = np.array([camera.curve(channel).at(CURVE_WAVELENGTHS) for channel in range(3)])
         exact = true @ matrix.T
-        readings = exact * (1.0 + NOISE * random.standard_normal(exact.shape))
-        found = solve_response(WAVELENGTHS, matrix, dict(zip("RGB", readings, strict=True)))
+        readings = exact * (1.0 + READING_NOISE * random.standard_normal(exact.shape))
+        found = solve_response(CURVE_WAVELENGTHS, matrix, dict(zip("RGB", readings, strict=True)))
         bounds = np.moveaxis(found.interval_95, 1, 0)
         held = (true >= bounds[..., 0]) & (true <= bounds[..., 1])
         ours.append([_correlation(*pair) for pair in zip(found.response.values.T, true, strict=True)])
         rival.append([_cheating(matrix, *pair) for pair in zip(readings, true, strict=True)])
         inside.append(held.mean(axis=1))
-        bright.append(held[true > BRIGHT * true.max(axis=1, keepdims=True)].mean())
+        bright.append(held[true > LEAST_PEAK_SHARE * true.max(axis=1, keepdims=True)].mean())
     return {
         "correlation": _summary(np.array(ours)),
         "correlation_knowing_the_truth": _summary(np.array(rival)),

@@ -15,7 +15,7 @@ import hagoromo as hg
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.views import Array
 
-LEAST = 0.3  # evenness below which a linear fall-off has been carried on too far
+LEAST_EVENNESS = 0.3  # evenness below which a linear fall-off has been carried on too far
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Unevenness:
         rows, columns = np.mgrid[: shape[0], : shape[1]]
         away = np.stack([columns - self.middle[0], rows - self.middle[1]])
         falloff = 1.0 + np.tensordot(self.slope, away, axes=1)
-        return self.strength[:, None, None] + np.log(np.maximum(falloff, LEAST))
+        return self.strength[:, None, None] + np.log(np.maximum(falloff, LEAST_EVENNESS))
 
 
 def unevenness(found: NormalMap) -> Unevenness:

@@ -19,14 +19,14 @@ from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.spectra.prior_spectra import read_spectra
-from studies.spectra_bench import CAMERAS, NOISE, SOURCES, TARGETS, Bench, read_bench
+from studies.spectra_bench import CAMERAS, SOURCES, SPECTRA_NOISE, TARGETS, Bench, read_bench
 from studies.spectra_cases import Case, chart_case, skin_cases, study_case, surfaces_case
 from studies.spectra_report import write_spectra_report
 from studies.spectra_rivals import study_recoveries, study_rivals
 from studies.spectra_row import Row, percentiles
 from studies.table import print_table
 
-SKIN = Path("nist_skin") / "nist_skin_70_subjects_250_1000nm.csv"
+SKIN_FILE = Path("nist_skin") / "nist_skin_70_subjects_250_1000nm.csv"
 SLOW = 7  # of the cameras, every seventh where a method takes minutes over all
 
 
@@ -38,7 +38,7 @@ def spectra_study(
         progress(0.0, "cameras")
         bench = read_bench(Path(folder) / CAMERAS)
         few = Bench(dict(list(bench.cameras.items())[::SLOW]), bench.colours)
-        skin = read_spectra(Path(folder) / SKIN)
+        skin = read_spectra(Path(folder) / SKIN_FILE)
         chart, skins = chart_case(skin), skin_cases(skin)
         rows = []
         for i, sources in enumerate(SOURCES):
@@ -55,7 +55,7 @@ def spectra_study(
             rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
         progress(0.55, "recoveries")
         rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
-        record = {"hagoromo": hg.__version__, "noise": NOISE, "rows": [row.record() for row in rows]}
+        record = {"hagoromo": hg.__version__, "noise": SPECTRA_NOISE, "rows": [row.record() for row in rows]}
         record["cameras"] = list(bench.cameras)
         write_json(home / "results.json", record)
         write_spectra_report(home / "report.html", record, rows, chart, bench)

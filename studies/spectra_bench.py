@@ -25,7 +25,7 @@ CAMERAS = Path("camera_sensitivities") / "camspec_28_cameras.csv"  # in a folder
 TARGETS = ("D65", "A", "FL11")  # lamps under which the colour is predicted
 YELLOW, CYAN = "D65 through yellow", "D65 through cyan"
 SOURCES = {"D65": ("D65",), "D65 + A": ("D65", "A"), "D65 + FL11": ("D65", "FL11"), "filters": ("D65", YELLOW, CYAN)}
-NOISE = 0.003  # standard deviation of a reading, relative to it
+SPECTRA_NOISE = 0.003  # standard deviation of a reading, relative to it
 COLUMNS = ["camera", "wavelength_nm", "R", "G", "B"]
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def chart(name: str = "BabelColor Average") -> Array:
 
 def noisy(exact: Array, random: np.random.Generator) -> Array:
     """Readings (surfaces, channels) with noise."""
-    return exact * (1.0 + NOISE * random.standard_normal(exact.shape))
+    return exact * (1.0 + SPECTRA_NOISE * random.standard_normal(exact.shape))
 
 
 def delta_e(found: Array, true: Array, white_xyz: Array) -> Array:

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import apart, surfaces
 from hagoromo.reflectance.spectra.spectrum_estimate import estimate_spectrum
-from studies.spectra_bench import NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
+from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
 
-TURNS = 10
+FOLDS = 10
 REGION = 7.815  # χ² of three degrees of freedom at 95 %
-CHARTS = ("BabelColor Average", "ISO 17321-1")
+CHART_NAMES = ("BabelColor Average", "ISO 17321-1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +45,13 @@ def chart_case(skin: Array | None) -> Case:
 
 def others_than_charts() -> Array:
     """The surfaces of the prior without near copies of a chart's patches."""
-    return apart(surfaces(), np.concatenate([chart(name) for name in CHARTS]))
+    return apart(surfaces(), np.concatenate([chart(name) for name in CHART_NAMES]))
 
 
 def skin_cases(skin: Array) -> tuple[Case, Case]:
     """People's skin, each person kept out of the prior: with the prior of skin alone, and with the class unknown."""
     turns = _turns(len(skin))
-    others = [skin[turns != turn] for turn in range(TURNS)]
+    others = [skin[turns != turn] for turn in range(FOLDS)]
     own = [hg.ReflectancePrior.from_spectra("skin", of) for of in others]
     general = [hg.ReflectancePrior.load("surfaces"), hg.ReflectancePrior.load("smooth")]
     training = [others[turn] for turn in turns]
@@ -65,7 +65,7 @@ def surfaces_case() -> Case:
     """The surfaces themselves, each kept out of the prior."""
     found = others_than_charts()
     turns = _turns(len(found))
-    others = [found[turns != turn] for turn in range(TURNS)]
+    others = [found[turns != turn] for turn in range(FOLDS)]
     own = [hg.ReflectancePrior.from_spectra("surfaces", of) for of in others]
     smooth = hg.ReflectancePrior.load("smooth")
     return Case("surfaces kept out", found, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns])
@@ -76,7 +76,7 @@ def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[hg.
     found = []
     for truth, priors in zip(case.tested, case.priors, strict=True):
         values = noisy(matrix @ truth, random)
-        found.append(estimate_spectrum(matrix, values, np.diag((NOISE * values) ** 2), priors))
+        found.append(estimate_spectrum(matrix, values, np.diag((SPECTRA_NOISE * values) ** 2), priors))
     return found
 
 
@@ -120,4 +120,4 @@ def _inside(matrix: Array, off: Array, errors: Array) -> Array:
 
 def _turns(count: int) -> NDArray[np.int64]:
     """The turn (count,) in which each is kept out, shuffled once and for all."""
-    return np.random.default_rng(1).permutation(count) % TURNS
+    return np.random.default_rng(1).permutation(count) % FOLDS

@@ -16,8 +16,8 @@ from studies.spectra_bench import TARGETS, Bench
 from studies.spectra_cases import Case, estimate
 from studies.spectra_row import Row
 
-SHOWN = ("hagoromo", "3×3 matrix", "root polynomial", "Wiener")
-COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a", "#8a8a8a")
+SHOWN_METHODS = ("hagoromo", "3×3 matrix", "root polynomial", "Wiener")
+BAR_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a", "#8a8a8a")
 CAMERA = "Canon 5DMarkII"  # of the drawn spectra; the first camera where it is not in the set
 
 
@@ -63,9 +63,11 @@ def _camera_cells(row: dict[str, Any]) -> list[str]:
 
 def _shares(rows: Sequence[Row]) -> str:
     figure, axes = panels(len(TARGETS), 10.0, 3.2)
-    chosen = {row.method: row for row in rows if (row.case, row.sources) == ("chart", "D65") and row.method in SHOWN}
+    chosen = {
+        row.method: row for row in rows if (row.case, row.sources) == ("chart", "D65") and row.method in SHOWN_METHODS
+    }
     for axis, lamp in zip(axes, TARGETS, strict=True):
-        for method, colour in zip(SHOWN, COLOURS, strict=True):
+        for method, colour in zip(SHOWN_METHODS, BAR_COLOURS, strict=True):
             errors = np.sort(chosen[method].delta_e[lamp].ravel())
             axis.plot(errors, np.linspace(0.0, 1.0, len(errors)), color=colour, label=method)
         axis.set_xlim(0.0, 6.0)

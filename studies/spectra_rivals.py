@@ -14,10 +14,10 @@ import numpy as np
 
 from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
-from studies.spectra_bench import NOISE, TARGETS, Array, Bench, delta_e, noisy
+from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, delta_e, noisy
 from studies.spectra_cases import Case
 
-LAMP = "D65"
+RIVAL_LAMP = "D65"
 BOUND = "Wiener that knows the tested"
 RECOVERIES = ("Jakob 2019", "Meng 2015", "Otsu 2018", "Smits 1999", "Mallett 2019")
 ROOT_DEGREE = 2
@@ -31,7 +31,7 @@ def study_rivals(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str,
     random = np.random.default_rng(seed)
     groups = _groups(case)
     for camera in bench.cameras:
-        matrix = bench.readings(camera, LAMP)
+        matrix = bench.readings(camera, RIVAL_LAMP)
         readings = noisy(case.tested @ matrix.T, random)
         for name, method in methods.items():
             for lamp, target in bench.colours.items():
@@ -48,12 +48,12 @@ def study_recoveries(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[
 
     Through a camera, XYZ is that of the root polynomial: "Meng 2015 through a camera".
     """
-    target = bench.colours[LAMP]
+    target = bench.colours[RIVAL_LAMP]
     found = {name: _scores(case, bench, [_recovered(name, case.tested @ target.T)]) for name in RECOVERIES}
     random = np.random.default_rng(seed)
     colours = []
     for camera in bench.cameras:
-        matrix = bench.readings(camera, LAMP)
+        matrix = bench.readings(camera, RIVAL_LAMP)
         colours.append(_root(matrix, target, case.training[0], noisy(case.tested @ matrix.T, random)))
     for name in RECOVERIES:
         spectra = [_recovered(name, np.clip(xyz, 1e-3, 1.2)) for xyz in colours]
@@ -91,7 +91,7 @@ def _wiener(matrix: Array, target: Array, training: Array, readings: Array) -> A
     mean, kernel = training.mean(axis=0), np.cov(training.T)
     xyz = []
     for values in readings:
-        total = matrix @ kernel @ matrix.T + np.diag((NOISE * values) ** 2)
+        total = matrix @ kernel @ matrix.T + np.diag((SPECTRA_NOISE * values) ** 2)
         xyz.append(target @ (mean + kernel @ matrix.T @ np.linalg.solve(total, values - matrix @ mean)))
     return np.array(xyz)
 
@@ -103,7 +103,7 @@ def _recovered(name: str, xyz: Array) -> Array:
 
     def observer(shape: Any) -> tuple[Any, Any]:
         table = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
-        return table, colour.SDS_ILLUMINANTS[LAMP].copy().align(shape)
+        return table, colour.SDS_ILLUMINANTS[RIVAL_LAMP].copy().align(shape)
 
     ours = observer(colour.SpectralShape(WAVELENGTHS[0], WAVELENGTHS[-1], WAVELENGTHS[1] - WAVELENGTHS[0]))
     of: dict[str, Callable[[Array], Any]] = {

@@ -2,7 +2,7 @@
 
 What the set does not say is assumed, and said here: the camera looks on from afar (a stand-in at 1e5 px focal length),
 a pixel is half a millimetre, the 8 bits are linear in light (`app/studies/encoding.py` tests it), and white is what a
-diffuser of albedo WHITE that faces a lamp would give. World axes: x right, y up, z to the camera.
+diffuser of albedo ASSUMED_ALBEDO that faces a lamp would give. World axes: x right, y up, z to the camera.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ OBJECTS = ("gray", "buddha", "cat", "horse", "owl", "rock")
 LAMPS = 12
 FOCAL = 1e5  # px: from afar, 0.15° between the middle and the edge of the picture
 PIXEL = 5e-4  # m: a guess of the right order
-WHITE = 1.0 / 3.0  # a gauge, as the lamps' strength is unknown: low, so that all bodies conserve energy
-WHOLE = 250  # mask level of a pixel that shows the object only
+ASSUMED_ALBEDO = 1.0 / 3.0  # a gauge, as the lamps' strength is unknown: low, so that all bodies conserve energy
+OBJECT_LEVEL = 250  # mask level of a pixel that shows the object only
 SENSOR = hg.Sensor(
     exposure=ASSUMED_FULL_WELL,
     full_well=ASSUMED_FULL_WELL,
@@ -46,7 +46,7 @@ def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -
     if name not in OBJECTS:
         raise hg.InputError(f"no object is called {name!r}: choose one of {', '.join(OBJECTS)}")
     home = Path(folder) / name
-    on_object = _grey(read_png(home / f"{name}.mask.png")) >= WHOLE
+    on_object = _grey(read_png(home / f"{name}.mask.png")) >= OBJECT_LEVEL
     height, width = on_object.shape
     camera = hg.Camera(width, height, (FOCAL, FOCAL), (width / 2, height / 2), sensor=SENSOR, name="uw_psm")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
@@ -54,7 +54,7 @@ def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -
     for k, lamp in enumerate(lamps):
         developed = develop_raw(read_png(home / f"{name}.{k}.png"), SENSOR)
         # radiance of a diffuser = albedo · irradiance / π
-        light = hg.Lamp(to_lamp=lamp.to_lamp, intensity=np.pi / WHITE, name=lamp.name)
+        light = hg.Lamp(to_lamp=lamp.to_lamp, intensity=np.pi / ASSUMED_ALBEDO, name=lamp.name)
         mask = on_object & developed.valid
         photographs.append(hg.Photograph(developed.values, developed.variance, mask, camera, (light,), f"{name} {k}"))
     return hg.Capture(tuple(photographs), name, Path(folder))

@@ -17,7 +17,7 @@ from hagoromo.app.verb import Force, Out, verb, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, whole_file
 
-DOUBTFUL = 0.03  # relative noise of a reading beyond which it is rather the spectra or the light that are wrong
+DOUBTFUL_NOISE = 0.03  # relative noise of a reading beyond which it is rather the spectra or the light that are wrong
 
 calibrations = tyro.extras.SubcommandApp()
 
@@ -160,7 +160,7 @@ def calibrate_response(
     with whole_file(targets[-1], force) as picture:
         picture.write_bytes(response_plot(found))
     found.save(out, force)
-    if found.noise.max() > DOUBTFUL:
+    if found.noise.max() > DOUBTFUL_NOISE:
         warnings.warn(
             f"known spectra explain the readings to {100 * found.noise.max():.0f} % only: are they linear in light, "
             "without glare, and do the spectra belong to them?",

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.photograph.photograph import DISPLAY_KEY
 
-KEY = 0.9  # display value to which the 99.5th percentile of a picture is exposed
 JPEG_QUALITY = 92
-WHITE = np.array([0.95047, 1.0, 1.08883])  # XYZ of D65, the display's white
+WHITE_XYZ = np.array([0.95047, 1.0, 1.08883])  # XYZ of D65, the display's white
 
 
 @lru_cache(maxsize=32)
@@ -30,7 +30,7 @@ def srgb_from_camera(response: Response, lamp: Spectrum) -> NDArray[np.float64]:
     observer, ones = Response.load("cie1931"), camera_white(lamp, response)
     seen = np.array([camera_response(patch, lamp, response) / ones for patch in patches])
     xyz = np.array([camera_response(patch, lamp, observer) / camera_white(lamp, observer) for patch in patches])
-    wanted = srgb_from_xyz(xyz * WHITE)
+    wanted = srgb_from_xyz(xyz * WHITE_XYZ)
     # rows sum to 1: M = [a, b, 1 − a − b]
     basis = seen[:, :2] - seen[:, 2:]
     rows = np.linalg.lstsq(basis, wanted - seen[:, 2:], rcond=None)[0].T
@@ -38,11 +38,11 @@ def srgb_from_camera(response: Response, lamp: Spectrum) -> NDArray[np.float64]:
 
 
 def exposure(linear: ArrayLike, alpha: ArrayLike | None = None) -> float:
-    """Factor that brings the 99.5th percentile of the brightest channel, where there is matter, to KEY."""
+    """Factor that brings the 99.5th percentile of the brightest channel, where there is matter, to DISPLAY_KEY."""
     linear = np.asarray(linear)
     seen = linear.reshape(-1, linear.shape[-1]) if alpha is None else linear[np.asarray(alpha) > 0.5]
     bright = float(np.percentile(seen.max(axis=-1), 99.5)) if seen.size else 0.0
-    return KEY / bright if bright > 0.0 else 1.0
+    return DISPLAY_KEY / bright if bright > 0.0 else 1.0
 
 
 def data_uri(picture: NDArray[np.uint8], lossless: bool = False) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo_figures.demo.plots import svg_text
 
-LOWEST, HIGHEST = 2.0, 98.0  # percentiles of the pixels that the colours reach
+LOWEST_PERCENTILE, HIGHEST_PERCENTILE = 2.0, 98.0  # percentiles of the pixels that the colours reach
 
 
 def gloss_plot(of: GlossMap, crop: tuple[slice, slice]) -> str:
@@ -30,7 +30,7 @@ def gloss_plot(of: GlossMap, crop: tuple[slice, slice]) -> str:
     for axes, (title, values, colours) in zip(figure.subplots(2, 2).ravel(), panels, strict=True):
         shown = values[crop]
         known = shown[np.isfinite(shown)]
-        low, high = np.percentile(known, (LOWEST, HIGHEST)) if known.size else (0.0, 1.0)
+        low, high = np.percentile(known, (LOWEST_PERCENTILE, HIGHEST_PERCENTILE)) if known.size else (0.0, 1.0)
         drawn = axes.imshow(shown, cmap=colours, vmin=low, vmax=max(high, low + 1e-9), extent=extent)
         axes.set_title(title, fontsize=9)
         axes.set_xlabel("column [px]", fontsize=8)

@@ -18,15 +18,14 @@ from hagoromo.files.checks import existing_file
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
-from hagoromo.files.raw import SUFFIXES as RAW_SUFFIXES
-from hagoromo.files.raw import read_raw
+from hagoromo.files.raw import RAW_SUFFIXES, read_raw
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
 from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.capture import count_absent
 
 Facts = dict[str, Any]
-MATERIAL = ("element", "alpha", "beta", "gamma", "n", "body_colour", "identifiable")
+MATERIAL_FIELDS = ("element", "alpha", "beta", "gamma", "n", "body_colour", "identifiable")
 
 
 def info(path: str | Path) -> Facts:
@@ -37,9 +36,9 @@ def info(path: str | Path) -> Facts:
     path = Path(path)
     if path.is_dir():
         return _folder(path)
-    kind = KINDS.get(existing_file(path).suffix.lower())
+    kind = KIND_READERS.get(existing_file(path).suffix.lower())
     if kind is None:
-        raise InputError(f"{path} is of no kind known here: give a folder or one of {', '.join(KINDS)}")
+        raise InputError(f"{path} is of no kind known here: give a folder or one of {', '.join(KIND_READERS)}")
     return kind(path)
 
 
@@ -174,7 +173,7 @@ def _cameras(path: Path) -> Facts:
 def _materials(path: Path) -> Facts:
     from hagoromo.reflectance.material.materials_file import read_materials
 
-    return {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL}} for m in read_materials(path)}
+    return {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL_FIELDS}} for m in read_materials(path)}
 
 
 def _csv(path: Path) -> Facts:
@@ -192,7 +191,7 @@ def _short(value: Any) -> Any:
     return f"{len(value)} characters" if isinstance(value, str) and len(value) > 200 else value
 
 
-KINDS: dict[str, Callable[[Path], Facts]] = {
+KIND_READERS: dict[str, Callable[[Path], Facts]] = {
     ".exr": _exr,
     ".png": _picture,
     ".jpg": _picture,

@@ -22,13 +22,14 @@ from hagoromo.photograph.capture import TRANSFORMS, Capture, count_absent, load_
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 
-LARGEST = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
-BYTES = 100  # of a value: value, variance, light, model and weights in double precision, and their copies
-STORING, COARSE = 0.3, 0.1  # shares of the work
+LARGEST_CAPTURE_BYTES = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
+# value, variance, light, model and weights in double precision, and their copies
+SOLVE_BYTES_PER_VALUE = 100
+STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the work
 
 
 def large_source(folder: str | Path) -> FolderSource | None:
-    """The photographs of a capture of unknown shape that needs more than LARGEST bytes; None where it does not."""
+    """The photographs of a capture of unknown shape that is too large to be solved as one; None for any other."""
     file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
     record = read_json(file)
     frames = record.get("frames")
@@ -43,7 +44,7 @@ def large_source(folder: str | Path) -> FolderSource | None:
 
 def needs_tiles(photograph: Photograph, count: int) -> bool:
     """Whether `count` photographs like this are too large to be solved as one."""
-    return BYTES * float(photograph.values.size) * count > LARGEST
+    return SOLVE_BYTES_PER_VALUE * float(photograph.values.size) * count > LARGEST_CAPTURE_BYTES
 
 
 def solve_large(
@@ -53,9 +54,11 @@ def solve_large(
 
     home: folder for the scratch. distance: about, to the surface [m].
     """
-    with tile_store(source, home, part_of(progress, 0.0, STORING)) as store:
-        coarse = solve_coarse(store, distance, progress=part_of(progress, STORING, COARSE))
-        fine = solve_tiles(store, coarse, part_of(progress, STORING + COARSE, 1.0 - STORING - COARSE))
+    with tile_store(source, home, part_of(progress, 0.0, STORING_SHARE)) as store:
+        coarse = solve_coarse(store, distance, progress=part_of(progress, STORING_SHARE, COARSE_SHARE))
+        fine = solve_tiles(
+            store, coarse, part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
+        )
         measured = measurement_of(coarse.capture, coarse.found)
         materials = [replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measured.materials]
         measured = replace(measured, materials=tuple(materials))

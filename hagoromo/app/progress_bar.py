@@ -12,7 +12,7 @@ from hagoromo.progress import Progress
 
 QUIET_S = 30.0  # a command shorter than this writes no lines, so that bad input is answered by one line alone
 PAUSE_S = 10.0  # between two lines
-SHARE = 0.1  # of the work, after which a line is due
+LINE_SHARE = 0.1  # of the work, after which a line is due
 
 
 @contextmanager
@@ -52,7 +52,7 @@ def progress_lines(title: str, clock: Callable[[], float] = time.monotonic) -> P
     def shown(share: float, step: str = "") -> None:
         nonlocal last_s, last_share, last_step
         heed()
-        if clock() - last_s < PAUSE_S or (share - last_share < SHARE and step == last_step):
+        if clock() - last_s < PAUSE_S or (share - last_share < LINE_SHARE and step == last_step):
             return
         last_s, last_share, last_step = clock(), share, step
         print(f"{title}: {100.0 * share:.0f} %{', ' if step else ''}{step}", file=sys.stderr, flush=True)

@@ -7,7 +7,7 @@ import io
 from hagoromo.calibration.response.calibrate_response import ResponseCalibration
 from hagoromo_figures.demo.plots import panels
 
-COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
+CHANNEL_COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
 
 
 def response_plot(calibration: ResponseCalibration) -> bytes:
@@ -16,7 +16,7 @@ def response_plot(calibration: ResponseCalibration) -> bytes:
     response = calibration.response
     top = response.values.max()
     for channel, name in enumerate(response.channels):
-        colour = COLOURS.get(name, f"C{channel}")
+        colour = CHANNEL_COLOURS.get(name, f"C{channel}")
         low, high = calibration.interval_95[:, channel].T / top
         axis.fill_between(response.wavelengths, low, high, color=colour, alpha=0.25, linewidth=0)
         axis.plot(response.wavelengths, response.values[:, channel] / top, color=colour, label=name)

@@ -10,12 +10,12 @@ from hagoromo.files.record import write_json
 from hagoromo.files.schema import record_schema
 from hagoromo.matter.registry import kind_names, kind_of
 
-RECIPE = "recipe-"
+RECIPE_PREFIX = "recipe-"
 
 
 def schema_names() -> tuple[str, ...]:
     """The kinds of files that have a schema; recipes of every kind of matter that is installed among them."""
-    return (*_files(), *(RECIPE + name for name in kind_names()))
+    return (*_files(), *(RECIPE_PREFIX + name for name in kind_names()))
 
 
 def json_schema(kind: str) -> dict[str, Any]:
@@ -28,9 +28,9 @@ def json_schema(kind: str) -> dict[str, Any]:
     """
     if kind not in schema_names():
         raise InputError(f"no kind of file is called {kind!r}: choose one of {', '.join(schema_names())}")
-    if not kind.startswith(RECIPE):
+    if not kind.startswith(RECIPE_PREFIX):
         return record_schema(_files()[kind])
-    name = kind.removeprefix(RECIPE)
+    name = kind.removeprefix(RECIPE_PREFIX)
     record = kind_of(name).record
     schema = record_schema(record)
     schema["$defs"][record.__name__]["properties"]["kind"]["const"] = name

@@ -7,7 +7,7 @@ import numpy as np
 from hagoromo.image.surface import Surface
 from hagoromo.reflectance.reflectance import Reflectance
 
-TURNS = 48  # facets of the bend
+BEND_FACETS = 48  # facets of the bend
 
 
 def sweep(
@@ -17,7 +17,7 @@ def sweep(
 
     It reaches from −half to half along x. All in metres.
     """
-    turn = np.linspace(0.0, np.pi / 2, TURNS + 1)
+    turn = np.linspace(0.0, np.pi / 2, BEND_FACETS + 1)
     y = np.concatenate([[floor[0]], wall[0] - radius + radius * np.sin(turn), [wall[0]]])
     z = np.concatenate([[floor[1]], floor[1] + radius * (1.0 - np.cos(turn)), [max(wall[1], floor[1] + 1.01 * radius)]])
     vertices = np.array([(x, *place) for x in (-half, half) for place in zip(y, z, strict=True)])

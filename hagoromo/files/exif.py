@@ -18,8 +18,8 @@ from hagoromo.files.silence import silenced
 
 TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # the last two are makers' own marks (Olympus, Panasonic)
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm
-FULL_FRAME = 36.0  # mm: width of the film that FocalLengthIn35mmFilm speaks of
-HEAD = 64 * 2**20  # bytes of a JPEG or PNG within which its EXIF stands
+FULL_FRAME_MM = 36.0  # mm: width of the film that FocalLengthIn35mmFilm speaks of
+HEAD_BYTES = 64 * 2**20  # bytes of a JPEG or PNG within which its EXIF stands
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _tiff_within(path: Path) -> Path | BytesIO | None:
             return path
         if not start.startswith((jpeg.START, png.SIGNATURE)):
             return None
-        data = start + file.read(HEAD)
+        data = start + file.read(HEAD_BYTES)
     found = jpeg.exif_segment(data) if data.startswith(jpeg.START) else png.exif_chunk(data)
     return None if found is None else BytesIO(found)
 
@@ -77,7 +77,9 @@ def _exif(tags: Mapping[str, Any]) -> Exif:
     focal, film = _number(tags.get("FocalLength")), _number(tags.get("FocalLengthIn35mmFilm"))
     dots, pixels = _number(tags.get("FocalPlaneXResolution")), _number(tags.get("PixelXDimension"))
     unit = MM_PER_UNIT.get(int(_number(tags.get("FocalPlaneResolutionUnit")) or 2))
-    sensor = pixels * unit / dots if dots and pixels and unit else FULL_FRAME * focal / film if focal and film else None
+    sensor = (
+        pixels * unit / dots if dots and pixels and unit else FULL_FRAME_MM * focal / film if focal and film else None
+    )
     maker, model = (str(tags.get(key, "")).strip() for key in ("Make", "Model"))
     return Exif(
         _number(tags.get("ExposureTime")),

@@ -11,7 +11,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import check_memory, read_bytes
 
 START, END = b"\xff\xd8\xff", b"\xff\xd9"
-BYTES_PER_PIXEL = 6  # decoded, twice
+JPEG_BYTES_PER_PIXEL = 6  # decoded, twice
 
 
 def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
@@ -27,7 +27,7 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     height, width, frame = frame_header(data, path)
     if END not in data[frame:]:  # after it some cameras add more; before it stands the end of a thumbnail
         raise InputError(f"{path} is cut off: copy it again")
-    check_memory(float(BYTES_PER_PIXEL) * height * width, str(path))
+    check_memory(float(JPEG_BYTES_PER_PIXEL) * height * width, str(path))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:

@@ -13,11 +13,11 @@ from hagoromo.files.checks import check_memory, existing_file
 from hagoromo.files.exif import Exif, read_exif
 from hagoromo.files.silence import silenced
 
-SUFFIXES = tuple(
+RAW_SUFFIXES = tuple(
     f".{suffix}"
     for suffix in "dng cr2 cr3 crw nef nrw arw sr2 srf raf orf rw2 pef srw 3fr fff iiq mos mrw erf kdc dcr x3f".split()
 )
-BYTES_PER_PIXEL = 8
+RAW_BYTES_PER_PIXEL = 8
 
 
 class Raw(NamedTuple):
@@ -46,7 +46,7 @@ def read_raw(path: str | Path) -> Raw:
         with silenced(), rawpy.RawPy() as raw:
             raw.open_file(str(found))
             sizes = raw.sizes
-            check_memory(float(BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(found))
+            check_memory(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(found))
             raw.unpack()
             return _raw(raw, found)
     except rawpy.LibRawError as error:

@@ -39,7 +39,7 @@ Pair = tuple[float, float]
 Vector = tuple[float, float, float]
 Matrix = Annotated[tuple[float, ...], Meta(min_length=16, max_length=16)]  # 4 × 4, by rows
 REFERENCE = "#/$defs/"
-STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")  # of the paths in msgspec's messages, such as $.lamp[0].name
+PATH_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")  # of the paths in msgspec's messages, such as $.lamp[0].name
 
 
 def about(text: str) -> Meta:
@@ -213,7 +213,7 @@ def _explained(message: str, data: Any, record: type, where: str) -> str:
     """msgspec's message in words: only its path and the name of a key are taken, all else is known from the record."""
     text, _, path = message.partition(" - at `$")
     steps: Steps = tuple(
-        name or (int(index) if index.isdigit() else index) for name, index in STEP.findall(path.rstrip("`"))
+        name or (int(index) if index.isdigit() else index) for name, index in PATH_STEP.findall(path.rstrip("`"))
     )
     key = re.fullmatch(r"Object (contains unknown|missing required) field `(.*)`", text)
     if key:

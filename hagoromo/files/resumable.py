@@ -14,7 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.lock import locked
 from hagoromo.files.whole import put_folder, replaceable_folder
 
-RECIPE = "recipe"  # file of the work folder: what is being made
+FINGERPRINT_FILE = "recipe"  # file of the work folder: what is being made
 
 
 @contextmanager
@@ -50,7 +50,7 @@ def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) ->
 
 def _make_room(work: Path, fingerprint: str) -> None:
     """The work folder, empty unless it holds the work on `fingerprint`."""
-    recipe = work / RECIPE
+    recipe = work / FINGERPRINT_FILE
     if work.exists() and any(work.iterdir()) and not recipe.is_file():
         raise InputError(f"{work} holds files that Hagoromo did not write: move them")
     if recipe.is_file() and recipe.read_text() != fingerprint:
@@ -59,7 +59,7 @@ def _make_room(work: Path, fingerprint: str) -> None:
     if not recipe.exists():
         new = work.with_name(f"{work.name}.partial{os.getpid()}")
         new.mkdir()
-        (new / RECIPE).write_text(fingerprint)
+        (new / FINGERPRINT_FILE).write_text(fingerprint)
         os.replace(new, work)  # a work folder has its recipe from the first
     (work / "whole").mkdir(exist_ok=True)
     for partial in work.rglob("*.partial"):

@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import check_memory, existing_file, read_bytes
 from hagoromo.files.silence import silenced
 
-KINDS = (np.uint8, np.uint16, np.float32)
+PIXEL_TYPES = (np.uint8, np.uint16, np.float32)
 DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, struct.error)
 
 
@@ -29,7 +29,7 @@ def read_tiff(path: str | Path) -> NDArray:
         with silenced(), tifffile.TiffFile(found) as file:
             page = file.pages.first
             shape, kind = page.shape, page.dtype
-            if kind not in KINDS or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
+            if kind not in PIXEL_TYPES or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
                 raise InputError(
                     f"{found} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
                 )

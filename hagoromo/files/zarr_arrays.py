@@ -27,7 +27,7 @@ CODECS = (
     "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3
     "zlib", "bz2", "lz4", "lzma", "shuffle", "delta", "fixedscaleoffset", "crc32",  # v2
 )  # fmt: skip
-NUMBERS = "biuf"  # kinds of NumPy types
+NUMBER_KINDS = "biuf"  # kinds of NumPy types
 Index = tuple[int, ...]
 
 
@@ -127,7 +127,7 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
     """`array`, if it holds numbers, needs no unknown codec, and one of its chunks fits the memory."""
     if not hasattr(array, "shape"):
         raise InputError(f"{folder} is a Zarr group: give the folder of an array")
-    if array.dtype.kind not in NUMBERS:
+    if array.dtype.kind not in NUMBER_KINDS:
         raise InputError(f"{folder} holds values of type {array.dtype}: give an array of numbers")
     for name, _ in _codecs(array.metadata):
         if name not in CODECS:

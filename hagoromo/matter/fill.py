@@ -19,8 +19,8 @@ from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 MM = 1e-3  # m
-LARGEST = 4096  # voxels along an edge of the box
-PARTS = 4  # a brick is tested for matter in PARTS³ cubes
+LARGEST_EDGE = 4096  # voxels along an edge of the box
+CUBES_PER_EDGE = 4  # a brick is tested for matter in PARTS³ cubes
 ASKED = 1 << 18  # bricks that are tested together
 CORE = 10.0  # density of the core beneath the micro-structure
 CORE_FROM, CORE_FULL, CORE_TO = 2.5, 3.5, 4.0  # depth of the core under a surface [mean free paths]
@@ -94,9 +94,10 @@ def blocks_in(
     """Blocks of a function of the point [mm] on voxels of edge `voxel` [mm], and the pose of their box [m]."""
     low, high = (np.asarray(corner, float) for corner in extent)
     voxels = np.ceil((high - low) / voxel)
-    if not voxels.max() <= LARGEST:
+    if not voxels.max() <= LARGEST_EDGE:
         raise InputError(
-            f"voxel_mm {voxel:g} is too fine for a box of {(high - low).max():g} mm: {LARGEST} voxels a side at most"
+            f"voxel_mm {voxel:g} is too fine for a box of {(high - low).max():g} mm: "
+            f"{LARGEST_EDGE} voxels a side at most"
         )
     pose = np.eye(4)
     pose[:3, 3] = low * MM
@@ -118,16 +119,16 @@ def _may_hold(bound: Shape, centre: Any, radius: float) -> NDArray[np.bool_]:
 
     Each ball is tested in PARTS³ parts: the bound of a shape with steep slopes then keeps fewer empty bricks.
     """
-    jit, parts = arrays(), PARTS**3
+    jit, parts = arrays(), CUBES_PER_EDGE**3
     dr.eval(centre)
     may_hold = []
     for first in range(0, dr.width(centre), ASKED):
         count = min(ASKED, dr.width(centre) - first)
         index = dr.arange(jit.UInt, count * parts)
         part = index % parts
-        place = jit.Array3f(part % PARTS, (part // PARTS) % PARTS, part // PARTS**2)
-        shift = (place - 0.5 * (PARTS - 1)) * (2.0 * radius / math.sqrt(3.0) / PARTS)
+        place = jit.Array3f(part % CUBES_PER_EDGE, (part // CUBES_PER_EDGE) % CUBES_PER_EDGE, part // CUBES_PER_EDGE**2)
+        shift = (place - 0.5 * (CUBES_PER_EDGE - 1)) * (2.0 * radius / math.sqrt(3.0) / CUBES_PER_EDGE)
         middle = dr.gather(jit.Array3f, centre, index // parts + dr.opaque(jit.UInt, first))
-        near = dr.select(bound(middle + shift) < radius / PARTS, jit.UInt(1), 0)
+        near = dr.select(bound(middle + shift) < radius / CUBES_PER_EDGE, jit.UInt(1), 0)
         may_hold.append(np.array(dr.block_sum(near, parts)) > 0)
     return np.concatenate(may_hold)

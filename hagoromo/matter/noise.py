@@ -13,7 +13,7 @@ import drjit as dr
 
 from hagoromo.backend import arrays
 
-UNIT = 2.0**-24  # of the upper 24 bits of a hash
+HASH_UNIT = 2.0**-24  # of the upper 24 bits of a hash
 
 
 class Cells(NamedTuple):
@@ -42,7 +42,7 @@ def seed_of(seed: int | Any) -> Any:
 
 def uniform(number: Any) -> Any:
     """A hash as a Float in [0, 1)."""
-    return arrays().Float(number >> 8) * UNIT
+    return arrays().Float(number >> 8) * HASH_UNIT
 
 
 def random(cell: tuple[Any, Any, Any], seed: int | Any) -> Any:

@@ -26,7 +26,8 @@ from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, re
 from hagoromo.photograph.transforms import ImageSettings, lamp_from_record
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-FAR = 20.0  # focal length over the picture's longer side where no camera is given: nearly an orthographic view
+# focal length over the picture's longer side where no camera is given: nearly an orthographic view
+ORTHOGRAPHIC_FOCAL = 20.0
 UP_AND_BACK = np.diag([1.0, -1.0, -1.0, 1.0])  # world axes x right, y up, z to the camera → the camera's
 
 
@@ -138,7 +139,7 @@ def _undistorted(paths: dict[str, Path], stated: bool) -> bool:
 def _view(camera: Camera | str | Path | None, width: int, height: int, undistorted: bool) -> Camera:
     """The camera of all photographs, as a pinhole where they are undistorted."""
     if camera is None:
-        focal = FAR * max(width, height)
+        focal = ORTHOGRAPHIC_FOCAL * max(width, height)
         orthographic = Camera(width, height, (focal, focal), (width / 2, height / 2), name="orthographic")
         return orthographic.with_pose(UP_AND_BACK)
     lens = camera if isinstance(camera, Camera) else read_camera(camera)

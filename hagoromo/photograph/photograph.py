@@ -13,7 +13,7 @@ from hagoromo.files.png import png_bytes
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 
-KEY = 0.9  # display value of the brightest half percent of a photograph
+DISPLAY_KEY = 0.9  # display value of the brightest half percent of a photograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Photograph:
         if values.shape[2] != 3:
             values = np.repeat(values.mean(axis=2, keepdims=True), 3, axis=2)
         valid = values[self.mask].max(axis=1) if self.mask.any() else np.ones(1)
-        return srgb_encode(values * (KEY / max(float(np.percentile(valid, 99.5)), 1e-30)))
+        return srgb_encode(values * (DISPLAY_KEY / max(float(np.percentile(valid, 99.5)), 1e-30)))
 
     def __post_init__(self) -> None:
         """Check shapes and numbers once."""

@@ -15,7 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.png import read_png, write_png
-from hagoromo.files.raw import SUFFIXES as RAW_SUFFIXES
+from hagoromo.files.raw import RAW_SUFFIXES
 from hagoromo.files.tiff import read_tiff
 from hagoromo.light.colour import srgb_decode
 from hagoromo.photograph.development.exposure import StatedExposure, read_exposure

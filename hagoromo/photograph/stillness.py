@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 
 from hagoromo.photograph.photograph import Photograph
 
-MOVED = 0.75  # px of the compared picture, from which a photograph is told to have moved
-LARGEST = 500_000  # pixels of the compared picture; larger photographs are binned
-FINE, COARSE = 1.5, 8.0  # px: scale of the edges and texture compared, and of the parts brought to one strength
-FAINT = 0.02  # strength (of a logarithm) below which a part is taken for noise
-PARTS = 10  # of a pixel that a shift is told to
-ALIKE = 0.2  # correlation with the others, once shifted back, below which nothing is told
+MOVED_PX = 0.75  # px of the compared picture, from which a photograph is told to have moved
+COMPARED_PIXELS = 500_000  # pixels of the compared picture; larger photographs are binned
+EDGE_SCALE_PX, STRENGTH_SCALE_PX = (
+    1.5,
+    8.0,
+)  # px: scale of the edges and texture compared, and of the parts brought to one strength
+FAINT_EDGE = 0.02  # strength (of a logarithm) below which a part is taken for noise
+STEPS_PER_PIXEL = 10  # of a pixel that a shift is told to
+LEAST_CORRELATION = 0.2  # correlation with the others, once shifted back, below which nothing is told
 
 
 def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
@@ -35,16 +38,16 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
         return {}
     if len({p.values.shape[:2] for p in photographs}) > 1:
         return {}
-    k = int(np.ceil(np.sqrt(first.width * first.height / LARGEST)))
+    k = int(np.ceil(np.sqrt(first.width * first.height / COMPARED_PIXELS)))
     marks = [_marks(photograph, k) for photograph in photographs]
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in marks[0].shape))
     whole, found = np.sum(marks, axis=0), {}
     for photograph, own in zip(photographs, marks, strict=True):
         others = (whole - own) / (len(marks) - 1)
-        rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=PARTS)[0]
+        rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=STEPS_PER_PIXEL)[0]
         back = shift(own, (rows, columns), order=1, mode="nearest")
         still, shifted = (float(np.corrcoef(others.ravel(), p.ravel())[0, 1]) for p in (own, back))
-        if np.hypot(rows, columns) > MOVED and shifted > max(ALIKE, still):
+        if np.hypot(rows, columns) > MOVED_PX and shifted > max(LEAST_CORRELATION, still):
             found[photograph.name] = (-k * float(columns), -k * float(rows))
     return found
 
@@ -56,7 +59,7 @@ def _marks(photograph: Photograph, k: int) -> NDArray[np.float64]:
     values = np.nan_to_num(photograph.values.astype(np.float64).mean(axis=2))
     height, width = (n // k * k for n in values.shape)
     grey = values[:height, :width].reshape(height // k, k, width // k, k).mean(axis=(1, 3))
-    floor = FAINT * max(float(np.quantile(grey, 0.99)), 1e-30)
-    edges = gaussian_laplace(np.log(np.maximum(grey, 0.0) + floor), FINE)
-    marks = edges / (np.sqrt(gaussian_filter(edges**2, COARSE)) + FAINT)
+    floor = FAINT_EDGE * max(float(np.quantile(grey, 0.99)), 1e-30)
+    edges = gaussian_laplace(np.log(np.maximum(grey, 0.0) + floor), EDGE_SCALE_PX)
+    marks = edges / (np.sqrt(gaussian_filter(edges**2, STRENGTH_SCALE_PX)) + FAINT_EDGE)
     return marks - marks.mean()

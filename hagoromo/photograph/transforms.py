@@ -22,7 +22,7 @@ from hagoromo.light.spectrum import SOURCE, Spectrum
 # What a sensor is taken for where its file does not say: both are usual for a consumer camera at ISO 100.
 ASSUMED_FULL_WELL = 20_000.0  # electrons at white level
 ASSUMED_READ_NOISE = 10.0  # electrons
-INDICES = Meta(extra_json_schema={"type": "array", "items": {"type": "integer", "minimum": 0}})
+LAMP_INDICES = Meta(extra_json_schema={"type": "array", "items": {"type": "integer", "minimum": 0}})
 
 
 class SensorRecord(Record, frozen=True, kw_only=True):
@@ -74,7 +74,9 @@ class FrameRecord(ImageSettings, frozen=True, kw_only=True):
 
     file_path: Annotated[str, about("image file in the capture; NeRF's files leave its suffix out")]
     name: Annotated[str | None, about("name of the photograph; default: that of its file")] = None
-    lamps: Annotated[Any, INDICES, about("the lamps that were on: indices into the file's list of lamps, from 0")] = ()
+    lamps: Annotated[
+        Any, LAMP_INDICES, about("the lamps that were on: indices into the file's list of lamps, from 0")
+    ] = ()
     pl_pos: Annotated[Vector | None, about("position of one more lamp, world axes [m]")] = None
 
 

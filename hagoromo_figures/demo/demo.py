@@ -23,11 +23,11 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import fill_measurement, measure
 from hagoromo.photograph.capture import load_capture, save_capture
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo_figures.demo.figures import FIGURES, Cast
+from hagoromo_figures.demo.figures import PAPER_FIGURES, Cast
 from hagoromo_figures.demo.measurement import coverage, named, rightly_labelled, rows
 from hagoromo_figures.demo.relit import relit
 from hagoromo_figures.demo.report import Report, write_report
-from hagoromo_figures.demo.samples import FOCAL_MM, LAMP, PRESET, bench, bench_camera, true_reflectances
+from hagoromo_figures.demo.samples import FOCAL_MM, LAMP_SPECTRUM, PRESET, bench, bench_camera, true_reflectances
 
 LAMPS_MEASURED = 3  # of the bench's lamps; the last is kept aside
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
@@ -42,7 +42,7 @@ class Size:
     figure_binning: int
     figure_samples: int
     resolution: float
-    figures: tuple[str, ...] = tuple(FIGURES)
+    figures: tuple[str, ...] = tuple(PAPER_FIGURES)
     seed: int = 1
 
 
@@ -96,7 +96,7 @@ def demo(out: str | Path, size: str = "small", force: bool = False, progress: Pr
 
 def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
     camera = bench_camera(size.capture_binning)
-    response, lamp = camera.response, Spectrum.named(LAMP)
+    response, lamp = camera.response, Spectrum.named(LAMP_SPECTRUM)
     assert response is not None
     truth = true_reflectances(camera)
     samples = bench(truth, camera)

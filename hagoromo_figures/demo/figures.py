@@ -16,8 +16,7 @@ from hagoromo.progress import Progress
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo_figures.demo.studio import background, ball_around, framed, studio_lamps, turned_upright
-from hagoromo_figures.figure.figure import FIGURES as PARTS
-from hagoromo_figures.figure.figure import figure_part
+from hagoromo_figures.figure.figure import PART_MATERIALS, figure_part
 from hagoromo_figures.figure.tresses import HAIR_COLOUR
 
 MM = 1e-3  # m
@@ -40,26 +39,28 @@ class Shot(NamedTuple):
     without: tuple[str, ...] = ()
 
 
-ALONE = (0.0, 0.0, 0.0)
-FIGURES = {
+NO_OFFSET = (0.0, 0.0, 0.0)
+PAPER_FIGURES = {
     "figure_6_drape": Shot(
         "Drape: the angel's sleeve and hand; a weave of yarns, made of cylinders.",
-        {"angel": ALONE}, False, (0.5, -1.0, 0.1), seen=((38.0, -14.0, 148.0), 62.0), without=("wings", "feet"),
+        {"angel": NO_OFFSET}, False, (0.5, -1.0, 0.1), seen=((38.0, -14.0, 148.0), 62.0), without=("wings", "feet"),
     ),
     "figure_6_wing": Shot(
         "Wing: shafts, barbs and barbules, made of cylinders.",
-        {"angel": ALONE}, False, (0.25, -1.0, 0.1), seen=((92.0, 40.0, 232.0), 95.0), without=("feet", "hands"),
+        {"angel": NO_OFFSET}, False, (0.25, -1.0, 0.1), seen=((92.0, 40.0, 232.0), 95.0), without=("feet", "hands"),
     ),
     "figure_7_skin": Shot(
         "Skin: granules, made of spheres; the nun's face.",
-        {"nun": ALONE}, True, (0.3, -1.0, 0.06), seen=((0.0, -10.0, 243.0), 66.0),
+        {"nun": NO_OFFSET}, True, (0.3, -1.0, 0.06), seen=((0.0, -10.0, 243.0), 66.0),
     ),
     "figure_7_hair": Shot(
         "The angel's face and hair.",
-        {"angel": ALONE}, True, (-0.25, -1.0, 0.04), seen=((0.0, -8.0, 243.0), 82.0), without=("feet", "hands"),
+        {"angel": NO_OFFSET}, True, (-0.25, -1.0, 0.04), seen=((0.0, -8.0, 243.0), 82.0), without=("feet", "hands"),
     ),
-    "figure_8_angel": Shot("The whole angel: skin, hair, drape and wings.", {"angel": ALONE}, True, (0.16, -1.0, 0.1)),
-    "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": ALONE}, True, (-0.3, -1.0, 0.1)),
+    "figure_8_angel": Shot(
+        "The whole angel: skin, hair, drape and wings.", {"angel": NO_OFFSET}, True, (0.16, -1.0, 0.1),
+    ),
+    "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": NO_OFFSET}, True, (-0.3, -1.0, 0.1)),
     "figure_8_whole": Shot(
         "The angel and the nun.",
         {"angel": (-62.0, 14.0, 8.0), "nun": (96.0, -42.0, -24.0)}, False, (0.06, -1.0, 0.1), filled=0.9,
@@ -78,9 +79,9 @@ class Cast:
         self.materials, self._boxes = wardrobe(measured), {}
 
     def scene(self, name: str, camera: Camera, progress: Progress) -> Scene:
-        """The scene of one of FIGURES."""
-        shot, boxes = FIGURES[name], []
-        wanted = [(who, part) for who in shot.figures for part in PARTS[who] if part not in shot.without]
+        """The scene of one of PAPER_FIGURES."""
+        shot, boxes = PAPER_FIGURES[name], []
+        wanted = [(who, part) for who in shot.figures for part in PART_MATERIALS[who] if part not in shot.without]
         for number, (who, part) in enumerate(wanted):
             progress(number / len(wanted))
             box = self._box(who, part)
@@ -96,7 +97,7 @@ class Cast:
 
     def _box(self, who: str, part: str) -> VolumeBox:
         if (who, part) not in self._boxes:
-            material = self.materials[PARTS[who][part]]
+            material = self.materials[PART_MATERIALS[who][part]]
             self._boxes[who, part] = figure_part(who, part, material, self.resolution, self.seed).box()
         return self._boxes[who, part]
 

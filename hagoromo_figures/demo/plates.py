@@ -9,10 +9,10 @@ from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json
 from hagoromo.files.whole import whole_file
-from hagoromo_figures.demo.figures import FIGURES
+from hagoromo_figures.demo.figures import PAPER_FIGURES
 
-QUALITY = 92
-HEAD = """# Figures 6, 7 and 8 of the paper
+PLATE_JPEG_QUALITY = 92
+PLATES_INTRODUCTION = """# Figures 6, 7 and 8 of the paper
 
 Made by `make figures` (`hagoromo demo --size full`): an angel and a nun, 270 mm high, all of volume boxes, with the
 reflectances that the demo measures from simulated photographs. Three white point lamps: a key high on the left, a weak
@@ -25,15 +25,15 @@ def write_plates(demo: Path, docs: Path) -> None:
     import cv2
 
     size = read_json(demo / "results.json")["size"]
-    parts = [HEAD, f"Resolution {size['resolution']:g}, {size['figure_samples']} rays a pixel.\n"]
+    parts = [PLATES_INTRODUCTION, f"Resolution {size['resolution']:g}, {size['figure_samples']} rays a pixel.\n"]
     for name in size["figures"]:
         picture = read_png(demo / "figures" / f"{name}.png")
-        made, code = cv2.imencode(".jpg", picture[..., 2::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        made, code = cv2.imencode(".jpg", picture[..., 2::-1], [cv2.IMWRITE_JPEG_QUALITY, PLATE_JPEG_QUALITY])
         if not made:
             raise InputError(f"{name} of {demo} cannot be written as JPEG: render it again")
         with whole_file(docs / "figures" / f"{name}.jpg", force=True) as path:
             path.write_bytes(code.tobytes())
-        number, caption = name.split("_")[1], FIGURES[name].caption
+        number, caption = name.split("_")[1], PAPER_FIGURES[name].caption
         parts.append(f"![{caption}](figures/{name}.jpg)\n\n*Figure {number}. {caption}*\n")
     with whole_file(docs / "figures.md", force=True) as page:
         page.write_text("\n".join(parts), encoding="utf-8")

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_figures.demo.measurement import Row
 
-COLOURS = {"skin": "#b5651d", "cloth": "#2f5d9b", "feather": "#8a8a8a", "dielectric": "#3b7d5a"}
+MATERIAL_COLOURS = {"skin": "#b5651d", "cloth": "#2f5d9b", "feather": "#8a8a8a", "dielectric": "#3b7d5a"}
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
-WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
+PLOT_WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
 
 
 def measured_against_true(rows: Sequence[Row]) -> str:
@@ -24,7 +24,12 @@ def measured_against_true(rows: Sequence[Row]) -> str:
         shown = [row for row in rows if row.parameter == key]
         for place, row in enumerate(shown):
             low, middle, high = (100.0 * (value / row.true - 1.0) for value in (row.low, row.estimate, row.high))
-            style = {"color": COLOURS.get(row.material, "black"), "capsize": 4, "marker": "o", "markersize": 4.5}
+            style = {
+                "color": MATERIAL_COLOURS.get(row.material, "black"),
+                "capsize": 4,
+                "marker": "o",
+                "markersize": 4.5,
+            }
             fill = {} if row.identifiable else {"markerfacecolor": "white"}
             axis.errorbar(place, middle, [[max(middle - low, 0.0)], [max(high - middle, 0.0)]], **style, **fill)
             below = {"xycoords": ("data", "axes fraction"), "ha": "center", "fontsize": 7.5, "color": "#555"}
@@ -42,8 +47,10 @@ def spectra(true: Mapping[str, Spectrum], recovered: Mapping[str, Spectrum]) -> 
     """Albedo spectra π α c_b(λ): true (line) and recovered from three channels (dashed)."""
     figure, (axis,) = panels(1, 6.4, 3.4)
     for name, spectrum in true.items():
-        axis.plot(WAVELENGTHS, spectrum.at(WAVELENGTHS), color=COLOURS.get(name), label=name)
-        axis.plot(WAVELENGTHS, recovered[name].at(WAVELENGTHS), color=COLOURS.get(name), linestyle="--")
+        axis.plot(PLOT_WAVELENGTHS, spectrum.at(PLOT_WAVELENGTHS), color=MATERIAL_COLOURS.get(name), label=name)
+        axis.plot(
+            PLOT_WAVELENGTHS, recovered[name].at(PLOT_WAVELENGTHS), color=MATERIAL_COLOURS.get(name), linestyle="--"
+        )
     axis.set_xlim(400.0, 700.0)
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("wavelength [nm]", fontsize=9)

@@ -22,7 +22,7 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance
 
-RIM = 3  # pixels
+RIM_PX = 3  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +70,14 @@ def relit(
 ) -> Relit:
     """`photograph` of the `scene` (its surfaces named as `reflectances`) predicted from those reflectances.
 
-    mask: (height, width), true where the samples are; RIM pixels along its edge, where a pixel holds both sample and
+    mask: (height, width), true where the samples are; RIM_PX pixels along its edge, where a pixel holds both sample and
     background, are not compared.
     """
     from scipy.ndimage import binary_erosion
 
     response, lamps = scene.camera.response, photograph.lamps
     assert response is not None
-    mask = np.asarray(binary_erosion(mask, iterations=RIM), np.bool_) & photograph.mask
+    mask = np.asarray(binary_erosion(mask, iterations=RIM_PX), np.bool_) & photograph.mask
     measured = [replace(surface, reflectance=reflectances[surface.name]) for surface in scene.surfaces]
     alone = scene.with_lamps(*lamps)
     # ρ of a white diffuser (f = 1/π) that faces the lamp from the middle of the samples

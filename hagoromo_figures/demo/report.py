@@ -20,12 +20,12 @@ from hagoromo.measurement.known_shape import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo_figures.demo.figures import FIGURES
+from hagoromo_figures.demo.figures import PAPER_FIGURES
 from hagoromo_figures.demo.measurement import Row
 from hagoromo_figures.demo.plots import measured_against_true, residual_histogram, spectra
-from hagoromo_figures.demo.relit import RIM, Relit
+from hagoromo_figures.demo.relit import RIM_PX, Relit
 from hagoromo_figures.demo.report_pictures import around, developed, fitted_residuals, labels, residual, response_of
-from hagoromo_figures.demo.samples import DISTANCE, ISO, RADIUS
+from hagoromo_figures.demo.samples import ISO, RADIUS, ROW_DISTANCE
 
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 OTHER_CAMERA, OTHER_LAMP = "Nikon 5100 (NPL)", "A"
@@ -58,9 +58,9 @@ def write_report(path: Path, report: Report) -> None:
         view=report.relit,
         camera=report.capture.photographs[0].camera,
         radius=RADIUS,
-        distance=DISTANCE,
+        distance=ROW_DISTANCE,
         iso=ISO,
-        rim=RIM,
+        rim=RIM_PX,
         materials=len(report.measurement.materials),
         photographs=[
             image(developed(taken)[crop], f"photograph, lamp {taken.name}", f"lamp {taken.name}")
@@ -116,7 +116,7 @@ def _differences(view: Relit) -> list[list[str]]:
 
 
 def _figure(name: str, found: Image) -> dict[str, Any]:
-    picture, shot = found.display(), FIGURES[name]
+    picture, shot = found.display(), PAPER_FIGURES[name]
     height, width = picture.shape[:2]
     return {
         "picture": image(picture, shot.caption),

@@ -13,9 +13,9 @@ from hagoromo.measurement.observations import Pixels, known_shape, native
 from hagoromo.measurement.sight import sight
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo_figures.demo.plots import COLOURS
+from hagoromo_figures.demo.plots import MATERIAL_COLOURS
 
-FULL_COLOUR = 5.0  # standard deviations at which a residual is fully red or blue
+FULL_COLOUR_SIGMAS = 5.0  # standard deviations at which a residual is fully red or blue
 UNKNOWN = (235, 235, 232)
 
 
@@ -41,7 +41,7 @@ def around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
 
 def labels(measurement: Measurement) -> NDArray[np.uint8]:
     """Labels in the colours of the plots."""
-    colours = [COLOURS.get(material.name, "#000000") for material in measurement.materials]
+    colours = [MATERIAL_COLOURS.get(material.name, "#000000") for material in measurement.materials]
     table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours] + [UNKNOWN], np.uint8)
     return table[measurement.labels]
 
@@ -49,7 +49,7 @@ def labels(measurement: Measurement) -> NDArray[np.uint8]:
 def residual(standardised: NDArray) -> NDArray[np.uint8]:
     """Mean residual of the channels of (height, width, channels): white at 0, red above, blue below, grey unknown."""
     mean = standardised.mean(axis=2)
-    strength = np.clip(np.nan_to_num(mean) / FULL_COLOUR, -1.0, 1.0)
+    strength = np.clip(np.nan_to_num(mean) / FULL_COLOUR_SIGMAS, -1.0, 1.0)
     fading = 1.0 - np.abs(strength)
     picture = np.stack([np.where(strength > 0, 1.0, fading), fading, np.where(strength < 0, 1.0, fading)], axis=2)
     return np.where(np.isnan(mean)[..., None], np.array(UNKNOWN, np.uint8), np.rint(255.0 * picture).astype(np.uint8))

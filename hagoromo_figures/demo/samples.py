@@ -15,13 +15,13 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 
 PRESET, FOCAL_MM, ISO = "canon_eos_kiss_digital", 55.0, 400.0
-LAMP = "D65"  # spectrum of the white point lamps
+LAMP_SPECTRUM = "D65"  # spectrum of the white point lamps
 RADIUS = 0.030  # [m] of a ball
-SPACING = 0.066  # [m] between the centres of two balls
-DISTANCE = 0.70  # [m] from the camera to the row of balls
-KNOTS = (380.0, 420.0, 450.0, 480.0, 510.0, 542.0, 560.0, 576.0, 600.0, 630.0, 660.0, 700.0, 730.0)  # [nm]
+BALL_SPACING = 0.066  # [m] between the centres of two balls
+ROW_DISTANCE = 0.70  # [m] from the camera to the row of balls
+SPECTRUM_KNOTS_NM = (380.0, 420.0, 450.0, 480.0, 510.0, 542.0, 560.0, 576.0, 600.0, 630.0, 660.0, 700.0, 730.0)  # [nm]
 
-# Diffuse reflectance at KNOTS, drawn by hand for this demo, no measurements. Skin: after the mean of 100 forearms in
+# Diffuse reflectance at SPECTRUM_KNOTS_NM, drawn by hand for this demo. Skin: after the mean of 100 forearms in
 # Cooksey, Allen & Tsai (2017), "Reference data set of human skin reflectance", with the dips of oxygenated haemoglobin
 # at 420, 542 and 576 nm. Cloth: an indigo dye, which absorbs around 610 nm and lets blue and deep red pass. Feather:
 # white keratin, slightly yellow. Dielectric: a dark slate-grey glaze.
@@ -52,12 +52,12 @@ def bench_camera(binning: int) -> Camera:
 
 
 def true_reflectances(camera: Camera) -> dict[str, Reflectance]:
-    """The materials by name; body colours are scaled to a mean of 1 over the channels that `camera` sees under LAMP."""
-    response, lamp = camera.response, Spectrum.named(LAMP)
+    """The materials by name; body colours have a mean of 1 over the channels of `camera` under LAMP_SPECTRUM."""
+    response, lamp = camera.response, Spectrum.named(LAMP_SPECTRUM)
     assert response is not None
     found = {}
     for name, (beta, gamma, n) in INTERFACE.items():
-        albedo = Spectrum(KNOTS, SPECTRA[name])
+        albedo = Spectrum(SPECTRUM_KNOTS_NM, SPECTRA[name])
         mean = float(np.mean(camera_response(albedo, lamp, response) / camera_white(lamp, response)))
         found[name] = Reflectance(mean / np.pi, beta, gamma, n, albedo.scaled(1.0 / mean), name=name)
     return found
@@ -70,19 +70,19 @@ def bench(reflectances: dict[str, Reflectance], camera: Camera) -> Scene:
     θ_Q = 10°, 35° and 60°: the Fresnel factor tells n. The fourth is kept aside for the relit view. All four stand on
     the plane that halves the row, or near it, so that no ball throws its shadow on another.
     """
-    row = SPACING * (np.arange(len(reflectances)) - (len(reflectances) - 1) / 2)
+    row = BALL_SPACING * (np.arange(len(reflectances)) - (len(reflectances) - 1) / 2)
     balls = [
         Surface.sphere((x, 0.0, 0.0), RADIUS, reflectance, name)
         for x, (name, reflectance) in zip(row, reflectances.items(), strict=True)
     ]
-    return Scene(camera.look_at((0.0, -DISTANCE, 0.0), (0.0, 0.0, 0.0)), BENCH_LAMPS, surfaces=tuple(balls))
+    return Scene(camera.look_at((0.0, -ROW_DISTANCE, 0.0), (0.0, 0.0, 0.0)), BENCH_LAMPS, surfaces=tuple(balls))
 
 
 def _lamp(name: str, turn: float, aside: float = 0.0, distance: float = 0.9) -> Lamp:
     """A lamp `turn`° above the line of sight as the balls see it (180: behind), moved `aside` [m] along the row."""
     angle = np.radians(turn)
     place = (aside, -distance * np.cos(angle), distance * np.sin(angle))
-    return Lamp(position=place, intensity=distance**2, spectrum=Spectrum.named(LAMP), name=name)
+    return Lamp(position=place, intensity=distance**2, spectrum=Spectrum.named(LAMP_SPECTRUM), name=name)
 
 
 BENCH_LAMPS = (

@@ -16,7 +16,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
-LAMP = "D65"
+STUDIO_SPECTRUM = "D65"
 
 
 def turned_upright(camera: Camera) -> Camera:
@@ -51,7 +51,7 @@ def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
         Lamp(
             position=middle + extent * np.array(place),
             intensity=share * float(np.dot(place, place)) * extent**2,
-            spectrum=Spectrum.named(LAMP),
+            spectrum=Spectrum.named(STUDIO_SPECTRUM),
             name=name,
         )
         for name, (place, share) in places.items()

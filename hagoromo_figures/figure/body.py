@@ -28,8 +28,8 @@ class Hold(NamedTuple):
 
 
 HOLDS: Mapping[Pose, Hold] = {PRAYER: Hold(FOLDED, (-1.0, 0.0, 0.0), 3.3), WELCOME: Hold(OPEN, (-0.3, -0.6, 0.7))}
-STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
-CUT = 196.0  # height below which a chest is never seen
+FOOT_STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
+CHEST_CUT_Z = 196.0  # height below which a chest is never seen
 BARE = 60.0  # height above which legs are never seen
 
 
@@ -52,7 +52,7 @@ def bust(point: Any, pose: Pose) -> Any:
     chest = smooth_union(ellipsoid(point, (0.0, y - 0.3, z - 29.0), (19.0, 13.6, 22.4)), shoulders, 8.0)
     collarbone = capsule(p, (1.9, y - 6.3, z - 9.9), (15.0, y - 3.4, z - 7.0), 0.9, 0.9)
     chest = smooth_union(smooth_union(chest, collarbone, 2.2), solid, 6.0)
-    return smooth_union(dr.fmax(chest, CUT - point.z), head(placed(point, pose.head, pose.nod)), 3.0)
+    return smooth_union(dr.fmax(chest, CHEST_CUT_Z - point.z), head(placed(point, pose.head, pose.nod)), 3.0)
 
 
 def arms(point: Any, pose: Pose) -> Any:
@@ -68,7 +68,7 @@ def arms(point: Any, pose: Pose) -> Any:
 def feet(point: Any, pose: Pose) -> Any:
     """Both feet, and the shins up to BARE."""
     both = []
-    for side, step in ((1.0, (0.0, 0.0, 0.0)), (-1.0, STEP)):
+    for side, step in ((1.0, (0.0, 0.0, 0.0)), (-1.0, FOOT_STEP)):
         p = type(point)(side * (point.x - step[0]), point.y - step[1], point.z)
         forward = np.subtract(pose.toe, pose.ankle) * (1.0, 1.0, 0.0)
         forward /= np.linalg.norm(forward)

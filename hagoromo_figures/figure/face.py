@@ -21,7 +21,7 @@ from hagoromo.matter.shape import (
 )
 
 EYE = (5.15, -10.2, -0.05)  # middle of the ball
-BALL = 2.7  # its radius with the lids on
+EYE_RADIUS = 2.7  # its radius with the lids on
 CANTHI = (2.6, -0.4), (7.75, 0.1)  # inner and outer corner: x, z
 MOUTH = -11.45  # height of the line between the lips
 HALF_MOUTH = 4.05
@@ -31,7 +31,7 @@ def eyes(head: Any, p: Any) -> Any:
     """Sockets, balls under closed lids, the crease above them and the line of the lashes."""
     head = smooth_difference(head, ellipsoid(p, (5.15, -14.8, 0.3), (3.5, 3.0, 2.1)), 3.2)
     head = smooth_difference(head, sphere(p, (2.5, -14.0, -0.1), 0.9), 1.8)
-    head = smooth_union(head, ellipsoid(p, EYE, (BALL * 1.14, BALL, BALL * 0.98)), 0.8)
+    head = smooth_union(head, ellipsoid(p, EYE, (EYE_RADIUS * 1.14, EYE_RADIUS, EYE_RADIUS * 0.98)), 0.8)
     front = clip((-p.y - 7.0) * 0.5, 0.0, 1.0)
     along = (p.x - CANTHI[0][0]) / (CANTHI[1][0] - CANTHI[0][0])  # 0…1 from the inner to the outer corner
     inside = _rising(along * 4.0) * _rising((1.0 - along) * 3.0)

@@ -11,17 +11,17 @@ from hagoromo.errors import InputError
 from hagoromo.matter.feather.wing import wing_of
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
-from hagoromo_figures.figure.figure_skin import PLACES, figure_skin
+from hagoromo_figures.figure.figure_skin import SKIN_PLACES, figure_skin
 from hagoromo_figures.figure.tresses import hair_of
 from hagoromo_figures.figure.wardrobe import WARDROBE, garment_of
 
 # the parts of each figure, and the material that each is made of
-FIGURES: dict[str, dict[str, str]] = {
-    "angel": dict.fromkeys(PLACES["angel"], "skin") | {"hair": "hair"} | {"robe": "robe", "wings": "feather"},
-    "nun": dict.fromkeys(PLACES["nun"], "skin") | {"hair": "brows"} | {name: name for name in WARDROBE["nun"]},
+PART_MATERIALS: dict[str, dict[str, str]] = {
+    "angel": dict.fromkeys(SKIN_PLACES["angel"], "skin") | {"hair": "hair"} | {"robe": "robe", "wings": "feather"},
+    "nun": dict.fromkeys(SKIN_PLACES["nun"], "skin") | {"hair": "brows"} | {name: name for name in WARDROBE["nun"]},
 }
-ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
-PARTS = tuple(sorted({part for parts in FIGURES.values() for part in parts}))
+FIGURE_ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
+FIGURE_PARTS = tuple(sorted({part for parts in PART_MATERIALS.values() for part in parts}))
 
 
 def figure_part(name: str, part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
@@ -31,7 +31,7 @@ def figure_part(name: str, part: str, material: Reflectance, resolution: float =
         raise InputError(f"the {name} has no part {part!r}: give one of {', '.join(parts)}")
     if material.element != element_of(name, part):
         material = replace(material, element=element_of(name, part))
-    if part in PLACES[name]:
+    if part in SKIN_PLACES[name]:
         return figure_skin(name, part, material, resolution, seed)
     if part == "hair":
         return hair_of(name, material, resolution, seed)
@@ -42,10 +42,10 @@ def figure_part(name: str, part: str, material: Reflectance, resolution: float =
 
 def element_of(name: str, part: str) -> str:
     """The element of a part's matter."""
-    return ELEMENTS.get(_parts(name)[part], "cylinder")
+    return FIGURE_ELEMENTS.get(_parts(name)[part], "cylinder")
 
 
 def _parts(name: str) -> dict[str, str]:
-    if name not in FIGURES:
-        raise InputError(f"there is no figure {name!r}: give one of {', '.join(FIGURES)}")
-    return FIGURES[name]
+    if name not in PART_MATERIALS:
+        raise InputError(f"there is no figure {name!r}: give one of {', '.join(PART_MATERIALS)}")
+    return PART_MATERIALS[name]

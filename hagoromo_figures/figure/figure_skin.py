@@ -22,9 +22,9 @@ GRANULES = Granules(
     granule_mm=0.14, corneum_mm=9.0, scale_mm=0.2, scale_deg=3.0, primary_mm=0.13, primary_depth_mm=0.01,
     secondary_mm=0.06, secondary_depth_mm=0.004, pore_mm=0.02, pores_per_cm2=600.0, fade_mm=0.03,
 )  # fmt: skip
-FINENESS = Fineness(0.12, 0.17)
+SKIN_FINENESS = Fineness(0.12, 0.17)
 LIPS = Pigment(melanin=0.018, blood=0.045, oxygenation=0.85)
-STEEPEST = 2.5  # slope of the shapes, at nails and at the line between the lips
+LARGEST_SLOPE = 2.5  # slope of the shapes, at nails and at the line between the lips
 
 
 class Place(NamedTuple):
@@ -35,28 +35,28 @@ class Place(NamedTuple):
     high: tuple[float, float, float]
 
 
-HEAD = Place(bust, (-29.0, -28.0, 195.0), (29.0, 26.0, 268.0))
-PLACES = {
+HEAD_PLACE = Place(bust, (-29.0, -28.0, 195.0), (29.0, 26.0, 268.0))
+SKIN_PLACES = {
     "angel": {
-        "head": HEAD,
+        "head": HEAD_PLACE,
         "hands": Place(arms, (-66.0, -52.0, 126.0), (66.0, 6.0, 172.0)),
         "feet": Place(feet, (-28.0, -34.0, -0.6), (28.0, 16.0, 61.0)),
     },
-    "nun": {"head": HEAD, "hands": Place(arms, (-44.0, -54.0, 158.0), (44.0, 6.0, 212.0))},
+    "nun": {"head": HEAD_PLACE, "hands": Place(arms, (-44.0, -54.0, 158.0), (44.0, 6.0, 212.0))},
 }
 POSES = {"angel": WELCOME, "nun": PRAYER}
 
 
 def figure_skin(figure: str, place: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
     """The skin of the "head", "hands" or (angel) "feet" of the "angel" or "nun"; resolution: voxels in 0.12 mm."""
-    known = PLACES.get(figure, {})
+    known = SKIN_PLACES.get(figure, {})
     if place not in known:
-        where = f"{figure} shows {', '.join(known)}" if known else f"figures are {', '.join(PLACES)}"
+        where = f"{figure} shows {', '.join(known)}" if known else f"figures are {', '.join(SKIN_PLACES)}"
         raise InputError(f"there is no skin of {figure!r}, {place!r}: {where}")
     _, low, high = known[place]
     record = {"kind": "figure", "figure": figure, "place": place, "resolution": resolution, "seed": seed}
     return skin_on(
-        shown(figure, place), (low, high), material, GRANULES, FINENESS.finer(resolution), seed, STEEPEST,
+        shown(figure, place), (low, high), material, GRANULES, SKIN_FINENESS.finer(resolution), seed, LARGEST_SLOPE,
         Flush(lips_of(figure), reddened(material)) if place == "head" else None,
         name=f"{figure}, {place}", provenance=record,
     )  # fmt: skip
@@ -78,4 +78,4 @@ def reddened(material: Reflectance) -> Reflectance:
 def shown(figure: str, place: str) -> Shape:
     """The solid of a part of a figure."""
     pose: Pose = POSES[figure]
-    return lambda point: PLACES[figure][place].shape(point, pose)
+    return lambda point: SKIN_PLACES[figure][place].shape(point, pose)

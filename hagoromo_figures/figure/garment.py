@@ -10,10 +10,10 @@ from hagoromo.matter.drape.sheet import Sheet
 from hagoromo_figures.figure.gown import gown
 from hagoromo_figures.figure.habit import habit
 
-SPACING = 1.6  # mm between the points of the cloth at resolution 1
-WIDEST = 4.2  # mm between them on the coarsest grid: a knee or a foot would slip between wider ones
+CLOTH_SPACING_MM = 1.6  # mm between the points of the cloth at resolution 1
+WIDEST_SPACING_MM = 4.2  # mm between them on the coarsest grid: a knee or a foot would slip between wider ones
 RESOLUTIONS = 0.4, 2.0
-FIGURES = {
+GARMENTS = {
     "angel": lambda fall: {"robe": gown(fall)},
     "nun": habit,
 }
@@ -25,9 +25,9 @@ def garments(figure: str, resolution: float = 1.0, seed: int = 1) -> dict[str, l
     figure: "angel", in the pose WELCOME: "robe"; or "nun", in the pose PRAYER: "habit", "linen" and "veil".
     resolution: points of the cloth per length, of those of the full demo; time grows with its cube.
     """
-    if figure not in FIGURES:
-        raise InputError(f"no figure {figure!r} wears garments: give one of {', '.join(FIGURES)}")
+    if figure not in GARMENTS:
+        raise InputError(f"no figure {figure!r} wears garments: give one of {', '.join(GARMENTS)}")
     if not (math.isfinite(resolution) and RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]):
         raise InputError(f"resolution is {resolution:g}: give {RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}")
-    spacing = SPACING / resolution
-    return FIGURES[figure](Fall(spacing, levels=2 if 2.0 * spacing <= WIDEST else 1, seed=seed))
+    spacing = CLOTH_SPACING_MM / resolution
+    return GARMENTS[figure](Fall(spacing, levels=2 if 2.0 * spacing <= WIDEST_SPACING_MM else 1, seed=seed))

@@ -27,7 +27,7 @@ SASH = Row(0, 113, 124, 0.75, 1), Row(7.5, 113, 124, 0.75, 1)
 SASH_AT = 166.5, 173.5
 SHORT = 0.8  # s, fall of what is put on with points so near that an arm does not slip between them
 CLING = 0.06, 0.78, 0.045  # of a sleeve to the arm: half a share of its width; middle and half, shares of its length
-SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(48, 108, 98), Row(86, 170, 155)  # from the shoulder outwards
+GOWN_SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(48, 108, 98), Row(86, 170, 155)  # from the shoulder outwards
 ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulder
 
 
@@ -45,7 +45,7 @@ def gown(fall: Fall, pose: Pose = WELCOME) -> list[Sheet]:
     return dress + sash + put_on(cuts, bodies, CLOTH, fall._replace(levels=1, seconds=SHORT))
 
 
-def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = SLEEVE) -> Cut:
+def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = GOWN_SLEEVE) -> Cut:
     """A wide sleeve of one side, from inside the shoulder to the wrist; side 1 the figure's left, −1 its right."""
     joints = [(side * x, y, z) for x, y, z in (*ROOT, pose.elbow, pose.wrist)]
     return along_arm(

@@ -28,8 +28,8 @@ TUNIC = (
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
 NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
-SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 104)  # from the shoulder outwards
-BETWEEN = 0.8  # from each sleeve to the middle, so that they do not pass through each other
+HABIT_SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 104)  # from the shoulder outwards
+SLEEVE_GAP = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
 COIF = 72.0, 28.0  # along the edge of the face from throat to throat, and from it backwards
@@ -49,7 +49,7 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
     worn = tunic + put_on([band], [dressed(body, tunic)], WOOL, fine)
     sides = (1.0, -1.0)
-    cuts = [sleeve(pose, side, layer, seed + 2, SLEEVE) for layer, side in enumerate(sides)]
+    cuts = [sleeve(pose, side, layer, seed + 2, HABIT_SLEEVE) for layer, side in enumerate(sides)]
     worn += put_on(cuts, [_beside(dressed(body, worn), pose, side) for side in sides], WOOL, short)
     collar = upright(COLLAR, COLLAR_AT, COLLAR_TILT, Folds(9, seed + 4), held=_last_row)
     linen = put_on([collar], [dressed(body, worn)], LINEN, fine)
@@ -60,7 +60,7 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
 
 def _beside(body: Shape, pose: Pose, side: float) -> Shape:
     """What the sleeve of one side lies on: the body, the arm, and the plane between the sleeves."""
-    return lambda p: dr.fmin(dr.fmin(body(p), arm(p, pose, side)), side * p.x - BETWEEN)
+    return lambda p: dr.fmin(dr.fmin(body(p), arm(p, pose, side)), side * p.x - SLEEVE_GAP)
 
 
 def _coif(pose: Pose) -> Cut:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.shape import capsule, ellipsoid, smooth_difference, smooth_union, sphere
 
-WEB = 2.0  # width over which fingers pass into the palm
+WEB_WIDTH = 2.0  # width over which fingers pass into the palm
 LENGTH = 29.5  # from the wrist to the tip of the middle finger
 KNUCKLES = (3.9, 13.2), (1.25, 13.6), (-1.4, 13.0), (-3.9, 11.7)  # x, z; index finger first
-REACH = 15.0, 15.9, 15.1, 12.6  # of the fingers from their knuckles
-WIDTH = 1.22, 1.27, 1.2, 1.08  # half, of the fingers
+FINGER_LENGTHS = 15.0, 15.9, 15.1, 12.6  # of the fingers from their knuckles
+FINGER_HALF_WIDTHS = 1.22, 1.27, 1.2, 1.08  # half, of the fingers
 PHALANGES = 0.45, 0.31, 0.24  # of a finger's length
-TAPER = 1.03, 0.97, 0.88, 0.7  # half width at the joints and the tip, of the finger's
+FINGER_TAPER = 1.03, 0.97, 0.88, 0.7  # half width at the joints and the tip, of the finger's
 THUMB = 1.9, 1.4, 1.3, 0.9  # half width at its joints and tip
 
 
@@ -56,9 +56,9 @@ def hand(point: Any, gesture: Gesture) -> Any:
     """A hand at points in its own axes."""
     palm = _palm(point)
     *fingers, thumb = digits(gesture)
-    solid = smooth_union(palm, _finger(point, fingers[0]), WEB)
+    solid = smooth_union(palm, _finger(point, fingers[0]), WEB_WIDTH)
     for finger in fingers[1:]:  # joined one by one, so that they blend with the palm but not with each other
-        solid = dr.fmin(solid, smooth_union(palm, _finger(point, finger), WEB))
+        solid = dr.fmin(solid, smooth_union(palm, _finger(point, finger), WEB_WIDTH))
     root, joint = thumb.joints[0], thumb.joints[1]
     from_, to = root - np.array((1.2, -0.2, 0.5)), 0.4 * root + 0.6 * joint - np.array((0.9, -0.4, 0.0))
     mount = capsule(point, tuple(from_), tuple(to), 2.0, 1.9)
@@ -69,7 +69,7 @@ def digits(gesture: Gesture) -> list[Digit]:
     """The four fingers and the thumb of a gesture."""
     found = []
     for knuckle, reach, width, bends, spread in zip(
-        KNUCKLES, REACH, WIDTH, gesture.bend, np.radians(gesture.spread), strict=True
+        KNUCKLES, FINGER_LENGTHS, FINGER_HALF_WIDTHS, gesture.bend, np.radians(gesture.spread), strict=True
     ):
         joints, bend, pad = [np.array([knuckle[0], -0.2, knuckle[1]])], 0.0, np.zeros(3)
         for share, more in zip(PHALANGES, np.radians(bends), strict=True):
@@ -77,8 +77,8 @@ def digits(gesture: Gesture) -> list[Digit]:
             way = np.array([np.sin(spread) * np.cos(bend), np.sin(bend), np.cos(spread) * np.cos(bend)])
             pad = np.array([-np.sin(spread) * np.sin(bend), np.cos(bend), -np.cos(spread) * np.sin(bend)])
             joints.append(joints[-1] + share * reach * way)
-        joints[-1] -= TAPER[3] * width * (joints[-1] - joints[-2]) / np.linalg.norm(joints[-1] - joints[-2])
-        found.append(Digit(np.array(joints), pad, tuple(share * width for share in TAPER)))
+        joints[-1] -= FINGER_TAPER[3] * width * (joints[-1] - joints[-2]) / np.linalg.norm(joints[-1] - joints[-2])
+        found.append(Digit(np.array(joints), pad, tuple(share * width for share in FINGER_TAPER)))
     joints = np.array(gesture.thumb)
     along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
     pad = np.array([-0.75, 0.65, 0.0])  # it faces the fingers more than it faces forward

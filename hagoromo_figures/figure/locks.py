@@ -20,8 +20,8 @@ SCALP = (0.0, 2.0, 4.6), (12.0, 15.4, 13.9)  # middle and radii of the cranium, 
 HAIRLINE = 9.0  # height over the middle of the head, at the forehead
 PARTING, BESIDE = -0.6, 0.3  # x of the parting, and the share of the locks that leave it
 FRONT, BEHIND = (9.0, 17.0), (0.5, 16.0)  # x where hair falls over the shoulders, from and to; and down the back
-BACK = 13.0  # y where hair stays before the roots of wings
-STEP = 0.8  # between the points of a lock
+HAIR_BACK_Y = 13.0  # y where hair stays before the roots of wings
+LOCK_STEP = 0.8  # between the points of a lock
 STIFF = 0.8  # how much of its direction a lock keeps from step to step
 WAVE, GROWN = 17.0, 45.0  # length of a wave, and way from the scalp where it is whole
 
@@ -42,7 +42,7 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
     front = np.clip((_local(roots, pose)[:, 1] + 3.0) / -7.0, -1.0, 1.0) + draw.normal(0.0, 0.25, count)
     length = draw.normal(np.where(front > 0, 92.0, 72.0), 6.0)
     aim = np.where(front > 0, draw.uniform(*FRONT, count), draw.uniform(*BEHIND, count))
-    points = np.zeros((count, int(120.0 / STEP), 3))
+    points = np.zeros((count, int(120.0 / LOCK_STEP), 3))
     points[:, 0] = roots
     way = 0.25 * outward + 0.75 * _wanted(roots, outward, side, aim, 0.0 * side, pose)
     for k in range(1, points.shape[1]):
@@ -56,9 +56,9 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
         way += np.clip((lift - distance) * 0.35, -0.12 * held, 0.5)[:, None] * normal * near
         way[:, 2] = np.where(here[:, 2] < pose.neck[2] + 6.0, np.minimum(way[:, 2], -0.2), way[:, 2])  # it never rises
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        points[:, k] = here + STEP * way
+        points[:, k] = here + LOCK_STEP * way
     waved = _waved(points, roots, draw)
-    return Locks(waved, np.clip(length / STEP, 8, points.shape[1] - 1).astype(int))
+    return Locks(waved, np.clip(length / LOCK_STEP, 8, points.shape[1] - 1).astype(int))
 
 
 def _wanted(here: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: NDArray, pose: Pose) -> NDArray:
@@ -70,7 +70,7 @@ def _wanted(here: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: 
     beside = np.clip((aim - side * here[:, 0]) / 6.0, -1.6, 1.0)
     wanted[:, 0] = side * (1.3 * top + 0.12 * (1.0 - top) + low * (0.6 * beside - 0.12))
     wanted[:, 1] = 0.38 * (1.0 - low) * np.where(front > 0, 1.0 - 0.45 * front, 1.0) - 0.9 * low * front
-    wanted[:, 1] -= 0.4 * np.clip((here[:, 1] - BACK) / 4.0, 0.0, 1.0)  # wings are behind
+    wanted[:, 1] -= 0.4 * np.clip((here[:, 1] - HAIR_BACK_Y) / 4.0, 0.0, 1.0)  # wings are behind
     wanted[:, 2] = -1.0 + 0.6 * top
     tangent = (
         wanted - normal * (wanted * normal).sum(axis=1, keepdims=True) * np.clip(1.0 + z / 16.0, 0.0, 1.0)[:, None]
@@ -91,7 +91,7 @@ def _waved(points: NDArray, roots: NDArray, draw: np.random.Generator) -> NDArra
     across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-3)
     other = np.cross(way, across)
     count = len(points)
-    s = STEP * np.arange(points.shape[1])
+    s = LOCK_STEP * np.arange(points.shape[1])
     size = np.clip(s / GROWN, 0.0, 1.0) ** 1.2
     phase = 0.22 * roots[:, 0] + 0.35 * roots[:, 1] + draw.normal(0.0, 0.7, count)
     turn = 2.0 * np.pi * s / (WAVE * draw.uniform(0.85, 1.2, (count, 1))) + phase[:, None]

@@ -9,10 +9,10 @@ import drjit as dr
 from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_union, sphere
 from hagoromo_figures.figure.pose import Point, Pose
 
-STEP = (-3.0, -11.0, 2.0)  # of the knee of the leg that does not carry the weight, on the figure's right
+KNEE_STEP = (-3.0, -11.0, 2.0)  # of the knee of the leg that does not carry the weight, on the figure's right
 
 
-def trunk(point: Any, pose: Pose, bust: float = 6.6, step: Point = STEP) -> Any:
+def trunk(point: Any, pose: Pose, bust: float = 6.6, step: Point = KNEE_STEP) -> Any:
     """Head, neck, trunk and legs; bust: radius of the breasts; step: how far one knee stands out."""
     p = mirrored(point, 1.0)
     x, y, z = pose.waist
@@ -36,7 +36,7 @@ def head(point: Any, pose: Pose) -> Any:
     return smooth_union(skull, ellipsoid(p, (0.0, -5.0, -6.0), (9.6, 10.8, 13.0)), 6.0)
 
 
-def legs(point: Any, pose: Pose, step: Point = STEP) -> Any:
+def legs(point: Any, pose: Pose, step: Point = KNEE_STEP) -> Any:
     """Two legs with their feet, one knee a step ahead."""
     both = []
     for side, ahead in ((1.0, (0.0, 0.0, 0.0)), (-1.0, step)):

@@ -16,7 +16,7 @@ from hagoromo.matter.fill import CORE, Fineness, fill
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
-CELL = 8  # voxels a side that are kept together
+CELL_VOXELS = 8  # voxels a side that are kept together
 MOST_CELLS = 1 << 24
 
 
@@ -57,10 +57,10 @@ def joined(*strands: Strands) -> Strands:
 def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness: Fineness, **record: Any) -> BoxPlan:
     """The box of strands of two kinds: every point gives its volume to the eight voxels around it."""
     voxel = fineness.voxel_mm
-    low = np.floor(strands.points.min(axis=0) / voxel / CELL - 1.0) * CELL * voxel
-    cells = np.ceil((strands.points.max(axis=0) - low) / (voxel * CELL)).astype(int) + 2
+    low = np.floor(strands.points.min(axis=0) / voxel / CELL_VOXELS - 1.0) * CELL_VOXELS * voxel
+    cells = np.ceil((strands.points.max(axis=0) - low) / (voxel * CELL_VOXELS)).astype(int) + 2
     if cells.prod() > MOST_CELLS:
-        raise InputError(f"strands over {cells * CELL} voxels: make voxel_mm {voxel:g} larger")
+        raise InputError(f"strands over {cells * CELL_VOXELS} voxels: make voxel_mm {voxel:g} larger")
     found, sums = _summed(strands, low, voxel, cells)
     mass, *tangent, second = sums
     size = np.sqrt(np.maximum(tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2, 1e-24))
@@ -68,15 +68,18 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
         part /= size
     kind = second > 0.5 * mass
     # voxels without matter are of the kind of those around: light is met between them and full ones too
-    around = np.repeat(second.reshape(-1, CELL**3).sum(axis=1) > 0.5 * mass.reshape(-1, CELL**3).sum(axis=1), CELL**3)
+    around = np.repeat(
+        second.reshape(-1, CELL_VOXELS**3).sum(axis=1) > 0.5 * mass.reshape(-1, CELL_VOXELS**3).sum(axis=1),
+        CELL_VOXELS**3,
+    )
     values = [np.minimum(mass / voxel**3, CORE), *tangent, np.where(mass > 0, kind, around)]
     table = np.full(cells.prod(), -1, np.int32)
     table[found] = np.arange(len(found))
     empty = (table < 0).reshape(cells)
-    far = np.maximum(np.asarray(distance_transform_edt(empty)) - np.sqrt(3.0), 0.0) * CELL * voxel
+    far = np.maximum(np.asarray(distance_transform_edt(empty)) - np.sqrt(3.0), 0.0) * CELL_VOXELS * voxel
     lattice = _Lattice(low, voxel, cells, table, values, np.where(empty, far, -1.0))
     field: Any = lattice.field  # gives a material too
-    plan = fill(field, lattice.bound, (low, low + cells * CELL * voxel), fineness, materials[0], **record)
+    plan = fill(field, lattice.bound, (low, low + cells * CELL_VOXELS * voxel), fineness, materials[0], **record)
     return replace(plan, header=replace(plan.header, materials=materials))
 
 
@@ -85,14 +88,17 @@ def _summed(strands: Strands, low: NDArray, voxel: float, cells: NDArray) -> tup
     places = ((strands.points - low) / voxel - 0.5).astype(np.float32)
     corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.int32)
     first = np.floor(places).astype(np.int32)
-    row, inner = (np.array(by, np.int32) for by in ((cells[1] * cells[2], cells[2], 1), (CELL * CELL, CELL, 1)))
-    found = np.unique(np.concatenate([np.unique(((first + corner) // CELL) @ row) for corner in corners]))
+    row, inner = (
+        np.array(by, np.int32)
+        for by in ((cells[1] * cells[2], cells[2], 1), (CELL_VOXELS * CELL_VOXELS, CELL_VOXELS, 1))
+    )
+    found = np.unique(np.concatenate([np.unique(((first + corner) // CELL_VOXELS) @ row) for corner in corners]))
     factors = [np.ones(1, np.float32), *strands.tangents.T, strands.kind]
-    sums = [np.zeros(len(found) * CELL**3, np.float32) for _ in factors]
+    sums = [np.zeros(len(found) * CELL_VOXELS**3, np.float32) for _ in factors]
     for corner in corners:
         at = first + corner
         weight = np.abs(1 - corner - (places - first)).prod(axis=1) * strands.volume
-        index = np.searchsorted(found, (at // CELL) @ row) * CELL**3 + (at % CELL) @ inner
+        index = np.searchsorted(found, (at // CELL_VOXELS) @ row) * CELL_VOXELS**3 + (at % CELL_VOXELS) @ inner
         for whole, factor in zip(sums, factors, strict=True):
             whole += np.bincount(index, weight * factor, len(whole))
     return found, sums
@@ -116,7 +122,7 @@ class _Lattice:
         cell, inner = self._cell(point)
         held = dr.gather(jit.Int, self.table, cell)
         some = held >= 0
-        index = jit.UInt(held) * CELL**3 + inner
+        index = jit.UInt(held) * CELL_VOXELS**3 + inner
         density, x, y, z, kind = (dr.gather(jit.Float, part, index, some) for part in self.values)
         return density, jit.Array3f(x, y, z), jit.UInt(kind)
 
@@ -127,15 +133,15 @@ class _Lattice:
 
     def _held(self, point: Any) -> Any:
         """`point` moved into the lattice."""
-        reach = [n * CELL * self.voxel for n in self.cells]
+        reach = [n * CELL_VOXELS * self.voxel for n in self.cells]
         return type(point)(*(clip(point[k], self.low[k], self.low[k] + reach[k]) for k in range(3)))
 
     def _cell(self, point: Any) -> tuple[Any, Any]:
         """Number of the cell of a point, and of its voxel in it."""
         jit, index, inner = arrays(), arrays().UInt(0), arrays().UInt(0)
         for k in range(3):
-            at = clip((point[k] - self.low[k]) * (1.0 / self.voxel), 0.0, self.cells[k] * CELL - 1.0)
+            at = clip((point[k] - self.low[k]) * (1.0 / self.voxel), 0.0, self.cells[k] * CELL_VOXELS - 1.0)
             whole = jit.UInt(at)
-            index = index * self.cells[k] + whole // CELL
-            inner = inner * CELL + whole % CELL
+            index = index * self.cells[k] + whole // CELL_VOXELS
+            inner = inner * CELL_VOXELS + whole % CELL_VOXELS
         return index, inner

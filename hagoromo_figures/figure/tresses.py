@@ -16,15 +16,15 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_figures.figure.face import CANTHI
 from hagoromo_figures.figure.head import head
-from hagoromo_figures.figure.locks import STEP, Locks, fallen, head_axes
+from hagoromo_figures.figure.locks import LOCK_STEP, Locks, fallen, head_axes
 from hagoromo_figures.figure.pose import PRAYER, WELCOME, Pose
 from hagoromo_figures.figure.splat import Strands, along, joined, splat
 
 POSES = {"angel": WELCOME, "nun": PRAYER}
-FINENESS = Fineness(0.2, 0.16)
+HAIR_FINENESS = Fineness(0.2, 0.16)
 LOCKS, STRANDS = 520, 17  # of a head, and of a lock
-SPREAD = 1.1  # half width of a lock
-WIDTH = 0.16  # of a strand: a wisp of hairs
+LOCK_HALF_WIDTH = 1.1  # half width of a lock
+STRAND_WIDTH = 0.16  # of a strand: a wisp of hairs
 LOOSE = 110  # hairs that leave their lock
 BROWS = 0.2  # of the colour of the hair, that of brows and lashes
 CLOTHES = 1.2  # thickness of the gown on the shoulders
@@ -36,7 +36,7 @@ def hair_of(figure: str, material: Reflectance, resolution: float = 1.0, seed: i
     """Hair of the "angel": long locks, brows, lashes; of the "nun": brows and lashes. resolution: voxels in 0.2 mm."""
     if figure not in POSES:
         raise InputError(f"there is no figure {figure!r}: give one of {', '.join(POSES)}")
-    pose, fine, draw = POSES[figure], FINENESS.finer(resolution), np.random.default_rng(seed)
+    pose, fine, draw = POSES[figure], HAIR_FINENESS.finer(resolution), np.random.default_rng(seed)
     strands = [face_hair(pose, fine.voxel_mm, draw)]
     if figure == "angel":
         strands.append(long_hair(fallen(pose, LOCKS, CLOTHES, draw), fine.voxel_mm, draw))
@@ -63,14 +63,14 @@ def long_hair(locks: Locks, step: float, draw: np.random.Generator) -> Strands:
     for _ in range(STRANDS):
         end = np.minimum(locks.ends - draw.integers(0, 14, len(paths)), last)[:, None]
         share = np.clip(at / end, 0.0, 1.0)
-        spread = SPREAD * np.sqrt(draw.uniform(0.02, 1.0, (len(paths), 1))) * (1.0 - 0.75 * share**2)
-        turn = draw.uniform(0, 2 * np.pi, (len(paths), 1)) + STEP * at * draw.uniform(0.05, 0.13, (len(paths), 1))
+        spread = LOCK_HALF_WIDTH * np.sqrt(draw.uniform(0.02, 1.0, (len(paths), 1))) * (1.0 - 0.75 * share**2)
+        turn = draw.uniform(0, 2 * np.pi, (len(paths), 1)) + LOCK_STEP * at * draw.uniform(0.05, 0.13, (len(paths), 1))
         path = paths + spread[..., None] * (np.cos(turn)[..., None] * one + np.sin(turn)[..., None] * two)
-        area = 0.25 * np.pi * WIDTH**2 * np.clip((end - at) / 12.0, 0.0, 1.0)
+        area = 0.25 * np.pi * STRAND_WIDTH**2 * np.clip((end - at) / 12.0, 0.0, 1.0)
         found.append(along(path, area, step))
     some = draw.integers(0, len(paths), LOOSE)
     stray = np.cumsum(np.cumsum(draw.normal(0.0, 0.006, (LOOSE, last + 1, 3)), axis=1), axis=1)
-    area = 0.25 * np.pi * (0.5 * WIDTH) ** 2 * np.clip((locks.ends[some, None] - at) / 12.0, 0.0, 1.0)
+    area = 0.25 * np.pi * (0.5 * STRAND_WIDTH) ** 2 * np.clip((locks.ends[some, None] - at) / 12.0, 0.0, 1.0)
     return joined(*found, along(paths[some] + stray, area, step))
 
 

@@ -20,12 +20,12 @@ from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
 from hagoromo_figures.figure.garment import garments
 
-FINE = Yarn(0.30, 1.12, 2, 5.0, "S", 8.0, 40, 18.0, hairs_per_cm=6.0, hair_mm=0.35)
-FULL = Yarn(0.34, 1.12, 2, 4.0, "S", 7.0, 45, 18.0, hairs_per_cm=14.0, hair_mm=0.5)
+FINE_YARN = Yarn(0.30, 1.12, 2, 5.0, "S", 8.0, 40, 18.0, hairs_per_cm=6.0, hair_mm=0.35)
+FULL_YARN = Yarn(0.34, 1.12, 2, 4.0, "S", 7.0, 45, 18.0, hairs_per_cm=14.0, hair_mm=0.5)
 PATH = 0.035  # mean free path of light in fibres
 HEM = 3.0  # voxels of the chart over which presence falls at a hem
 NARROW = 3.0  # voxels of the chart, of cloth: folds that are narrower cannot be told in it
-MARGIN = 2.0  # voxels of the chart around the cloth
+CHART_MARGIN = 2.0  # voxels of the chart around the cloth
 COARSEST = 0.75  # resolution of the drape: wider points fold the cloth so sharply that its chart shows tears
 
 
@@ -40,11 +40,11 @@ class Garment(NamedTuple):
 
 # sleeves and folds lie close: the chart is finer than their distance
 WARDROBE = {
-    "angel": {"robe": Garment(Woven(plain(), 20.0, 18.8, FINE, FINE, 0.5, 0.03))},
+    "angel": {"robe": Garment(Woven(plain(), 20.0, 18.8, FINE_YARN, FINE_YARN, 0.5, 0.03))},
     "nun": {
-        "habit": Garment(Woven(twill(2, 2), 18.0, 16.9, FULL, FULL, 0.5, 0.03)),
-        "linen": Garment(Woven(plain(), 20.0, 18.8, FINE, FINE, 0.5, 0.02)),
-        "veil": Garment(Woven(plain(), 20.0, 18.8, FINE, FINE, 0.5, 0.03)),
+        "habit": Garment(Woven(twill(2, 2), 18.0, 16.9, FULL_YARN, FULL_YARN, 0.5, 0.03)),
+        "linen": Garment(Woven(plain(), 20.0, 18.8, FINE_YARN, FINE_YARN, 0.5, 0.02)),
+        "veil": Garment(Woven(plain(), 20.0, 18.8, FINE_YARN, FINE_YARN, 0.5, 0.03)),
     },
 }
 
@@ -57,7 +57,7 @@ def garment_of(figure: str, name: str, material: Reflectance, resolution: float 
     made = known[name]
     block = _texel(made, min(resolution, 1.0), seed)
     chart_mm = made.chart_mm / max(min(2.0 * resolution, 1.0), resolution)  # folds want it fine before yarns do
-    reach = max(abs(block.bottom), abs(block.top)) * 1e3 + MARGIN * chart_mm
+    reach = max(abs(block.bottom), abs(block.top)) * 1e3 + CHART_MARGIN * chart_mm
     period = block.period[0] * 1e3, block.period[1] * 1e3
     sheets = [eased(sheet, NARROW * chart_mm) for sheet in _sheets(figure, resolution, seed)[name]]
     chart, bound, extent = sheet_chart(sheets, reach, HEM * chart_mm, period)

@@ -23,7 +23,7 @@ from hagoromo.files.record import read_toml, write_json
 from studies.gallery.gallery_items import ITEMS, Item
 from studies.gallery.gallery_view import around, near, whole
 
-QUALITY = 86  # of JPEG
+GALLERY_JPEG_QUALITY = 86  # of JPEG
 RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes in which the system tells memory
 MIB = 2**20
 
@@ -68,7 +68,7 @@ def _peak() -> float:
 def _write(path: Path, picture: np.ndarray) -> None:
     import cv2
 
-    cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, GALLERY_JPEG_QUALITY])
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 from hagoromo.files.whole import whole_file
 from studies.gallery.gallery_items import ITEMS
 
-HEAD = """# Gallery
+GALLERY_INTRODUCTION = """# Gallery
 
 Every picture here is made by `make gallery` from the recipes in [`{recipes}`](../{recipes}), which `hagoromo build`
 builds, too. Of each matter: all of it; a field of view of 1 cm; one of 1 mm; and all of it under one lamp that moves
@@ -25,12 +25,12 @@ process had held when the box was done, `hagoromo` and its libraries ({before} M
 | matter | seconds | core seconds | peak MiB | bricks | texel MiB | voxel mm | lattice |
 |---|---:|---:|---:|---:|---:|---:|---|
 """
-VIEWS = {"whole": "whole", "10_mm": "1 cm", "1_mm": "1 mm"}
+VIEW_TITLES = {"whole": "whole", "10_mm": "1 cm", "1_mm": "1 mm"}
 
 
 def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the page: items whose pictures are there, and the `costs` that are known."""
-    parts = [HEAD.format(recipes=recipes.as_posix())]
+    parts = [GALLERY_INTRODUCTION.format(recipes=recipes.as_posix())]
     made = [name for name in ITEMS if (path.parent / "figures" / "gallery" / f"{name}_whole.jpg").exists()]
     parts += [_shown(path, recipes, name) for name in made]
     parts += [_table(costs)] if costs else []
@@ -41,7 +41,7 @@ def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]
 def _shown(path: Path, recipes: Path, name: str) -> str:
     """The pictures of one item."""
     item, folder = ITEMS[name], path.parent / "figures" / "gallery"
-    there = [(view, told) for view, told in VIEWS.items() if (folder / f"{name}_{view}.jpg").exists()]
+    there = [(view, told) for view, told in VIEW_TITLES.items() if (folder / f"{name}_{view}.jpg").exists()]
     row = " ".join(
         f'<img src="figures/gallery/{name}_{view}.jpg" width="32%" alt="{item.title}, {told}">' for view, told in there
     )

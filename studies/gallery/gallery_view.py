@@ -17,7 +17,7 @@ LIGHTS = 8  # places of the lamp that moves around
 AWAY = 25.0  # fields of view from the middle to the camera
 TOWARDS, STRAIGHT = (0.25, -1.0, 0.2), (0.1, -1.0, 0.1)  # from the matter to the camera: whole, near by
 ELEVATION = 35.0  # ° of the lamp that moves around
-WHITE = hg.Spectrum.named("D65")
+WHITE_SPECTRUM = hg.Spectrum.named("D65")
 CARD = hg.Reflectance(0.012, 0.0, 0.3, 1.5, hg.Spectrum.constant(1.0), name="card")  # nearly black
 KEY, FILL, RIM = ((-0.75, -0.8, 1.0), 1.0), ((0.9, -1.0, 0.2), 0.15), ((0.5, 0.9, 1.3), 0.6)
 
@@ -53,7 +53,7 @@ def around(box: hg.VolumeBox) -> NDArray[np.uint8]:
     for turn in 2.0 * np.pi * np.arange(LIGHTS) / LIGHTS:
         to_lamp = np.cos(up) * np.sin(turn), -np.cos(up) * np.cos(turn), np.sin(up)
         image = hg.render(
-            hg.Scene(camera, (hg.Lamp(to_lamp=to_lamp, spectrum=WHITE),), (box,)), hg.Settings(STRIP_SAMPLES)
+            hg.Scene(camera, (hg.Lamp(to_lamp=to_lamp, spectrum=WHITE_SPECTRUM),), (box,)), hg.Settings(STRIP_SAMPLES)
         )
         pictures.append(srgb_from_xyz(image.xyz()))
     brightest = np.percentile(np.max(pictures, axis=-1)[np.max(pictures, axis=-1) > 0], 99.0)
@@ -71,7 +71,7 @@ def _camera(box: hg.VolumeBox, field: float, towards: Sequence[float], pixels: i
 
 def _lamps() -> tuple[hg.Lamp, ...]:
     """Key from high on the left, weak fill from the right, rim from high behind; far away all three."""
-    return tuple(hg.Lamp(to_lamp=place, intensity=share, spectrum=WHITE) for place, share in (KEY, FILL, RIM))
+    return tuple(hg.Lamp(to_lamp=place, intensity=share, spectrum=WHITE_SPECTRUM) for place, share in (KEY, FILL, RIM))
 
 
 def _shown(scene: hg.Scene, samples: int) -> NDArray[np.uint8]:

@@ -15,7 +15,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.table import read_table, write_table
 from hagoromo.light.spectrum import Spectrum
-from studies.response_study import WAVELENGTHS, chart_under, known_lights, response_study, score
+from studies.response_study import CURVE_WAVELENGTHS, chart_under, known_lights, response_study, score
 from studies.spectra_bench import CAMERAS, read_cameras
 from tests.data import DATA, real_data
 
@@ -87,7 +87,7 @@ def test_smoothing_is_found_from_the_readings_alone():
     seven cameras instead of 28; 90 % coverage of 95 % intervals, as 33 values of a curve go together.
     """
     cameras = dict(list(read_cameras(DATA / CAMERAS).items())[::4])
-    found = score(known_lights() @ overlap_matrix(WAVELENGTHS), cameras)
+    found = score(known_lights() @ overlap_matrix(CURVE_WAVELENGTHS), cameras)
     for channel, bound in zip("RGB", (0.997, 0.997, 0.997), strict=True):
         assert found["correlation"][channel]["median"] > bound
         assert found["coverage"][channel] > 0.9

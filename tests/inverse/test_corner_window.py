@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.camera.board import Board
-from hagoromo.calibration.camera.corner_window import LEAST, MOST, corner_windows, next_edge
+from hagoromo.calibration.camera.corner_window import (
+    LARGEST_HALF_SIDE_PX,
+    LEAST_HALF_SIDE_PX,
+    corner_windows,
+    next_edge,
+)
 from tests.inverse import test_calibrate_camera as simulated
 
 BOARD, TRUE = simulated.BOARD, simulated.TRUE
@@ -27,8 +32,8 @@ def test_the_next_edge_of_squares_on_their_tip_is_half_a_diagonal_away():
 def test_windows_are_narrow_at_the_rim_and_have_bounds():
     windows = corner_windows(grid(5, 7, (24, 0), (0, 24)))
     assert (windows[1:-1, 1:-1] == 12).all() and (windows[[0, -1]] == 8).all() and (windows[:, [0, -1]] == 8).all()
-    assert (corner_windows(grid(3, 3, (4, 0), (0, 4))) == LEAST).all()
-    assert (corner_windows(grid(5, 5, (200, 0), (0, 200))) == MOST).all()
+    assert (corner_windows(grid(3, 3, (4, 0), (0, 4))) == LEAST_HALF_SIDE_PX).all()
+    assert (corner_windows(grid(5, 5, (200, 0), (0, 200))) == LARGEST_HALF_SIDE_PX).all()
 
 
 @pytest.fixture

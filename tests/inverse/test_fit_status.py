@@ -25,7 +25,7 @@ from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.surface import shape as near_shape
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from hagoromo.reflectance.spectra import spectrum_estimate
-from studies.near_rig import DISTANCE, Look, ring_rig, sphere
+from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, sphere
 from studies.near_rig import simulate as near_capture
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.inverse.simulated_mirror import mirror_photograph
@@ -108,7 +108,7 @@ def test_most_normals_converge_within_their_steps(glossy):
 def test_a_surface_under_near_lamps_that_still_moves_is_remarked(monkeypatch):
     monkeypatch.setattr(near_shape, "SHAPE_ROUNDS", 1)
     capture, _ = near_capture(ring_rig(31, 29, 5), sphere, Look(0.2), bits=10)
-    found = near_shape.solve_shape(replace(capture, points=None, normals=None), DISTANCE)
+    found = near_shape.solve_shape(replace(capture, points=None, normals=None), SURFACE_DISTANCE)
     assert found.status.status == Status.OUT_OF_STEPS and found.rounds == 1
     remarks = measurement_of(capture, found.found).materials[0].remarks
     assert any("the surface under near lamps did not converge after 1 steps" in remark for remark in remarks)

@@ -11,7 +11,7 @@ from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.material.quantity import theta_of
-from studies.coverage_bench import BENCHES, PLACES, Truth, ball, drawn, exposed, observed
+from studies.coverage_bench import BALL_PIXELS, BENCHES, Truth, ball, drawn, exposed, observed
 from studies.goniometer import goniometer, readings
 from tests.judges import alarms_are_rare
 
@@ -29,7 +29,7 @@ def right(full_well, misjudged=1.0, texture=0.0):
     def simulated(random):
         truth, seen = drawn(BENCH, random), ball(BENCH.azimuths)
         clean = expected(seen, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
-        shade = 1.0 + texture * random.standard_normal((PLACES, 1))
+        shade = 1.0 + texture * random.standard_normal((BALL_PIXELS, 1))
         of = exposed(seen, clean * np.tile(shade, (len(BENCH.azimuths), 1)), full_well, random)
         return replace(of, noise=misjudged * of.noise, gain=misjudged * of.gain)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hagoromo.measurement.surface.shape import Shape, solve_shape
-from studies.near_rig import DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
+from studies.near_rig import SURFACE_DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
 from tests.data import DATA, real_data
 
 LEDS = DATA / "near_ps_leds"
@@ -25,7 +25,7 @@ def test_simulated_normals_are_perpendicular_to_the_surface():
     """Oracle: a ball's normals point from its middle; 1e-6 is the error of the differences."""
     truth = exact(ring_rig().camera, sphere)
     known = truth.labels >= 0
-    offset = truth.points[known] - [0.0, 0.0, DISTANCE + 0.06]
+    offset = truth.points[known] - [0.0, 0.0, SURFACE_DISTANCE + 0.06]
     np.testing.assert_allclose(truth.normals[known], offset / 0.12, atol=1e-6)
 
 
@@ -35,12 +35,12 @@ def test_a_step_that_no_normal_shows_is_told_by_near_lamps():
     1 % of 0.7 m is a quarter of the step. The distance given is off by 4 %, which the photographs must mend.
     """
     capture, truth = simulate(ring_rig(96, 80), waves, Look(0.2), bits=10)
-    shape = solve_shape(capture, 1.04 * DISTANCE)
+    shape = solve_shape(capture, 1.04 * SURFACE_DISTANCE)
     seen, off = shape.found.seen, errors(shape, truth)
     assert off.mean() < GOAL
     missed = (shape.surface.points - truth.points)[seen.rows, seen.columns, 2]
-    assert np.median(np.abs(missed)) < 0.001 * DISTANCE
-    assert np.mean(np.abs(missed) < 0.01 * DISTANCE) > 0.95
+    assert np.median(np.abs(missed)) < 0.001 * SURFACE_DISTANCE
+    assert np.mean(np.abs(missed) < 0.01 * SURFACE_DISTANCE) > 0.95
     # turns of a normal are two, so error²/variance is 1 on average where the variance is true, and its median ln 2
     told = np.median(np.radians(off) ** 2 / shape.found.fit.variance) / np.log(2.0)
     assert 0.5 < told < 2.0
@@ -53,4 +53,4 @@ def test_a_step_that_no_normal_shows_is_told_by_near_lamps():
 def test_normals_under_the_calibrated_leds(depth, gamma):
     """The eight LEDs as they were calibrated; the narrowest and the widest highlight, 8 bits, light between parts."""
     capture, truth = simulate(read_rig(LEDS), depth, Look(gamma, interreflection=True), bits=8)
-    assert errors(solve_shape(capture, 0.96 * DISTANCE), truth).mean() < GOAL
+    assert errors(solve_shape(capture, 0.96 * SURFACE_DISTANCE), truth).mean() < GOAL

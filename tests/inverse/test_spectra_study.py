@@ -5,14 +5,14 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.reflectance.spectra.prior_spectra import read_spectra
-from studies.spectra import SKIN, spectra_study
+from studies.spectra import SKIN_FILE, spectra_study
 from studies.spectra_bench import CAMERAS, read_bench, read_cameras
 from studies.spectra_cases import chart_case, skin_cases, study_case
 from studies.spectra_rivals import BOUND, study_rivals
 from tests.data import DATA, real_data
 
 with_cameras = real_data(CAMERAS)
-with_skin = real_data(SKIN)
+with_skin = real_data(SKIN_FILE)
 
 
 @with_cameras
@@ -40,7 +40,7 @@ def test_skin_with_the_prior_of_other_peoples_skin():
     Under FL11 0.3 is out of reach of 0.3 % noise: there it must come up to the best linear estimate, which has learnt
     the tested people themselves, but for the 3 % that the median of 980 errors is known to.
     """
-    bench, skin = read_bench(DATA / CAMERAS, every=2), read_spectra(DATA / SKIN)
+    bench, skin = read_bench(DATA / CAMERAS, every=2), read_spectra(DATA / SKIN_FILE)
     told, untold = (study_case(case, bench, "D65") for case in skin_cases(skin))
     best = study_rivals(skin_cases(skin)[0], bench)[BOUND]
     for lamp, errors in told["delta_e"].items():

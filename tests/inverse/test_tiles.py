@@ -11,7 +11,7 @@ from hagoromo.files.exr import read_exr
 from hagoromo.measurement.surface import tile_store as store_module
 from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.photograph.capture import Capture, save_capture
-from studies.near_rig import DISTANCE, Look, ring_rig, simulate, sphere
+from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,10 @@ def test_measure_solves_large_photographs_in_tiles(small_tiles, tmp_path, monkey
 
     A coarse pixel is 7 mm wide here, and only the coarse photographs tell the depth: it is told to within one.
     """
-    monkeypatch.setattr(measure_large, "LARGEST", 0)
+    monkeypatch.setattr(measure_large, "LARGEST_CAPTURE_BYTES", 0)
     capture, truth = simulate(ring_rig(120, 96, 8), sphere, Look(0.3), bits=10)
     save_capture(capture, tmp_path / "capture")
-    measure_capture(tmp_path / "capture", tmp_path / "out", Known(distance=1.03 * DISTANCE))
+    measure_capture(tmp_path / "capture", tmp_path / "out", Known(distance=1.03 * SURFACE_DISTANCE))
     normals, points = (read_exr(tmp_path / "out" / f"{what}.exr")[0] for what in ("normals", "points"))
     found = np.stack([normals[f"N.{axis}"] for axis in "XYZ"], axis=2)
     known = np.linalg.norm(found, axis=2) > 0.5

@@ -14,7 +14,15 @@ from hagoromo.matter.shape import SLOPES
 from hagoromo.matter.skin.skin import skin
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo_figures.figure.body import arms, bust, feet
-from hagoromo_figures.figure.figure_skin import FINENESS, GRANULES, PLACES, STEEPEST, figure_skin, lips_of, shown
+from hagoromo_figures.figure.figure_skin import (
+    GRANULES,
+    LARGEST_SLOPE,
+    SKIN_FINENESS,
+    SKIN_PLACES,
+    figure_skin,
+    lips_of,
+    shown,
+)
 from hagoromo_figures.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
 from hagoromo_figures.figure.head import head
 from hagoromo_figures.figure.mannequin import trunk
@@ -47,26 +55,28 @@ def valued(shape, points):
     return np.array(value), np.array(dr.grad(point))
 
 
-@pytest.mark.parametrize(("figure", "place"), [(figure, place) for figure in PLACES for place in PLACES[figure]])
+@pytest.mark.parametrize(
+    ("figure", "place"), [(figure, place) for figure in SKIN_PLACES for place in SKIN_PLACES[figure]]
+)
 def test_bodies_are_distance_bounds(figure, place):
     """Slopes near the surface are within those that a distance may have, and no steeper than the skin's box is told:
     one point in a thousand may lie on a seam, where less of the slope is left.
     """
-    _, low, high = PLACES[figure][place]
+    _, low, high = SKIN_PLACES[figure][place]
     _, _, slope = near_surface(shown(figure, place), low, high)
     slopes = np.linalg.norm(slope, axis=0)
     assert slopes.size > 3000
     assert np.isfinite(slopes).all()
-    assert slopes.max() < STEEPEST < SLOPES[1]
+    assert slopes.max() < LARGEST_SLOPE < SLOPES[1]
     assert np.quantile(slopes, 1e-3) > SLOPES[0]
 
 
-@pytest.mark.parametrize("place", PLACES["angel"])
+@pytest.mark.parametrize("place", SKIN_PLACES["angel"])
 def test_the_bound_of_a_body_loses_no_skin(place):
     """Bricks that the bound leaves out are empty, and so are the faces of the box but where it cuts neck and arms."""
     plan = figure_skin("angel", place, SKIN, 0.25)
-    extent = PLACES["angel"][place][1:]
-    fine, whole = FINENESS.finer(0.25), shown("angel", place)
+    extent = SKIN_PLACES["angel"][place][1:]
+    fine, whole = SKIN_FINENESS.finer(0.25), shown("angel", place)
     field: Any = lambda p: skin(p, whole, GRANULES, fine, 1)  # noqa: E731
     unbounded = fill(field, lambda p: 0.0 * p.x - 1.0, extent, fine, SKIN).box()
     assert np.array_equal(plan.box().bricks.places, unbounded.bricks.places)

@@ -24,7 +24,7 @@ from hagoromo.matter.feather.vane import Feather, feather_at, vane_thickness, we
 from hagoromo.matter.feather.wing import Wing, wing_of
 from hagoromo.matter.feather.wing_bones import ARM, ground
 from hagoromo.matter.feather.wing_grid import cell_at, places_on
-from hagoromo.matter.feather.wing_rows import FIELDS, feathers
+from hagoromo.matter.feather.wing_rows import FEATHER_FIELDS, feathers
 from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
@@ -273,9 +273,12 @@ def test_all_feathers_grow_from_the_arm():
     both = feathers(2)
     roots = both[:, :, :2].reshape(-1, 1, 2)
     assert np.linalg.norm(roots - fine, axis=2).min(axis=1).max() < 9.0
-    assert len(np.unique(both.reshape(-1, len(FIELDS)), axis=0)) == both.shape[0] * both.shape[1]
+    assert len(np.unique(both.reshape(-1, len(FEATHER_FIELDS)), axis=0)) == both.shape[0] * both.shape[1]
     reach = np.concatenate(
-        [places_on(dict(zip(FIELDS, row.tolist(), strict=True))) for row in both.reshape(-1, len(FIELDS))]
+        [
+            places_on(dict(zip(FEATHER_FIELDS, row.tolist(), strict=True)))
+            for row in both.reshape(-1, len(FEATHER_FIELDS))
+        ]
     )
     assert reach[:, 0].max() < 135.0
     assert reach[:, 1].min() > 53.0

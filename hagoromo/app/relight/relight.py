@@ -22,7 +22,7 @@ from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 
-MEASURING = 0.3  # share of the work, about
+MEASURING_SHARE = 0.3  # share of the work, about
 
 
 def relight_capture(
@@ -43,11 +43,11 @@ def relight_capture(
     with whole_folder(out, force) as home:
         rest, aside = _split(load_capture(folder), hold, against)
         (home / "measured").mkdir()
-        fill_measured(rest, home / "measured", known or Known(), part_of(progress, 0.0, MEASURING))
+        fill_measured(rest, home / "measured", known or Known(), part_of(progress, 0.0, MEASURING_SHARE))
         stage = fill_stage(rest, home)
         found = []
         for number, photograph in enumerate(aside):
-            progress(MEASURING + (1.0 - MEASURING) * number / len(aside), photograph.name)
+            progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(aside), photograph.name)
             found.append(relit(stage, photograph, number))
         write_json(home / "relit.json", [one.record() for one in found])
         write_relight_page(home / "report.html", rest.name, len(rest.photographs), found)

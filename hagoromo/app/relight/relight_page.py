@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.relight.relit import PREDICTIONS, RIM, Relit
+from hagoromo.app.relight.relit import PREDICTIONS, RELIEF_RIM_PX, Relit
 from hagoromo.app.report.page import image, write_page
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo_figures.demo.plots import panels
 from hagoromo_figures.demo.report_pictures import around
 
-WIDTH = 4.6  # inch, of a map
+MAP_WIDTH_INCH = 4.6  # inch, of a map
 DPI = 130
-SHOWN = 95  # percentile of a map that its scale holds
-WIDE = 320  # px, of a small photograph on the page
+SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
+PHOTOGRAPH_WIDTH_PX = 320  # px, of a small photograph on the page
 
 
 def write_relight_page(path: Path, name: str, measured: int, found: Sequence[Relit]) -> None:
@@ -30,7 +30,7 @@ def write_relight_page(path: Path, name: str, measured: int, found: Sequence[Rel
         "relight.html.j2",
         name=name,
         measured=measured,
-        rim=RIM,
+        rim=RELIEF_RIM_PX,
         rows=[row for one in found for row in _rows(one)],
         photographs=[_photograph(one) for one in found],
     )
@@ -54,9 +54,9 @@ def _photograph(one: Relit) -> dict[str, Any]:
         for key, view in one.predictions.items()
     ]
     differences = {key: (view - one.photograph).mean(axis=2) for key, view in one.predictions.items()}
-    limit = _nice(max(np.percentile(np.abs(d[one.mask]), SHOWN) for d in differences.values()))
+    limit = _nice(max(np.percentile(np.abs(d[one.mask]), SCALE_PERCENTILE) for d in differences.values()))
     colours = {key: _delta_e(one, key) for key in one.predictions}
-    reach = _nice(max(np.percentile(d[one.mask], SHOWN) for d in colours.values()))
+    reach = _nice(max(np.percentile(d[one.mask], SCALE_PERCENTILE) for d in colours.values()))
     return {
         "name": one.name,
         "lamps": "; ".join(one.lamps),
@@ -72,8 +72,8 @@ def _photograph(one: Relit) -> dict[str, Any]:
 
 
 def _enlarged(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """As people see it, each pixel repeated until the picture is WIDE pixels wide or nearly so."""
-    times = max(round(WIDE / linear.shape[1]), 1)
+    """As people see it, each pixel repeated until the picture is PHOTOGRAPH_WIDTH_PX pixels wide or nearly so."""
+    times = max(round(PHOTOGRAPH_WIDTH_PX / linear.shape[1]), 1)
     return srgb_encode(linear).repeat(times, axis=0).repeat(times, axis=1)
 
 
@@ -102,8 +102,8 @@ def _map(
 
     rows, columns = crop
     rows, columns = (slice(s.start, min(s.stop, size)) for s, size in zip((rows, columns), mask.shape, strict=True))
-    height = WIDTH * (rows.stop - rows.start) / (columns.stop - columns.start)
-    figure, (axis,) = panels(1, WIDTH, min(max(0.78 * height + 0.75, 1.5), 8.0))
+    height = MAP_WIDTH_INCH * (rows.stop - rows.start) / (columns.stop - columns.start)
+    figure, (axis,) = panels(1, MAP_WIDTH_INCH, min(max(0.78 * height + 0.75, 1.5), 8.0))
     palette = colormaps[colours].with_extremes(bad="#d8d8d4")
     shown = np.where(mask, values, np.nan)[rows, columns]
     extent = (columns.start, columns.stop, rows.stop, rows.start)

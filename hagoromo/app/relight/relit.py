@@ -28,9 +28,9 @@ from hagoromo.measurement.sight import sight
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
 
-RIM = 1  # px along the edge of the relief, whose skin a ray may miss there
-BRIGHT = 99.0  # percentile of the photograph's brightest channel that is white on the page and to `compare`
-COVERED = 0.99  # of a pixel by the boxes, to be compared
+RELIEF_RIM_PX = 1  # px along the edge of the relief, whose skin a ray may miss there
+PAGE_WHITE_PERCENTILE = 99.0  # of the photograph's brightest channel: white on the page and to `compare`
+LEAST_COVERAGE = 0.99  # of a pixel by the boxes, to be compared
 Array = NDArray[np.float64]
 PREDICTIONS = {"boxes": "volume boxes, rendered", "normals": "reflectance on the normals, no shadows"}
 
@@ -87,19 +87,19 @@ def relit(stage: Stage, photograph: Photograph, number: int) -> Relit:
     response = scene.camera.response
     assert response is not None
     predictions = {"boxes": image.expose(response).astype(np.float64)}
-    mask = photograph.mask & (image.alpha > COVERED)
+    mask = photograph.mask & (image.alpha > LEAST_COVERAGE)
     camera, seen = photograph.camera, stage.camera
     if mask.shape == stage.relief.labels.shape and np.allclose(camera.matrix, seen.matrix, rtol=1e-6):
         predictions["normals"] = _on_normals(stage, photograph)
         mask &= stage.relief.known()
-    mask = np.asarray(binary_erosion(mask, iterations=RIM), np.bool_)
+    mask = np.asarray(binary_erosion(mask, iterations=RELIEF_RIM_PX), np.bool_)
     if not mask.any():
         raise InputError(f"photograph {photograph.name!r} shows nothing of the measured surface: check its camera")
     matrix = np.eye(3)
     if camera.response is not None:
         matrix = srgb_from_camera(camera.response, photograph.lamps[0].spectrum)
     shown = photograph.values.astype(np.float64) @ matrix.T
-    one = float(np.percentile(shown[mask].max(axis=1), BRIGHT))
+    one = float(np.percentile(shown[mask].max(axis=1), PAGE_WHITE_PERCENTILE))
     if not one > 0.0:
         raise InputError(f"photograph {photograph.name!r} is black where the surface is: nothing can be compared")
     pictures = {"photograph": shown / one} | {key: value @ matrix.T / one for key, value in predictions.items()}

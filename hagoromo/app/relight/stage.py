@@ -25,12 +25,12 @@ from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.spectra.body_basis import body_basis
 
-RECIPE = "relief.toml"
-SAMPLES = 4  # rays a pixel
-TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
+RELIEF_RECIPE = "relief.toml"
+RAYS_PER_PIXEL = 4  # rays a pixel
+MARCH_TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
-BANDS = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
-FAINTEST = 1e-6  # of `dim`: what breaks energy conservation even then is no reflectance
+BASIS_BANDS_NM = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
+LEAST_DIM = 1e-6  # of `dim`: what breaks energy conservation even then is no reflectance
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ class Stage:
                 "world_to_camera": camera.world_to_camera.ravel().tolist(), "response": f"response_{number:02d}.csv",
             },
             "lamp": [self._lamp(lamp, camera.response) for lamp in photograph.lamps],
-            "box": [{"recipe": RECIPE}],
-            "render": {"samples": SAMPLES, "tolerance": TOLERANCE},
+            "box": [{"recipe": RELIEF_RECIPE}],
+            "render": {"samples": RAYS_PER_PIXEL, "tolerance": MARCH_TOLERANCE},
         }  # fmt: skip
         path = self.home / f"scene_{number:02d}.toml"
         path.write_text(_toml(scene), encoding="utf-8")
@@ -73,7 +73,7 @@ class Stage:
         recipe: dict[str, Any] = {"kind": "relief", "measured": "measured", "camera": "camera.json", "dim": self.dim}
         if self.spectrum is not None:
             recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
-        (self.home / RECIPE).write_text(_toml(recipe), encoding="utf-8")
+        (self.home / RELIEF_RECIPE).write_text(_toml(recipe), encoding="utf-8")
 
     def _lamp(self, lamp: Lamp, response: Response | None) -> dict[str, Any]:
         """The record of a lamp that makes up for `dim`; it reads in the basis's bands as it did in the channels."""
@@ -84,7 +84,7 @@ class Stage:
         reads = np.broadcast_to(lamp.intensity, 3) * (
             1.0 if response is None else camera_white(lamp.spectrum, response)
         )
-        knots = [(w, value) for band, value in zip(BANDS[::-1], reads[::-1], strict=True) for w in band]
+        knots = [(w, value) for band, value in zip(BASIS_BANDS_NM[::-1], reads[::-1], strict=True) for w in band]
         return record_from_lamp(replace(lamp, intensity=1.0 / self.dim, spectrum=Spectrum(*zip(*knots, strict=True))))
 
 
@@ -101,7 +101,7 @@ def fill_stage(capture: Capture, home: Path) -> Stage:
     relief, materials = read_relief(home / "measured")
     basis = smooth_rgb_basis() if spectrum is None else body_basis(camera.response, spectrum)
     dim = 1.0
-    while dim > FAINTEST and not _possible(materials, basis, dim):
+    while dim > LEAST_DIM and not _possible(materials, basis, dim):
         dim *= 0.5
     stage = Stage(home, relief, materials, camera, spectrum, dim)
     write_views(home / "camera.json", {"photograph": camera}, "nerfstudio")
@@ -114,7 +114,9 @@ def fill_stage(capture: Capture, home: Path) -> Stage:
 def basis_camera() -> Response:
     """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
     wavelengths = np.arange(400.0, 700.5, 0.5)
-    bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BANDS], axis=1).astype(np.float64)
+    bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BASIS_BANDS_NM], axis=1).astype(
+        np.float64
+    )
     bands /= camera_white(Spectrum.constant(1.0), Response(wavelengths, bands))
     return Response(wavelengths, bands, name="basis")
 

@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 from hagoromo.app.display import data_uri
 from hagoromo.version import __version__
 
-HERE = "hagoromo.app.report"
-NUMBER = re.compile(r"[\s(]*[−+±-]?\s*[\d∞]")
+TEMPLATES_PACKAGE = "hagoromo.app.report"
+NUMBER_CELL = re.compile(r"[\s(]*[−+±-]?\s*[\d∞]")
 
 
-def write_page(path: Path, template: str, package: str = HERE, **values: Any) -> None:
+def write_page(path: Path, template: str, package: str = TEMPLATES_PACKAGE, **values: Any) -> None:
     """Write the page of `template`, which lies in the folder `templates` of `package`, to `path`."""
     path.write_text(page_text(template, package, **values), encoding="utf-8")
 
 
-def page_text(template: str, package: str = HERE, **values: Any) -> str:
+def page_text(template: str, package: str = TEMPLATES_PACKAGE, **values: Any) -> str:
     """The HTML of `template`, in the folder `templates` of `package`, filled with `values`."""
-    loaders = [PackageLoader(name) for name in dict.fromkeys((package, HERE))]
+    loaders = [PackageLoader(name) for name in dict.fromkeys((package, TEMPLATES_PACKAGE))]
     environment = Environment(
         loader=ChoiceLoader(loaders),
         autoescape=True,
@@ -60,7 +60,7 @@ def drawing(svg: str, alt: str) -> Markup:
 def number_columns(rows: Sequence[Sequence[str]]) -> list[bool]:
     """Per column of a table, whether its cells are numbers, which are then aligned on the right."""
     columns = [[str(cell) for cell in column if str(cell)] for column in zip(*rows, strict=True)]
-    return [bool(column) and all(NUMBER.match(cell) or cell in "–" for cell in column) for column in columns]
+    return [bool(column) and all(NUMBER_CELL.match(cell) or cell in "–" for cell in column) for column in columns]
 
 
 def thousands(number: float) -> str:

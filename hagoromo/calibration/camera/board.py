@@ -16,7 +16,7 @@ from hagoromo.calibration.camera.corner_window import corner_windows
 from hagoromo.errors import InputError
 
 CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
-BRIGHT = 0.995  # quantile of a linear photograph that is shown white
+WHITE_QUANTILE = 0.995  # quantile of a linear photograph that is shown white
 FEWEST_CORNERS = 8  # of a ChArUco board seen in part: a pose takes 4, and the fit needs some over
 
 
@@ -113,7 +113,7 @@ def _as_shown(photograph: NDArray) -> NDArray[np.uint8]:
     """8 bits of a linear photograph, its square root from black to nearly its brightest; 8 bits as they are."""
     if photograph.dtype == np.uint8:
         return photograph
-    bright = max(float(np.quantile(photograph, BRIGHT)), 1e-30)
+    bright = max(float(np.quantile(photograph, WHITE_QUANTILE)), 1e-30)
     return np.rint(255.0 * np.sqrt(np.clip(photograph / bright, 0.0, 1.0))).astype(np.uint8)
 
 

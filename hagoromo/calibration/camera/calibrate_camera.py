@@ -30,8 +30,8 @@ Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitt
 NAMES = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS)
 FEWEST_BOARDS = 3  # below it the focal length and principal point are not determined by planes (Zhang 2000)
 OTHER_FOCAL = 1.2  # a focal length longer or shorter by this factor must fit worse,
-WORSE = 1.1  # by this factor of the rms; where boards are parallel to one another it does not (Zhang 2000)
-OUTLIER = 3.5  # robust standard deviations of a view's log rms above the median (Iglewicz & Hoaglin 1993)
+WORSE_FIT = 1.1  # by this factor of the rms; where boards are parallel to one another it does not (Zhang 2000)
+OUTLIER_SIGNIFICANCE = 3.5  # robust standard deviations of a view's log rms above the median (Iglewicz & Hoaglin 1993)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ def _fit(
     if flags & cv2.CALIB_FIX_ASPECT_RATIO:
         deviation["fl_x"] = deviation["fl_y"]  # OpenCV fits y's and lets x's follow
     best, *others = (_rms_at(focal, points, image, size, matrix) for focal in (1.0, OTHER_FOCAL, 1.0 / OTHER_FOCAL))
-    if not (np.isfinite([rms, *deviation.values()]).all() and min(others) > WORSE * best):
+    if not (np.isfinite([rms, *deviation.values()]).all() and min(others) > WORSE_FIT * best):
         raise InputError(
             f"the photographs of the board do not determine the camera (a focal length {OTHER_FOCAL:g} times as long "
             f"or short fits to {min(others):.3g} px, the best to {best:.3g} px): tilt the board more between them"
@@ -215,9 +215,12 @@ def _rms_at(factor: float, points: list, image: list, size: tuple[int, int], mat
 
 
 def _outliers(boards: Mapping[str, float], counts: NDArray) -> tuple[str, ...]:
-    """Photographs whose log rms lies above the median by more than OUTLIER, never less than chance spreads it."""
+    """Photographs whose log rms lies more than OUTLIER_SIGNIFICANCE robust standard deviations above the median.
+
+    The standard deviation is never taken to be less than that of chance alone.
+    """
     logs = np.log(np.maximum(list(boards.values()), 1e-12))
     above = logs - np.median(logs)
     chance = 1.0 / np.sqrt(2.0 * (2.0 * counts - 6.0))  # of the log of an rms over 2n residuals less 6 of the pose
     spread = np.maximum(robust_scale(above), chance)
-    return tuple(name for name, far in zip(boards, above / spread, strict=True) if far > OUTLIER)
+    return tuple(name for name, far in zip(boards, above / spread, strict=True) if far > OUTLIER_SIGNIFICANCE)

@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-INNER, OUTER = 1.0 / 2.0, 1.0 / 3.0  # of the way to the next edge; outer squares may be cut to half
-LEAST, MOST = 2, 15  # px: of half sides; wider ones gain nothing and see edges bend
-STEPS = 17  # places along the side of a square
-RING = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))  # corners of the four squares, in order
+INNER_SHARE, OUTER_SHARE = 1.0 / 2.0, 1.0 / 3.0  # of the way to the next edge; outer squares may be cut to half
+LEAST_HALF_SIDE_PX, LARGEST_HALF_SIDE_PX = 2, 15  # px: of half sides; wider ones gain nothing and see edges bend
+SIDE_SAMPLES = 17  # places along the side of a square
+# corners of the four squares around a corner, in order, as steps of rows and columns
+SQUARE_CORNERS = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))
 
 
 def corner_windows(corners: NDArray[Any]) -> NDArray[np.intp]:
     """Half sides (rows, columns) [px] of the search windows of the corners at `corners` (rows, columns, 2) [px]."""
-    share = np.full(corners.shape[:2], OUTER)
-    share[1:-1, 1:-1] = INNER
-    return np.clip(share * next_edge(corners), LEAST, MOST).astype(np.intp)
+    share = np.full(corners.shape[:2], OUTER_SHARE)
+    share[1:-1, 1:-1] = INNER_SHARE
+    return np.clip(share * next_edge(corners), LEAST_HALF_SIDE_PX, LARGEST_HALF_SIDE_PX).astype(np.intp)
 
 
 def next_edge(corners: NDArray[Any]) -> NDArray[np.float64]:
@@ -35,7 +36,7 @@ def next_edge(corners: NDArray[Any]) -> NDArray[np.float64]:
     whole = np.pad(corners.astype(np.float64), ((1, 1), (1, 1), (0, 0)))
     whole[0, 1:-1], whole[-1, 1:-1] = 2 * corners[0] - corners[1], 2 * corners[-1] - corners[-2]
     whole[:, 0], whole[:, -1] = 2 * whole[:, 1] - whole[:, 2], 2 * whole[:, -2] - whole[:, -3]
-    ring = [whole[1 + down : 1 + down + rows, 1 + right : 1 + right + columns] for down, right in RING]
-    along = np.linspace(0.0, 1.0, STEPS)[:, None, None, None]
+    ring = [whole[1 + down : 1 + down + rows, 1 + right : 1 + right + columns] for down, right in SQUARE_CORNERS]
+    along = np.linspace(0.0, 1.0, SIDE_SAMPLES)[:, None, None, None]
     sides = [one * (1.0 - along) + other * along for one, other in zip(ring, ring[1:] + ring[:1], strict=True)]
     return np.min([np.abs(side - corners).max(axis=-1).min(axis=0) for side in sides], axis=0)

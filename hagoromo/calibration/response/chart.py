@@ -20,12 +20,12 @@ from hagoromo.light.spectrum import WAVELENGTH_COLUMNS, Spectrum
 
 PATCHES = 24
 # Width [px] and brightness of the copies in which OpenCV looks: it misses a chart in one and finds it in another.
-LOOKS = tuple((width, bright) for width in (1000, 2000, 700, 1400) for bright in (1.0, 0.7, 1.6))
+DETECTION_COPIES = tuple((width, bright) for width in (1000, 2000, 700, 1400) for bright in (1.0, 0.7, 1.6))
 MOST_ENLARGED = 2.0
 WHITE_PERCENTILE = 99.5  # of the photograph's values; shown as white in the copies
-ALIKE = 0.9  # least correlation of the patches' brightness with that of the known chart
-FEWEST_PIXELS = 25  # of a patch
-USABLE = 0.98  # least share of a patch's pixels neither clipped nor invalid; clipping lowers a mean
+CHART_CORRELATION = 0.9  # least correlation of the patches' brightness with that of the known chart
+FEWEST_PATCH_PIXELS = 25  # of a patch
+USABLE_PATCH_SHARE = 0.98  # least share of a patch's pixels neither clipped nor invalid; clipping lowers a mean
 Array = NDArray[np.float64]
 
 
@@ -69,7 +69,7 @@ def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike
     turned = box[[2, 3, 0, 1]]
     readings = [_read(photograph, of) for of in ((box, turned) if corners is None else (box,))]
     alike = [_correlation(reading.values, known) for reading in readings]
-    if max(alike) < ALIKE:
+    if max(alike) < CHART_CORRELATION:
         raise InputError(
             f"the patches are not as bright as the chart's should be (correlation {max(alike):.2f}): check which chart "
             "it is, and give its corners clockwise from that of the dark skin patch"
@@ -100,7 +100,7 @@ def _find(photograph: NDArray[Any]) -> Array:
     if not top > 0.0:
         raise InputError("the photograph is black: there is no chart in it")
     shown /= top
-    for width, bright in LOOKS:
+    for width, bright in DETECTION_COPIES:
         scale = width / photograph.shape[1]
         if scale > MOST_ENLARGED:
             continue
@@ -134,10 +134,10 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
         mask = np.zeros(photograph.shape[:2], np.uint8)
         cv2.fillConvexPoly(mask, np.rint(middle).astype(np.int32), 1)
         pixels = photograph[mask > 0].astype(np.float64)
-        if len(pixels) < FEWEST_PIXELS:
+        if len(pixels) < FEWEST_PATCH_PIXELS:
             raise InputError(f"the chart's patches have {len(pixels)} pixels: photograph it from nearer")
         usable = pixels[(pixels < clipped).all(axis=1)]  # not NaN either
-        if len(usable) >= USABLE * len(pixels):
+        if len(usable) >= USABLE_PATCH_SHARE * len(pixels):
             values[patch] = usable.mean(axis=0)
             errors[patch] = usable.std(axis=0, ddof=1) / np.sqrt(len(usable))
     return ChartReading(values, errors, box)

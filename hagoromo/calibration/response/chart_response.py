@@ -16,7 +16,7 @@ from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.light.spectrum import Spectrum, integrate_product
 
-STEP = 10.0  # [nm] between the wavelengths of the curves
+WAVELENGTH_STEP_NM = 10.0  # [nm] between the wavelengths of the curves
 
 
 def response_from_chart(
@@ -53,7 +53,9 @@ def read_response(
         raise InputError(f"{len(photographs)} photographs and corners of {len(corners)} charts are given")
     every = (*lamps, *chart)
     first, last = max(s.wavelengths[0] for s in every), min(s.wavelengths[-1] for s in every)
-    wavelengths = np.arange(STEP * np.ceil(first / STEP), last + 0.5 * STEP, STEP)
+    wavelengths = np.arange(
+        WAVELENGTH_STEP_NM * np.ceil(first / WAVELENGTH_STEP_NM), last + 0.5 * WAVELENGTH_STEP_NM, WAVELENGTH_STEP_NM
+    )
     wavelengths = wavelengths[wavelengths <= last]
     if len(wavelengths) < 3:
         raise InputError(f"lamps and chart have {first:g} to {last:g} nm in common: give spectra over 400–700 nm")

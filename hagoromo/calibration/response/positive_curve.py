@@ -26,7 +26,7 @@ LEAST_NOISE = 1e-5  # relative, of any reading
 JITTER = 1e-6  # relative, keeps the kernel invertible in double precision
 CURVE_STEPS = 200  # of Gauss and Newton, to the mode of one curve
 EVIDENCE_STEPS = 600  # evaluations of the evidence, in the search for smoothness and noise
-SETTLED = 1e-6
+CURVE_DECREASE = 1e-6
 Array = NDArray[np.float64]
 
 
@@ -137,7 +137,7 @@ def _mode(
         share = 1.0
         while not (lower := cost_at(z - share * step)) < cost and share > 1e-6:
             share /= 2.0
-        if share <= 1e-6 or cost - lower < SETTLED * (1.0 + abs(cost)):
+        if share <= 1e-6 or cost - lower < CURVE_DECREASE * (1.0 + abs(cost)):
             return z, cost, curvature
         z, cost = z - share * step, lower
     raise FloatingPointError

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 
-LARGEST = 4_000_000  # largest number of crossings in a draft
+LARGEST_DRAFT = 4_000_000  # largest number of crossings in a draft
 DIAMOND = ("00100", "01110", "11111", "01110", "00100")  # of a block design
 
 
@@ -26,8 +26,10 @@ class Draft:
 
     def __post_init__(self) -> None:
         down = np.asarray(self.drawdown)
-        if down.ndim != 2 or down.dtype != bool or not 0 < down.size <= LARGEST:
-            raise InputError(f"a drawdown of {down.dtype} {down.shape}: give bool (picks, ends), at most {LARGEST}")
+        if down.ndim != 2 or down.dtype != bool or not 0 < down.size <= LARGEST_DRAFT:
+            raise InputError(
+                f"a drawdown of {down.dtype} {down.shape}: give bool (picks, ends), at most {LARGEST_DRAFT}"
+            )
         for axis, yarn in enumerate(("end", "pick")):
             loose = np.flatnonzero(down.all(axis=axis) | ~down.any(axis=axis))
             if loose.size:

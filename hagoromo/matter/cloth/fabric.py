@@ -21,8 +21,8 @@ from hagoromo.matter.cloth.weave import Woven, check_woven, period_of, woven_pat
 from hagoromo.matter.cloth.yarn import Yarn
 
 CELLS = 3  # cells of the search for the nearest yarn, per diameter of the thinnest yarn
-ROOM = 0.35  # space for hairs above and below, as a share of their mean length
-MARGIN = 2  # voxels along the border of the period in which all variants are equal
+HAIR_SPACE = 0.35  # space for hairs above and below, as a share of their mean length
+BORDER_VOXELS = 2  # voxels along the border of the period in which all variants are equal
 
 
 class Fabric(NamedTuple):
@@ -55,7 +55,7 @@ def knitted(cloth: Knitted, voxel_mm: float, variants: int = 4, seed: int = 0) -
 
 
 def _margin(yarns: tuple[Yarn, Yarn], voxel_mm: float) -> float:
-    return MARGIN * voxel_mm + max(yarn.width_mm for yarn in yarns)
+    return BORDER_VOXELS * voxel_mm + max(yarn.width_mm for yarn in yarns)
 
 
 def _fabric(
@@ -64,7 +64,7 @@ def _fabric(
 ) -> Fabric:  # fmt: skip
     """The fabric of two kinds of yarns: densities add where soft edges overlap; the densest yarn gives the tangent."""
     jit = arrays()
-    room = ROOM * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
+    room = HAIR_SPACE * max(yarn.hair_mm if yarn.hairs_per_cm else 0.0 for yarn in yarns) + 2.0 * voxel_mm
     thicker = max(0.5 * yarn.thickness_mm * (each.girth.max() - 1.0) for yarn, each in zip(yarns, paths, strict=True))
     top = float(0.5 * thickness + thicker + room)
     grid = grid_over(period, (-top, top), min(yarn.thickness_mm for yarn in yarns) / CELLS)
@@ -101,7 +101,7 @@ def _fuzz(
     grid: Grid, voxel_mm: float, seed: int,
 ) -> Fuzz:  # fmt: skip
     """Hairs of both kinds of yarns; near the border of the period they are the same in all variants."""
-    reach = 2.0 * MARGIN * voxel_mm + 2.0 * max(grid.edge[:2])  # hairs are two voxels wide at least
+    reach = 2.0 * BORDER_VOXELS * voxel_mm + 2.0 * max(grid.edge[:2])  # hairs are two voxels wide at least
     room = heights[0] + 2.0 * voxel_mm, heights[1] - 2.0 * voxel_mm
 
     def those(variant: int, draw: np.random.Generator, shared: bool) -> list[Hairs]:

@@ -14,7 +14,7 @@ from hagoromo.matter.cloth.strand import Grid, Paths, nearest_steps
 from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.shape import coverage
 
-STEP = 0.06  # length of a step along a hair [diameters of its yarn]
+HAIR_STEP = 0.06  # length of a step along a hair [diameters of its yarn]
 CURL = 0.2  # [rad] standard deviation of the change of bending in a step
 FOLLOWED = 8.0  # steps along a hair that are searched, from the one nearest to a cell
 LIFT = 0.5, 1.1  # [rad] range of the angle between a hair and its yarn where it leaves it
@@ -35,7 +35,7 @@ def grown(
     """Hairs of one kind of yarns; they bend back before they leave the range of heights [mm]."""
     points = paths.points[variant]
     length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum()
-    hairs, step = [], STEP * yarn.diameter_mm
+    hairs, step = [], HAIR_STEP * yarn.diameter_mm
     for _ in range(draw.poisson(0.1 * yarn.hairs_per_cm * length)):
         thread, at = draw.integers(points.shape[0]), draw.integers(1, points.shape[1] - 1)
         tangent = points[thread, at + 1] - points[thread, at - 1]

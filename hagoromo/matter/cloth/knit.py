@@ -23,8 +23,8 @@ from hagoromo.matter.cloth.yarn import Yarn, check_yarn
 MUNDEN = 19.0  # stitch density × (length of a loop)² of dry relaxed wool (Munden, J. Text. Inst. 50, 1959, T448)
 BULGE = 1.4  # parameter a of a loop: neighbouring heads are then more than a quarter of a wale apart
 LOOPS = 8  # loops of a period in each direction; even, as courses alternate
-STEPS = 8  # steps of a path per diameter
-DENSE = 96  # points per loop from which a path is interpolated
+STEPS_PER_DIAMETER = 8  # steps of a path per diameter
+POINTS_PER_LOOP = 96  # points per loop from which a path is interpolated
 CLOSEST = 0.75  # least distance between the axes of courses [diameters]: soft yarns flatten each other
 DEEPEST = 1.6  # largest height of a loop above the middle of the cloth [diameters]
 
@@ -111,7 +111,7 @@ def loop_curve(wale: float, loop: Loop, turn: NDArray) -> NDArray[np.float64]:
 def _paths(cloth: Knitted, parity: int, margin: float, variants: int, seed: int) -> Paths:
     yarn, period, loop = cloth.yarn, knitted_period(cloth), loop_of(cloth)
     drawn = np.random.default_rng((seed, parity)), np.random.default_rng((seed, parity, 1))
-    turn = np.arange(LOOPS * DENSE + 1) * (2.0 * np.pi / DENSE)
+    turn = np.arange(LOOPS * POINTS_PER_LOOP + 1) * (2.0 * np.pi / POINTS_PER_LOOP)
     curve = loop_curve(cloth.pitch[0], loop, turn)
     base = np.repeat(curve[None], LOOPS // 2, axis=0)
     base[..., 1] += ((2 * np.arange(LOOPS // 2) + parity + 0.5) * cloth.pitch[1])[:, None]
@@ -124,7 +124,7 @@ def _paths(cloth: Knitted, parity: int, margin: float, variants: int, seed: int)
         along, axis=1, keepdims=True
     )
     beside = np.repeat(cloth.uneven * yarn.diameter_mm * beside[None], len(base), axis=0)
-    turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS)
+    turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS_PER_DIAMETER)
     samples = wandered(base, beside, varied, turns, steps)
     slope = np.abs(np.roll(samples["points"], -1, axis=2) - np.roll(samples["points"], 1, axis=2))[0]
     heads = (slope[..., 0] > slope[..., 1]).astype(np.int64)  # 0 legs, along v; 1 heads and feet, along u
@@ -137,13 +137,13 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 def _length(wale: float, loop: Loop) -> float:
     """Length of the yarn in a loop [mm]."""
-    curve = loop_curve(wale, loop, np.linspace(0.0, 2.0 * np.pi, 4 * DENSE + 1))
+    curve = loop_curve(wale, loop, np.linspace(0.0, 2.0 * np.pi, 4 * POINTS_PER_LOOP + 1))
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 
 
 def _apart(wale: float, course: float, loop: Loop) -> float:
     """Distance between the axes of neighbouring courses [mm]."""
-    curve = loop_curve(wale, loop, np.linspace(-np.pi, np.pi, 8 * DENSE + 1))
+    curve = loop_curve(wale, loop, np.linspace(-np.pi, np.pi, 8 * POINTS_PER_LOOP + 1))
     aside = np.array([wale, 0.0, 0.0])
     wide = np.concatenate([curve - aside, curve, curve + aside])
     return float(KDTree(wide + np.array([0.0, course, 0.0])).query(curve)[0].min())

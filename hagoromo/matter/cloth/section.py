@@ -15,11 +15,11 @@ from scipy.spatial import KDTree
 from hagoromo.errors import InputError
 from hagoromo.matter.cloth.yarn import Yarn
 
-SIDE = 256  # entries along an edge of the table, which spans −1…1
+TABLE_SIDE = 256  # entries along an edge of the table, which spans −1…1
 SEEN = 1.5, 4.0  # fibre diameters [voxels] between which single fibres fade in
 BUNDLE, BUNDLE_SHARE, BUNDLE_CONTRAST = 4.0, 0.62, 0.55  # diameter [voxels], share of the section, contrast
-SETTLED = 400  # steps of the relaxation that separates fibres
-OVERLAP = 0.12  # tolerated overlap of fibres [diameters], which is not visible
+RELAXATION_STEPS = 400  # steps of the relaxation that separates fibres
+FIBRE_OVERLAP = 0.12  # tolerated overlap of fibres [diameters], which is not visible
 
 
 class Section(NamedTuple):
@@ -47,7 +47,7 @@ def section(yarn: Yarn, voxel_mm: float, seed: int) -> Section:
         radius, contrast = 0.5 * BUNDLE * voxel, BUNDLE_CONTRAST
         count = int(BUNDLE_SHARE / radius**2)
         if count < 5:
-            return Section(np.zeros((SIDE * SIDE, 2), np.float32), 1.0, 1.0, 0.0, 1.0, filling)
+            return Section(np.zeros((TABLE_SIDE * TABLE_SIDE, 2), np.float32), 1.0, 1.0, 0.0, 1.0, filling)
         radius = (BUNDLE_SHARE / count) ** 0.5
     centres = scattered(count, radius, seed)
     tree, softness, outline = KDTree(centres), min(2.0 * voxel, 1.6 * radius), 2.0 * voxel
@@ -74,7 +74,7 @@ def shown_plies(yarn: Yarn, voxel_mm: float) -> tuple[int, float]:
 
 def _square(half: float) -> NDArray[np.floating]:
     """Middles of the entries of a table that spans ± `half`: (SIDE², 2)."""
-    at = ((np.arange(SIDE) + 0.5) * (2.0 / SIDE) - 1.0) * half
+    at = ((np.arange(TABLE_SIDE) + 0.5) * (2.0 / TABLE_SIDE) - 1.0) * half
     return np.stack(np.meshgrid(at, at, indexing="xy"), axis=-1).reshape(-1, 2)
 
 
@@ -102,7 +102,7 @@ def scattered(count: int, radius: float, seed: int) -> NDArray[np.float64]:
     slack = max(spacing - 2.0 * radius, 0.0)
     centres = lattice + draw.normal(0.0, 1.0, lattice.shape) * slack
     deepest = 0.0
-    for _ in range(SETTLED):
+    for _ in range(RELAXATION_STEPS):
         away = np.maximum(np.hypot(*centres.T), 1e-9)
         centres *= np.minimum(1.0, reach / away)[:, None]
         pairs = KDTree(centres).query_pairs(2.0 * radius, output_type="ndarray")
@@ -114,7 +114,7 @@ def scattered(count: int, radius: float, seed: int) -> NDArray[np.float64]:
         deepest = float((2.0 * radius - far).max())
         np.add.at(centres, pairs[:, 0], push)
         np.add.at(centres, pairs[:, 1], -push)
-    if deepest > OVERLAP * 2.0 * radius:
+    if deepest > FIBRE_OVERLAP * 2.0 * radius:
         raise InputError(
             f"{count} fibres of {radius:.3g} of their ply's radius do not fit in it: give fewer or finer ones"
         )

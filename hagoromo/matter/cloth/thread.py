@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from hagoromo.backend import arrays, clip
-from hagoromo.matter.cloth.section import SIDE, Section, sharp_radius, shown_plies
+from hagoromo.matter.cloth.section import TABLE_SIDE, Section, sharp_radius, shown_plies
 from hagoromo.matter.cloth.strand import Place
 from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.noise import random
 from hagoromo.matter.shape import coverage
 
 # waves by which fibres wander: vector [1/radius of a ply], length along the yarn [diameters]
-WAVES = ((3.1, 0.7, 6.0), (-1.3, 2.7, 9.0), (1.9, -2.4, 14.0))
-TURN = 2.0 * math.pi
+FIBRE_WAVES = ((3.1, 0.7, 6.0), (-1.3, 2.7, 9.0), (1.9, -2.4, 14.0))
+FULL_TURN = 2.0 * math.pi
 
 
 class Spun(NamedTuple):
@@ -55,8 +55,8 @@ def spun(yarn: Yarn, shown: Section, voxel_mm: float, length: float, first: int)
     if plies == 1:
         ply, offset = ply * wider, 0.0
     turn, spin = yarn.rates
-    back = TURN * round((turn - spin) * length / TURN) / length if plies > 1 else 0.0
-    waves = tuple(TURN * max(1, round(length / (wave[2] * yarn.diameter_mm))) for wave in WAVES)
+    back = FULL_TURN * round((turn - spin) * length / FULL_TURN) / length if plies > 1 else 0.0
+    waves = tuple(FULL_TURN * max(1, round(length / (wave[2] * yarn.diameter_mm))) for wave in FIBRE_WAVES)
     soft = 2.0 * voxel_mm / (radius * ply)
     fade = min(1.0, 3.0 / soft**2)
     return Spun(
@@ -74,13 +74,13 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
     girth = yarn.radius * place.girth
     wide, high = girth * yarn.flatness, girth / yarn.flatness
     x, y = place.across / wide, place.above / high
-    apart = TURN / yarn.plies
+    apart = FULL_TURN / yarn.plies
     ply = dr.round((dr.atan2(y, x) - place.phase) / apart)
     angle = place.phase + ply * apart
     ply = jit.Int(ply - yarn.plies * dr.floor(ply / yarn.plies))
     sine, cosine = dr.sincos(angle)
     name = (jit.Int(number) * 8 + ply, 5)
-    rolled = place.phase - yarn.back * yarn.length * place.way + TURN * random((*name, 0), seed)
+    rolled = place.phase - yarn.back * yarn.length * place.way + FULL_TURN * random((*name, 0), seed)
     spin = place.rate - yarn.back
     s, c = dr.sincos(rolled)
     x, y = (x - yarn.offset * cosine) / yarn.ply, (y - yarn.offset * sine) / yarn.ply
@@ -96,8 +96,10 @@ def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) ->
     lengthened = dr.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     tangent = (place.tangent + place.aside * slope_x + place.up * slope_y) / lengthened
 
-    cell = jit.Array2u(clip((0.5 * q.x + 0.5) * SIDE, 0, SIDE - 1), clip((0.5 * q.y + 0.5) * SIDE, 0, SIDE - 1))
-    centre = dr.gather(jit.Array2f, table, cell.y * SIDE + cell.x + yarn.first)
+    cell = jit.Array2u(
+        clip((0.5 * q.x + 0.5) * TABLE_SIDE, 0, TABLE_SIDE - 1), clip((0.5 * q.y + 0.5) * TABLE_SIDE, 0, TABLE_SIDE - 1)
+    )
+    centre = dr.gather(jit.Array2f, table, cell.y * TABLE_SIDE + cell.x + yarn.first)
     o = q - centre
     far = dr.norm(jit.Array2f((c * o.x - s * o.y) * yarn.flatness, (s * o.x + c * o.y) / yarn.flatness))
     profile = coverage(far - yarn.shown.radius, yarn.shown.softness)
@@ -114,9 +116,9 @@ def _migrated(p: Any, way: Any, yarn: Spun, name: tuple[Any, int], seed: int | A
     """
     jit = arrays()
     moved, shears = p, []
-    for k, (x, y, _) in enumerate(WAVES):
+    for k, (x, y, _) in enumerate(FIBRE_WAVES):
         across = jit.Array2f(y, -x) * (yarn.migration / math.hypot(x, y))
-        phase = moved.x * x + moved.y * y + yarn.waves[k] * way + TURN * random((*name, k + 1), seed)
+        phase = moved.x * x + moved.y * y + yarn.waves[k] * way + FULL_TURN * random((*name, k + 1), seed)
         sine, cosine = dr.sincos(phase)
         moved = moved + across * sine
         shears.append((across * cosine, x, y, yarn.waves[k] / yarn.length))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.cloth.yarn import Yarn
 
-WAVES = 1, 2, 3, 5  # per period, of the variation along a yarn
+WANDER_WAVES = 1, 2, 3, 5  # per period, of the variation along a yarn
 SLUB = 0.33, 2.0  # additional girth of a slub [girths], and its length [diameters]
 TWIST = 0.3  # [rad] standard deviation of the twist
 
@@ -85,6 +85,6 @@ def length_along(path: NDArray) -> NDArray[np.float64]:
 
 def _waves(draw: np.random.Generator, yarns: int, way: NDArray) -> NDArray:
     """Sums of waves of random phase, mean 0 and variance 1 along every yarn: (yarns, steps)."""
-    phase = draw.random((len(WAVES), yarns, 1))
-    turns = np.array(WAVES)[:, None, None] * way
-    return np.sqrt(2.0 / len(WAVES)) * np.sin(2.0 * np.pi * (turns + phase)).sum(axis=0)
+    phase = draw.random((len(WANDER_WAVES), yarns, 1))
+    turns = np.array(WANDER_WAVES)[:, None, None] * way
+    return np.sqrt(2.0 / len(WANDER_WAVES)) * np.sin(2.0 * np.pi * (turns + phase)).sum(axis=0)

@@ -18,8 +18,8 @@ from hagoromo.matter.cloth.wander import freedom, wander, wandered
 from hagoromo.matter.cloth.yarn import Yarn, check_yarn
 
 FEWEST, ENOUGH, MOST = 8, 10, 256  # yarns of a period in each direction: least, preferred least, most
-STEPS = 8  # steps of a path per diameter
-DENSE = 64  # points between crossings from which a path is interpolated
+STEPS_PER_DIAMETER = 8  # steps of a path per diameter
+POINTS_PER_CROSSING = 64  # points between crossings from which a path is interpolated
 POPULATIONS = 4
 
 
@@ -102,7 +102,10 @@ def _paths(cloth: Woven, k: int, margin: float, variants: int, seed: int) -> Pat
     yarn, pitch, period = (cloth.warp, cloth.weft)[k], cloth.pitch, period_of(cloth)
     sides, drawn = _sides(cloth, k), np.random.default_rng((seed, k))
     own = np.random.default_rng((seed, k, 1))
-    yarns, along = sides.shape[0], np.arange(sides.shape[1] * DENSE + 1) * (pitch[1 - k] / DENSE)
+    yarns, along = (
+        sides.shape[0],
+        np.arange(sides.shape[1] * POINTS_PER_CROSSING + 1) * (pitch[1 - k] / POINTS_PER_CROSSING),
+    )
     straight = np.zeros((yarns, along.size, 3))
     straight[..., k] = ((np.arange(yarns) + 0.5) * pitch[k])[:, None]
     straight[..., 1 - k] = along
@@ -113,7 +116,7 @@ def _paths(cloth: Woven, k: int, margin: float, variants: int, seed: int) -> Pat
     room = min(cloth.uneven, max(0.0, 0.5 - 0.5 * yarn.width_mm / pitch[k]))
     beside = np.zeros_like(straight)
     beside[..., k] = room * pitch[k]
-    turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS)
+    turns, steps = round(yarn.rates[0] * length / (2.0 * np.pi)), round(length / yarn.diameter_mm * STEPS_PER_DIAMETER)
     colours = np.resize((cloth.warp_colours, cloth.weft_colours)[k], yarns)
     population = np.array([cloth.palette.index((k, int(colour))) for colour in colours])
     population = np.repeat(population[:, None], steps, axis=1)
@@ -129,13 +132,13 @@ def _sides(cloth: Woven, k: int) -> NDArray[np.float64]:
 
 
 def _heights(cloth: Woven, k: int, sides: NDArray) -> NDArray[np.float64]:
-    """Heights of paths [mm], DENSE between crossings: an arc around the crossing yarn, then straight to the next.
+    """Heights of paths [mm]: an arc around the crossing yarn, then straight to the next; POINTS_PER_CROSSING each.
 
     Peirce, "The geometry of cloth structure", J. Text. Inst. 28, 1937; flattened yarns as Kemp, ibid. 49, 1958.
     """
     pitch, swing, (angle, flat) = cloth.pitch[1 - k], _swing(cloth, k), _bend(cloth, k)
     radius = 0.5 * (cloth.warp.thickness_mm + cloth.weft.thickness_mm)
-    at = np.arange(sides.shape[1] * DENSE + 1) / DENSE
+    at = np.arange(sides.shape[1] * POINTS_PER_CROSSING + 1) / POINTS_PER_CROSSING
     crossing = np.floor(at).astype(int)
     offset = at - crossing - 0.5  # pitches from the middle of the crossing yarn
     here = sides[:, crossing % sides.shape[1]]

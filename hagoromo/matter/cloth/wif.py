@@ -16,7 +16,7 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, read_bytes
-from hagoromo.matter.cloth.draft import LARGEST, Draft, smallest_repeat
+from hagoromo.matter.cloth.draft import LARGEST_DRAFT, Draft, smallest_repeat
 from hagoromo.matter.cloth.weave import LINEN, Woven
 from hagoromo.matter.cloth.yarn import Yarn
 
@@ -47,9 +47,11 @@ def read_wif(path: str | Path) -> Wif:
     if existing_file(path).stat().st_size > MOST_BYTES:
         raise InputError(f"{path} has more than {MOST_BYTES >> 20} MiB: give a WIF file")
     file = WifFile(path, read_bytes(path).decode("utf-8", "replace"))
-    ends, picks = (file.whole(section, "threads", None, LARGEST) for section in ("warp", "weft"))
-    if ends * picks > LARGEST:
-        raise InputError(f"{path}: {ends} ends and {picks} picks are more than {LARGEST} crossings: give one repeat")
+    ends, picks = (file.whole(section, "threads", None, LARGEST_DRAFT) for section in ("warp", "weft"))
+    if ends * picks > LARGEST_DRAFT:
+        raise InputError(
+            f"{path}: {ends} ends and {picks} picks are more than {LARGEST_DRAFT} crossings: give one repeat"
+        )
     shafts = file.whole("weaving", "shafts", None, MOST_SHAFTS)
     threading = file.marks("threading", ends, shafts)
     if "liftplan" in file.sections:

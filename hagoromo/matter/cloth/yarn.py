@@ -12,7 +12,7 @@ from hagoromo.files.record import Count, NotNegative, Positive, about, one_of
 
 HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal discs can cover
 # ° of the outside: two plies then touch on both sides (Bohr & Olsen, "The ancient art of laying rope", 2011)
-STEEPEST = 45.0
+LARGEST_TWIST_DEG = 45.0
 PRESSED = 1.15  # radius of plies that flatten each other, relative to plies that only touch
 MOST_FIBRES = 2000
 HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
@@ -114,7 +114,7 @@ def check_yarn(yarn: Yarn, name: str) -> Yarn:
         most = int(yarn.fibres * HEXAGONAL / yarn.packing)
         raise InputError(f"{yarn.fibres} fibres of {yarn.fibre_um:g} µm do not fit a ply of the {name}: at most {most}")
     angle = math.degrees(math.atan(0.5 * yarn.diameter_mm * abs(yarn.rates[0]) * (yarn.ply[1] or 1.0)))
-    if angle > STEEPEST or yarn.packing * yarn.lengthening > HEXAGONAL:
+    if angle > LARGEST_TWIST_DEG or yarn.packing * yarn.lengthening > HEXAGONAL:
         raise InputError(
             f"twist_per_cm {yarn.twist_per_cm:g} of the {name} is beyond the packing limit ({angle:.0f}° outside, "
             f"{yarn.packing * yarn.lengthening:.2f} of the section filled): less twist or fewer fibres"

@@ -13,8 +13,8 @@ from hagoromo.errors import InputError
 from hagoromo.matter.drape.resident import resident
 from hagoromo.matter.shape import Shape
 
-MOST = 1 << 26  # largest number of lattice points
-FAR = 1e4  # [mm] distance where there is no body
+LARGEST_LATTICE = 1 << 26  # largest number of lattice points
+NO_BODY_MM = 1e4  # [mm] distance where there is no body
 
 
 class Collider:
@@ -28,14 +28,14 @@ class Collider:
         self.low, self.step = tuple(float(x) for x in low), float(step)
         self.shape = np.ceil(np.subtract(high, self.low) / step).astype(int) + 1
         count = int(np.prod(self.shape.astype(float)))
-        if not (0 < count * max(len(bodies), 1) <= MOST and self.shape.min() >= 2):
+        if not (0 < count * max(len(bodies), 1) <= LARGEST_LATTICE and self.shape.min() >= 2):
             raise InputError(
                 f"a lattice of {step:g} mm for bodies from {list(low)} to {list(high)} mm: give another step"
             )
         nx, ny = (int(n) for n in self.shape[:2])
         index = dr.arange(jit.UInt, count)
         at = jit.Array3f(index % nx, (index // nx) % ny, index // (nx * ny)) * self.step + jit.Array3f(*self.low)
-        values = [np.array(body(at), np.float32) for body in bodies] or [np.full(count, FAR, np.float32)]
+        values = [np.array(body(at), np.float32) for body in bodies] or [np.full(count, NO_BODY_MM, np.float32)]
         self.count, self.values = count, resident(jit.Float, np.concatenate(values))
 
     def distance_and_normal(self, point: Any, layer: Any) -> tuple[Any, Any]:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.drape.sheet import Sheet
 
-NEIGHBOURS = 2  # [rows or columns] closer points are held apart by the stiffness of the cloth
-BETWEEN = 1 << 20  # rows between two sheets, so that they have no neighbours in common
-MOST = 6  # contacts of one point that are used, the nearest first
+NEIGHBOUR_ROWS = 2  # [rows or columns] closer points are held apart by the stiffness of the cloth
+ROWS_BETWEEN_SHEETS = 1 << 20  # rows between two sheets, so that they have no neighbours in common
+LARGEST_CONTACTS = 6  # contacts of one point that are used, the nearest first
 
 
 class Contacts:
@@ -26,20 +26,22 @@ class Contacts:
         self.sheet, self.apart = np.repeat(np.arange(len(sheets)), sizes), apart
         places = [np.indices(shape, np.int32).reshape(2, -1).T for shape in shapes]
         for number, place in enumerate(places):
-            place[:, 0] += number * BETWEEN
+            place[:, 0] += number * ROWS_BETWEEN_SHEETS
         self.place = np.concatenate(places)
-        columns = [shape[1] if sheet.around else BETWEEN for shape, sheet in zip(shapes, sheets, strict=True)]
+        columns = [
+            shape[1] if sheet.around else ROWS_BETWEEN_SHEETS for shape, sheet in zip(shapes, sheets, strict=True)
+        ]
         self.narrow = narrow.astype(np.float32)
         self.columns = np.repeat(np.array(columns, np.int32), sizes)
 
     def candidates(self, points: NDArray[np.floating], reach: float) -> NDArray[np.uint32]:
-        """Up to MOST others within `reach` that each point may touch; its own number fills the rest: (MOST, n)."""
+        """(LARGEST_CONTACTS, n) points within `reach` that each point may touch; its own number fills the rest."""
         from scipy.spatial import KDTree
 
         first, second = KDTree(points).query_pairs(reach, output_type="ndarray").T
         far = np.abs(self.place[first] - self.place[second])
         far[:, 1] = np.minimum(far[:, 1], self.columns[first] - far[:, 1])
-        keep = (far[:, 0] > NEIGHBOURS) | (far[:, 1] * self.narrow[first] > NEIGHBOURS)
+        keep = (far[:, 0] > NEIGHBOUR_ROWS) | (far[:, 1] * self.narrow[first] > NEIGHBOUR_ROWS)
         first, second = first[keep], second[keep]
         keep = (self.sheet[first] == self.sheet[second]) | ~(self.apart[first] | self.apart[second])
         first, second = first[keep], second[keep]
@@ -48,6 +50,6 @@ class Contacts:
         one, other = one[order], other[order]
         starts = np.searchsorted(one, np.arange(len(points)))
         rank = np.arange(len(one)) - starts[one]
-        table = np.tile(np.arange(len(points), dtype=np.uint32), (MOST, 1))
-        table[rank[rank < MOST], one[rank < MOST]] = other[rank < MOST]
+        table = np.tile(np.arange(len(points), dtype=np.uint32), (LARGEST_CONTACTS, 1))
+        table[rank[rank < LARGEST_CONTACTS], one[rank < LARGEST_CONTACTS]] = other[rank < LARGEST_CONTACTS]
         return table

@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.drape.sheet import Sheet
 
 Place = NDArray[np.float64]
-FEWEST = 6  # least number of points along an edge
+LEAST_POINTS_PER_EDGE = 6  # least number of points along an edge
 
 
 def _nowhere(s: Place, t: Place) -> Place:
@@ -59,7 +59,7 @@ class Cut:
                 "give a spacing of at most half its shorter edge"
             )
         columns, rows = round(self.width / spacing) + (not self.closed), round(self.height / spacing) + 1
-        columns, rows = max(columns, FEWEST), max(rows, FEWEST)
+        columns, rows = max(columns, LEAST_POINTS_PER_EDGE), max(rows, LEAST_POINTS_PER_EDGE)
         return np.linspace(0.0, 1.0, columns, endpoint=not self.closed), np.linspace(0.0, 1.0, rows)
 
     def sheet(self, spacing: float, before: Sheet | None = None) -> Sheet:

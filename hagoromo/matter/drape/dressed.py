@@ -15,15 +15,15 @@ from hagoromo.matter.drape.settle import Fabric, Fall, settled
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.shape import Shape
 
-ROOM = (-75.0, -85.0, -4.0), (75.0, 75.0, 275.0)  # corners of the space in which a figure is dressed
+DRESSING_SPACE_MM = (-75.0, -85.0, -4.0), (75.0, 75.0, 275.0)  # corners of the space in which a figure is dressed
 LATTICE = 1.5
-DENSE = 1.2  # distance between the points of the sheets that are searched
+DRESSED_SPACING_MM = 1.2  # distance between the points of the sheets that are searched
 DEEP = 7.0  # depth below the outer side of a cloth that counts as inside
 
 
 def put_on(cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall) -> list[Sheet]:
     """The cuts at rest on a figure; the layer of a cut is the number of its body."""
-    return settled(cuts, Collider(bodies, *ROOM, LATTICE), fabric, fall)
+    return settled(cuts, Collider(bodies, *DRESSING_SPACE_MM, LATTICE), fabric, fall)
 
 
 def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
@@ -48,7 +48,7 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
 
 def _samples(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
     """Points of a sheet and their upper sides, (n, 3) each."""
-    points = sheet.refined(max(1, round(sheet.spacing / DENSE))).points
+    points = sheet.refined(max(1, round(sheet.spacing / DRESSED_SPACING_MM))).points
     if sheet.around:
         wrapped = np.concatenate([points[:, -1:], points, points[:, :1]], axis=1)
         across = np.gradient(wrapped, axis=1)[:, 1:-1]

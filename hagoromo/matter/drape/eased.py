@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hagoromo.matter.drape.sheet import Sheet
 
-GATHERED = 0.85, 0.55  # smoothed length over length of the cloth: smoothing begins, and is complete
+SMOOTHED_RATIO = 0.85, 0.55  # smoothed length over length of the cloth: smoothing begins, and is complete
 
 
 def eased(sheet: Sheet, width_mm: float) -> Sheet:
@@ -22,7 +22,11 @@ def eased(sheet: Sheet, width_mm: float) -> Sheet:
     share = np.ones(sheet.u.shape)
     for axis, length in enumerate(rest):
         steps = _slopes(smooth, axis, wide)
-        easing = np.clip((GATHERED[0] - np.linalg.norm(steps, axis=2) / length) / (GATHERED[0] - GATHERED[1]), 0.0, 1.0)
+        easing = np.clip(
+            (SMOOTHED_RATIO[0] - np.linalg.norm(steps, axis=2) / length) / (SMOOTHED_RATIO[0] - SMOOTHED_RATIO[1]),
+            0.0,
+            1.0,
+        )
         share *= 1.0 - easing
     part = _smoothed(1.0 - share, tuple(0.5 * s for s in sigma), wide)[..., None]
     return Sheet(sheet.points + part * (smooth - sheet.points), sheet.u, sheet.v, sheet.around)

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.matter.drape.sheet import Sheet
 
-GATHERED = 0.8  # width at the upper edge, as a share of that at the hem
+UPPER_WIDTH_SHARE = 0.8  # width at the upper edge, as a share of that at the hem
 SWAY = 0.1  # shift of the folds to the side between upper edge and hem, as a share of the width
-SPACING = 1.5  # [mm] between the points of the sheet
-DENSE = 4096  # points from which lengths are measured
+HANGING_SPACING_MM = 1.5  # [mm] between the points of the sheet
+LENGTH_POINTS = 4096  # points from which lengths are measured
 CLOSER = 30  # bisections of the range of a row's width
 SHALLOWEST = 0.45  # depth of the shallowest fold, relative to the deepest
 
@@ -38,12 +38,12 @@ def hanging(size_mm: tuple[float, float], folds: int, depth_mm: float, seed: int
     leans = 0.55 * (2.0 * draw.random(folds + 2) - 1.0)
     u, v = _grid(size_mm)
     points = np.zeros((*u.shape, 3))
-    share = np.linspace(0.0, 1.0, DENSE)
+    share = np.linspace(0.0, 1.0, LENGTH_POINTS)
     hem = _width(depth_mm * _folds(share * folds, depths, leans), width)
     for row, z in enumerate(v[:, 0]):
         fall = 1.0 - z / height
         wave = _folds(share * folds + SWAY * folds * np.sin(2.2 * fall), depths, leans)
-        across = hem * (GATHERED + (1.0 - GATHERED) * fall)
+        across = hem * (UPPER_WIDTH_SHARE + (1.0 - UPPER_WIDTH_SHARE) * fall)
         deep = _depth(wave, across, width) if depth_mm > 0 else 0.0
         across = across if depth_mm > 0 else width
         length = _lengths(share * across, deep * wave)
@@ -54,7 +54,7 @@ def hanging(size_mm: tuple[float, float], folds: int, depth_mm: float, seed: int
 
 def _grid(size_mm: tuple[float, float]) -> tuple[NDArray, NDArray]:
     """u and v of the points of a piece."""
-    along = [np.linspace(0.0, edge, max(8, round(edge / SPACING))) for edge in size_mm]
+    along = [np.linspace(0.0, edge, max(8, round(edge / HANGING_SPACING_MM))) for edge in size_mm]
     u, v = np.meshgrid(along[0] - 0.5 * size_mm[0], along[1])
     return u, v
 

@@ -33,7 +33,7 @@ PUSH = 300.0  # [mm/s] speed at which points inside a body are pushed out; a jum
 QUICKEST = 0.2  # [spacings] largest move of a point in a step: several times its fall, too little to tear the cloth
 GRIP = 0.05  # share of the speed that a belt removes in a step
 TOUCH_EVERY = 1 / 200  # [s] between searches for contacts
-REACH = 1.6  # [spacings] of this search; points touch at 1
+CONTACT_SEARCH_SPACINGS = 1.6  # [spacings] of this search; points touch at 1
 FALL, REST = 8.0, 40.0  # [1/s] drag of the air while the cloth falls, and at the end to bring it to rest
 
 
@@ -114,7 +114,7 @@ def _after(
     for turn in range(turns):
         if turn % every == 0:
             now = np.array(place, np.float64).T
-            touching = [resident(jit.UInt, row) for row in contacts.candidates(now, REACH * spacing)]
+            touching = [resident(jit.UInt, row) for row in contacts.candidates(now, CONTACT_SEARCH_SPACINGS * spacing)]
             ease = FALL + (REST - FALL) * min(max(3.0 * turn / turns - 1.5, 0.0), 1.0)
             drag = dr.opaque(jit.Float, math.exp(-ease * step))
         place, speed = move(place, speed, touching, drag, mesh)

@@ -14,11 +14,11 @@ from hagoromo.files.checks import check_memory
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.texel.shell import Chart
 
-DENSE = 0.5  # [mm] between the points of a sheet that are searched
-TURNS = 3  # iterations for the foot of a point; each reduces the error by height × curvature
-AT_ONCE = 1 << 17  # points that are looked up together, few enough for the cache
-ASIDE = 1000.0  # periods, or mm, between the u and v of one sheet and those of the next
-FAR = 8.0  # mm beyond the reach, up to which distances are computed
+CHART_SPACING_MM = 0.5  # [mm] between the points of a sheet that are searched
+FOOT_ITERATIONS = 3  # iterations for the foot of a point; each reduces the error by height × curvature
+POINTS_AT_ONCE = 1 << 17  # points that are looked up together, few enough for the cache
+SHEET_OFFSET = 1000.0  # periods, or mm, between the u and v of one sheet and those of the next
+FAR_MM = 8.0  # mm beyond the reach, up to which distances are computed
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -31,7 +31,7 @@ def sheet_chart(
 ) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
     """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
-    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. Bounds are at most reach_mm + FAR.
+    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. Bounds are at most reach_mm + FAR_MM.
     period_mm: of what repeats along u and v: the widths of tubes are taken for the nearest whole number of periods.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
@@ -40,7 +40,9 @@ def sheet_chart(
 
     def chart(point: Any) -> Chart:
         asked = np.array(point, np.float32).T
-        parts = [dense.place(part, reach_mm, edge_mm) for part in np.array_split(asked, len(asked) // AT_ONCE + 1)]
+        parts = [
+            dense.place(part, reach_mm, edge_mm) for part in np.array_split(asked, len(asked) // POINTS_AT_ONCE + 1)
+        ]
         values = np.ascontiguousarray(np.concatenate(parts).T, np.float32)
         height, u, v, presence, *frame = (arrays().Float(row) for row in values)
         normal, along = arrays().Array3f(*frame[:3]), arrays().Array3f(*frame[3:])
@@ -48,7 +50,8 @@ def sheet_chart(
 
     def bound(point: Any) -> Any:
         return (
-            arrays().Float(dense.distance(np.array(point, np.float64).T, reach_mm + FAR).astype(np.float32)) - reach_mm
+            arrays().Float(dense.distance(np.array(point, np.float64).T, reach_mm + FAR_MM).astype(np.float32))
+            - reach_mm
         )
 
     low, high = dense.points.min(axis=0) - reach_mm, dense.points.max(axis=0) + reach_mm
@@ -68,7 +71,7 @@ class _Samples:
         for number, (sheet, coarse) in enumerate(zip(fine, sheets, strict=True)):
             rows, columns = sheet.u.shape
             u, around = _snapped(sheet, period[0])
-            aside = number * ASIDE * (period[0] or 1.0)
+            aside = number * SHEET_OFFSET * (period[0] or 1.0)
             tables.append(_table(sheet, u, around))
             hems = (coarse.v.min(), coarse.v.max()) + ((-np.inf, np.inf) if sheet.around else (u.min(), u.max()))
             shape.append((first, rows, columns, bool(sheet.around), *hems, aside))
@@ -101,10 +104,10 @@ class _Samples:
         wide = columns + closed  # columns of the table
         row: NDArray[np.floating] = (nearest - first) // wide
         column: NDArray[np.floating] = (nearest - first) % wide
-        for turn in range(TURNS + 1):
+        for turn in range(FOOT_ITERATIONS + 1):
             value = self._at(first, wide, rows, row, column)
             offset, across, down = asked - value[:, :3], value[:, 3:6], value[:, 6:9]
-            if turn < TURNS:
+            if turn < FOOT_ITERATIONS:
                 more_column, more_row = _solved(across, down, offset)
                 row = np.clip(row + np.clip(more_row, -2, 2), 0.0, rows - 1)
                 column = column + np.clip(more_column, -2, 2)
@@ -153,7 +156,7 @@ def _snapped(sheet: Sheet, period: float) -> tuple[NDArray[np.floating], float]:
 
 
 def _times(sheet: Sheet) -> int:
-    return max(1, round(sheet.spacing / DENSE))
+    return max(1, round(sheet.spacing / CHART_SPACING_MM))
 
 
 def _solved(across: NDArray, down: NDArray, offset: NDArray) -> tuple[NDArray, NDArray]:

@@ -13,7 +13,8 @@ from hagoromo.matter.drape.resident import resident
 from hagoromo.matter.drape.sheet import Sheet
 
 ANYWHERE = 1e9  # [mm] reach of points that no belt draws in: larger than any distance
-WAYS = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  # rows, columns to the neighbours
+# rows, columns to the neighbours
+NEIGHBOUR_STEPS = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))
 
 
 def mesh_of(cuts: Sequence[Cut], sheets: Sequence[Sheet], spacing: float) -> dict[str, Any]:
@@ -63,16 +64,16 @@ def _joined(cut: Cut, sheet: Sheet, spacing: float) -> dict[str, np.ndarray]:
         return np.where(there, i * columns + j, row * columns + column).ravel(), there.ravel()
 
     other, rest = [], []
-    for down, across in WAYS:
+    for down, across in NEIGHBOUR_STEPS:
         index, there = number(down, across)
         mean = 0.5 * (wide[row] + wide[np.clip(row + down, 0, rows - 1)])
         other.append(index)
         rest.append(np.where(there, np.hypot(across * mean, down * tall).ravel(), 0.0))
     # where rows are narrow their points bend no more stiffly than half a spacing would: the step is not made for it
-    step = [np.maximum(wide[row] if across else tall, 0.5 * spacing).ravel() for _, across in WAYS[:4]]
+    step = [np.maximum(wide[row] if across else tall, 0.5 * spacing).ravel() for _, across in NEIGHBOUR_STEPS[:4]]
     step = [np.broadcast_to(size, row.size) for size in step]
-    second = [number(2 * down, 2 * across) for down, across in WAYS[:4]]
-    near = [number(*WAYS[a])[1] & number(*WAYS[a + 1])[1] for a in (0, 2)]
+    second = [number(2 * down, 2 * across) for down, across in NEIGHBOUR_STEPS[:4]]
+    near = [number(*NEIGHBOUR_STEPS[a])[1] & number(*NEIGHBOUR_STEPS[a + 1])[1] for a in (0, 2)]
     return {
         "other": np.array(other), "rest": np.array(rest), "second": np.array([index for index, _ in second]),
         "far": np.array([there / size**4 for (_, there), size in zip(second, step, strict=True)]),

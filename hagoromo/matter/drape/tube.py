@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from hagoromo.matter.drape.cut import Cut, Place
 
 ENTRIES = 257  # entries of the tables along a tube
-TURNS = np.linspace(0.0, 2.0 * math.pi, 1441)  # [rad] angles around a tube, from seam to seam
+TUBE_ANGLES = np.linspace(0.0, 2.0 * math.pi, 1441)  # [rad] angles around a tube, from seam to seam
 ROUND, FAN = 4.0, 20.0  # half the ways over which a tube along an arm, and its rows, turn at the elbow
 OUTWARDS = 0.4  # of the way that a wide sleeve hangs down, how far it does so to the side
 TILTED = 6  # how near its upper hem a tube tilts with it: share of the length to this power
@@ -113,21 +113,23 @@ def _at(share: float, table: NDArray[np.floating]) -> float:
 def _folded(s: Place, width: float, x: float, y: float, folds: Folds) -> tuple[NDArray, NDArray]:
     """Angle from the seam, and radius in shares of an ellipse's, of the places s on a row of this width around it."""
     draw = np.random.default_rng(folds.seed).uniform(-1.0, 1.0, (2, 4))
-    swing = sum(a * np.sin((k + 1) * TURNS + math.pi * b) for k, (a, b) in enumerate(draw.T)) / 3.0
-    deep = 1.0 + 0.5 * np.sin(2.0 * TURNS + math.pi * draw[0, 0]) * np.cos(3.0 * TURNS + math.pi * draw[1, 1])
-    wave = deep * np.cos(folds.count * TURNS + 2.0 * swing)
-    girth = _lengths(np.ones_like(TURNS), x, y)[-1]
+    swing = sum(a * np.sin((k + 1) * TUBE_ANGLES + math.pi * b) for k, (a, b) in enumerate(draw.T)) / 3.0
+    deep = 1.0 + 0.5 * np.sin(2.0 * TUBE_ANGLES + math.pi * draw[0, 0]) * np.cos(
+        3.0 * TUBE_ANGLES + math.pi * draw[1, 1]
+    )
+    wave = deep * np.cos(folds.count * TUBE_ANGLES + 2.0 * swing)
+    girth = _lengths(np.ones_like(TUBE_ANGLES), x, y)[-1]
     # a wave of slope q makes a circle longer by √(1 + q²/2)
     size = math.sqrt(2.0 * max((width / girth) ** 2 - 1.0, 0.0)) / folds.count
     out = 1.0 + size * wave
     length = _lengths(out, x, y)
-    turn = np.interp(s, length / length[-1], TURNS)
-    return turn, np.interp(turn, TURNS, out) * (width / length[-1])
+    turn = np.interp(s, length / length[-1], TUBE_ANGLES)
+    return turn, np.interp(turn, TUBE_ANGLES, out) * (width / length[-1])
 
 
 def _lengths(out: NDArray, x: float, y: float) -> NDArray:
-    """Length of a closed curve from the seam to each of TURNS."""
-    steps = np.hypot(np.diff(x * out * np.sin(TURNS)), np.diff(y * out * np.cos(TURNS)))
+    """Length of a closed curve from the seam to each of TUBE_ANGLES."""
+    steps = np.hypot(np.diff(x * out * np.sin(TUBE_ANGLES)), np.diff(y * out * np.cos(TUBE_ANGLES)))
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 

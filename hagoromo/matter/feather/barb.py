@@ -12,7 +12,7 @@ from hagoromo.files.record import NotNegative, Positive, about
 from hagoromo.matter.feather.rod import rod
 from hagoromo.matter.noise import gradient_noise, random
 
-SPREAD = 0.4  # share of the way between splits over which barbs are pushed together beside one
+SPLIT_SPREAD = 0.4  # share of the way between splits over which barbs are pushed together beside one
 THIN = 0.6  # share of its width that a barb loses from the shaft to the edge
 
 
@@ -139,7 +139,7 @@ def _parted(start: Any, share: Any, inner: Any, barbs: Barbs, seed: Any) -> tupl
     side = dr.select(inner, jit.Int(0), 1)
     place, wide, deep = (random((jit.Int(cell), side, k), seed + 9) for k in range(3))
     off = start - (cell + 0.5 + (place - 0.5) * 0.2) * every
-    zone = SPREAD * every
+    zone = SPLIT_SPREAD * every
     gape = dr.fmin(0.5 * barbs.split_mm, 0.5 * zone) * wide * wide
     gape = gape * clip((share - 0.9 * deep) / (1.0 - 0.85 * deep), 0.0, 1.0)
     far = abs(off)

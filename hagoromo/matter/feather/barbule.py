@@ -17,9 +17,9 @@ from hagoromo.matter.noise import random
 from hagoromo.matter.shape import unit
 
 BASE = 0.5  # share of a barbule's length that is a flat lamella; the rest is a thin thread
-TAPER = 0.6  # relative loss of width along a barbule
+BARBULE_TAPER = 0.6  # relative loss of width along a barbule
 HOOKED = 0.5, 0.9  # shares of a distal barbule's length between which hooklets sit
-UNEVEN = 0.25  # relative spread of the place and length of barbules
+BARBULE_SPREAD = 0.25  # relative spread of the place and length of barbules
 HOOK = 0.4  # thickness of a hooklet, as a share of the barbule's
 
 
@@ -78,8 +78,8 @@ def barbule_density(
         place = foot * per_mm + shift
         own = dr.floor(place)
         nudge, longer = (random((jit.Int(own), jit.Int(number), k), seed + 6) - 0.5 for k in range(2))
-        aside = (place - own - 0.5 + UNEVEN * nudge) / per_mm * math.sin(angle)
-        run = away / (math.sin(angle) * long * (1.0 + UNEVEN * longer))  # share of the barbule's length
+        aside = (place - own - 0.5 + BARBULE_SPREAD * nudge) / per_mm * math.sin(angle)
+        run = away / (math.sin(angle) * long * (1.0 + BARBULE_SPREAD * longer))  # share of the barbule's length
         middle = sign * barbules.rise_mm * run - 0.5 * barbules.height_mm
         radius, tall = _section(run, barbules)
         here = rod(aside, height - middle, radius, tall, softness)
@@ -112,7 +112,7 @@ def barbule_thickness(spacing: Any, share: Any, made: Any) -> Any:
 
 def _section(run: Any, barbules: Barbules) -> tuple[Any, Any]:
     """Radius, and half the height by which the disc is drawn out, at a share of the length."""
-    radius = 0.5 * barbules.width_mm * (1.0 - TAPER * run)
+    radius = 0.5 * barbules.width_mm * (1.0 - BARBULE_TAPER * run)
     tall = 0.5 * (barbules.height_mm - barbules.width_mm)
     return radius, tall * dr.fmax(1.0 - run / BASE, 0.0)
 
@@ -121,8 +121,8 @@ def _volume(run: Any, barbules: Barbules) -> Any:
     """∫ of the section's area from 0 to a share `run` of the length [mm²]."""
     radius, tall = 0.5 * barbules.width_mm, 0.5 * (barbules.height_mm - barbules.width_mm)
     low = dr.fmin(run, BASE)
-    thread = run - TAPER * run * run + TAPER**2 / 3.0 * run**3
-    ribbon = low - 0.5 * (TAPER + 1.0 / BASE) * low * low + TAPER / (3.0 * BASE) * low**3
+    thread = run - BARBULE_TAPER * run * run + BARBULE_TAPER**2 / 3.0 * run**3
+    ribbon = low - 0.5 * (BARBULE_TAPER + 1.0 / BASE) * low * low + BARBULE_TAPER / (3.0 * BASE) * low**3
     return math.pi * radius * radius * thread + 4.0 * radius * tall * ribbon
 
 

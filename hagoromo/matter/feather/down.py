@@ -15,7 +15,7 @@ from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import gradient_noise, random
 from hagoromo.matter.shape import unit
 
-BESIDE = (-1, 0, 1)  # neighbouring barbs that are evaluated: none waves further than to the next
+NEIGHBOUR_BARBS = (-1, 0, 1)  # neighbouring barbs that are evaluated: none waves further than to the next
 STALK = 0.03  # radius of a downy barb
 THREAD = 0.008  # width of a downy barbule (Lucas & Stettenheim 1972: threads of a few µm with nodes)
 
@@ -42,7 +42,7 @@ def down_density(barb: Barb, height: Any, down: Down, fineness: Fineness, seed: 
     jit, softness = arrays(), fineness.softness
     density, tangent = 0.0 * height, jit.Array3f(1, 0, 0)
     grown = dr.fmin(barb.out / (1.2 * down.loft_mm), 1.0)
-    for step in BESIDE:
+    for step in NEIGHBOUR_BARBS:
         number = jit.Int(barb.number) + step
         lift, own, side = random((number, 0, 3), seed + 21), barb.number * 5.3 + 5.3 * step, barb.along.x
         place = jit.Array3f(barb.out * (2.0 / down.wave_mm), own, side)

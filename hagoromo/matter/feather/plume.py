@@ -14,7 +14,7 @@ from hagoromo.backend import arrays, clip
 from hagoromo.files.record import Positive, about
 from hagoromo.matter.shape import coverage
 
-TAPER = 0.9  # share of the shaft's width that is lost from the foot of the vane to the tip
+SHAFT_TAPER = 0.9  # share of the shaft's width that is lost from the foot of the vane to the tip
 WALL, PITH = 0.16, 0.3  # wall of the shaft as a share of its radius; density of the foam within (0 in the quill)
 STRAIGHT = 1e-5  # [1/mm] curvature below which a feather counts as straight
 SUNK = 0.5  # depth of the shaft's middle below the vane [radii]: the vane joins it near its upper side
@@ -92,7 +92,7 @@ def shaft(spot: Spot, plume: Any, softness: float) -> tuple[Any, Any]:
     quill = plume.length_mm * plume.quill
     share = clip((spot.along - quill) / (plume.length_mm - quill), 0.0, 1.0)
     foot = dr.sqrt(clip(spot.along / (1.5 * plume.rachis_mm) + 0.05, 0.0, 1.0))
-    radius = 0.5 * plume.rachis_mm * (1.0 - TAPER * share) * foot
+    radius = 0.5 * plume.rachis_mm * (1.0 - SHAFT_TAPER * share) * foot
     x, y = abs(spot.across), spot.height + SUNK * radius
     square = clip(8.0 * share, 0.0, 1.0) * clip(3.0 * (1.0 - share), 0.0, 1.0)
     rounding = radius * (1.0 - 0.55 * square)

@@ -17,7 +17,7 @@ from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import random
 from hagoromo.matter.shape import coverage, unit
 
-SHOWN = 0.6  # voxel size over distance of strands below which single strands are resolved
+RESOLVED_RATIO = 0.6  # voxel size over distance of strands below which single strands are resolved
 
 
 class Feather(NamedTuple):
@@ -116,7 +116,7 @@ def shown(made: Feather, fineness: Fineness) -> tuple[float, float]:
     """Share of barbs and of barbules that the lattice resolves one by one, 0…1."""
     barbules = made.barbules
     fine = min(1.0 / barbules.distal_per_mm, 1.0 / barbules.proximal_per_mm)
-    return fineness.resolved(SHOWN * nominal_spacing(made.barbs)), fineness.resolved(SHOWN * fine)
+    return fineness.resolved(RESOLVED_RATIO * nominal_spacing(made.barbs)), fineness.resolved(RESOLVED_RATIO * fine)
 
 
 def vane_thickness(across: Any, along: Any, made: Feather, seed: Any) -> Any:

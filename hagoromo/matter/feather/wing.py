@@ -21,7 +21,7 @@ from hagoromo.matter.feather.plume import Plume, Spot, rolled
 from hagoromo.matter.feather.vane import Feather, feather_at
 from hagoromo.matter.feather.wing_bones import Ground, arm, ground
 from hagoromo.matter.feather.wing_grid import Grid, cell_at, grid_of
-from hagoromo.matter.feather.wing_rows import AT, FIELDS, THICK, feathers, height_of
+from hagoromo.matter.feather.wing_rows import ARM_HALF_THICKNESS, AT, FEATHER_FIELDS, feathers, height_of
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import gradient_noise
 from hagoromo.matter.shape import capsule, coverage, unit
@@ -34,7 +34,7 @@ JOINTS = 28  # joints of the arm
 LEAN = 0.6  # share of the arm's thickness that the arm fills; coverts fill the rest
 FUR = 0.6  # width of the frayed edge of the arm
 # coarse enough for a lattice that holds both wings
-WEB = Feather(
+WING_FEATHER = Feather(
     barbs=Barbs(1.1, 36.0, 46.0, 12.0, 1.6, 0.2, 0.26, 0.12, 1.6, 0.5, 0.0),
     barbules=Barbules(6.0, 5.0, 48.0, 40.0, 0.8, 0.8, 0.03, 0.08, 0.03, 0, 0.03),
     down=Down(share=0.0),
@@ -61,7 +61,7 @@ class Wing:
         self.seed = dr.opaque(jit.UInt, seed)
         middle, _ = arm(np.linspace(0.0, 1.0, JOINTS))
         _, direction = arm(np.linspace(0.0, 1.0, JOINTS))
-        thick = np.interp(np.linspace(0.0, 1.0, JOINTS), AT, THICK)
+        thick = np.interp(np.linspace(0.0, 1.0, JOINTS), AT, ARM_HALF_THICKNESS)
         self.thick = LEAN * thick
         inward = np.stack([direction[:, 1], -direction[:, 0]], axis=1)
         self.bone = middle + inward * thick[:, None]
@@ -105,8 +105,8 @@ class Wing:
 
     def feather(self, place: Ground, number: Any) -> tuple[Any, Any, Any]:
         """Density, tangent and colour of one feather."""
-        jit, first = arrays(), number * len(FIELDS)
-        own = {name: dr.gather(jit.Float, self.table, first + k) for k, name in enumerate(FIELDS)}
+        jit, first = arrays(), number * len(FEATHER_FIELDS)
+        own = {name: dr.gather(jit.Float, self.table, first + k) for k, name in enumerate(FEATHER_FIELDS)}
         x, z = place.x - own["x"], place.z - own["z"]
         off = -x * own["cosine"] - z * own["sine"]
         ahead = x * own["sine"] - z * own["cosine"]
@@ -124,7 +124,7 @@ class Wing:
         plume = Plume(
             **{name: own[name] for name in ("length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip")}
         )
-        made = WEB._replace(plume=plume)
+        made = WING_FEATHER._replace(plume=plume)
         density, tangent, colour = feather_at(spot, made, self.fineness, self.seed + jit.UInt(own["seed"]))
         return density, tangent, dr.select((colour == 0) & (own["flight"] > 0.5), 1, colour)
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, clip
-from hagoromo.matter.feather.wing_rows import FIELDS, height_of
+from hagoromo.matter.feather.wing_rows import FEATHER_FIELDS, height_of
 
-CELL = np.array([2.0, 2.0, 0.6])  # x, z, height
+CELL_SIZE = np.array([2.0, 2.0, 0.6])  # x, z, height
 LOW, HIGH = np.array([0.0, 40.0, -10.4]), np.array([145.0, 312.5, 10.4])
 EVERY = 1.2  # distance of the sample points on a feather
-REACH = 1.3  # radius of a feather's matter around a sample point: half of EVERY plus frayed edges
-THICK = 0.7  # half thickness of a vane with its soft edge; shafts are thicker
+SAMPLE_REACH = 1.3  # radius of a feather's matter around a sample point: half of EVERY plus frayed edges
+VANE_HALF_THICKNESS = 0.7  # half thickness of a vane with its soft edge; shafts are thicker
 STRETCH = 1.5  # the way in (x, z, height) is at most √2 of the way in space, a little more over the bent sheet
 
 
@@ -30,7 +30,7 @@ class Grid(NamedTuple):
     clear: NDArray[np.float32]
 
 
-SHAPE = np.ceil((HIGH - LOW) / CELL).astype(int)
+SHAPE = np.ceil((HIGH - LOW) / CELL_SIZE).astype(int)
 
 
 def grid_of(feathers: NDArray[np.float32], body: NDArray[np.float64]) -> Grid:
@@ -41,17 +41,17 @@ def grid_of(feathers: NDArray[np.float32], body: NDArray[np.float64]) -> Grid:
     pairs = []
     for side, own in enumerate(feathers):
         for number, row in enumerate(own):
-            fields: dict[str, float] = dict(zip(FIELDS, row.tolist(), strict=True))
-            near = _cells(places_on(fields), max(THICK, fields["rachis_mm"]))
+            fields: dict[str, float] = dict(zip(FEATHER_FIELDS, row.tolist(), strict=True))
+            near = _cells(places_on(fields), max(VANE_HALF_THICKNESS, fields["rachis_mm"]))
             pairs.append(np.stack([near + side * cells, np.full(len(near), number + side * count)], axis=1))
     cell, member = np.concatenate(pairs).T
     order = np.argsort(cell, kind="stable")
     starts = np.searchsorted(cell[order], np.arange(2 * cells + 1))
     empty = np.ones(cells, bool)
     empty[cell % cells] = False
-    empty[_cells(body, THICK)] = False
-    clear = distance_transform_edt(empty.reshape(SHAPE), sampling=CELL)
-    clear = (np.asarray(clear).ravel() - float(np.linalg.norm(CELL))) / STRETCH
+    empty[_cells(body, VANE_HALF_THICKNESS)] = False
+    clear = distance_transform_edt(empty.reshape(SHAPE), sampling=CELL_SIZE)
+    clear = (np.asarray(clear).ravel() - float(np.linalg.norm(CELL_SIZE))) / STRETCH
     words, reals = np.uint32, np.float32
     return Grid(starts.astype(words), member[order].astype(words), feathers.reshape(-1), clear.astype(reals))
 
@@ -76,16 +76,16 @@ def cell_at(x: Any, z: Any, height: Any) -> Any:
     """Number of the cell of a place; the nearest one for places outside."""
     jit, index = arrays(), arrays().UInt(0)
     for k, at in enumerate((x, z, height)):
-        number = clip((at - float(LOW[k])) * float(1.0 / CELL[k]), 0.0, float(SHAPE[k] - 1))
+        number = clip((at - float(LOW[k])) * float(1.0 / CELL_SIZE[k]), 0.0, float(SHAPE[k] - 1))
         index = index * int(SHAPE[k]) + jit.UInt(number)
     return index
 
 
 def _cells(places: NDArray[np.float64], thick: float) -> NDArray[np.int64]:
-    """Numbers of all cells within REACH of places, and `thick` in height."""
-    cell_numbers, reach = [], np.array([REACH, REACH, thick])
-    steps = np.ceil(2.0 * reach / CELL).astype(int)  # no step is longer than a cell
+    """Numbers of all cells within SAMPLE_REACH of places, and `thick` in height."""
+    cell_numbers, reach = [], np.array([SAMPLE_REACH, SAMPLE_REACH, thick])
+    steps = np.ceil(2.0 * reach / CELL_SIZE).astype(int)  # no step is longer than a cell
     for step in np.ndindex(*(steps + 1)):
-        at = ((places + (2.0 * np.array(step) / steps - 1.0) * reach - LOW) / CELL).astype(int)
+        at = ((places + (2.0 * np.array(step) / steps - 1.0) * reach - LOW) / CELL_SIZE).astype(int)
         cell_numbers.append(np.ravel_multi_index(tuple(np.clip(at, 0, SHAPE - 1).T), tuple(SHAPE)))
     return np.unique(np.concatenate(cell_numbers))

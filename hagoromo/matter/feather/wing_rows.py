@@ -15,10 +15,10 @@ from hagoromo.matter.feather.wing_bones import WRIST, arm
 
 # along the arm: share of its length; turn of feathers from straight down outwards [°]; length of the longest
 AT = (0.0, 0.076, 0.178, 0.302, 0.433, 0.562, 0.679, 0.772, 0.868, 1.0)
-TURN = (4.0, 3.0, 3.0, 3.5, 4.5, 6.5, 9.0, 12.0, 15.0, 17.0)
-LONGEST = (46.0, 58.0, 76.0, 99.0, 125.0, 151.0, 172.0, 190.0, 198.0, 192.0)
+ROW_TURN = (4.0, 3.0, 3.0, 3.5, 4.5, 6.5, 9.0, 12.0, 15.0, 17.0)
+ROW_LENGTHS = (46.0, 58.0, 76.0, 99.0, 125.0, 151.0, 172.0, 190.0, 198.0, 192.0)
 BOW = (0.0, 0.0, 1.0, 2.0, 4.0, 7.0, 13.0, 24.0, 38.0, 46.0)  # of the tips inwards
-THICK = (2.8, 2.8, 2.7, 2.5, 2.3, 2.1, 1.7, 1.3, 0.9, 0.7)  # half thickness of the arm
+ARM_HALF_THICKNESS = (2.8, 2.8, 2.7, 2.5, 2.3, 2.1, 1.7, 1.3, 0.9, 0.7)  # half thickness of the arm
 TILED = 0.085  # slope of a feather across: each lies on its neighbour
 
 
@@ -57,14 +57,14 @@ COVERTS = (
 )
 ALULA = Row(4, 0.67, 0.73, 0.5, 0.22, 1.1, 1.5, 5, 1.0)
 SCAPULARS = Row(8, 0.0, 0.13, 0.5, 0.5, 1.8, 2.2, 5, 3.0)
-FIELDS = (
+FEATHER_FIELDS = (
     "x", "z", "sine", "cosine", "bow", "length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip", "root",
     "end", "curl", "tilt", "hollow", "face", "seed", "flight",
 )  # fmt: skip
 
 
 def feathers(seed: int) -> NDArray[np.float32]:
-    """The feathers of both wings, (2, n, len(FIELDS)): right and left differ only in their random part.
+    """The feathers of both wings, (2, n, len(FEATHER_FIELDS)): right and left differ only in their random part.
 
     x, z: of the root; sine, cosine: of the turn outwards; bow: curvature inwards [1/mm]; root, end: height at the root
     and at the tip; curl: how far the tip bends forwards; tilt: slope across; hollow: how far the edges hang back; face:
@@ -91,7 +91,7 @@ def _behind(row: Row) -> Row:
 
 
 def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
-    """The feathers of one row, (n, len(FIELDS))."""
+    """The feathers of one row, (n, len(FEATHER_FIELDS))."""
     n, face, rank = row.count, np.sign(row.level), abs(row.level)
     pitch = (row.last - row.first) / max(n - 1, 1)
     place = np.linspace(row.first, row.last, n) + 0.12 * row.wild * pitch * draw.uniform(-1, 1, n)
@@ -99,14 +99,14 @@ def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
         place = place + 0.5 * pitch * (rank % 2)
     place = np.clip(place, 0.0, 1.0)
     point, direction = arm(place)
-    turn = np.radians(np.interp(place, AT, TURN) + row.wild * 1.3 * draw.uniform(-1, 1, n))
-    longest = np.interp(place, AT, LONGEST)
+    turn = np.radians(np.interp(place, AT, ROW_TURN) + row.wild * 1.3 * draw.uniform(-1, 1, n))
+    longest = np.interp(place, AT, ROW_LENGTHS)
     reach = row.reach * longest * (1.0 + 0.03 * row.wild * draw.uniform(-1, 1, n))
     length = np.maximum(reach - row.root, 6.0)
     step = pitch * np.linalg.norm(arm(np.array([0.5 + 1e-3]))[0] - arm(np.array([0.5 - 1e-3]))[0]) / 2e-3
     step = step * np.maximum(np.abs(direction[:, 0] * np.cos(turn) + direction[:, 1] * np.sin(turn)), 0.72)
     spread = 1.0 + (0.35 if row.first >= WRIST else 0.1) * row.reach  # feathers fan out
-    thick, along = np.interp(place, AT, THICK), np.stack([np.sin(turn), -np.cos(turn)], axis=1)
+    thick, along = np.interp(place, AT, ARM_HALF_THICKNESS), np.stack([np.sin(turn), -np.cos(turn)], axis=1)
     start = point + along * row.root
     flight = rank == 0
     bow = 2.0 * np.interp(place, AT, BOW) / longest**2 * (1.0 + 0.15 * row.wild * draw.uniform(-1, 1, n))
@@ -127,4 +127,4 @@ def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
         "tilt": TILED * (1.0 + 0.15 * draw.uniform(-1, 1, n)), "hollow": -0.9 if flight else 0.6 * face,
         "face": 1.0 if face > 0 else -1.0, "seed": draw.integers(0, 1 << 22, n), "flight": float(flight),
     }  # fmt: skip
-    return np.stack([field[name] * np.ones(n) for name in FIELDS], axis=1)
+    return np.stack([field[name] * np.ones(n) for name in FEATHER_FIELDS], axis=1)

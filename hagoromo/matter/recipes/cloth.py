@@ -97,7 +97,7 @@ class DraftFile(Record, frozen=True):
 
 WEAVES = (Plain, Twill, Satin, Herringbone, Jacquard)
 YarnTable = optional("YarnTable", Yarn)
-WHITE = 0.85  # body colour of bleached yarn
+BLEACHED = 0.85  # body colour of bleached yarn
 Colours = tuple[tuple[float, ...], ...]
 
 
@@ -170,7 +170,7 @@ def body_colour(display: tuple[float, ...]) -> Spectrum:
     """The smooth spectrum of a display colour (sRGB, 0…1), whose white is that of bleached yarn."""
     linear = srgb_decode(255.0 * np.array(display))
     bands = smooth_rgb_basis()
-    return Spectrum(bands[0].wavelengths, WHITE * sum(c * b.values for c, b in zip(linear, bands, strict=True)))
+    return Spectrum(bands[0].wavelengths, BLEACHED * sum(c * b.values for c, b in zip(linear, bands, strict=True)))
 
 
 def _drawn(recipe: Recipe[ClothTable]) -> tuple[Woven, Colours]:

@@ -21,9 +21,9 @@ from hagoromo.matter.recipes.recipe import Kind, Recipe, RecipeTable
 from hagoromo.reflectance.material.material_table import PARTS
 from hagoromo.volume.store.plan import BoxPlan
 
-USUAL = Feather()
+USUAL_FEATHER = Feather()
 TABLES = {
-    name: optional(f"{type(getattr(USUAL, name)).__name__}Table", type(getattr(USUAL, name)))
+    name: optional(f"{type(getattr(USUAL_FEATHER, name)).__name__}Table", type(getattr(USUAL_FEATHER, name)))
     for name in ("plume", "barbs", "barbules", "down", "marking")
 }
 

@@ -51,8 +51,8 @@ class Mesh(Record, frozen=True, tag_field="form", tag="mesh"):
     rotation_deg: Annotated[Vector, about("turns about x, y and z [°]")] = (0.0, 0.0, 0.0)
 
 
-SHAPES = (Sphere, Ellipsoid, Box, Capsule)
-FORMS = (*SHAPES, Mesh)
+FORM_SHAPES = (Sphere, Ellipsoid, Box, Capsule)
+FORMS = (*FORM_SHAPES, Mesh)
 
 
 def form_of(record: dict[str, Any], where: str) -> Sphere | Ellipsoid | Box | Capsule | Mesh:

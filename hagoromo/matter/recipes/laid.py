@@ -33,7 +33,7 @@ from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 NARROW = 3.0  # voxels of the carrier, of cloth: folds that are narrower cannot be told in it
-MARGIN = 2.0  # voxels of the carrier around the cloth
+CARRIER_MARGIN = 2.0  # voxels of the carrier around the cloth
 HEM = 3.0  # voxels of the carrier over which presence falls at a hem
 
 
@@ -65,7 +65,7 @@ def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], na
     made = texel(
         fabric.field, fabric.period_mm, fabric.heights_mm, voxel, fabric.populations, max(recipe.table.variants, 1)
     )
-    reach = max(abs(height) for height in fabric.heights_mm) + MARGIN * carrier
+    reach = max(abs(height) for height in fabric.heights_mm) + CARRIER_MARGIN * carrier
     chart, bound, extent = sheet_chart(_sheets(recipe, NARROW * carrier), reach, HEM * carrier, fabric.period_mm)
     path = recipe.fineness.mean_free_path_mm
     return shell(chart, bound, extent, carrier, made, path, materials, name=name)

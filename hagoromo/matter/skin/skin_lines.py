@@ -15,11 +15,11 @@ from hagoromo.backend import arrays, clip
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.noise import cellular_noise, gradient_noise, random
 
-UNEVEN = 0.6  # random shift of lines [spacings]
+LINE_SHIFT = 0.6  # random shift of lines [spacings]
 WARP = 0.55  # amplitude [spacings] of their wandering, and its waves per spacing
-WAVES = 0.45
+LINE_WAVES = 0.45
 HALF_WIDTH = 1.2  # half width of a furrow [depths]
-FAINTEST = 0.35  # least depth along a line, relative to its nominal depth
+LEAST_LINE_DEPTH = 0.35  # least depth along a line, relative to its nominal depth
 THIRD = 0.6  # depth of the lines that halve the rhombs, relative to primary lines
 PORE_DEPTH = 0.7  # depth of a pore [diameters]
 
@@ -57,7 +57,7 @@ def furrows(point: Any, normal: Any, lines: Lines, fineness: Fineness, seed: Any
 
 def primary(point: Any, normal: Any, lines: Lines, seed: Any) -> Any:
     """Depth of the primary lines [mm]: three families in each plane of the axes, shown as the surface faces it."""
-    wander = [gradient_noise(point * (WAVES / lines.primary_mm), seed + 11 + k) for k in range(3)]
+    wander = [gradient_noise(point * (LINE_WAVES / lines.primary_mm), seed + 11 + k) for k in range(3)]
     slant = math.radians(0.5 * lines.rhomb_deg)  # of the rhombs' sides to the horizontal, their longer diagonal
     families = (math.sin(slant), math.cos(slant), 1.0), (-math.sin(slant), math.cos(slant), 1.0), (1.0, 0.0, THIRD)
     weights = [dr.square(dr.square(normal[k])) for k in range(3)]
@@ -97,7 +97,7 @@ def _family(at: Any, faint: Any, lines: Lines, seed: Any) -> Any:
     strongest = arrays().Float(0)
     for step in (-1, 0, 1):
         number = arrays().Int(whole) + step
-        away = whole + (step + 0.5) - at + UNEVEN * (random((number, 0, 0), seed) - 0.5)
-        strength = FAINTEST + (1.0 - FAINTEST) * faint * (0.5 + 0.5 * random((number, 1, 0), seed))
+        away = whole + (step + 0.5) - at + LINE_SHIFT * (random((number, 0, 0), seed) - 0.5)
+        strength = LEAST_LINE_DEPTH + (1.0 - LEAST_LINE_DEPTH) * faint * (0.5 + 0.5 * random((number, 1, 0), seed))
         strongest = dr.fmax(strongest, strength * dr.exp(-dr.square(away / half_width)))
     return strongest

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, mitsuba
 
 DIRECTIONS = (0.36, 0.48, 0.8), (-0.62, 0.71, -0.33), (0.49, -0.76, -0.43)
-STEP = 3e-7  # offset of a ray behind a face [extent of the mesh]: a few units in the last place
+RAY_OFFSET = 3e-7  # offset of a ray behind a face [extent of the mesh]: a few units in the last place
 
 
 class MeshRays:
@@ -29,7 +29,7 @@ class MeshRays:
         values["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
         values.update()
         self._scene = mi.load_dict({"type": "scene", "mesh": shape})
-        self._step = float(STEP * np.abs(vertices).max())
+        self._step = float(RAY_OFFSET * np.abs(vertices).max())
 
     def winding(self, point: Any, asked: Any = True) -> Any:
         """Winding number around points (Array3f), by a majority of three rays; 0 for points that are not `asked`.

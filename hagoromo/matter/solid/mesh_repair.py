@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.solid.mesh_rays import MeshRays
 
 LEAST_VOLUME = 1e-6  # volume over area^(3/2) (a ball: 0.094) below which a mesh counts as an open sheet
-ASIDE = 1e-3  # offset of the test point from a face [√area of the face]
+TEST_OFFSET = 1e-3  # offset of the test point from a face [√area of the face]
 
 
 def repaired(mesh: Any, where: str) -> Any:
@@ -73,6 +73,8 @@ def _volumes(mesh: Any) -> NDArray[np.float64]:
 def _is_inverted(mesh: Any, faces: NDArray[np.integer]) -> bool:
     """Whether a part whose `faces` look inwards is no cavity: what it encloses is in no other part."""
     largest = faces[mesh.area_faces[faces].argmax()]
-    place = mesh.triangles_center[largest] + ASIDE * np.sqrt(mesh.area_faces[largest]) * mesh.face_normals[largest]
+    place = (
+        mesh.triangles_center[largest] + TEST_OFFSET * np.sqrt(mesh.area_faces[largest]) * mesh.face_normals[largest]
+    )
     rays = MeshRays(mesh.vertices, mesh.faces)
     return float(rays.winding(arrays().Array3f(*(float(x) for x in place)))[0]) < 0

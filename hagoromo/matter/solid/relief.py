@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
-from hagoromo.matter.solid.relief_field import SKIN, STEEPEST, Lattice, ReliefField
+from hagoromo.matter.solid.relief_field import LEAST_SKIN_COSINE, SKIN_VOXELS, Lattice, ReliefField
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 DEPTH = 36.0  # optical depth of the skin: what is seen of it lies within a third of a voxel
-RIM = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
+RIM_PX = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
-MARGIN = 4  # voxels around the surface
-SHADOW_BIAS = 1.0  # voxel from what is seen to past the outer half of the edge: shadows of others end as much too early
+MARGIN_VOXELS = 4  # voxels around the surface
+# voxel from what is seen to past the outer half of the edge: shadows of others end as much too early
+SHADOW_BIAS_VOXELS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +42,12 @@ class Relief:
     labels: NDArray[np.integer]
 
     def known(self) -> NDArray[np.bool_]:
-        """(h, w) pixels with point, normal and label, but for RIM along the outline; `InputError` if there is none."""
+        """(h, w) pixels with point, normal and label, except RIM_PX along the outline; `InputError` without any."""
         from scipy.ndimage import binary_erosion, binary_fill_holes
 
         known = (np.linalg.norm(self.points, axis=2) > 0) & (np.linalg.norm(self.normals, axis=2) > 0.5)
         known &= self.labels >= 0
-        known &= np.asarray(binary_erosion(binary_fill_holes(known), iterations=RIM, border_value=1))
+        known &= np.asarray(binary_erosion(binary_fill_holes(known), iterations=RIM_PX, border_value=1))
         if not known.any():
             raise InputError("the relief has no pixel with point, normal and label: there is nothing to fill")
         return np.asarray(known, np.bool_)
@@ -74,9 +75,11 @@ def relief_plan(
         raise InputError("the relief has points behind the camera: give the camera that saw it")
     voxel = float(local[:, 2].mean() / np.mean(camera.focal))
     local = _without_spikes(known, local, voxel)
-    behind = local * (1.0 + SKIN / STEEPEST * voxel / local[:, 2:])  # where the skin of a steep pixel may end
-    low = np.minimum(local, behind).min(axis=0) - MARGIN * voxel
-    high = np.maximum(local, behind).max(axis=0) + MARGIN * voxel
+    behind = local * (
+        1.0 + SKIN_VOXELS / LEAST_SKIN_COSINE * voxel / local[:, 2:]
+    )  # where the skin of a steep pixel may end
+    low = np.minimum(local, behind).min(axis=0) - MARGIN_VOXELS * voxel
+    high = np.maximum(local, behind).max(axis=0) + MARGIN_VOXELS * voxel
     low[2] = max(low[2], 0.5 * local[:, 2].min())
     # a voxel has the colour of one pixel: their centres coincide at the mean depth
     low[:2] = (np.floor(low[:2] / voxel + camera.principal) - camera.principal) * voxel
@@ -91,12 +94,12 @@ def relief_plan(
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel))
     header = BoxHeader(
         voxel,
-        DEPTH / (SKIN * voxel),
+        DEPTH / (SKIN_VOXELS * voxel),
         tuple(replace(material, element="plane") for material in materials),
         to_world,
         tuple(smooth_rgb_basis() if basis is None else basis),
         "relief",
-        shadow_bias=SHADOW_BIAS * voxel,
+        shadow_bias=SHADOW_BIAS_VOXELS * voxel,
     )
     return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel, field.occupied))
 

@@ -17,12 +17,14 @@ from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
 
 EDGE = 2.0  # voxels from outside to full density, measured along the normal
-SKIN = 4.0  # voxels of matter along the normal
-STEEPEST = 0.3  # least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
-SHARPEST = 0.5  # the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
-FRONT = (0.5 * EDGE + 2.0) / SHARPEST  # voxels before a facet in which there may be matter
+SKIN_VOXELS = 4.0  # voxels of matter along the normal
+# least cosine to the line of sight for thickness: a steeper skin would be deeper than the object
+LEAST_SKIN_COSINE = 0.3
+# the same for the edge: of a steeper skin it would reach far towards the eye, and throw shadows
+LEAST_EDGE_COSINE = 0.5
+FRONT = (0.5 * EDGE + 2.0) / LEAST_EDGE_COSINE  # voxels before a facet in which there may be matter
 FOLD = 1.0  # voxels by which the point beside a facet may be off its plane: what is farther is no part of its surface
-BACK = (SKIN + EDGE + 2.0) / STEEPEST  # voxels behind it
+BACK_VOXELS = (SKIN_VOXELS + EDGE + 2.0) / LEAST_SKIN_COSINE  # voxels behind it
 Array = NDArray[np.float64]
 
 
@@ -83,7 +85,7 @@ class ReliefField:
                 at = jit.UInt(clip(row + down, 0.0, rows - 1.0)) * columns
                 at += jit.UInt(clip(column + right, 0.0, columns - 1.0))
                 before = dr.gather(jit.Float, near, at) - FRONT * self.voxel - radius
-                behind = dr.gather(jit.Float, far, at) + BACK * self.voxel + radius
+                behind = dr.gather(jit.Float, far, at) + BACK_VOXELS * self.voxel + radius
                 holds |= (centre.z > before) & (centre.z < behind)
         return holds
 
@@ -104,13 +106,16 @@ class ReliefField:
         inside &= dr.gather(jit.Float, self.known, at) > 0.5
         axis = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.facing))
         place = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.place))
-        # distance below the plane of the pixel's facet: along its line of sight, no steeper than STEEPEST, and aside
+        # distance below the plane of the pixel's facet, along its line of sight (no steeper than LEAST_SKIN_COSINE)
+        # and aside
         ray = (place + jit.Array3f(*self.low)) / (place.z + self.low[2])
         deeper = p.z - place.z
         aside = p - place - ray * deeper
         cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
-        above, below = ((deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (SHARPEST, STEEPEST))
-        density = _rising(above / EDGE + 0.5) * _rising((SKIN + 0.5 * EDGE - below) / EDGE)
+        above, below = (
+            (deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (LEAST_EDGE_COSINE, LEAST_SKIN_COSINE)
+        )
+        density = _rising(above / EDGE + 0.5) * _rising((SKIN_VOXELS + 0.5 * EDGE - below) / EDGE)
         colour = [dr.gather(jit.Float, part, at) for part in self.colour]
         label = dr.gather(jit.UInt, self.labels, at)
         bent, *between = self._between(column, row, place, axis, label)

@@ -24,7 +24,7 @@ from hagoromo.volume.store.plan import BoxPlan
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
 BOUNDED = 10.0  # [voxels] reach of distances in the search for bricks: more than half the diagonal of an octant
-BESIDE = 1e-3  # [half the softness] closer to the surface than this, the normal of the face is used
+NEAR_SURFACE = 1e-3  # [half the softness] closer to the surface than this, the normal of the face is used
 CREASE = math.radians(40)  # edges of a mesh sharper than this stay sharp
 
 
@@ -85,7 +85,7 @@ class MeshSurface:
         near = self._tree.nearest(point, half)
         away = point - near.point
         plane = dr.gather(jit.Array3f, self._planes, near.face)
-        across = dr.select(dr.squared_norm(away) > (BESIDE * half) ** 2, unit(away), plane)
+        across = dr.select(dr.squared_norm(away) > (NEAR_SURFACE * half) ** 2, unit(away), plane)
         share = self._rays.share_inside(point - across * half, across, softness, near.is_within_reach)
         deep = self._rays.inside(point, ~near.is_within_reach)
         corners = (dr.gather(jit.Array3f, self._normals, near.face * 3 + k) for k in range(3))

@@ -16,8 +16,8 @@ from hagoromo.matter.texel.texel_levels import levels_of
 from hagoromo.volume.texel import Texel
 
 Field = Callable[[Any, Any], tuple[Any, Any, Any]]
-AT_ONCE = 1 << 20  # nodes that are evaluated together
-MOST = 4095  # largest number of cells in a period
+NODES_AT_ONCE = 1 << 20  # nodes that are evaluated together
+LARGEST_CELLS = 4095  # largest number of cells in a period
 
 
 def texel(
@@ -37,8 +37,10 @@ def texel(
     if not (np.isfinite(size).all() and size.min() > 0 and np.isfinite(voxel_mm) and voxel_mm > 0):
         raise InputError(f"a texel of {size.tolist()} mm with voxels of {voxel_mm} mm: give finite lengths above 0")
     cells = np.maximum(np.ceil(size / voxel_mm - 1e-6), (2, 2, 2))
-    if cells[:2].max() > MOST:
-        raise InputError(f"voxel_mm {voxel_mm:g} is too fine for a period of {max(period_mm):g} mm: {MOST} at most")
+    if cells[:2].max() > LARGEST_CELLS:
+        raise InputError(
+            f"voxel_mm {voxel_mm:g} is too fine for a period of {max(period_mm):g} mm: {LARGEST_CELLS} at most"
+        )
     nu, nv, nh = cells.astype(int).tolist()
     shape = (nv + 1, variants * nu + 1, nh + 1)
     check_memory(48 * populations * int(np.prod(shape)), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
@@ -65,8 +67,8 @@ def _evaluated(field: Field, cells: tuple[int, int, int], size: NDArray, bottom:
 
     jit, (nv, nu, nh) = arrays(), cells
     count = nv * variants * nu * (nh + 1)
-    for start in range(0, count, AT_ONCE):
-        index = dr.arange(jit.UInt, min(AT_ONCE, count - start)) + dr.opaque(jit.UInt, start)
+    for start in range(0, count, NODES_AT_ONCE):
+        index = dr.arange(jit.UInt, min(NODES_AT_ONCE, count - start)) + dr.opaque(jit.UInt, start)
         h, column = index % (nh + 1), index // (nh + 1)
         across, v = column % (variants * nu), column // (variants * nu)
         point = jit.Array3f(

@@ -18,7 +18,7 @@ from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
 
 AROUND = 1.75  # voxels beyond the texel's heights in which the chart is stored: the diagonal of a voxel
-BAND = 4.0  # voxels beyond them over which heights are encoded
+ENCODED_BAND = 4.0  # voxels beyond them over which heights are encoded
 LOWEST = 1e-3  # code of every height below the band: 0 would mean an empty voxel
 
 
@@ -55,7 +55,7 @@ def shell(
     light where the density is 1. materials: one per population of the texel. record: name and provenance.
     """
     bottom, top = texel.bottom / MM, texel.top / MM
-    low, high = bottom - BAND * voxel_mm, top + BAND * voxel_mm
+    low, high = bottom - ENCODED_BAND * voxel_mm, top + ENCODED_BAND * voxel_mm
     scale = 1.0 / (high - low)
 
     def field(point: Any) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 Averaging densities over cells loses occlusion: yarns hide what is behind them, gaps transmit light, and the
 transmittance is an exponential of the density. The densities of a level are scaled until a flat layer of it transmits
 as much light as one of the finest level, and the light of every population until it reflects as much, in the mean over
-PAIRS of directions.
+DIRECTION_PAIRS of directions.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
 from hagoromo.transport.textures import STEPS_PER_CELL, Textures
 from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 
-PAIRS = 128  # pairs of directions, to the eye and to a lamp
-STEEPEST = math.cos(math.radians(75))  # least cosine between them and the normal
+DIRECTION_PAIRS = 128  # pairs of directions, to the eye and to a lamp
+LEAST_COSINE = math.cos(math.radians(75))  # least cosine between them and the normal
 BEHIND = 4  # every so many pairs have the lamp on the other side of the layer
-SIDE = 12  # rays along each side of a period, for each pair
+RAYS_PER_SIDE = 12  # rays along each side of a period, for each pair
 PART = 0.35  # largest optical depth of a step
 DRAWN = 0.01  # strength of the regularisation towards one factor for all directions
 LEAST, MOST = 1e-3, 10.0  # range of the factors on densities
-FAR = 1e3  # [m] distance of the lamps
-SEED = 1
+LAMP_DISTANCE_M = 1e3  # [m] distance of the lamps
+MATCH_SEED = 1
 
 
 class Rays:
-    """SIDE² rays through a layer for each of PAIRS directions to the eye, (u, v, normal), and to a lamp; fixed."""
+    """RAYS_PER_SIDE² fixed rays through a layer for each pair of directions (u, v, normal) to eye and lamp."""
 
     def __init__(self) -> None:
-        jit, rng = arrays(), np.random.default_rng(SEED)
+        jit, rng = arrays(), np.random.default_rng(MATCH_SEED)
         eye, lamp = _directions(rng), _directions(rng)
-        self.front = np.arange(PAIRS) % BEHIND > 0
+        self.front = np.arange(DIRECTION_PAIRS) % BEHIND > 0
         lamp[~self.front, 2] *= -1.0
-        nothing = dr.zeros(jit.Float, PAIRS)
+        nothing = dr.zeros(jit.Float, DIRECTION_PAIRS)
         features = light_features(_vectors(eye), _vectors(lamp))
-        front = np.stack([np.array(value + nothing) for value in features] + [np.zeros(PAIRS)], axis=1)
+        front = np.stack([np.array(value + nothing) for value in features] + [np.zeros(DIRECTION_PAIRS)], axis=1)
         self.features = np.where(self.front[:, None], front, np.eye(SCALES)[-1])  # of `LightScale`
-        lanes = PAIRS * SIDE**2
-        cell, jitter = np.arange(SIDE**2), rng.random((2, PAIRS, SIDE**2))
-        self.to_eye, self.to_lamp = (_vectors(np.repeat(d, SIDE**2, axis=0)) for d in (eye, lamp))
+        lanes = DIRECTION_PAIRS * RAYS_PER_SIDE**2
+        cell, jitter = np.arange(RAYS_PER_SIDE**2), rng.random((2, DIRECTION_PAIRS, RAYS_PER_SIDE**2))
+        self.to_eye, self.to_lamp = (_vectors(np.repeat(d, RAYS_PER_SIDE**2, axis=0)) for d in (eye, lamp))
         self.u, self.v = (
-            lookup(jit.Float, ((place + part) / SIDE).astype(np.float32))
-            for place, part in zip((cell % SIDE, cell // SIDE), jitter, strict=True)
+            lookup(jit.Float, ((place + part) / RAYS_PER_SIDE).astype(np.float32))
+            for place, part in zip((cell % RAYS_PER_SIDE, cell // RAYS_PER_SIDE), jitter, strict=True)
         )
         self.tile = lookup(jit.Int, rng.integers(0, 1 << 12, lanes).astype(np.int32))
 
@@ -78,9 +78,9 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance]) -> Texel
 
 
 def light_sent(texel: Texel, level: int, tau: float, materials: Sequence[Reflectance]) -> NDArray[np.float64]:
-    """Light that a flat layer of one level reflects for each of PAIRS, per population, body and interface [1/sr].
+    """Light that a flat layer of one level reflects, per direction pair, population, body and interface [1/sr].
 
-    (PAIRS, populations, 2), per unit of irradiance on a plane that faces the lamp.
+    (DIRECTION_PAIRS, populations, 2), per unit of irradiance on a plane that faces the lamp.
     """
     rays = Rays()
     sent = _sent(Layer(_textures(texel), rays, texel, level, tau, materials))
@@ -121,7 +121,7 @@ class Layer:
     def light(self, here: SurfacePoint) -> list[Any]:
         """Density times the light that the elements at a place reflect: body and interface of every population."""
         way = self.rays.to_lamp
-        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, FAR, self.tau)
+        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau)
         arrived, radiance = dr.exp(-depth), []
         densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
@@ -151,9 +151,9 @@ def _through(layer: Layer) -> tuple[Any, list[Any]]:
 
 
 def _sent(layer: Layer) -> NDArray[np.float64]:
-    """(PAIRS, populations, 2): see `light_sent`, without the scale of the level."""
+    """(DIRECTION_PAIRS, populations, 2): see `light_sent`, without the scale of the level."""
     light = np.stack([np.array(values, np.float64) for values in _through(layer)[1]])
-    return light.reshape(len(layer.materials), 2, PAIRS, -1).mean(axis=-1).transpose(2, 0, 1)
+    return light.reshape(len(layer.materials), 2, DIRECTION_PAIRS, -1).mean(axis=-1).transpose(2, 0, 1)
 
 
 def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
@@ -203,8 +203,11 @@ def _added(old: list[Any], gain: Any, new: list[Any]) -> list[Any]:
 
 
 def _directions(rng: np.random.Generator) -> NDArray[np.float64]:
-    """PAIRS unit vectors above the layer, uniform in the cosine with the normal."""
-    turn, cosine = 2.0 * math.pi * rng.random(PAIRS), STEEPEST + (1.0 - STEEPEST) * rng.random(PAIRS)
+    """DIRECTION_PAIRS unit vectors above the layer, uniform in the cosine with the normal."""
+    turn, cosine = (
+        2.0 * math.pi * rng.random(DIRECTION_PAIRS),
+        LEAST_COSINE + (1.0 - LEAST_COSINE) * rng.random(DIRECTION_PAIRS),
+    )
     sine = np.sqrt(1.0 - cosine**2)
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1)
 

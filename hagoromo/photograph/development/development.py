@@ -33,13 +33,13 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import ALPHA, NATIVE, VARIANCE, default_channels
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
-STILL = 0.25  # px: a larger shift between exposures of a bracket smears its edges
+STILL_PX = 0.25  # px: a larger shift between exposures of a bracket smears its edges
 BYTES_PER_SAMPLE = 40.0  # of each exposure, while it is merged
 RECORD = (
     "gain", "read_noise", "gain_standard_error", "read_noise_standard_error", "noise_from", "exposures_s", "ratios",
     "shifts_px", "clipped", "hot",
 )  # fmt: skip
-SAME = 1e-3  # relative difference of two apertures or ISO that are one
+SAME_SETTING = 1e-3  # relative difference of two apertures or ISO that are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,20 +199,20 @@ def develop_exposures(
 
 def _check_settings(exposures: Sequence[Exposure], calibration: CalibrationFrames) -> None:
     frames = [*calibration.darks, *calibration.flats]
-    odd = next((one for one in frames if abs(one.iso / exposures[0].iso - 1.0) > SAME), None)
+    odd = next((one for one in frames if abs(one.iso / exposures[0].iso - 1.0) > SAME_SETTING), None)
     if odd is not None:
         raise InputError(f"{odd.name} is of ISO {odd.iso:g}, the photographs of {exposures[0].iso:g}: take both alike")
     if len(exposures) > 1 and any(one.exif.exposure_s is None for one in exposures):
         raise InputError("the exposures of a bracket are not in its files: state --exposures")
     for what, key in (("ISO", "iso"), ("apertures", "f_number")):
         told = [figure for one in exposures if (figure := getattr(one.exif, key)) is not None]
-        if told and max(told) > (1.0 + SAME) * min(told):
+        if told and max(told) > (1.0 + SAME_SETTING) * min(told):
             raise InputError(f"a bracket of different {what} ({min(told):g} and {max(told):g}): bracket by time alone")
 
 
 def _check_still(shifts: dict[str, tuple[float, float]], first: str) -> None:
     for name, (x, y) in shifts.items():
-        if np.hypot(x, y) > STILL:
+        if np.hypot(x, y) > STILL_PX:
             raise InputError(
                 f"{name} has moved by ({x:.2f}, {y:.2f}) px against {first}: fix camera and object, or leave it out"
             )

@@ -81,7 +81,7 @@ def read_exposure(path: str | Path, given: StatedExposure = StatedExposure()) ->
     """The shot at `path`. `InputError` for a file of no known kind, or 8 bits without a stated transfer."""
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix in raw.SUFFIXES:
+    if suffix in raw.RAW_SUFFIXES:
         exposure = _from_raw(path, given)
     elif suffix in EXRS:
         exposure = _from_light(_exr(path), path, given)
@@ -89,7 +89,7 @@ def read_exposure(path: str | Path, given: StatedExposure = StatedExposure()) ->
         image = (read_tiff if suffix in TIFFS else read_picture)(path)
         exposure = (_from_light if image.dtype.kind == "f" else _from_numbers)(image, path, given)
     else:
-        known = ", ".join((*raw.SUFFIXES[:2], *TIFFS, *PICTURES, *EXRS))
+        known = ", ".join((*raw.RAW_SUFFIXES[:2], *TIFFS, *PICTURES, *EXRS))
         raise InputError(f"{path} is no photograph of a known kind: give RAW or one of {known}")
     exif = exposure.exif
     return replace(

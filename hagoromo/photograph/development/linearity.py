@@ -11,13 +11,13 @@ from hagoromo.errors import InputError
 from hagoromo.photograph.development.bracket import CEILING, Shot
 from hagoromo.photograph.development.noise import Noise
 
-NOMINAL = 0.12  # a shutter's "1/60" is 1/64 s, and may miss that by some percent more
-DIFFERS = 4.0  # standard errors by which a measured ratio must differ to stand in for the stated one
-BEND = 0.03  # by which the ratio of two exposures may change from dark to bright samples
-CERTAIN = 5.0  # standard errors from which a change is no chance
-FAINT = 0.05  # of white, from which a sample of the longer exposure tells a ratio
-LEVELS = 5  # of the signal, of equally many samples
-FEWEST = 100  # samples of a level
+SHUTTER_TOLERANCE = 0.12  # a shutter's "1/60" is 1/64 s, and may miss that by some percent more
+CONTRADICTED = 4.0  # standard errors by which a measured ratio must differ to stand in for the stated one
+LARGEST_BEND = 0.03  # by which the ratio of two exposures may change from dark to bright samples
+CERTAIN_BEND = 5.0  # standard errors from which a change is no chance
+FAINT_SIGNAL = 0.05  # of white, from which a sample of the longer exposure tells a ratio
+SIGNAL_LEVELS = 5  # of the signal, of equally many samples
+FEWEST_PER_LEVEL = 100  # samples of a level
 
 
 class Ratio(NamedTuple):
@@ -41,7 +41,7 @@ def measured_seconds(shots: Sequence[Shot], names: Sequence[str], noise: Noise) 
         if found is not None:
             _check(found, stated, names[i - 1], names[i])
             ratios.append(found)
-        contradicted = found is not None and abs(found.signal - stated) > DIFFERS * found.error
+        contradicted = found is not None and abs(found.signal - stated) > CONTRADICTED * found.error
         seconds.append(seconds[-1] * (found.signal if found is not None and contradicted else stated))
     return seconds, ratios
 
@@ -50,14 +50,14 @@ def _ratio(short: Shot, long: Shot, noise: Noise) -> Ratio | None:
     stated = long.seconds / short.seconds
     # of both together, so that no sample is chosen or ranked by the noise of their ratio
     level = (short.signal + long.signal) * (stated / (1.0 + stated))
-    told = ~(short.full | long.full) & (level < CEILING * long.white) & (level > FAINT * long.white)
+    told = ~(short.full | long.full) & (level < CEILING * long.white) & (level > FAINT_SIGNAL * long.white)
     low, high = short.signal[told].astype(np.float64), long.signal[told].astype(np.float64)
-    if low.size < LEVELS * FEWEST or low.sum() <= 0.0:
+    if low.size < SIGNAL_LEVELS * FEWEST_PER_LEVEL or low.sum() <= 0.0:
         return None
     curve_high, curve_low = (np.sqrt(np.broadcast_to(shot.curve, told.shape)[told]) for shot in (long, short))
     spread_high = long.variance(long.signal / long.seconds, noise)[told]
     spread_low = short.variance(short.signal / short.seconds, noise)[told]
-    parts = np.array_split(np.argsort(level[told]), LEVELS)
+    parts = np.array_split(np.argsort(level[told]), SIGNAL_LEVELS)
     ratios = np.array([high[part].sum() / low[part].sum() for part in parts])
     shares = [
         (spread_high[p].sum() + curve_high[p].sum() ** 2) / high[p].sum() ** 2
@@ -66,21 +66,21 @@ def _ratio(short: Shot, long: Shot, noise: Noise) -> Ratio | None:
     ]
     errors = ratios * np.sqrt(shares)
     bend = float(np.ptp(ratios) / ratios.mean())
-    certain = bool(np.ptp(ratios) > CERTAIN * float(np.hypot(*errors[[ratios.argmin(), ratios.argmax()]])))
+    certain = bool(np.ptp(ratios) > CERTAIN_BEND * float(np.hypot(*errors[[ratios.argmin(), ratios.argmax()]])))
     weight = 1.0 / errors**2
     whole = float((weight * ratios).sum() / weight.sum())
     return Ratio(whole, float(weight.sum() ** -0.5), bend if certain else 0.0)
 
 
 def _check(found: Ratio, stated: float, short: str, long: str) -> None:
-    if stated > 1.0 + NOMINAL and abs(found.signal / stated - 1.0) > NOMINAL:
+    if stated > 1.0 + SHUTTER_TOLERANCE and abs(found.signal / stated - 1.0) > SHUTTER_TOLERANCE:
         power = np.log(max(found.signal, 1e-9)) / np.log(stated)
         raise InputError(
             f"the response is not linear, or the times are wrong: {long} is exposed {stated:.3g} times as long as "
             f"{short} and its signal is {found.signal:.3g} times as large (power {power:.2f}): state --transfer or "
             "--exposures"
         )
-    if found.bend > BEND:
+    if found.bend > LARGEST_BEND:
         raise InputError(
             f"the response is not linear: the signal of {long} over that of {short} changes by "
             f"{100 * found.bend:.1f} % from dark to bright: state --transfer, or the right --black"

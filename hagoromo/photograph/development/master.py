@@ -14,7 +14,7 @@ from hagoromo.least_squares import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, alike, planes
 from hagoromo.photograph.development.noise import Noise
 
-HOT = 8.0  # robust standard deviations of the dark signal over the median of its colour
+HOT_SIGNIFICANCE = 8.0  # robust standard deviations of the dark signal over the median of its colour
 SAME_TIME = 1.1  # factor between exposures up to which a dark frame is of one's own
 LEAST_SHARE = 0.2  # of the light, below which a flat field tells nothing
 
@@ -50,7 +50,7 @@ def dark_master(frames: Sequence[Exposure], seconds: float, noise: Noise) -> Dar
     hot = np.zeros(signal.shape, np.bool_)
     for values, marked in zip(planes(signal, chosen[0].mosaic), planes(hot, chosen[0].mosaic), strict=True):
         above = values - np.median(values)
-        marked[:] = above > HOT * max(robust_scale(above), np.sqrt(float(np.median(variance))))
+        marked[:] = above > HOT_SIGNIFICANCE * max(robust_scale(above), np.sqrt(float(np.median(variance))))
     return Dark(signal.astype(np.float32), variance.astype(np.float32), hot)
 
 

@@ -9,10 +9,10 @@ from hagoromo.photograph.development.bracket import CEILING, Shot
 from hagoromo.photograph.development.exposure import planes
 from hagoromo.photograph.development.noise import Noise
 
-PARTS = 20  # of a pixel that a shift is told to
-PASSES = 2  # the second sees the same part of the scene through the window as the first picture
-TELLING = 0.9  # a shift is one if it leaves less than this share of the squared difference
-MARGIN = 4  # pixels beside the border that a shifted picture lacks
+SHIFT_STEPS_PER_PIXEL = 20  # of a pixel that a shift is told to
+SHIFT_PASSES = 2  # the second sees the same part of the scene through the window as the first picture
+SHARE_LEFT = 0.9  # a shift is one if it leaves less than this share of the squared difference
+BORDER_PX = 4  # pixels beside the border that a shifted picture lacks
 
 
 def shift_between(one: Shot, other: Shot, noise: Noise, mosaic: str) -> tuple[float, float]:
@@ -28,14 +28,14 @@ def shift_between(one: Shot, other: Shot, noise: Noise, mosaic: str) -> tuple[fl
     first, second = (_grey(shot, ceiling, noise.gain, floor, mosaic) for shot in (one, other))
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in first.shape))
     rows, columns, back = 0.0, 0.0, second
-    for _ in range(PASSES):
+    for _ in range(SHIFT_PASSES):
         pair = [(picture - picture.mean()) * window for picture in (first, back)]
-        step = phase_cross_correlation(*pair, upsample_factor=PARTS, normalization=None)[0]  # type: ignore[arg-type]
+        step = phase_cross_correlation(*pair, upsample_factor=SHIFT_STEPS_PER_PIXEL, normalization=None)[0]  # type: ignore[arg-type]
         rows, columns = rows + float(step[0]), columns + float(step[1])
         back = shift(second, (rows, columns), order=3, mode="nearest")
-    inner = slice(MARGIN, -MARGIN)
+    inner = slice(BORDER_PX, -BORDER_PX)
     before, after = (((first - picture)[inner, inner] ** 2).mean() for picture in (second, back))
-    if not after < TELLING * before:
+    if not after < SHARE_LEFT * before:
         return 0.0, 0.0
     wide = 2.0 if mosaic else 1.0  # pixels of the sensor per pixel of the grey picture
     return -wide * columns, -wide * rows

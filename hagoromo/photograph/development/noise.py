@@ -17,14 +17,14 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, planes
 
-BINS = 24  # of the signal, per pair and colour
-FEWEST = 200  # samples of a bin
-REACH = 5.0  # standard deviations that a bin keeps away from the clipped end
-TOLD = 3.0  # standard errors above 0 from which a gain counts as told
+SIGNAL_BINS = 24  # of the signal, per pair and colour
+FEWEST_PER_BIN = 200  # samples of a bin
+CLIPPING_DISTANCE = 5.0  # standard deviations that a bin keeps away from the clipped end
+LEAST_SIGNIFICANCE = 3.0  # standard errors above 0 from which a gain counts as told
 NOISE_REWEIGHTINGS = 5
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0]) / 6.0  # of unit variance
-SMOOTHEST = 0.25  # share of the samples of a level, those where the scene changes least
-OVERLAP = 2.0  # samples per independent one where neighbours are shared
+SMOOTH_SHARE = 0.25  # share of the samples of a level, those where the scene changes least
+SAMPLES_PER_INDEPENDENT = 2.0  # samples per independent one where neighbours are shared
 
 
 @dataclass(frozen=True)
@@ -102,11 +102,11 @@ def _neighbours(samples: NDArray) -> list[NDArray]:
 
 
 def _local_quantile(level: NDArray, spread: NDArray) -> NDArray:
-    """The quantile SMOOTHEST of `spread` among samples of about the same level."""
-    edges = np.unique(np.quantile(level, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
+    """The quantile SMOOTH_SHARE of `spread` among samples of about the same level."""
+    edges = np.unique(np.quantile(level, np.linspace(0.0, 1.0, SIGNAL_BINS + 1)[1:-1]))
     place = np.digitize(level, edges)
     parts = (spread[place == k] for k in range(len(edges) + 1))
-    return np.array([np.quantile(part, SMOOTHEST) if part.size else 0.0 for part in parts])[place]
+    return np.array([np.quantile(part, SMOOTH_SHARE) if part.size else 0.0 for part in parts])[place]
 
 
 def _binned(
@@ -114,15 +114,15 @@ def _binned(
 ) -> list[tuple[float, float, float]]:
     """(signal, variance without rounding, independent samples) of bins of equally many samples."""
     order, rows = np.argsort(mean, kind="stable"), []
-    for part in np.array_split(order, max(1, min(BINS, len(order) // FEWEST))):
-        if len(part) < FEWEST:
+    for part in np.array_split(order, max(1, min(SIGNAL_BINS, len(order) // FEWEST_PER_BIN))):
+        if len(part) < FEWEST_PER_BIN:
             continue
         level, off = float(mean[part].mean()), deviation[part] - np.median(deviation[part])
         if robust:
-            variance, count = robust_scale(off) ** 2, len(part) / OVERLAP
+            variance, count = robust_scale(off) ** 2, len(part) / SAMPLES_PER_INDEPENDENT
         else:
             variance, count = float(off.var(ddof=1)), float(len(part))
-        if level + REACH * np.sqrt(variance) < white and variance > 0.0:
+        if level + CLIPPING_DISTANCE * np.sqrt(variance) < white and variance > 0.0:
             rows.append((level, variance - float(rounding[part].mean()), count))
     return rows
 
@@ -141,7 +141,7 @@ def _fit(rows: list[tuple[float, float, float]], source: str) -> Noise:
     misfit = float((count / (2.0 * model**2) * (variance - model) ** 2).sum()) / max(len(rows) - 2, 1)
     covariance = covariance * max(misfit, 1.0)
     error = float(np.sqrt(covariance[0, 0]))
-    if not slope > TOLD * error:
+    if not slope > LEAST_SIGNIFICANCE * error:
         raise InputError("the frames' noise does not grow with their signal: state --gain and --read-noise")
     gain, read = 1.0 / slope, np.sqrt(max(floor, 0.0)) / slope
     # r = √floor / slope; where the floor is 0 or less, the read noise is below what its error tells

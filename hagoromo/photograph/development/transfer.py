@@ -18,8 +18,8 @@ from hagoromo.files.table import read_table
 from hagoromo.light.colour import srgb_decode
 
 SMOOTHNESS = 50.0  # weight of the curve's second difference (Debevec and Malik's λ), for 8-bit noise of about 1 DN
-SAMPLES = 300  # pixels per photograph that a curve is fitted to
-DRAWS = 6  # of such pixels; the curve is the mean of theirs
+CURVE_PIXELS = 300  # pixels per photograph that a curve is fitted to
+CURVE_DRAWS = 6  # of such pixels; the curve is the mean of theirs
 SMOOTHER = 4.0  # times SMOOTHNESS: how much the curve then moves tells how much its smoothness has moved it
 RIDGE = 1e-6  # of the normal equations, whose other entries are 1 to 4e7
 FEWEST_SHOTS = 3  # of a bracket; two leave most of the curve to its smoothness
@@ -91,8 +91,8 @@ def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[floa
     random, times = np.random.default_rng(seed), np.asarray(exposures_s, np.float64)
     fits: list[NDArray[np.float64]] = []
     smoother: list[NDArray[np.float64]] = []
-    for _ in range(DRAWS):
-        pick = random.integers(photographs[0][..., 0].size, size=SAMPLES)
+    for _ in range(CURVE_DRAWS):
+        pick = random.integers(photographs[0][..., 0].size, size=CURVE_PIXELS)
         chosen = [photograph.reshape(-1, 3)[pick] for photograph in photographs]
         fits.append(_fitted(chosen, times, SMOOTHNESS))
         smoother.append(_fitted(chosen, times, SMOOTHER * SMOOTHNESS))

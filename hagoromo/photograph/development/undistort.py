@@ -11,7 +11,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.photograph.development.development import Development
 
-WHOLE = 0.999  # least share of valid samples of which a pixel is made
+LEAST_VALID_SHARE = 0.999  # least share of valid samples of which a pixel is made
 
 
 def undistorted(found: Development, camera: Camera) -> Development:
@@ -37,7 +37,7 @@ def undistorted(found: Development, camera: Camera) -> Development:
 
     shares = np.where(found.valid[..., None], 1.0, 0.0).astype(np.float32)
     values, variance = (resampled(part * shares, cv2.INTER_LINEAR) for part in (found.values, found.variance))
-    valid = np.asarray(resampled(shares, cv2.INTER_LINEAR).reshape(found.valid.shape) > WHOLE, np.bool_)
+    valid = np.asarray(resampled(shares, cv2.INTER_LINEAR).reshape(found.valid.shape) > LEAST_VALID_SHARE, np.bool_)
     native = None if found.native is None else resampled(found.native, cv2.INTER_NEAREST) > 0.5
     return replace(
         found,
