@@ -19,7 +19,7 @@ CITATION = re.compile(r"\[@([\w-]+)\]")
 HEAD = """# References
 
 Sources of the model, of the methods and of the figures, from [`references.bib`](references.bib). An entry without a
-DOI is a book, a report or a paper whose DOI was not checked.
+DOI is a book, a report, or a paper for which no source of its DOI was found.
 """
 
 

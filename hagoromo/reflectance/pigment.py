@@ -1,7 +1,7 @@
 """Pigment: the body colour of skin from its melanin and blood, by two layers.
 
 Enters: a `Pigment`, volume fractions; leaves: a Spectrum, the diffuse reflectance of skin without its surface's sheen.
-The epidermis absorbs only (Claridge & Cotton 2003); the dermis under it is thick and scatters (Kubelka & Munk 1931).
+The epidermis absorbs only (Claridge et al. 2003); the dermis under it is thick and scatters (Kubelka & Munk 1931).
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
 SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
 SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.?)?,? \(?((?:19|20)\d\d)\b")  # author, year
-NO_SOURCES = {"CIE", "Schema", "Integument", "Luo"}  # a standard, a dialect, a title's end; a chart of colour-science
+NO_SOURCES = {"CIE", "Schema", "Integument"}  # a standard, a dialect, a title's end
 NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
 
 
