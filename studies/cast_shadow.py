@@ -41,9 +41,9 @@ def lit_share(points: NDArray[np.floating], camera: hg.Camera, to_lamp: NDArray[
         active = np.nonzero(ray > nearest)[0]
         if not len(active):
             break
-        at = place[:, active] + walked * np.array([[down], [across]])
-        there = map_coordinates(height, at, order=1, mode="constant", cval=FAR_AWAY)
-        clearance[active] = np.minimum(clearance[active], there - ray[active])
+        position = place[:, active] + walked * np.array([[down], [across]])
+        surface_height = map_coordinates(height, position, order=1, mode="constant", cval=FAR_AWAY)
+        clearance[active] = np.minimum(clearance[active], surface_height - ray[active])
     lit[rows, columns] = np.clip((clearance + CLEARANCE_PX) / (0.5 * CLEARANCE_PX), 0.0, 1.0)
     return lit
 

@@ -34,11 +34,11 @@ def coverage_study(
     rows, cases = [], [(bench, level) for bench in BENCHES for level in FULL_WELLS]
     with whole_folder(out, force) as home:
         for i, (bench, level) in enumerate(cases):
-            found = []
+            results = []
             for k in range(simulations):
                 progress((i + k / simulations) / len(cases), f"{bench}, {level}")
-                found.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
-            rows += [{"bench": bench, "level": level, **row} for row in table(found)]
+                results.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
+            rows += [{"bench": bench, "level": level, **row} for row in table(results)]
         record = {"hagoromo": hg.__version__, "simulations": simulations, "rows": rows}
         write_json(home / "results.json", record)
         write_coverage_page(home, record)
@@ -52,25 +52,25 @@ def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tu
     return truth, estimate_material(observed(bench, truth, full_well, random), "material", 1)
 
 
-def table(found: list[tuple[Truth, MaterialEstimate]]) -> list[dict[str, Any]]:
+def table(results: list[tuple[Truth, MaterialEstimate]]) -> list[dict[str, Any]]:
     """Per quantity: how many intervals there are and hold the truth, lie above and below it, and are told.
 
     told_width: median width of the intervals of those that are told, relative to the truth.
     """
     rows = []
     for key in QUANTITIES:
-        true = np.array([np.atleast_1d(truth.values()[key]) for truth, _ in found])
-        bounds = np.array([np.atleast_2d(estimate.interval_95[key]) for _, estimate in found])
-        told = np.array([estimate.identifiable.get(key, True) for _, estimate in found])
+        true = np.array([np.atleast_1d(truth.values()[key]) for truth, _ in results])
+        bounds = np.array([np.atleast_2d(estimate.interval_95[key]) for _, estimate in results])
+        identifiable = np.array([estimate.identifiable.get(key, True) for _, estimate in results])
         low, high = bounds[..., 0], bounds[..., 1]
-        width = ((high - low) / true)[told & np.isfinite(high).all(axis=1)]
+        width = ((high - low) / true)[identifiable & np.isfinite(high).all(axis=1)]
         rows.append({
             "quantity": key,
             "intervals": int(true.size),
             "hold": int(np.sum((low <= true) & (true <= high))),
             "above": int(np.sum(low > true)),
             "below": int(np.sum(high < true)),
-            "told": int(told.sum()),
+            "told": int(identifiable.sum()),
             "told_width": float(np.median(width)) if width.size else None,
         })  # fmt: skip
     return rows

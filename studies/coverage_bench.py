@@ -75,21 +75,21 @@ def drawn(bench: Bench, random: np.random.Generator) -> Truth:
 
 def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> Observations:
     """Noisy values with shot and read noise; the variance that they state is that of the noisy electrons."""
-    seen = ball(bench.azimuths)
-    clean = expected(seen, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
-    return exposed(seen, clean, full_well, random)
+    sight = ball(bench.azimuths)
+    clean = expected(sight, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
+    return exposed(sight, clean, full_well, random)
 
 
-def exposed(seen: Sight, clean: Array, full_well: float, random: np.random.Generator) -> Observations:
+def exposed(sight: Sight, clean: Array, full_well: float, random: np.random.Generator) -> Observations:
     """What a sensor makes of values `clean` (N, C), the brightest of which fills METERED of its well."""
     per_unit = METERED * full_well / clean.max()
     electrons = random.poisson(clean * per_unit) + random.normal(0.0, READ_NOISE, clean.shape)
     variance = np.maximum(electrons, 0.0) + 1.0 + READ_NOISE**2
-    used = np.broadcast_to(seen.fit_to_use[:, None], clean.shape)
+    used = np.broadcast_to(sight.fit_to_use[:, None], clean.shape)
     gain, ceiling = np.full(clean.shape, 1.0 / per_unit), np.full(clean.shape, np.inf)
     place = np.arange(len(clean))
     return Observations(
-        electrons / per_unit, variance / per_unit**2, gain, used, seen, ceiling, place, place % BALL_PIXELS
+        electrons / per_unit, variance / per_unit**2, gain, used, sight, ceiling, place, place % BALL_PIXELS
     )
 
 
@@ -105,8 +105,10 @@ def ball(azimuths: tuple[float, ...]) -> Sight:
     lamps = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
     to_lamp = np.repeat(lamps, BALL_PIXELS, axis=0)
     normals = np.tile(normal, (len(lamps), 1))
-    at = Directions(*(_local(normals, way) for way in (to_lamp, np.broadcast_to((0.0, 0.0, 1.0), normals.shape))))
-    return Sight(cosines_of(at), np.ones((len(normals), 1, 3)))
+    directions = Directions(
+        *(_local(normals, way) for way in (to_lamp, np.broadcast_to((0.0, 0.0, 1.0), normals.shape)))
+    )
+    return Sight(cosines_of(directions), np.ones((len(normals), 1, 3)))
 
 
 def _local(normals: Array, directions: Array) -> Array:

@@ -36,29 +36,29 @@ def encoding_study(captures: Mapping[str, hg.Capture], progress: Progress = sile
     residuals: dict[str, dict[str, float]] = {}
     for i, (name, capture) in enumerate(captures.items()):
         progress(i / len(captures), name)
-        seen = views(capture)
-        count = len(seen.rows)
-        seen = seen.pixels(np.sort(np.random.default_rng(0).choice(count, min(PIXELS, count), replace=False)))
-        recorded = seen.values * seen.light
-        powers = {f"{power:g}": _residual(seen, recorded, recorded**power, 1.0 / power) for power in EXPONENTS}
-        residuals[name] = powers | {"sRGB": _residual(seen, recorded, srgb_decode(255.0 * recorded), None)}
+        pixels = views(capture)
+        count = len(pixels.rows)
+        pixels = pixels.pixels(np.sort(np.random.default_rng(0).choice(count, min(PIXELS, count), replace=False)))
+        recorded = pixels.values * pixels.light
+        powers = {f"{power:g}": _residual(pixels, recorded, recorded**power, 1.0 / power) for power in EXPONENTS}
+        residuals[name] = powers | {"sRGB": _residual(pixels, recorded, srgb_decode(255.0 * recorded), None)}
     wanted = {name: _lowest({k: v for k, v in of.items() if k != "sRGB"}) for name, of in residuals.items()}
     values = np.array(list(wanted.values()))
     error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
     return {"residuals": residuals, "exponents": wanted, "mean": float(values.mean()), "standard_error": error}
 
 
-def _residual(seen: Views, recorded: Array, light: Array, back: float | None) -> float:
+def _residual(pixels: Views, recorded: Array, light: Array, back: float | None) -> float:
     """Median relative residual in recorded values, where `light` is what they stand for; back: exponent, or sRGB."""
     slope = np.maximum(light, 1e-4) / np.maximum(recorded, 1e-4)
-    decoded = replace(seen, values=light / seen.light, variance=seen.variance * slope**2)
+    decoded = replace(pixels, values=light / pixels.light, variance=pixels.variance * slope**2)
     normals, body = robust_lambert(decoded)
-    labels = np.zeros(seen.shape, np.int64)
+    labels = np.zeros(pixels.shape, np.int64)
     decoded, fit = solve_fit(decoded, labels, normals, body, LAMBERT)
-    model = fit.evenness(decoded.place)[:, None] * predicted(fit, decoded.to_lamp, seen.to_eye) * decoded.light
+    model = fit.evenness(decoded.place)[:, None] * predicted(fit, decoded.to_lamp, pixels.to_eye) * decoded.light
     encoded = _srgb_encoded(model) if back is None else model**back
     size = np.maximum(recorded, recorded.mean(axis=0))
-    return float(np.median((np.abs(encoded - recorded) / size)[np.broadcast_to(seen.used[:, None], size.shape)]))
+    return float(np.median((np.abs(encoded - recorded) / size)[np.broadcast_to(pixels.used[:, None], size.shape)]))
 
 
 def _srgb_encoded(light: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,8 +68,8 @@ def _srgb_encoded(light: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _lowest(residuals: Mapping[str, float]) -> float:
     """The exponent of the least residual: the vertex of a parabola in logarithms through the three lowest points."""
-    at, height = np.log([float(key) for key in residuals]), np.log(list(residuals.values()))
-    middle = int(np.clip(np.argmin(height), 1, len(at) - 2))
-    a, b, _ = np.polyfit(at[middle - 1 : middle + 2], height[middle - 1 : middle + 2], 2)
-    vertex = -b / (2.0 * a) if a > 0.0 else at[np.argmin(height)]
-    return float(np.exp(np.clip(vertex, at[0], at[-1])))
+    exponent, height = np.log([float(key) for key in residuals]), np.log(list(residuals.values()))
+    middle = int(np.clip(np.argmin(height), 1, len(exponent) - 2))
+    a, b, _ = np.polyfit(exponent[middle - 1 : middle + 2], height[middle - 1 : middle + 2], 2)
+    vertex = -b / (2.0 * a) if a > 0.0 else exponent[np.argmin(height)]
+    return float(np.exp(np.clip(vertex, exponent[0], exponent[-1])))

@@ -40,35 +40,35 @@ def goniometer() -> Directions:
         for offset in EYE_OFFSETS_DEG
         for way in EYE_AZIMUTHS_DEG
     ]
-    at = np.array(pairs)
-    kept = at[:, 1, 2] >= np.cos(np.radians(HIGHEST))
-    _, first = np.unique(np.round(at[kept], 9), axis=0, return_index=True)  # an offset of 0 has no way
-    return Directions(*np.moveaxis(at[kept][np.sort(first)], 1, 0))
+    pairs_array = np.array(pairs)
+    within = pairs_array[:, 1, 2] >= np.cos(np.radians(HIGHEST))
+    _, first = np.unique(np.round(pairs_array[within], 9), axis=0, return_index=True)  # an offset of 0 has no way
+    return Directions(*np.moveaxis(pairs_array[within][np.sort(first)], 1, 0))
 
 
-def readings(at: Directions, values: Array, variance: Array) -> Observations:
+def readings(directions: Directions, values: Array, variance: Array) -> Observations:
     """Readings `values` (N, C) of known `variance` (N, C), as observations.
 
     `InputError` when the shapes differ, a value is not finite or has no variance.
     """
     values, variance = np.asarray(values, np.float64), np.asarray(variance, np.float64)
-    if values.ndim != 2 or values.shape != variance.shape or len(values) != len(at.to_lamp):
+    if values.ndim != 2 or values.shape != variance.shape or len(values) != len(directions.to_lamp):
         shapes = f"{values.shape} and variance of shape {variance.shape}"
-        raise hg.InputError(f"{len(at.to_lamp)} directions, values of shape {shapes}: give (N, C) for both")
+        raise hg.InputError(f"{len(directions.to_lamp)} directions, values of shape {shapes}: give (N, C) for both")
     if not (np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()):
         raise hg.InputError("readings need finite values and a variance above 0")
-    seen = Sight(cosines_of(at), np.ones((len(values), 1, values.shape[1])))
-    used = np.broadcast_to(seen.fit_to_use[:, None], values.shape)
+    sight = Sight(cosines_of(directions), np.ones((len(values), 1, values.shape[1])))
+    used = np.broadcast_to(sight.fit_to_use[:, None], values.shape)
     places: NDArray[np.int64] = np.arange(len(values))
     return Observations(
-        values, variance, np.zeros_like(values), used, seen, np.full(values.shape, np.inf), places, places
+        values, variance, np.zeros_like(values), used, sight, np.full(values.shape, np.inf), places, places
     )
 
 
-def cosines_of(at: Directions) -> Cosines:
+def cosines_of(directions: Directions) -> Cosines:
     """The four cosines (N, 1) of each pair."""
-    deviation = np.sqrt(np.maximum(0.5 + 0.5 * np.einsum("ni,ni->n", *at), 1e-12))
-    incidence, view = at.to_lamp[:, 2], at.to_eye[:, 2]
+    deviation = np.sqrt(np.maximum(0.5 + 0.5 * np.einsum("ni,ni->n", *directions), 1e-12))
+    incidence, view = directions.to_lamp[:, 2], directions.to_eye[:, 2]
     half = np.clip(0.5 * (incidence + view) / deviation, -1.0, 1.0)
     return Cosines(*(cosine[:, None] for cosine in (incidence, view, half, deviation)))
 

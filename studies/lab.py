@@ -49,12 +49,12 @@ def lab_camera(width: int) -> hg.Camera:
 def lamps() -> list[hg.Lamp]:
     """The lamp in its places: angles from the line of sight and around it."""
     spectrum = hg.Spectrum.named(SPECTRUM)
-    found = []
+    placed = []
     for number, (off, around) in enumerate(np.radians(LAMP_PLACES)):
         towards = np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
         place = np.array([0.0, 0.0, AWAY]) + FAR * towards
-        found.append(hg.Lamp(position=place, intensity=np.pi * FAR**2, spectrum=spectrum, name=f"{number}"))
-    return found
+        placed.append(hg.Lamp(position=place, intensity=np.pi * FAR**2, spectrum=spectrum, name=f"{number}"))
+    return placed
 
 
 def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -> Path:
@@ -92,8 +92,8 @@ def _board(camera: hg.Camera, random: np.random.Generator) -> Array:
     away = random.uniform(1.25, 1.5) * (BOARD[0] + 1) * SQUARE * camera.focal[0] / camera.width
     eye = middle + away * np.array([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), -np.cos(tilt)])
     aim = middle + 0.3 * SQUARE * random.normal(size=3)
-    at = _on_plane(camera.look_at(eye, aim, (np.sin(roll), -np.cos(roll), 0.0))) / SQUARE + 1.0
-    column, row = np.floor(at[..., 0]), np.floor(at[..., 1])
+    square = _on_plane(camera.look_at(eye, aim, (np.sin(roll), -np.cos(roll), 0.0))) / SQUARE + 1.0
+    column, row = np.floor(square[..., 0]), np.floor(square[..., 1])
     inside = (column >= 0) & (row >= 0) & (column <= BOARD[0]) & (row <= BOARD[1])
     return _means(np.where(inside & ((column + row) % 2 == 0), 0.03, 0.8))
 
@@ -105,11 +105,11 @@ def _chart(camera: hg.Camera, lamp: hg.Spectrum) -> Array:
     cell, gap = 0.9 * AWAY * camera.width / camera.focal[0] / 6.2, 0.1
     size = np.array([6.0, 4.0]) * cell
     towards = camera.look_at((0.5 * size[0], 0.5 * size[1], -AWAY), (0.5 * size[0], 0.5 * size[1], 0.0), (0.05, -1, 0))
-    at = _on_plane(towards) / cell
-    column, row = np.floor(at[..., 0]).astype(int), np.floor(at[..., 1]).astype(int)
+    patch = _on_plane(towards) / cell
+    column, row = np.floor(patch[..., 0]).astype(int), np.floor(patch[..., 1]).astype(int)
     inside = (column >= 0) & (row >= 0) & (column < 6) & (row < 4)
-    within = inside & (np.abs(at - np.floor(at) - 0.5) < 0.5 - 0.5 * gap).all(axis=-1)
-    frame = (at > -gap).all(axis=-1) & (at[..., 0] < 6 + gap) & (at[..., 1] < 4 + gap)
+    within = inside & (np.abs(patch - np.floor(patch) - 0.5) < 0.5 - 0.5 * gap).all(axis=-1)
+    frame = (patch > -gap).all(axis=-1) & (patch[..., 0] < 6 + gap) & (patch[..., 1] < 4 + gap)
     reads = camera_white(lamp, camera.response)
     table = np.where(frame[..., None], 0.03, 0.35) * reads
     fine = np.where(within[..., None], patches[np.where(within, 6 * row + column, 0)], table)

@@ -57,13 +57,13 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
     return {"ball": ball.record(), "readings": pairs, "objects": objects}
 
 
-def _beside(found: hg.SelfCalibration, ours: Array) -> dict[str, Any]:
-    within = np.degrees(np.arccos(np.clip(np.sum(found.to_lamp * ours, axis=1), -1.0, 1.0)))
+def _beside(calibration: hg.SelfCalibration, ours: Array) -> dict[str, Any]:
+    within = np.degrees(np.arccos(np.clip(np.sum(calibration.to_lamp * ours, axis=1), -1.0, 1.0)))
     return {
-        **_angles(found.to_lamp, ours),
-        "stated_deg": float(found.standard_error_deg.mean()),
-        "within_two_errors": float(np.mean(within < 2.0 * found.standard_error_deg)),
-        "convex": found.convex,
+        **_angles(calibration.to_lamp, ours),
+        "stated_deg": float(calibration.standard_error_deg.mean()),
+        "within_two_errors": float(np.mean(within < 2.0 * calibration.standard_error_deg)),
+        "convex": calibration.convex,
     }
 
 
@@ -72,8 +72,8 @@ def _by_shading(home: Path, ours: Array) -> Array:
     numbers = [read_png(home / "gray" / f"gray.{k}.png") for k in range(LAMPS)]
     ball = refined(find_ball(read_png(home / "gray" / "gray.mask.png")), numbers)
     matte, light = matte_ball(ball, numbers[0].shape, 0.5), _light(home, "gray")
-    told = [reference_strength(light[str(k)], matte, ours[k]).shading for k in range(LAMPS)]
-    return np.array([shading[0] for shading in told if shading is not None])
+    readings = [reference_strength(light[str(k)], matte, ours[k]).shading for k in range(LAMPS)]
+    return np.array([shading[0] for shading in readings if shading is not None])
 
 
 def _light(home: Path, name: str) -> Mapping[str, Array]:
@@ -103,11 +103,11 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
     with whole_file(out, force) as partial:
         record = lamp_study(folder)
         write_json(partial, record)
-    for what, found in {**record["readings"], **record["objects"]}.items():
-        stated = f", stated {found['stated_deg']:.1f}°" if "stated_deg" in found else ""
-        if "by_shading_alone" in found:
-            stated += f" (by shading alone {found['by_shading_alone']['mean_deg']:.2f}°)"
-        print(f"{what}: {found['mean_deg']:.2f}° in the mean, {found['largest_deg']:.2f}° at most{stated}")
+    for what, figures in {**record["readings"], **record["objects"]}.items():
+        stated = f", stated {figures['stated_deg']:.1f}°" if "stated_deg" in figures else ""
+        if "by_shading_alone" in figures:
+            stated += f" (by shading alone {figures['by_shading_alone']['mean_deg']:.2f}°)"
+        print(f"{what}: {figures['mean_deg']:.2f}° in the mean, {figures['largest_deg']:.2f}° at most{stated}")
     print(f"wrote {out}")
 
 

@@ -34,13 +34,13 @@ YARDSTICK, OURS = "lambert", "ours"
 class KeptAside:
     """One lamp kept aside: its number, the photograph, predictions (h, w, C) by method in the photograph's values.
 
-    found, points (h, w, 3): normals and surface solved without it.
+    solved, points (h, w, 3): normals and surface solved without it.
     """
 
     lamp: int
     photograph: hg.Photograph
     predictions: Mapping[str, NDArray[np.float64]]
-    found: NormalMap
+    solved: NormalMap
     points: NDArray[np.float32]
 
 
@@ -60,28 +60,28 @@ def keep_aside(capture: hg.Capture, even: hg.Capture, field: Array, lamp: int) -
     stated, to_lamp = (np.asarray(one.photographs[lamp].lamps[0].to_lamp) for one in (capture, even))
     plain, others = views(_without(capture, lamp)), views(_without(even, lamp))
     distance = float(np.linalg.norm(camera.position))
-    found = solve_normals(_without(even, lamp))
-    points = points_from_normals(found.normals, camera, distance, found.variance)
+    fitted = solve_normals(_without(even, lamp))
+    points = points_from_normals(fitted.normals, camera, distance, fitted.variance)
     lambert, lambert_even = least_squares_fit(plain), least_squares_fit(others)
-    own, seen = forecast(found.fit, found.seen, to_lamp), found.seen
-    lit = lit_share(points, camera, to_lamp)[seen.rows, seen.columns]
-    flat = field[lamp][seen.rows, seen.columns]
+    own, pixels = forecast(fitted.fit, fitted.seen, to_lamp), fitted.seen
+    lit = lit_share(points, camera, to_lamp)[pixels.rows, pixels.columns]
+    flat = field[lamp][pixels.rows, pixels.columns]
     yardstick = forecast(lambert_even, others, to_lamp)
     values = {
         "lambert_even": flat * yardstick,
         "lambert_neighbours": flat * np.maximum(yardstick + disagreement(lambert_even, others, to_lamp), 0.0),
         "model": flat * own,
         "model_shadows": flat * own * lit,
-        "ours": flat * np.maximum(own + disagreement(found.fit, seen, to_lamp), 0.0),
+        "ours": flat * np.maximum(own + disagreement(fitted.fit, pixels, to_lamp), 0.0),
     }
-    predictions = {method: _image(seen, value) for method, value in values.items()}
+    predictions = {method: _image(pixels, value) for method, value in values.items()}
     predictions["lambert"] = _image(plain, forecast(lambert, plain, stated))
-    return KeptAside(lamp, photograph, predictions, found, points)
+    return KeptAside(lamp, photograph, predictions, fitted, points)
 
 
-def _image(seen: Views, values: Array) -> NDArray[np.float64]:
+def _image(pixels: Views, values: Array) -> NDArray[np.float64]:
     """(h, w, C) in the photograph's values; 0 where the photographs show nothing."""
-    return seen.image((values * seen.light[0]).T)
+    return pixels.image((values * pixels.light[0]).T)
 
 
 def _without(capture: hg.Capture, lamp: int) -> hg.Capture:

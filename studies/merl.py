@@ -73,22 +73,22 @@ def merl_study(folder: str | Path, out: str | Path, force: bool = False, progres
 
 def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Row:
     """One material read and fitted by every method."""
-    at = goniometer()
-    flat = cosines_of(at)
+    directions = goniometer()
+    flat = cosines_of(directions)
     clean = truth(flat)
     values = clean * (1.0 + MERL_NOISE * random.standard_normal(clean.shape))
-    seen = readings(at, values, (MERL_NOISE * values) ** 2)
-    used = np.asarray(seen.used.all(axis=1))
+    observed = readings(directions, values, (MERL_NOISE * values) ** 2)
+    used = np.asarray(observed.used.all(axis=1))
     colours = {
         method: fit_ggx(flat, values, used, coloured)
         for method, coloured in zip(MERL_MODELS[1:], (False, True), strict=True)
     }
     try:
-        fit = fit_material(seen)
+        fit = fit_material(observed)
     except hg.InputError as refused:
         raise hg.InputError(f"{name}: {refused}") from refused
     tested = lack_of_fit(fit)
-    models = {MERL_MODELS[0]: expected(seen.sight, fit.theta), **colours}
+    models = {MERL_MODELS[0]: expected(observed.sight, fit.theta), **colours}
     error = {method: _median_error(model, clean, used) for method, model in models.items()}
     rejected, p_value = (tested.rejected, tested.p_value) if tested else (False, 1.0)
     return Row(kind, name, error, rejected, p_value, fit.residuals.model_error)
@@ -108,13 +108,13 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         for method, of in errors.items()
     }
     off = errors[MERL_MODELS[0]] > 3.0 * MERL_NOISE
-    told = np.array([row.rejected for row in rows])
+    rejected = np.array([row.rejected for row in rows])
     return {
         "materials": len(rows),
         "error": figures,
-        "rejected": int(told.sum()),
+        "rejected": int(rejected.sum()),
         "off": int(off.sum()),
-        "off_and_told": int((off & told).sum()),
+        "off_and_told": int((off & rejected).sum()),
         "ours_better": int(np.sum(errors[MERL_MODELS[0]] < errors[MERL_MODELS[1]])),
     }
 

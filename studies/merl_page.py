@@ -31,18 +31,18 @@ def _rows(record: dict[str, Any]) -> list[list[str]]:
 def _plot(path: Path, record: dict[str, Any]) -> None:
     from matplotlib.figure import Figure
 
-    kinds = list(record["summary"])
-    figure = Figure(figsize=(5.0 * len(kinds), 3.6), layout="constrained")
-    axes = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
-    for axis, kind in zip(axes, kinds, strict=True):
-        rows = [row for row in record["rows"] if row["truth"] == kind]
+    fits = list(record["summary"])
+    figure = Figure(figsize=(5.0 * len(fits), 3.6), layout="constrained")
+    axes = figure.subplots(1, len(fits), sharey=True, squeeze=False)[0]
+    for axis, fit in zip(axes, fits, strict=True):
+        rows = [row for row in record["rows"] if row["truth"] == fit]
         for method, colour in zip(rows[0]["error"], MODEL_COLOURS, strict=True):
             errors = np.sort([100.0 * row["error"][method] for row in rows])
             axis.step(errors, (np.arange(len(errors)) + 1.0) / len(errors), where="post", color=colour, label=method)
         axis.axvline(100.0 * record["noise"], color="#999", linewidth=0.8, linestyle=":")
         axis.set_xscale("log")
         axis.set_ylim(0.0, 1.0)
-        axis.set_title(f"truth: {kind}", fontsize=10)
+        axis.set_title(f"truth: {fit}", fontsize=10)
         axis.set_xlabel("median relative error of a material [%]", fontsize=9)
     axes[0].set_ylabel("share of the materials below", fontsize=9)
     axes[-1].legend(fontsize=8, frameon=False, loc="lower right")

@@ -20,19 +20,19 @@ ROUGHNESSES = (0.02, 0.06, 0.2, 0.5)  # where fits start; the best of them count
 INDEX_RANGE = (1.02, 20.0)  # up to what makes the Fresnel term that of a metal
 
 
-def fit_ggx(at: Cosines, values: Array, used: NDArray[np.bool_], coloured: bool) -> Array:
+def fit_ggx(cosines: Cosines, values: Array, used: NDArray[np.bool_], coloured: bool) -> Array:
     """The best model values (N, C) for readings `values` of equal relative noise; fitted where `used` (N,)."""
     channels = values.shape[1]
     specular = channels if coloured else 1
-    here = Cosines(*(np.asarray(cosine)[used] for cosine in at))
+    fitted = Cosines(*(np.asarray(cosine)[used] for cosine in cosines))
     weight = 1.0 / values[used]
 
     def residuals(x: Array) -> Array:
-        return ((model(x, here, channels, specular) - values[used]) * weight).ravel()
+        return ((model(x, fitted, channels, specular) - values[used]) * weight).ravel()
 
     low = np.r_[np.zeros(channels), np.full(specular, np.log(1e-6)), np.log(0.002), np.log(INDEX_RANGE[0] - 1.0)]
     high = np.r_[np.full(channels, 10.0), np.full(specular, np.log(1e3)), 0.0, np.log(INDEX_RANGE[1] - 1.0)]
-    body = np.percentile(values[used] / here.incidence, 20, axis=0)
+    body = np.percentile(values[used] / fitted.incidence, 20, axis=0)
     fits = []
     for roughness in ROUGHNESSES:
         start = np.r_[body, np.zeros(specular), np.log(roughness), np.log(0.5)]
@@ -40,20 +40,20 @@ def fit_ggx(at: Cosines, values: Array, used: NDArray[np.bool_], coloured: bool)
         robust: dict[str, Any] = {"loss": "soft_l1", "f_scale": 0.05, "x_scale": "jac", "max_nfev": 200}
         fits.append(least_squares(residuals, start, bounds=(low, high), **robust))
     best = min(fits, key=lambda fit: fit.cost)
-    return model(best.x, at, channels, specular)
+    return model(best.x, cosines, channels, specular)
 
 
-def model(x: Array, at: Cosines, channels: int, specular: int) -> Array:
+def model(x: Array, cosines: Cosines, channels: int, specular: int) -> Array:
     """Values (N, C) at x = (k_d, ln k_s, ln roughness, ln(n − 1))."""
     width, n = np.exp(x[-2]), 1.0 + np.exp(x[-1])
-    tan2 = 1.0 / at.half**2 - 1.0
-    density = 1.0 / (np.pi * width**2 * at.half**4 * (1.0 + tan2 / width**2) ** 2)
-    masking = 1.0 / (1.0 + _slopes(at.incidence, width) + _slopes(at.view, width))
-    c = at.deviation
+    tan2 = 1.0 / cosines.half**2 - 1.0
+    density = 1.0 / (np.pi * width**2 * cosines.half**4 * (1.0 + tan2 / width**2) ** 2)
+    masking = 1.0 / (1.0 + _slopes(cosines.incidence, width) + _slopes(cosines.view, width))
+    c = cosines.deviation
     g = np.sqrt(n**2 + c**2 - 1.0)
     fresnel = 0.5 * ((g - c) / (g + c)) ** 2 * (1.0 + ((c * (g + c) - 1.0) / (c * (g - c) + 1.0)) ** 2)
-    interface = density * masking * fresnel / (4.0 * at.view)
-    return x[:channels] * at.incidence + np.exp(x[channels : channels + specular]) * interface
+    interface = density * masking * fresnel / (4.0 * cosines.view)
+    return x[:channels] * cosines.incidence + np.exp(x[channels : channels + specular]) * interface
 
 
 def _slopes(cosine: Array, width: float) -> Array:

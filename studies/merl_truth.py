@@ -59,39 +59,39 @@ def read_truths(folder: str | Path) -> dict[str, dict[str, Truth]]:
     }
 
 
-def shifted_gamma(of: dict[str, Array], at: Cosines) -> Array:
+def shifted_gamma(of: dict[str, Array], cosines: Cosines) -> Array:
     """(N, 3) cosθ_i/π (ρ_d + ρ_s D F G₁(θ_i) G₁(θ_r) / (cosθ_i cosθ_r)), Bagher et al. eq. (9)–(16)."""
-    tan2 = 1.0 / at.half**2 - 1.0
+    tan2 = 1.0 / cosines.half**2 - 1.0
     x = of["alpha"] + tan2 / of["alpha"]
-    density = of["kap"] * np.exp(-x) / (np.pi * x ** of["p"] * at.half**4)
-    fresnel = of["f0"] - of["f1"] * at.deviation + (1.0 - of["f0"]) * (1.0 - at.deviation) ** 5
+    density = of["kap"] * np.exp(-x) / (np.pi * x ** of["p"] * cosines.half**4)
+    fresnel = of["f0"] - of["f1"] * cosines.deviation + (1.0 - of["f0"]) * (1.0 - cosines.deviation) ** 5
 
     def unmasked(cosine: Array) -> Array:
         beyond = np.maximum(np.arccos(cosine) - of["theta0"], 0.0)
         with np.errstate(over="ignore"):  # c reaches 1e38, where nothing is left beyond θ₀
             return np.clip(1.0 + of["lambda_"] * (1.0 - np.exp(of["c"] * beyond ** of["k"])), 0.0, 1.0)
 
-    interface = density * fresnel * unmasked(at.incidence) * unmasked(at.view) / at.view
-    return (of["rhoD"] * at.incidence + of["rhoS"] * interface) / np.pi
+    interface = density * fresnel * unmasked(cosines.incidence) * unmasked(cosines.view) / cosines.view
+    return (of["rhoD"] * cosines.incidence + of["rhoS"] * interface) / np.pi
 
 
-def abc(of: dict[str, Any], at: Cosines) -> Array:
+def abc(of: dict[str, Any], cosines: Cosines) -> Array:
     """(N, 3) cosθ_i k_d/π + A F G / ((1 + B (1 − cosφ))^C π cosθ_r), Löw et al. eq. (10), G of eq. (6)."""
-    density = of["A"] / (1.0 + of["B"] * (1.0 - at.half)) ** of["C"]
-    c = at.deviation
+    density = of["A"] / (1.0 + of["B"] * (1.0 - cosines.half)) ** of["C"]
+    c = cosines.deviation
     g = np.sqrt(np.maximum(of["ior"] ** 2 + c**2 - 1.0, 0.0))
     fresnel = 0.5 * ((g - c) / (g + c)) ** 2 * (1.0 + ((c * (g + c) - 1.0) / (c * (g - c) + 1.0)) ** 2)
-    masking = np.minimum(1.0, 2.0 * at.half * np.minimum(at.view, at.incidence) / c)
-    return (of["kD"] * at.incidence + density * fresnel * masking / at.view) / np.pi
+    masking = np.minimum(1.0, 2.0 * cosines.half * np.minimum(cosines.view, cosines.incidence) / c)
+    return (of["kD"] * cosines.incidence + density * fresnel * masking / cosines.view) / np.pi
 
 
 def _read(path: Path, kind: type[ForeignRecord], model: Callable[[dict[str, Any], Cosines], Array]) -> dict[str, Truth]:
     record = read_json(path)
     if not isinstance(record, list) or not record:
         raise hg.InputError(f"{path} must be a list of materials: given {type(record).__name__}")
-    found: dict[str, Truth] = {}
+    truths: dict[str, Truth] = {}
     for i, entry in enumerate(record):
         fields = structs.asdict(decode(entry, kind, f"{path} material {i + 1}"))
         of = {key: np.array(value) if isinstance(value, tuple) else value for key, value in fields.items()}
-        found[fields["name"]] = lambda at, of=of: model(of, at)
-    return found
+        truths[fields["name"]] = lambda cosines, of=of: model(of, cosines)
+    return truths

@@ -30,14 +30,14 @@ def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     """One case: errors of normals [°] and depth [mm], and the median of error² over variance, 1 where it is honest."""
     capture, truth = simulate(rig, SURFACES[surface], look, bits)
     shape = solve_shape(capture, GUESS * SURFACE_DISTANCE)
-    seen, fit = shape.found.seen, shape.found.fit
-    true = truth.normals[seen.rows, seen.columns]
+    pixels, fit = shape.found.seen, shape.found.fit
+    true = truth.normals[pixels.rows, pixels.columns]
 
     def error(normals: np.ndarray) -> np.ndarray:
         return np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", normals, true), -1.0, 1.0)))
 
-    off, plain = error(fit.normals), error(least_squares_lambert(seen)[0])
-    missed = 1e3 * (shape.surface.points - truth.points)[seen.rows, seen.columns, 2]
+    off, plain = error(fit.normals), error(least_squares_lambert(pixels)[0])
+    missed = 1e3 * (shape.surface.points - truth.points)[pixels.rows, pixels.columns, 2]
     return {
         "surface": surface, "gamma": look.gamma, "bits": bits, "interreflection": look.interreflection,
         "mean_deg": float(off.mean()), "median_deg": float(np.median(off)),
@@ -50,11 +50,11 @@ def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
 
 def studied(rig: Rig) -> list[dict[str, Any]]:
     """Every case, printed as it comes."""
-    found = []
+    cases = []
     for (surface, gamma), bits in zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False):
-        found.append(study_case(rig, surface, Look(gamma, interreflection=bits == 8), bits))
-        print({key: round(value, 3) if isinstance(value, float) else value for key, value in found[-1].items()})
-    return found
+        cases.append(study_case(rig, surface, Look(gamma, interreflection=bits == 8), bits))
+        print({key: round(value, 3) if isinstance(value, float) else value for key, value in cases[-1].items()})
+    return cases
 
 
 def main(out: Path, leds: Path | None = None, smaller: float = 20.0, force: bool = False) -> None:

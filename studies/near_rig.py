@@ -177,8 +177,8 @@ def _weights(normals: Array, to_lamp: Array, points: Array, look: Look) -> tuple
     jit: Any = arrays()
     to_eye = -points / np.linalg.norm(points, axis=1, keepdims=True)
     n, towards, eye = (jit.Array3f(vectors.T.astype(np.float32)) for vectors in (normals, to_lamp, to_eye))
-    found = torrance_sparrow(n, towards, eye, 1.0, look.beta, jit.Float(look.gamma), look.n)
-    return found.body.numpy().astype(np.float64), found.interface.numpy().astype(np.float64)
+    terms = torrance_sparrow(n, towards, eye, 1.0, look.beta, jit.Float(look.gamma), look.n)
+    return terms.body.numpy().astype(np.float64), terms.interface.numpy().astype(np.float64)
 
 
 def _shadowed(points: Array, lamp: hg.Lamp, depth: Depth) -> NDArray[np.bool_]:
@@ -186,11 +186,11 @@ def _shadowed(points: Array, lamp: hg.Lamp, depth: Depth) -> NDArray[np.bool_]:
     assert lamp.position is not None
     hidden = np.zeros(len(points), np.bool_)
     for share in ON_THE_WAY[:-1]:
-        at = points + share * (lamp.position - points)
-        before = at[:, 2] > 0.05  # m: nothing stands nearer to the lens
-        there = depth(at[:, 0] / np.maximum(at[:, 2], 0.05), at[:, 1] / np.maximum(at[:, 2], 0.05))
+        place = points + share * (lamp.position - points)
+        in_front = place[:, 2] > 0.05  # m: nothing stands nearer to the lens
+        surface_depth = depth(place[:, 0] / np.maximum(place[:, 2], 0.05), place[:, 1] / np.maximum(place[:, 2], 0.05))
         with np.errstate(invalid="ignore"):
-            hidden |= before & (at[:, 2] > there * (1.0 + SHADOW_CLEARANCE))
+            hidden |= in_front & (place[:, 2] > surface_depth * (1.0 + SHADOW_CLEARANCE))
     return hidden
 
 
@@ -206,11 +206,11 @@ def _between(points: Array, normals: Array, body: Array, known: NDArray[np.bool_
     def means(values: Array) -> Array:
         return np.stack([np.bincount(patch, column) for column in values.T], axis=1) / count[:, None]
 
-    at, facing, colour = means(points), means(normals), means(body)
+    place, facing, colour = means(points), means(normals), means(body)
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
     pixel = np.sqrt(np.median(np.sum(np.diff(points, axis=0) ** 2, axis=1)))
-    area = count * pixel**2 / np.maximum(-np.einsum("pi,pi->p", facing, at) / np.linalg.norm(at, axis=1), 0.2)
-    offset = at[None] - at[:, None]
+    area = count * pixel**2 / np.maximum(-np.einsum("pi,pi->p", facing, place) / np.linalg.norm(place, axis=1), 0.2)
+    offset = place[None] - place[:, None]
     square = np.maximum(np.einsum("ijk,ijk->ij", offset, offset), (PATCH * pixel) ** 2)
     leaving = np.maximum(np.einsum("ijk,ik->ij", offset, facing), 0.0)
     arriving = np.maximum(-np.einsum("ijk,jk->ij", offset, facing), 0.0)

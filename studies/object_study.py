@@ -78,7 +78,7 @@ def study_object(
     """
     field = flat_field(others, (capture.photographs[0].camera.height, capture.photographs[0].camera.width))
     even = evened(capture, others, field)
-    found = solve_normals(even)
+    solved = solve_normals(even)
     each = []
     for i, lamp in enumerate(aside):
         progress(i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")
@@ -88,8 +88,8 @@ def study_object(
     order = np.argsort(scores[OURS][:, 0])
     shown = keep_aside(capture, even, field, aside[int(order[len(order) // 2])])
     picture = relief_picture(even, shown, field)
-    errors = _normal_errors(folder, capture, found) if capture.name == SPHERE else None
-    measured = measurement_of(even, found)
+    errors = _normal_errors(folder, capture, solved) if capture.name == SPHERE else None
+    measured = measurement_of(even, solved)
     return ObjectStudy(capture.name, scores, errors, measured, shown, picture, score(shown.photograph, picture))
 
 
@@ -97,8 +97,8 @@ def relief_picture(even: hg.Capture, kept: KeptAside, field: Array) -> NDArray[n
     """(h, w, 3) the relief that was solved without a lamp, as volume boxes under it, in the photograph's values."""
     photograph, camera = kept.photograph, kept.photograph.camera
     others = hg.Capture(tuple(p for p in even.photographs if p.name != photograph.name), even.name)
-    measured = measurement_of(others, kept.found)
-    relief = Relief(kept.points, kept.found.normals, kept.found.body, measured.labels)
+    measured = measurement_of(others, kept.solved)
+    relief = Relief(kept.points, kept.solved.normals, kept.solved.body, measured.labels)
     box = relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
     image = hg.render(hg.Scene(camera, photograph.lamps, (box,)), hg.Settings(samples=RELIEF_RAYS))
     return image.expose(_basis_camera()) * field[kept.lamp][..., None].astype(np.float32)
@@ -114,13 +114,13 @@ def _basis_camera() -> hg.Response:
     return hg.Response(wavelengths, bands, name="basis")
 
 
-def _normal_errors(folder: str | Path, capture: hg.Capture, found: NormalMap) -> dict[str, dict[str, float]]:
+def _normal_errors(folder: str | Path, capture: hg.Capture, solved: NormalMap) -> dict[str, dict[str, float]]:
     """Errors of the sphere's normals [°]: mean and median over its pixels, mean in its inner INNER_RADIUS_SHARE."""
-    true, seen = sphere_normals(folder, capture.name), views(capture)
+    true, pixels = sphere_normals(folder, capture.name), views(capture)
     maps = {
-        "Lambert, plain least squares": seen.image(least_squares_lambert(seen)[0]),
+        "Lambert, plain least squares": pixels.image(least_squares_lambert(pixels)[0]),
         "ours, from this object alone": solve_normals(capture).normals,
-        "ours, lamps told by the other objects first": found.normals,
+        "ours, lamps told by the other objects first": solved.normals,
     }
     known = np.linalg.norm(true, axis=2) > 0.5
     errors = {}

@@ -16,21 +16,21 @@ RANGES = np.radians([6.0, 9.0, 13.0, 18.0, 26.0, 38.0])  # candidates for the ke
 NUGGETS = (0.03, 0.1, 0.3)  # variance of noise over that of the disagreement
 
 
-def forecast(fit: Fit, seen: Views, to_lamp: Array) -> Array:
+def forecast(fit: Fit, pixels: Views, to_lamp: Array) -> Array:
     """(C, P) values under an even far lamp of strength 1 in direction `to_lamp` (3,): attached shadows only."""
-    lamp = np.broadcast_to(to_lamp, (1, len(seen.rows), 3))
-    return predicted(fit, lamp, seen.to_eye)[0]
+    lamp = np.broadcast_to(to_lamp, (1, len(pixels.rows), 3))
+    return predicted(fit, lamp, pixels.to_eye)[0]
 
 
-def disagreement(fit: Fit, seen: Views, to_lamp: Array) -> Array:
+def disagreement(fit: Fit, pixels: Views, to_lamp: Array) -> Array:
     """(C, P) what the photographs in `seen` lead one to add to `forecast` under `to_lamp` (3,).
 
     Range and nugget of the kernel are those that best predict each of the photographs from the others.
     """
-    lamps = seen.to_lamp.mean(axis=1)
+    lamps = pixels.to_lamp.mean(axis=1)
     lamps /= np.linalg.norm(lamps, axis=1, keepdims=True)
-    even = fit.evenness(seen.place)[:, None]
-    left = seen.values / even - predicted(fit, seen.to_lamp, seen.to_eye)
+    even = fit.evenness(pixels.place)[:, None]
+    left = pixels.values / even - predicted(fit, pixels.to_lamp, pixels.to_eye)
     rows = left.reshape(len(lamps), -1)
     angle = np.arccos(np.clip(lamps @ lamps.T, -1.0, 1.0))
     best, chosen = np.inf, (RANGES[0], NUGGETS[0])

@@ -46,13 +46,13 @@ def real_study(
         captures = {name: read_object(folder, name, lamps) for name in OBJECTS}
         progress(0.01, "response")
         response = encoding_study(captures)
-        told: dict[str, Unevenness] = {}
+        rigs: dict[str, Unevenness] = {}
         for i, (name, capture) in enumerate(captures.items()):
             progress(0.1 + 0.1 * i / len(captures), f"lamps over {name}")
-            told[name] = unevenness(solve_normals(capture))
+            rigs[name] = unevenness(solve_normals(capture))
         studies = []
         for i, name in enumerate(objects):
-            others = [one for other, one in told.items() if other != name]
+            others = [one for other, one in rigs.items() if other != name]
             of_object = part_of(progress, 0.2 + 0.78 * i / len(objects), 0.78 / len(objects))
             studies.append(study_object(folder, captures[name], others, range(LAMPS), of_object))
         record = {
@@ -110,7 +110,7 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
 
 
 def _cells(record: dict[str, Any], method: str) -> list[str]:
-    means = [found["mean"][method] for found in record["objects"].values()]
+    means = [study["mean"][method] for study in record["objects"].values()]
     return [NORMAL_METHODS[method], *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means)]
 
 

@@ -28,7 +28,7 @@ def write_pictures(study: ObjectStudy, folder: Path) -> None:
 
 def write_real_report(path: Path, record: Mapping[str, Any], studies: Sequence[ObjectStudy]) -> None:
     """Write the page to `path`."""
-    gains = [100.0 * found["gain"] for found in record["objects"].values()]
+    gains = [100.0 * study["gain"] for study in record["objects"].values()]
     keys = list(next(iter(record["response"]["residuals"].values())))
     inner = f"mean within {100 * INNER_RADIUS_SHARE:.0f} % of the radius"
     write_page(
@@ -68,10 +68,10 @@ def _hypothesis(key: str) -> str:
     return key if key == "sRGB" else Markup("light = v<sup>{}</sup>").format(key)
 
 
-def _response_rows(found: Mapping[str, Any], keys: Sequence[str]) -> list[list[str]]:
+def _response_rows(response: Mapping[str, Any], keys: Sequence[str]) -> list[list[str]]:
     return [
-        [name, *(f"{100 * of[key]:.2f}" for key in keys), f"{found['exponents'][name]:.2f}"]
-        for name, of in found["residuals"].items()
+        [name, *(f"{100 * of[key]:.2f}" for key in keys), f"{response['exponents'][name]:.2f}"]
+        for name, of in response["residuals"].items()
     ]
 
 
@@ -79,9 +79,9 @@ def _score_rows(record: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for method, text in NORMAL_METHODS.items():
         name = Markup("<b>{}</b>").format(text) if method in (YARDSTICK, OURS) else text
-        means = [found["mean"][method] for found in record["objects"].values()]
+        means = [study["mean"][method] for study in record["objects"].values()]
         rows.append([name, *(f"{100 * m['relative_rmse']:.1f} · {m['psnr']:.1f}" for m in means)])
-    gains = [f"{100 * found['gain']:.0f} %" for found in record["objects"].values()]
+    gains = [f"{100 * study['gain']:.0f} %" for study in record["objects"].values()]
     return [*rows, [Markup("<b>gain over plain least squares</b>"), *gains]]
 
 

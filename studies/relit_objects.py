@@ -39,7 +39,7 @@ def relit_objects(
     progress: Progress = silent,
 ) -> dict[str, tuple[Relit, ...]]:
     """Relight each of `objects`, write everything to the folder `out`, and give what was found, object by object."""
-    found: dict[str, tuple[Relit, ...]] = {}
+    results: dict[str, tuple[Relit, ...]] = {}
     with whole_folder(out, force) as home:
         _, lamps = read_lamps(folder)
         for i, name in enumerate(objects):
@@ -47,17 +47,17 @@ def relit_objects(
             (home / name).mkdir()
             hg.save_capture(read_object(folder, name, lamps), home / name / "capture")
             held = [f"{name} {k}" for k in HELD]
-            found[name] = relight_capture(home / name / "capture", home / name / "relit", held)
-        record = {name: [one.record() for one in relit] for name, relit in found.items()}
+            results[name] = relight_capture(home / name / "capture", home / name / "relit", held)
+        record = {name: [one.record() for one in relit] for name, relit in results.items()}
         write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
-        _write_index(home / "index.html", found)
+        _write_index(home / "index.html", results)
         progress(1.0, "")
-    return found
+    return results
 
 
-def _write_index(path: Path, found: dict[str, tuple[Relit, ...]]) -> None:
+def _write_index(path: Path, results: dict[str, tuple[Relit, ...]]) -> None:
     rows = []
-    for name, relit in found.items():
+    for name, relit in results.items():
         for key, text in PREDICTIONS.items():
             figures = [one.compared[key] for one in relit]
             means = {k: float(np.mean([f[k] for f in figures])) for k in MEANS}
@@ -67,7 +67,7 @@ def _write_index(path: Path, found: dict[str, tuple[Relit, ...]]) -> None:
                  f"{means['psnr']:.1f}", f"{means['ssim']:.3f}"]
             )  # fmt: skip
     objects = []
-    for name, relit in found.items():
+    for name, relit in results.items():
         one = relit[0]
         shown = [("photograph, kept aside", one.photograph), *((PREDICTIONS[k], v) for k, v in one.predictions.items())]
         pictures = [image(srgb_encode(view), f"{name}: {text}", text) for text, view in shown]

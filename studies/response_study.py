@@ -65,8 +65,8 @@ def known_lights() -> Array:
     import colour
 
     sources = [*colour.SDS_ILLUMINANTS.values(), *colour.SDS_LIGHT_SOURCES.values()]
-    found = np.array([hg.Spectrum(of.wavelengths, of.values).at(CURVE_WAVELENGTHS) for of in sources])
-    return found / found.mean(axis=1, keepdims=True)
+    spectra = np.array([hg.Spectrum(of.wavelengths, of.values).at(CURVE_WAVELENGTHS) for of in sources])
+    return spectra / spectra.mean(axis=1, keepdims=True)
 
 
 def chart_under(lamps: tuple[str, ...]) -> Array:
@@ -84,10 +84,10 @@ def score(matrix: Array, cameras: Mapping[str, hg.Response], seed: int = 0) -> d
         true = np.array([camera.curve(channel).at(CURVE_WAVELENGTHS) for channel in range(3)])
         exact = true @ matrix.T
         readings = exact * (1.0 + READING_NOISE * random.standard_normal(exact.shape))
-        found = solve_response(CURVE_WAVELENGTHS, matrix, dict(zip("RGB", readings, strict=True)))
-        bounds = np.moveaxis(found.interval_95, 1, 0)
+        calibration = solve_response(CURVE_WAVELENGTHS, matrix, dict(zip("RGB", readings, strict=True)))
+        bounds = np.moveaxis(calibration.interval_95, 1, 0)
         held = (true >= bounds[..., 0]) & (true <= bounds[..., 1])
-        ours.append([_correlation(*pair) for pair in zip(found.response.values.T, true, strict=True)])
+        ours.append([_correlation(*pair) for pair in zip(calibration.response.values.T, true, strict=True)])
         rival.append([_cheating(matrix, *pair) for pair in zip(readings, true, strict=True)])
         inside.append(held.mean(axis=1))
         bright.append(held[true > LEAST_PEAK_SHARE * true.max(axis=1, keepdims=True)].mean())
@@ -107,12 +107,12 @@ def _cheating(matrix: Array, reading: Array, true: Array) -> float:
     equations = matrix[lit] / reading[lit, None]
     bend = np.diff(np.eye(len(true)), 2, axis=0) * np.abs(equations).max()
     right = np.concatenate([np.ones(lit.sum()), np.zeros(len(bend))])
-    found = [nnls(np.concatenate([equations, weight * bend]), right, maxiter=10000)[0] for weight in PENALTIES]
-    return max(_correlation(curve, true) for curve in found)
+    curves = [nnls(np.concatenate([equations, weight * bend]), right, maxiter=10000)[0] for weight in PENALTIES]
+    return max(_correlation(curve, true) for curve in curves)
 
 
-def _correlation(found: Array, true: Array) -> float:
-    return float(np.corrcoef(found, true)[0, 1]) if found.any() else 0.0
+def _correlation(curve: Array, true: Array) -> float:
+    return float(np.corrcoef(curve, true)[0, 1]) if curve.any() else 0.0
 
 
 def _summary(values: Array) -> dict[str, dict[str, float]]:

@@ -39,23 +39,23 @@ class Unevenness:
         return self.strength[:, None, None] + np.log(np.maximum(falloff, LEAST_EVENNESS))
 
 
-def unevenness(found: NormalMap) -> Unevenness:
+def unevenness(solved: NormalMap) -> Unevenness:
     """What the lamps' unevenness was over the object of `found`."""
-    fit, seen = found.fit, found.seen
-    radius = np.sqrt(len(seen.rows) / np.pi)
-    middle = np.array([seen.columns.mean(), seen.rows.mean()])
+    fit, pixels = solved.fit, solved.seen
+    radius = np.sqrt(len(pixels.rows) / np.pi)
+    middle = np.array([pixels.columns.mean(), pixels.rows.mean()])
     slope = (fit.slope - fit.slope.mean(axis=0)) / radius
     return Unevenness(fit.strength - fit.strength.mean(), slope, middle, fit.shift)
 
 
-def flat_field(told: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
+def flat_field(rigs: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
     """(K, h, w) relative irradiance of the lamps, the geometric mean of what several objects told."""
-    if not told or len({len(one.strength) for one in told}) != 1:
+    if not rigs or len({len(one.strength) for one in rigs}) != 1:
         raise hg.InputError("a flat field needs objects that were photographed under the same lamps: give one or more")
-    return np.exp(np.mean([one.at(shape) for one in told], axis=0))
+    return np.exp(np.mean([one.at(shape) for one in rigs], axis=0))
 
 
-def evened(capture: hg.Capture, told: Sequence[Unevenness], field: Array) -> hg.Capture:
+def evened(capture: hg.Capture, rigs: Sequence[Unevenness], field: Array) -> hg.Capture:
     """`capture` as even lamps would show it, photograph k divided by `field` (K, h, w); lamps where objects told them.
 
     Near lamps stay where they are.
@@ -64,7 +64,7 @@ def evened(capture: hg.Capture, told: Sequence[Unevenness], field: Array) -> hg.
         raise hg.InputError(
             f"a flat field of {len(field)} lamps for {len(capture.photographs)} photographs: give one each"
         )
-    shift = np.mean([one.shift for one in told], axis=0)
+    shift = np.mean([one.shift for one in rigs], axis=0)
     even = [
         replace(
             photograph,

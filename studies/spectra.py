@@ -65,10 +65,10 @@ def spectra_study(
 
 def ours(case: Case, bench: Bench, sources: str) -> Row:
     """Our own estimate of a case: ΔE00, coverage of the 95 % regions, the reading of every other camera."""
-    found = study_case(case, bench, sources)
-    other = {lamp: percentiles(100.0 * errors) for lamp, errors in found["camera_b"].items()}
-    more = {"camera_b_percent": other} | {key: found[key] for key in ("coverage", "camera_b_coverage", "probability")}
-    return Row(case.name, sources, "hagoromo", found["delta_e"], more)
+    scores = study_case(case, bench, sources)
+    other = {lamp: percentiles(100.0 * errors) for lamp, errors in scores["camera_b"].items()}
+    more = {"camera_b_percent": other} | {key: scores[key] for key in ("coverage", "camera_b_coverage", "probability")}
+    return Row(case.name, sources, "hagoromo", scores["delta_e"], more)
 
 
 def main(folder: Positional[Path], out: Path, force: bool = False) -> None:

@@ -82,7 +82,7 @@ def read_rawtoaces(folder: str | Path) -> dict[str, hg.Response]:
         record = read_json(path)
         try:
             curves = record["spectral_data"]["data"]["main"]
-            wavelengths = [float(at) for at in curves]
+            wavelengths = [float(key) for key in curves]
         except (KeyError, TypeError, ValueError) as error:
             raise hg.InputError(f"{path} has no curves spectral_data, data, main by wavelength") from error
         cameras[path.stem] = hg.Response(wavelengths, list(curves.values()), name=path.stem)
@@ -103,11 +103,11 @@ def noisy(exact: Array, random: np.random.Generator) -> Array:
     return exact * (1.0 + SPECTRA_NOISE * random.standard_normal(exact.shape))
 
 
-def delta_e(found: Array, true: Array, white_xyz: Array) -> Array:
+def delta_e(estimated: Array, true: Array, white_xyz: Array) -> Array:
     """CIEDE2000 between XYZ (..., 3) with CIELAB's white that of the lamp."""
     import colour
 
-    to_lab = [_lab(np.maximum(xyz, 0.0) / white_xyz) for xyz in (found, true)]
+    to_lab = [_lab(np.maximum(xyz, 0.0) / white_xyz) for xyz in (estimated, true)]
     return np.asarray(colour.delta_E(*to_lab, method="CIE 2000"), np.float64)
 
 

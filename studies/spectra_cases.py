@@ -63,21 +63,23 @@ def skin_cases(skin: Array) -> tuple[Case, Case]:
 
 def surfaces_case() -> Case:
     """The surfaces themselves, each kept out of the prior."""
-    found = others_than_charts()
-    turns = _turns(len(found))
-    others = [found[turns != turn] for turn in range(FOLDS)]
+    surfaces = others_than_charts()
+    turns = _turns(len(surfaces))
+    others = [surfaces[turns != turn] for turn in range(FOLDS)]
     own = [hg.ReflectancePrior.from_spectra("surfaces", of) for of in others]
     smooth = hg.ReflectancePrior.load("smooth")
-    return Case("surfaces kept out", found, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns])
+    return Case(
+        "surfaces kept out", surfaces, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns]
+    )
 
 
 def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[hg.SpectrumEstimate]:
     """One estimate a surface, from noisy readings through `matrix` (channels, wavelengths)."""
-    found = []
+    estimates = []
     for truth, priors in zip(case.tested, case.priors, strict=True):
         values = noisy(matrix @ truth, random)
-        found.append(estimate_spectrum(matrix, values, np.diag((SPECTRA_NOISE * values) ** 2), priors))
-    return found
+        estimates.append(estimate_spectrum(matrix, values, np.diag((SPECTRA_NOISE * values) ** 2), priors))
+    return estimates
 
 
 def study_case(case: Case, bench: Bench, sources: str, seed: int = 0) -> dict[str, Any]:
@@ -92,9 +94,9 @@ def study_case(case: Case, bench: Bench, sources: str, seed: int = 0) -> dict[st
     other_inside: list[float] = []
     probability = []
     for camera in bench.cameras:
-        found = estimate(case, bench.readings(camera, sources), random)
-        values, errors = np.array([f.values for f in found]), np.array([f.covariance for f in found])
-        probability.append(np.mean([list(f.probability.values()) for f in found], axis=0))
+        estimates = estimate(case, bench.readings(camera, sources), random)
+        values, errors = np.array([f.values for f in estimates]), np.array([f.covariance for f in estimates])
+        probability.append(np.mean([list(f.probability.values()) for f in estimates], axis=0))
         for lamp, matrix in bench.colours.items():
             off[lamp].append(delta_e(values @ matrix.T, case.tested @ matrix.T, matrix.sum(axis=1)))
             inside[lamp].append(_inside(matrix, values - case.tested, errors))
@@ -114,8 +116,8 @@ def study_case(case: Case, bench: Bench, sources: str, seed: int = 0) -> dict[st
 
 def _inside(matrix: Array, off: Array, errors: Array) -> Array:
     """(m,): whether each error (m, wavelengths), seen through `matrix` (3, wavelengths), lies in its 95 % region."""
-    seen, spread = off @ matrix.T, matrix @ errors @ matrix.T
-    return np.einsum("ma,ma->m", seen, np.linalg.solve(spread, seen[..., None])[..., 0]) < REGION
+    projected, spread = off @ matrix.T, matrix @ errors @ matrix.T
+    return np.einsum("ma,ma->m", projected, np.linalg.solve(spread, projected[..., None])[..., 0]) < REGION
 
 
 def _turns(count: int) -> NDArray[np.int64]:

@@ -26,12 +26,12 @@ def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row]
     camera = CAMERA if CAMERA in bench.cameras else next(iter(bench.cameras))
     charts = []
     for sources in ("D65", "filters"):
-        found = estimate(chart, bench.readings(camera, sources), np.random.default_rng(0))
+        estimates = estimate(chart, bench.readings(camera, sources), np.random.default_rng(0))
         charts.append(
             {
                 "sources": sources,
-                "spectra": drawing(_spectra(chart, found), f"Spectra of the chart under {sources}"),
-                "regions": drawing(_regions(chart, found, bench.colours["A"]), f"Chromaticities, {sources}"),
+                "spectra": drawing(_spectra(chart, estimates), f"Spectra of the chart under {sources}"),
+                "regions": drawing(_regions(chart, estimates, bench.colours["A"]), f"Chromaticities, {sources}"),
             }
         )
     head = ("case", "photographed under", "method", *(f"ΔE00 {lamp}" for lamp in TARGETS))
@@ -57,8 +57,8 @@ def _cells(row: dict[str, Any]) -> list[str]:
 
 def _camera_cells(row: dict[str, Any]) -> list[str]:
     scores = [f"{of['median']:.2f} / {of['p95']:.2f}" for of in row["camera_b_percent"].values()]
-    told = ", ".join(f"{name} {share:.3f}" for name, share in row["probability"].items())
-    return [row["case"], row["sources"], *scores, f"{100 * row['camera_b_coverage']:.1f} %", told]
+    probabilities = ", ".join(f"{name} {share:.3f}" for name, share in row["probability"].items())
+    return [row["case"], row["sources"], *scores, f"{100 * row['camera_b_coverage']:.1f} %", probabilities]
 
 
 def _shares(rows: Sequence[Row]) -> str:
@@ -79,15 +79,17 @@ def _shares(rows: Sequence[Row]) -> str:
     return svg_text(figure)
 
 
-def _spectra(case: Case, found: Sequence[hg.SpectrumEstimate]) -> str:
+def _spectra(case: Case, estimates: Sequence[hg.SpectrumEstimate]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     axes = figure.subplots(4, 6, sharex=True, sharey=True)
-    for axis, truth, of in zip(axes.flat, case.tested, found, strict=True):
-        half = 1.96 * of.standard_error
-        axis.fill_between(WAVELENGTHS, of.values - half, of.values + half, color="#9db7d5", linewidth=0)
-        axis.plot(WAVELENGTHS, of.values, color="#1f4e8c", linewidth=1.2)
+    for axis, truth, estimate_of in zip(axes.flat, case.tested, estimates, strict=True):
+        half = 1.96 * estimate_of.standard_error
+        axis.fill_between(
+            WAVELENGTHS, estimate_of.values - half, estimate_of.values + half, color="#9db7d5", linewidth=0
+        )
+        axis.plot(WAVELENGTHS, estimate_of.values, color="#1f4e8c", linewidth=1.2)
         axis.plot(WAVELENGTHS, truth, color="black", linewidth=0.9)
         axis.set_xlim(400.0, 700.0)
         axis.set_ylim(0.0, 1.0)
@@ -97,15 +99,15 @@ def _spectra(case: Case, found: Sequence[hg.SpectrumEstimate]) -> str:
     return svg_text(figure)
 
 
-def _regions(case: Case, found: Sequence[hg.SpectrumEstimate], colours: np.ndarray) -> str:
+def _regions(case: Case, estimates: Sequence[hg.SpectrumEstimate], colours: np.ndarray) -> str:
     """95 % ellipses of the chromaticities x, y, to first order in the errors."""
     figure, (axis,) = panels(1, 6.4, 4.6)
     turn = np.linspace(0.0, 2.0 * np.pi, 73)
     circle = np.sqrt(5.991) * np.stack([np.cos(turn), np.sin(turn)])  # χ² of two degrees of freedom at 95 %
-    for truth, of in zip(case.tested, found, strict=True):
-        xyz, total = colours @ of.values, float(np.sum(colours @ of.values))
+    for truth, estimate_of in zip(case.tested, estimates, strict=True):
+        xyz, total = colours @ estimate_of.values, float(np.sum(colours @ estimate_of.values))
         slope = (np.eye(3) - np.outer(xyz, np.ones(3)) / total)[:2] / total @ colours
-        root = np.linalg.cholesky(slope @ of.covariance @ slope.T)
+        root = np.linalg.cholesky(slope @ estimate_of.covariance @ slope.T)
         x, y = xyz[:2, None] / total + root @ circle
         axis.plot(x, y, color="#1f4e8c", linewidth=0.8)
         true = colours @ truth

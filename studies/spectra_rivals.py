@@ -27,7 +27,7 @@ Method = Callable[[Array, Array, Array, Array], Array]  # matrix, target matrix,
 def study_rivals(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str, Array]]:
     """Method → lamp → ΔE00 (cameras, m)."""
     methods: dict[str, Method] = {"3×3 matrix": _linear, "root polynomial": _root, "Wiener": _wiener, BOUND: _wiener}
-    found: dict[str, dict[str, list]] = {name: {lamp: [] for lamp in TARGETS} for name in methods}
+    errors: dict[str, dict[str, list]] = {name: {lamp: [] for lamp in TARGETS} for name in methods}
     random = np.random.default_rng(seed)
     groups = _groups(case)
     for camera in bench.cameras:
@@ -39,8 +39,8 @@ def study_rivals(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str,
                 for training, rows in groups:
                     known = case.tested if name == BOUND else training
                     xyz[rows] = method(matrix, target, known, readings[rows])
-                found[name][lamp].append(delta_e(xyz, case.tested @ target.T, target.sum(axis=1)))
-    return {name: {lamp: np.array(rows) for lamp, rows in of.items()} for name, of in found.items()}
+                errors[name][lamp].append(delta_e(xyz, case.tested @ target.T, target.sum(axis=1)))
+    return {name: {lamp: np.array(rows) for lamp, rows in of.items()} for name, of in errors.items()}
 
 
 def study_recoveries(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str, Array]]:
@@ -49,7 +49,7 @@ def study_recoveries(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[
     Through a camera, XYZ is that of the root polynomial: "Meng 2015 through a camera".
     """
     target = bench.colours[RIVAL_LAMP]
-    found = {name: _scores(case, bench, [_recovered(name, case.tested @ target.T)]) for name in RECOVERIES}
+    errors = {name: _scores(case, bench, [_recovered(name, case.tested @ target.T)]) for name in RECOVERIES}
     random = np.random.default_rng(seed)
     colours = []
     for camera in bench.cameras:
@@ -57,8 +57,8 @@ def study_recoveries(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[
         colours.append(_root(matrix, target, case.training[0], noisy(case.tested @ matrix.T, random)))
     for name in RECOVERIES:
         spectra = [_recovered(name, np.clip(xyz, 1e-3, 1.2)) for xyz in colours]
-        found[f"{name} through a camera"] = _scores(case, bench, spectra)
-    return found
+        errors[f"{name} through a camera"] = _scores(case, bench, spectra)
+    return errors
 
 
 def _scores(case: Case, bench: Bench, spectra: list[Array]) -> dict[str, Array]:

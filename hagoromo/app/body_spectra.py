@@ -35,10 +35,10 @@ def write_body_spectra(path: Path, capture: Capture, measurement: Measurement) -
     written where photographs differ in camera response or lamp spectrum, or do not know them: one reading of a body
     colour belongs to one of each.
     """
-    seen = _one_light(capture)
-    if seen is None:
+    light = _one_light(capture)
+    if light is None:
         return False
-    records = [record for material in measurement.materials if (record := _record(material, *seen)) is not None]
+    records = [record for material in measurement.materials if (record := _record(material, *light)) is not None]
     if records:
         write_json(path, records)
     return bool(records)
@@ -68,15 +68,15 @@ def _same(a: Response, b: Response | None) -> bool:
 def _record(material: MaterialEstimate, response: Response, lamp: Spectrum) -> dict[str, Any] | None:
     """None where the photographs leave the body colour without an error: its spectrum would have none."""
     try:
-        found = material.body_spectrum(response, lamp)
+        spectrum = material.body_spectrum(response, lamp)
     except InputError:
         return None
     return {
         "name": material.name,
-        "wavelengths": found.wavelengths.tolist(),
-        "values": found.values.tolist(),
-        "standard_error": found.standard_error.tolist(),
-        "covariance": found.covariance.tolist(),
-        "probability": dict(found.probability),
+        "wavelengths": spectrum.wavelengths.tolist(),
+        "values": spectrum.values.tolist(),
+        "standard_error": spectrum.standard_error.tolist(),
+        "covariance": spectrum.covariance.tolist(),
+        "probability": dict(spectrum.probability),
         "hagoromo": written_by(),
     }

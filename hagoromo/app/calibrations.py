@@ -55,14 +55,17 @@ def calibrate_camera(
     target = _board(board, square, marker, dictionary, window)
     replaceable_file(out, force)
     with whole_file(plot, force) as picture, progress_bar("calibrate camera") as progress:
-        found = hg.calibrate_camera(photographs, target, coefficients, square_pixels, progress)
-        picture.write_bytes(residual_plot(found))
-    found.save(out, force)
-    print(f"rms {found.rms:.3f} px over {len(found.boards)} photographs, {len(found.skipped)} without a board")
-    for axis, value in zip("xy", found.camera.focal, strict=True):
-        print(f"focal length {axis} {value:.2f} ± {found.standard_deviation[f'fl_{axis}']:.2f} px")
-    for name in found.outliers:
-        print(f"{name}: rms {found.boards[name]:.3f} px, far above the others: look at it, or leave it out")
+        calibration = hg.calibrate_camera(photographs, target, coefficients, square_pixels, progress)
+        picture.write_bytes(residual_plot(calibration))
+    calibration.save(out, force)
+    print(
+        f"rms {calibration.rms:.3f} px over {len(calibration.boards)} photographs, "
+        f"{len(calibration.skipped)} without a board"
+    )
+    for axis, value in zip("xy", calibration.camera.focal, strict=True):
+        print(f"focal length {axis} {value:.2f} ± {calibration.standard_deviation[f'fl_{axis}']:.2f} px")
+    for name in calibration.outliers:
+        print(f"{name}: rms {calibration.boards[name]:.3f} px, far above the others: look at it, or leave it out")
     wrote(out, plot)
 
 
@@ -156,29 +159,31 @@ def calibrate_response(
     targets = (*hg.ResponseCalibration.paths(out), out.with_suffix(".png"))
     for path in targets:
         replaceable_file(path, force)
-    found = _response(sources, lamp, chart, corners)
+    calibration = _response(sources, lamp, chart, corners)
     with whole_file(targets[-1], force) as picture:
-        picture.write_bytes(response_plot(found))
-    found.save(out, force)
-    if found.noise.max() > DOUBTFUL_NOISE:
+        picture.write_bytes(response_plot(calibration))
+    calibration.save(out, force)
+    if calibration.noise.max() > DOUBTFUL_NOISE:
         warnings.warn(
-            f"known spectra explain the readings to {100 * found.noise.max():.0f} % only: are they linear in light, "
-            "without glare, and do the spectra belong to them?",
+            f"the known spectra explain the readings only to {100 * calibration.noise.max():.0f} %: check that the "
+            "readings are linear in light and free of glare, and that each spectrum belongs to its reading",
             stacklevel=2,
         )
-    for channel, residual, noise in zip(found.response.channels, found.residual, found.noise, strict=True):
+    for channel, residual, noise in zip(
+        calibration.response.channels, calibration.residual, calibration.noise, strict=True
+    ):
         print(f"{channel}: residual {100 * residual:.2f} % of the mean reading, noise {100 * noise:.2f} %")
-    for remark in found.remarks():
+    for remark in calibration.remarks():
         print(remark)
     wrote(*targets)
 
 
 def _board(corners: str, square: float, marker: float, dictionary: str, window: int | None) -> hg.Board:
     """The board of a command line: corners such as "9x6"."""
-    found = re.fullmatch(r"(\d+)x(\d+)", corners)
-    if found is None:
+    match = re.fullmatch(r"(\d+)x(\d+)", corners)
+    if match is None:
         raise InputError(f"--board is {corners!r}: give inner corners as columns x rows, such as 9x6")
-    return hg.Board(int(found[1]), int(found[2]), square, marker, dictionary, window)
+    return hg.Board(int(match[1]), int(match[2]), square, marker, dictionary, window)
 
 
 def _response(

@@ -57,16 +57,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parsed(arguments: list[str]) -> Callable[[], None]:
     """The verb with its arguments, ready to run; wrong use is an `InputError`."""
-    said = io.StringIO()
+    errors = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(errors):
             return verbs.cli(
                 prog="hagoromo", description=DESCRIPTION, args=arguments, config=(tyro.conf.FlagCreatePairsOff,)
             )
     except SystemExit as end:
         if not end.code:
             raise  # --help
-        raise InputError(_from_box(said.getvalue())) from None
+        raise InputError(_from_box(errors.getvalue())) from None
 
 
 def _from_box(text: str) -> str:
@@ -234,7 +234,7 @@ def measure(
     with progress_bar("measure") as progress:
         measured = measure_capture(capture, out, Known(n, distance), force, progress)
     for material in measured.materials:
-        known = [name for name, told in material.identifiable.items() if told]
+        known = [name for name, identifiable in material.identifiable.items() if identifiable]
         print(f"{material.name}: {material.pixels} pixels, told by the photographs: {', '.join(known) or 'nothing'}")
     wrote(out / "report.html")
 

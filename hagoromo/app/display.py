@@ -28,20 +28,20 @@ def srgb_from_camera(response: Response, lamp: Spectrum) -> NDArray[np.float64]:
     chart = colour.SDS_COLOURCHECKERS["BabelColor Average"].values()
     patches = [Spectrum(patch.wavelengths, patch.values) for patch in chart]
     observer, ones = Response.load("cie1931"), camera_white(lamp, response)
-    seen = np.array([camera_response(patch, lamp, response) / ones for patch in patches])
+    readings = np.array([camera_response(patch, lamp, response) / ones for patch in patches])
     xyz = np.array([camera_response(patch, lamp, observer) / camera_white(lamp, observer) for patch in patches])
     wanted = srgb_from_xyz(xyz * WHITE_XYZ)
     # rows sum to 1: M = [a, b, 1 − a − b]
-    basis = seen[:, :2] - seen[:, 2:]
-    rows = np.linalg.lstsq(basis, wanted - seen[:, 2:], rcond=None)[0].T
+    basis = readings[:, :2] - readings[:, 2:]
+    rows = np.linalg.lstsq(basis, wanted - readings[:, 2:], rcond=None)[0].T
     return np.concatenate([rows, 1.0 - rows.sum(axis=1, keepdims=True)], axis=1) / ones
 
 
 def exposure(linear: ArrayLike, alpha: ArrayLike | None = None) -> float:
     """Factor that brings the 99.5th percentile of the brightest channel, where there is matter, to DISPLAY_KEY."""
     linear = np.asarray(linear)
-    seen = linear.reshape(-1, linear.shape[-1]) if alpha is None else linear[np.asarray(alpha) > 0.5]
-    bright = float(np.percentile(seen.max(axis=-1), 99.5)) if seen.size else 0.0
+    pixels = linear.reshape(-1, linear.shape[-1]) if alpha is None else linear[np.asarray(alpha) > 0.5]
+    bright = float(np.percentile(pixels.max(axis=-1), 99.5)) if pixels.size else 0.0
     return DISPLAY_KEY / bright if bright > 0.0 else 1.0
 
 

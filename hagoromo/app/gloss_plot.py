@@ -12,7 +12,7 @@ from hagoromo_figures.demo.plots import svg_text
 LOWEST_PERCENTILE, HIGHEST_PERCENTILE = 2.0, 98.0  # percentiles of the pixels that the colours reach
 
 
-def gloss_plot(of: GlossMap, crop: tuple[slice, slice]) -> str:
+def gloss_plot(gloss: GlossMap, crop: tuple[slice, slice]) -> str:
     """SVG: β and γ over the pixels of `crop` (rows, columns), and the relative standard error of each below."""
     from matplotlib.figure import Figure
 
@@ -22,10 +22,10 @@ def gloss_plot(of: GlossMap, crop: tuple[slice, slice]) -> str:
     figure = Figure(figsize=(2 * across, 2 * max(0.82 * across * height / width, 1.5)), layout="constrained")
     extent = (columns.start, columns.stop, rows.stop, rows.start)
     panels: list[tuple[str, Any, str]] = [
-        ("β [1/sr]", of.beta, "viridis"),
-        ("γ [rad]", of.gamma, "viridis"),
-        ("standard error of β, relative", of.beta_error / of.beta, "magma"),
-        ("standard error of γ, relative", of.gamma_error / of.gamma, "magma"),
+        ("β [1/sr]", gloss.beta, "viridis"),
+        ("γ [rad]", gloss.gamma, "viridis"),
+        ("standard error of β, relative", gloss.beta_error / gloss.beta, "magma"),
+        ("standard error of γ, relative", gloss.gamma_error / gloss.gamma, "magma"),
     ]
     for axes, (title, values, colours) in zip(figure.subplots(2, 2).ravel(), panels, strict=True):
         shown = values[crop]

@@ -104,16 +104,16 @@ def _picture(path: Path) -> Facts:
         "channels": channels,
         "bits": 8 * image.itemsize,
         "range": [int(image.min()), int(image.max())],
-        **_told(path),
+        **_exposure_facts(path),
     }
 
 
 def _raw(path: Path) -> Facts:
     shot = read_raw(path)
-    told = {key: value for key, value in asdict(shot.exif).items() if value}
+    exif = {key: value for key, value in asdict(shot.exif).items() if value}
     levels = {"black": np.unique(shot.black).tolist(), "white": shot.white}
     size = [shot.numbers.shape[1], shot.numbers.shape[0]]
-    return {"kind": "camera RAW", "size": size, "mosaic": shot.mosaic, **levels, **told}
+    return {"kind": "camera RAW", "size": size, "mosaic": shot.mosaic, **levels, **exif}
 
 
 def _tiff(path: Path) -> Facts:
@@ -121,10 +121,10 @@ def _tiff(path: Path) -> Facts:
     size, channels = [image.shape[1], image.shape[0]], 1 if image.ndim == 2 else image.shape[2]
     span = [float(image.min()), float(image.max())]
     figures = {"size": size, "channels": channels, "bits": 8 * image.itemsize, "range": span}
-    return {"kind": "TIFF", **figures, **_told(path)}
+    return {"kind": "TIFF", **figures, **_exposure_facts(path)}
 
 
-def _told(path: Path) -> Facts:
+def _exposure_facts(path: Path) -> Facts:
     """What EXIF tells of the exposure."""
     return {key: value for key, value in asdict(read_exif(path)).items() if value}
 

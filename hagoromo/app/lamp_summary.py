@@ -43,20 +43,20 @@ def _of_ball(ball: Ball) -> str:
 
 def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
     x, y, z = lamp.to_lamp
-    said = f"{lamp.name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {lamp.standard_error_deg:.2f}°"
+    text = f"{lamp.name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {lamp.standard_error_deg:.2f}°"
     if isinstance(lamp, LampPlace):
         if lamp.position is None or lamp.standard_error is None:
             inverse = f"{lamp.inverse_distance:.3f} ± {lamp.inverse_distance_error:.3f}"
-            said += f", far: the rays are parallel within errors (1/distance {inverse} per m)"
+            text += f", far: the rays are parallel within errors (1/distance {inverse} per m)"
         else:
             place = ", ".join(f"{p:.4f} ± {e:.4f}" for p, e in zip(lamp.position, lamp.standard_error, strict=True))
-            said = f"{lamp.name}: position ({place}) m"
+            text = f"{lamp.name}: position ({place}) m"
     if strength is not None:
         shown = zip(strength.intensity, strength.standard_error, strict=True)
-        said += f"; intensity {', '.join(f'{v:.4g} ± {e:.2g}' for v, e in shown)} by the {strength.source}"
-        said = "; ".join([said, *strength.remarks()])
+        text += f"; intensity {', '.join(f'{v:.4g} ± {e:.2g}' for v, e in shown)} by the {strength.source}"
+        text = "; ".join([text, *strength.remarks()])
         if strength.shading is not None:
             to_lamp, error = strength.shading
             off = np.degrees(np.arccos(np.clip(to_lamp @ lamp.to_lamp, -1.0, 1.0)))
-            said += f", whose shading tells a direction {off:.2f}° from the ball's (± {error:.2f}°)"
-    return said
+            text += f", whose shading tells a direction {off:.2f}° from the ball's (± {error:.2f}°)"
+    return text

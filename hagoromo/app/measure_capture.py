@@ -99,13 +99,13 @@ def _of_unknown_shape(
     away = _distance(camera, known)
     if has_near_lamps(capture):
         shape = solve_shape(capture, away, progress=progress)
-        found, surface = shape.found, shape.surface
+        fit, surface = shape.found, shape.surface
     else:
-        found = solve_normals(capture, progress=progress)
-        surface = surface_from_normals(found.normals, camera, away, found.variance)
-    measured = measurement_of(capture, found)
-    variance = {"normal": found.variance, "distance": surface.variance}
-    return measured, replace(capture, points=surface.points, normals=found.normals), found.body, variance
+        fit = solve_normals(capture, progress=progress)
+        surface = surface_from_normals(fit.normals, camera, away, fit.variance)
+    measured = measurement_of(capture, fit)
+    variance = {"normal": fit.variance, "distance": surface.variance}
+    return measured, replace(capture, points=surface.points, normals=fit.normals), fit.body, variance
 
 
 def _distance(camera: Camera, known: Known) -> float:

@@ -12,29 +12,29 @@ SHARE_OF_MEMORY = 0.9  # of the free memory that one array may take; the rest is
 
 def existing_file(path: str | Path) -> Path:
     """`path` as a `Path`; `InputError` when it is not an existing file."""
-    found = Path(path)
-    if found.is_dir():
-        raise InputError(f"{found} is a folder: give a file")
-    if not found.exists():
-        raise InputError(f"{found} does not exist: check the path")
-    return found
+    file = Path(path)
+    if file.is_dir():
+        raise InputError(f"{file} is a folder: give a file")
+    if not file.exists():
+        raise InputError(f"{file} does not exist: check the path")
+    return file
 
 
 def existing_folder(path: str | Path) -> Path:
     """`path` as a `Path`; `InputError` when it is not an existing folder."""
-    found = Path(path)
-    if not found.exists():
-        raise InputError(f"{found} does not exist: check the path")
-    if not found.is_dir():
-        raise InputError(f"{found} is a file: give a folder")
-    return found
+    folder = Path(path)
+    if not folder.exists():
+        raise InputError(f"{folder} does not exist: check the path")
+    if not folder.is_dir():
+        raise InputError(f"{folder} is a file: give a folder")
+    return folder
 
 
 def read_bytes(path: str | Path) -> bytes:
     """All bytes of an existing file, its size checked against the free memory first."""
-    found = existing_file(path)
-    check_memory(found.stat().st_size, str(found))
-    return found.read_bytes()
+    file = existing_file(path)
+    check_memory(file.stat().st_size, str(file))
+    return file.read_bytes()
 
 
 def check_memory(size: float, what: str) -> None:

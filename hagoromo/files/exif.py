@@ -69,8 +69,8 @@ def _tiff_within(path: Path) -> Path | BytesIO | None:
         if not start.startswith((jpeg.START, png.SIGNATURE)):
             return None
         data = start + file.read(HEAD_BYTES)
-    found = jpeg.exif_segment(data) if data.startswith(jpeg.START) else png.exif_chunk(data)
-    return None if found is None else BytesIO(found)
+    segment = jpeg.exif_segment(data) if data.startswith(jpeg.START) else png.exif_chunk(data)
+    return None if segment is None else BytesIO(segment)
 
 
 def _exif(tags: Mapping[str, Any]) -> Exif:

@@ -34,11 +34,11 @@ def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mappi
 
 def read_header(path: str | Path) -> dict[str, str]:
     """The text metadata of the first part, without its channels; `InputError` when the file is missing or no EXR."""
-    found = existing_file(path)
-    with found.open("rb") as file:
+    source = existing_file(path)
+    with source.open("rb") as file:
         if file.read(4) != MAGIC:
-            raise InputError(f"{found} is no EXR file: give one")
-    header = _open(found, header_only=True).header()
+            raise InputError(f"{source} is no EXR file: give one")
+    header = _open(source, header_only=True).header()
     return {name: value for name, value in header.items() if isinstance(value, str)}
 
 
@@ -47,14 +47,14 @@ def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str
 
     `InputError` when the file is missing, no EXR, cut off, or larger than the free memory.
     """
-    found = existing_file(path)
-    with found.open("rb") as file:
+    source = existing_file(path)
+    with source.open("rb") as file:
         if file.read(4) != MAGIC:
-            raise InputError(f"{found} is no EXR file: give one")
-    header = _open(found, header_only=True)
+            raise InputError(f"{source} is no EXR file: give one")
+    header = _open(source, header_only=True)
     (left, top), (right, bottom) = (map(int, corner) for corner in header.header()["dataWindow"])
-    check_memory(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(found))
-    part = _open(found)
+    check_memory(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(source))
+    part = _open(source)
     channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in part.channels().items()}
     text = {name: value for name, value in part.header().items() if isinstance(value, str)}
     return channels, text

@@ -39,21 +39,25 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
 
 def frame_header(data: bytes, path: str | Path) -> tuple[int, int, int]:
     """Height, width and place of the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        kind, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if kind in range(0xC0, 0xD0) and kind not in (0xC4, 0xC8, 0xCC):
-            return int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big"), at
-        at += 2 + length
+    offset = 2
+    while offset + 9 <= len(data) and data[offset] == 0xFF:
+        marker, length = data[offset + 1], int.from_bytes(data[offset + 2 : offset + 4], "big")
+        if marker in range(0xC0, 0xD0) and marker not in (0xC4, 0xC8, 0xCC):
+            return (
+                int.from_bytes(data[offset + 5 : offset + 7], "big"),
+                int.from_bytes(data[offset + 7 : offset + 9], "big"),
+                offset,
+            )
+        offset += 2 + length
     raise InputError(f"{path} is a damaged JPEG: copy it again")
 
 
 def exif_segment(data: bytes) -> bytes | None:
     """The TIFF of the EXIF segment (APP1) of a JPEG, None where there is none."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:  # up to the start of the scan
-        length = int.from_bytes(data[at + 2 : at + 4], "big")
-        if data[at + 1] == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
-            return data[at + 10 : at + 2 + length]
-        at += 2 + length
+    offset = 2
+    while offset + 4 <= len(data) and data[offset] == 0xFF and data[offset + 1] != 0xDA:  # up to the start of the scan
+        length = int.from_bytes(data[offset + 2 : offset + 4], "big")
+        if data[offset + 1] == 0xE1 and data[offset + 4 : offset + 10] == b"Exif\0\0":
+            return data[offset + 10 : offset + 2 + length]
+        offset += 2 + length
     return None

@@ -42,21 +42,21 @@ def picture_size(path: str | Path) -> tuple[int, int]:
     `InputError` when the file is missing or neither.
     """
     named = [Path(path), *(Path(f"{path}{suffix}") for suffix in (".png", ".jpg", ".jpeg"))]
-    found = existing_file(next((candidate for candidate in named if candidate.is_file()), path))
-    with found.open("rb") as file:
+    source = existing_file(next((candidate for candidate in named if candidate.is_file()), path))
+    with source.open("rb") as file:
         start = file.read(24)
     if start.startswith(png.SIGNATURE) and len(start) == 24:
         width, height = struct.unpack(">II", start[16:])  # of IHDR, the first chunk
         return height, width
     if start.startswith(jpeg.START):
-        return jpeg.frame_header(read_bytes(found), found)[:2]
-    raise InputError(f"{found} is neither PNG nor JPEG: convert it")
+        return jpeg.frame_header(read_bytes(source), source)[:2]
+    raise InputError(f"{source} is neither PNG nor JPEG: convert it")
 
 
 def by_name(paths: Sequence[Path]) -> dict[str, Path]:
     """Name → path; a name that two files share is given with its folder. `InputError` for a file given twice."""
     names = [path.name for path in paths]
-    found = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
-    if len(found) < len(paths):
+    path_of = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
+    if len(path_of) < len(paths):
         raise InputError("a photograph is given twice: give each once")
-    return found
+    return path_of

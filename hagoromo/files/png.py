@@ -51,12 +51,12 @@ def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
 def exif_chunk(data: bytes) -> bytes | None:
     """The TIFF of the eXIf chunk of a PNG, None where there is none."""
-    at = len(SIGNATURE)
-    while at + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
+    offset = len(SIGNATURE)
+    while offset + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, offset)
         if kind == b"eXIf":
-            return data[at + 8 : at + 8 + length]
-        at += 12 + length
+            return data[offset + 8 : offset + 8 + length]
+        offset += 12 + length
     return None
 
 
@@ -71,16 +71,16 @@ def _check_chunks(data: bytes, path: str | Path) -> None:
     """Walk the chunks with their check sums: OpenCV decodes half a file without a word."""
     if not data.startswith(SIGNATURE):
         raise InputError(f"{path} is no PNG file: give one")
-    at, kind = len(SIGNATURE), b""
+    offset, kind = len(SIGNATURE), b""
     while kind != b"IEND":
-        if at + 12 > len(data):
+        if offset + 12 > len(data):
             raise InputError(f"{path} is cut off: copy it again")
-        length, kind = struct.unpack_from(">I4s", data, at)
-        if at + 12 + length > len(data):
+        length, kind = struct.unpack_from(">I4s", data, offset)
+        if offset + 12 + length > len(data):
             raise InputError(f"{path} is cut off: copy it again")
-        if zlib.crc32(data[at + 4 : at + 8 + length]) != struct.unpack_from(">I", data, at + 8 + length)[0]:
+        if zlib.crc32(data[offset + 4 : offset + 8 + length]) != struct.unpack_from(">I", data, offset + 8 + length)[0]:
             raise InputError(f"{path} is damaged (check sum of chunk {kind!r}): copy it again")
         if kind == b"IHDR":
-            width, height = struct.unpack_from(">II", data, at + 8)
+            width, height = struct.unpack_from(">II", data, offset + 8)
             check_memory(float(width) * height * 8, str(path))
-        at += 12 + length
+        offset += 12 + length

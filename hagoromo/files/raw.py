@@ -41,18 +41,18 @@ def read_raw(path: str | Path) -> Raw:
     """
     import rawpy
 
-    found = existing_file(path)
+    source = existing_file(path)
     try:
         with silenced(), rawpy.RawPy() as raw:
-            raw.open_file(str(found))
+            raw.open_file(str(source))
             sizes = raw.sizes
-            check_memory(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(found))
+            check_memory(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(source))
             raw.unpack()
-            return _raw(raw, found)
+            return _raw(raw, source)
     except rawpy.LibRawError as error:
-        said = error.args[0] if error.args else ""
-        said = said.decode("utf-8", "replace") if isinstance(said, bytes) else str(said)
-        raise InputError(f"{found} cannot be read as camera RAW, it may be cut off: {said or 'damaged'}") from error
+        text = error.args[0] if error.args else ""
+        text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+        raise InputError(f"{source} cannot be read as camera RAW, it may be cut off: {text or 'damaged'}") from error
 
 
 def _raw(raw: Any, path: Path) -> Raw:
@@ -72,12 +72,12 @@ def _raw(raw: Any, path: Path) -> Raw:
 
 def _exif(raw: Any, path: Path) -> Exif:
     """What EXIF tells; LibRaw where it tells nothing, as in files that are no TIFF."""
-    told, other = read_exif(path), raw.other
+    exif, other = read_exif(path), raw.other
     return Exif(
-        told.exposure_s or other.shutter_speed or None,
-        told.iso or other.iso_speed or None,
-        told.f_number or other.aperture or None,
-        told.focal_mm or other.focal_length or None,
-        told.sensor_mm,
-        told.camera,
+        exif.exposure_s or other.shutter_speed or None,
+        exif.iso or other.iso_speed or None,
+        exif.f_number or other.aperture or None,
+        exif.focal_mm or other.focal_length or None,
+        exif.sensor_mm,
+        exif.camera,
     )

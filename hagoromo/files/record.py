@@ -217,10 +217,10 @@ def _explained(message: str, data: Any, record: type, where: str) -> str:
     )
     key = re.fullmatch(r"Object (contains unknown|missing required) field `(.*)`", text)
     if key:
-        place, at = _place(where, steps), _type_at(record, data, steps)
+        place, table = _place(where, steps), _type_at(record, data, steps)
         if key[1].startswith("missing"):
             return f"{place} lacks the key {key[2]!r}: add it"
-        return f"{place} has the unknown key {key[2]!r}: known are {', '.join(_keys(at))}"
+        return f"{place} has the unknown key {key[2]!r}: known are {', '.join(_keys(table))}"
     if not re.match("Expected|Invalid|Number out|Integer value", text):
         return f"{_place(where, steps)}: {text}"  # by a record's own check
     while steps and not isinstance(steps[-1], str) and not _is_table(_type_at(record, data, steps)):
@@ -252,7 +252,7 @@ def _type_at(record: type, data: Any, steps: Steps) -> inspect.Type:
     """The type of a record's part."""
     kind = _bare(inspect.type_info(record), data)
     for i, step in enumerate(steps):
-        here = _value_at(data, steps[: i + 1])
+        value = _value_at(data, steps[: i + 1])
         if isinstance(kind, inspect.StructType):
             fields = {field.encode_name: field.type for field in kind.fields}
             if step not in fields:  # the key that tells which record of a union it is
@@ -266,7 +266,7 @@ def _type_at(record: type, data: Any, steps: Steps) -> inspect.Type:
             kind = kind.value_type
         else:
             kind = getattr(kind, "item_type", kind)
-        kind = _bare(kind, here)
+        kind = _bare(kind, value)
     return kind
 
 

@@ -34,17 +34,17 @@ def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) ->
     with locked(lock, f"{target} is being made by process {{pid}}: wait for it, or end it and run this again"):
         replaceable_folder(path, force)  # it may have been made while the lock was another's
         _make_room(work, fingerprint)
-        kept = f"what is done is kept in {work}, the same command goes on from there"
+        resume_hint = f"what is done is kept in {work}, the same command goes on from there"
         try:
             yield work / "whole"
             put_folder(work / "whole", target)
         except KeyboardInterrupt as interrupt:
-            raise KeyboardInterrupt(kept) from interrupt
+            raise KeyboardInterrupt(resume_hint) from interrupt
         except InputError:
             shutil.rmtree(work, ignore_errors=True)
             raise
         except OSError as error:
-            raise InputError(f"{target}: {_advice(error)}; {kept}") from error
+            raise InputError(f"{target}: {_advice(error)}; {resume_hint}") from error
         shutil.rmtree(work, ignore_errors=True)
 
 

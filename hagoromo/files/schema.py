@@ -41,8 +41,8 @@ def _as_decoded(field: dict[str, Any], takes_null: bool) -> dict[str, Any]:
     if takes_null or field.get("default", ...) is not None:
         return field
     known = {key: value for key, value in field.items() if key not in ("anyOf", "default")}
-    kinds = [_as_decoded(kind, False) for kind in field.get("anyOf", []) if kind.get("type") != "null"]
-    return known | (kinds[0] if len(kinds) == 1 else {"anyOf": kinds} if kinds else {})
+    choices = [_as_decoded(choice, False) for choice in field.get("anyOf", []) if choice.get("type") != "null"]
+    return known | (choices[0] if len(choices) == 1 else {"anyOf": choices} if choices else {})
 
 
 def _records(base: type) -> Iterator[Any]:

@@ -10,12 +10,12 @@ from contextlib import contextmanager, redirect_stdout
 @contextmanager
 def silenced() -> Iterator[None]:
     """Standard output and error lead nowhere within the block, those of C libraries as well."""
-    kept = os.dup(2)
+    stderr = os.dup(2)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
             with redirect_stdout(nowhere):
                 yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(stderr, 2)
+            os.close(stderr)

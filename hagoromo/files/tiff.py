@@ -24,26 +24,26 @@ def read_tiff(path: str | Path) -> NDArray:
     """
     import tifffile
 
-    found = existing_file(path)
+    source = existing_file(path)
     try:
-        with silenced(), tifffile.TiffFile(found) as file:
+        with silenced(), tifffile.TiffFile(source) as file:
             page = file.pages.first
             shape, kind = page.shape, page.dtype
             if kind not in PIXEL_TYPES or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
                 raise InputError(
-                    f"{found} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
+                    f"{source} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
                 )
-            check_memory(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(found))
+            check_memory(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(source))
             ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
-            if max(ends, default=0) > found.stat().st_size:
-                raise InputError(f"{found} is cut off: copy it again")
-            image = page.asarray() if page.compression == tifffile.COMPRESSION.NONE else _unpacked(found)
+            if max(ends, default=0) > source.stat().st_size:
+                raise InputError(f"{source} is cut off: copy it again")
+            image = page.asarray() if page.compression == tifffile.COMPRESSION.NONE else _unpacked(source)
     except InputError:
         raise
     except DAMAGE as error:
-        raise InputError(f"{found} cannot be read as TIFF: {' '.join(str(error).split())[:80]}") from error
+        raise InputError(f"{source} cannot be read as TIFF: {' '.join(str(error).split())[:80]}") from error
     if image.shape != shape or image.dtype != kind:
-        raise InputError(f"{found} is cut off or damaged: copy it again")
+        raise InputError(f"{source} is cut off or damaged: copy it again")
     return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
 
 

@@ -90,10 +90,10 @@ def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str
     files = _files(folder)
     with _one_line_errors(folder):
         group = zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
-        found = {name: group[name] for name in names if f"{name}/zarr.json" in files}
+        members = {name: group[name] for name in names if f"{name}/zarr.json" in files}
         return group.attrs.asdict(), {
             name: _checked(array, folder / name, {f[len(name) + 1 :] for f in files if f.startswith(f"{name}/")})
-            for name, array in found.items()
+            for name, array in members.items()
         }
 
 
@@ -109,18 +109,18 @@ def open_array(path: str | Path) -> ZarrArray:
 
 def _files(folder: Path) -> set[str]:
     """Paths of all files under `folder`, relative to it; `InputError` for a link, a pipe and the like."""
-    found, left = set(), [(str(folder), "")]
-    while left:
-        here, before = left.pop()
-        with os.scandir(here) as entries:
+    paths, pending = set(), [(str(folder), "")]
+    while pending:
+        directory, prefix = pending.pop()
+        with os.scandir(directory) as entries:
             for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
-                    left.append((entry.path, f"{before}{entry.name}/"))
+                    pending.append((entry.path, f"{prefix}{entry.name}/"))
                 elif entry.is_file(follow_symlinks=False):
-                    found.add(before + entry.name)
+                    paths.add(prefix + entry.name)
                 else:
                     raise InputError(f"{entry.path} is a link or no plain file: put the file itself there")
-    return found
+    return paths
 
 
 def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
@@ -149,13 +149,13 @@ def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
         codecs = (*(metadata.filters or ()), metadata.compressor)
         records = [codec.get_config() for codec in codecs if codec is not None]
         return [(record["id"], record) for record in records]
-    left, found = [codec.to_dict() for codec in metadata.codecs], []
-    while left:
-        record = left.pop(0)
+    pending, entries = [codec.to_dict() for codec in metadata.codecs], []
+    while pending:
+        record = pending.pop(0)
         settings = record.get("configuration", {})
-        found.append((record["name"].removeprefix("numcodecs."), settings))
-        left += [*settings.get("codecs", ()), *settings.get("index_codecs", ())]
-    return found
+        entries.append((record["name"].removeprefix("numcodecs."), settings))
+        pending += [*settings.get("codecs", ()), *settings.get("index_codecs", ())]
+    return entries
 
 
 @contextmanager

@@ -26,15 +26,15 @@ def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["l
     `InputError` when none is there, or one is not of its camera's size.
     """
     home = existing_folder(folder)
-    there = {name: inside(home, name) for name in views if name and inside(home, name).is_file()}
-    if not there:
+    present = {name: inside(home, name) for name in views if name and inside(home, name).is_file()}
+    if not present:
         raise InputError(f"{home} holds none of the {len(views)} images that the cameras name: give their folder")
-    if len(there) < len(views):
-        absent = len(views) - len(there)
+    if len(present) < len(views):
+        absent = len(views) - len(present)
         warnings.warn(f"{home}: {absent} of {len(views)} images are absent and are left out", stacklevel=2)
-    pixels = sum(3.0 * views[name].width * views[name].height for name in there)
+    pixels = sum(3.0 * views[name].width * views[name].height for name in present)
     check_memory(BYTES_PER_VALUE * pixels, str(home))
-    return Capture(tuple(_photograph(path, views[name], transfer) for name, path in there.items()), home.name, home)
+    return Capture(tuple(_photograph(path, views[name], transfer) for name, path in present.items()), home.name, home)
 
 
 def size_of_images(folder: str | Path) -> tuple[int, int] | None:

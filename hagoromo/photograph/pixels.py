@@ -101,16 +101,16 @@ def default_channels(count: int) -> tuple[str, ...]:
 
 def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) -> Pixels:
     """Camera RAW: its own levels, mosaic and exposure where the frame does not state others."""
-    stated = frame.sensor
-    given = StatedExposure(
-        stated.get("black_level"), stated.get("white_level"), None, None, frame.exposure_s, frame.iso
+    sensor_keys = frame.sensor
+    settings = StatedExposure(
+        sensor_keys.get("black_level"), sensor_keys.get("white_level"), None, None, frame.exposure_s, frame.iso
     )
-    shot = read_exposure(path, given)
+    shot = read_exposure(path, settings)
     levels = {"black_level": 0.0, "white_level": shot.white, "bits": 16, "mosaic": shot.mosaic}
-    sensor = sensor_from_record({**stated, **levels}, 16, shot.seconds, shot.iso, where)
+    sensor = sensor_from_record({**sensor_keys, **levels}, 16, shot.seconds, shot.iso, where)
     values, variance, valid = develop_raw(shot.signal, sensor, demosaic)
     native = native_channels(sensor, *shot.signal.shape[:2])
-    known = sensor if {"gain", "read_noise"} <= set(stated) else None
+    known = sensor if {"gain", "read_noise"} <= set(sensor_keys) else None
     return Pixels(values, variance, valid, native, known)
 
 
@@ -146,9 +146,9 @@ def _opaque(image: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
 
 def _from_srgb(numbers: NDArray, sensor: Sensor) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
     """Develop display numbers; their rounding is coarser in light than in the dark."""
-    at = np.arange(sensor.largest + 2.0) - 0.5
-    light = sensor.largest * srgb_decode(255.0 * np.clip(at, 0.0, sensor.largest) / sensor.largest)
-    centre = sensor.largest * srgb_decode(255.0 * (at[:-1] + 0.5) / sensor.largest)
+    bounds = np.arange(sensor.largest + 2.0) - 0.5
+    light = sensor.largest * srgb_decode(255.0 * np.clip(bounds, 0.0, sensor.largest) / sensor.largest)
+    centre = sensor.largest * srgb_decode(255.0 * (bounds[:-1] + 0.5) / sensor.largest)
     developed = develop_raw(centre[numbers], replace(sensor, mosaic=""))
     # develop_raw has taken the rounding for that of one linear number, 1/12
     rounding = (np.diff(light)[numbers] ** 2 - 1.0) / 12.0 * (sensor.gain / sensor.exposure) ** 2

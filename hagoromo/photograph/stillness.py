@@ -41,15 +41,15 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
     k = int(np.ceil(np.sqrt(first.width * first.height / COMPARED_PIXELS)))
     marks = [_marks(photograph, k) for photograph in photographs]
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in marks[0].shape))
-    whole, found = np.sum(marks, axis=0), {}
+    total, shifts = np.sum(marks, axis=0), {}
     for photograph, own in zip(photographs, marks, strict=True):
-        others = (whole - own) / (len(marks) - 1)
+        others = (total - own) / (len(marks) - 1)
         rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=STEPS_PER_PIXEL)[0]
         back = shift(own, (rows, columns), order=1, mode="nearest")
         still, shifted = (float(np.corrcoef(others.ravel(), p.ravel())[0, 1]) for p in (own, back))
         if np.hypot(rows, columns) > MOVED_PX and shifted > max(LEAST_CORRELATION, still):
-            found[photograph.name] = (-k * float(columns), -k * float(rows))
-    return found
+            shifts[photograph.name] = (-k * float(columns), -k * float(rows))
+    return shifts
 
 
 def _marks(photograph: Photograph, k: int) -> NDArray[np.float64]:

@@ -110,13 +110,13 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
         (home / "measure").mkdir()
         fill_measurement(measurement, home / "measure")
         table = rows(measurement.materials, truth, response, lamp)
-        found = {material.name: material.reflectance(response, lamp) for material in measurement.materials}
+        reflectances = {material.name: material.reflectance(response, lamp) for material in measurement.materials}
     with stages.stage("relit view"):
         aside = load_capture(home / "capture", frames=slice(LAMPS_MEASURED, None)).photographs[0]
-        view = relit(samples, found, aside, surface >= 0, settings)
+        view = relit(samples, reflectances, aside, surface >= 0, settings)
         view.write(home / "relit")
     with stages.stage("figures") as progress:
-        figures = _figures(home, found, size, progress)
+        figures = _figures(home, reflectances, size, progress)
     with stages.stage("report"):
         record = {
             "hagoromo": __version__,
@@ -130,15 +130,15 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
             "seconds": {key: round(value, 2) for key, value in stages.seconds.items()},
         }
         write_json(home / "results.json", record)
-        report = Report(record, capture, aside, measurement, table, truth, found, view, figures)
+        report = Report(record, capture, aside, measurement, table, truth, reflectances, view, figures)
         write_report(home / "report.html", report)
 
 
-def _figures(home: Path, found: dict[str, Any], size: Size, progress: Progress) -> dict[str, Image]:
+def _figures(home: Path, reflectances: dict[str, Any], size: Size, progress: Progress) -> dict[str, Image]:
     """Render every figure to EXR and PNG; they are given back as read from their files."""
     camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
     (home / "figures").mkdir()
-    cast = Cast(found, size.resolution, size.seed)
+    cast = Cast(reflectances, size.resolution, size.seed)
     for k, figure in enumerate(size.figures):
         of_figure = part_of(progress, k / len(size.figures), 1.0 / len(size.figures), figure.replace("_", " "))
         scene = cast.scene(figure, camera, part_of(of_figure, 0.0, 0.5, "boxes"))

@@ -46,14 +46,16 @@ def named(measurement: Measurement, surface: NDArray[np.integer], names: Sequenc
 
     surface: (height, width) index into `names`, −1 for none. `InputError` when two materials lie on one sample.
     """
-    found = []
+    materials = []
     for number, material in enumerate(measurement.materials):
-        here = surface[(measurement.labels == number) & (surface >= 0)]
-        found.append(replace(material, name=names[int(np.bincount(here, minlength=len(names)).argmax())]))
-    if sorted(material.name for material in found) != sorted(names):
-        seen = ", ".join(material.name for material in found)
-        raise InputError(f"the samples are {', '.join(names)} and the materials found lie on {seen}: light them better")
-    return replace(measurement, materials=tuple(found))
+        samples = surface[(measurement.labels == number) & (surface >= 0)]
+        materials.append(replace(material, name=names[int(np.bincount(samples, minlength=len(names)).argmax())]))
+    if sorted(material.name for material in materials) != sorted(names):
+        places = ", ".join(material.name for material in materials)
+        raise InputError(
+            f"the samples are {', '.join(names)} and the materials found lie on {places}: light them better"
+        )
+    return replace(measurement, materials=tuple(materials))
 
 
 def rightly_labelled(measurement: Measurement, surface: NDArray[np.integer], names: Sequence[str]) -> float:
@@ -67,20 +69,22 @@ def rows(
     materials: Sequence[MaterialEstimate], truth: Mapping[str, Reflectance], response: Response, lamp: Spectrum
 ) -> list[Row]:
     """Every parameter beside its truth, expressed as the estimate expresses it: body colours have mean 1."""
-    found = []
+    table = []
     for material in sorted(materials, key=lambda one: list(truth).index(one.name)):
         true = truth[material.name]
         colour = camera_response(true.body_colour, lamp, response) / camera_white(lamp, response)
         values = {key: getattr(true, key) for key in PARAMETERS} | {"alpha": true.alpha * float(colour.mean())}
         for key in PARAMETERS:
             low, high = material.interval_95[key]
-            told = material.identifiable[key]
-            found.append(Row(material.name, key, values[key], getattr(material, key), low, high, told))
-        told, share = material.identifiable["alpha"], colour / colour.mean()
+            identifiable = material.identifiable[key]
+            table.append(Row(material.name, key, values[key], getattr(material, key), low, high, identifiable))
+        identifiable, share = material.identifiable["alpha"], colour / colour.mean()
         for k, channel in enumerate(response.channels):
             low, high = material.interval_95["body_colour"][k]
-            found.append(Row(material.name, f"c_{channel}", float(share[k]), material.body_colour[k], low, high, told))
-    return found
+            table.append(
+                Row(material.name, f"c_{channel}", float(share[k]), material.body_colour[k], low, high, identifiable)
+            )
+    return table
 
 
 def coverage(table: Sequence[Row]) -> dict[str, Any]:
@@ -90,12 +94,12 @@ def coverage(table: Sequence[Row]) -> dict[str, Any]:
     """
     from scipy.stats import binom
 
-    told = [row for row in table if row.identifiable]
-    inside = sum(row.inside for row in told)
+    identifiable = [row for row in table if row.identifiable]
+    inside = sum(row.inside for row in identifiable)
     return {
         "intervals": len(table),
-        "identifiable": len(told),
+        "identifiable": len(identifiable),
         "inside": inside,
-        "expected": COVERAGE * len(told),
-        "likelihood": float(binom.cdf(inside, len(told), COVERAGE)),
+        "expected": COVERAGE * len(identifiable),
+        "likelihood": float(binom.cdf(inside, len(identifiable), COVERAGE)),
     }

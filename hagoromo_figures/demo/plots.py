@@ -67,8 +67,10 @@ def residual_histogram(residuals: NDArray) -> str:
     edges = np.linspace(-6.0, 6.0, 97)
     density = np.histogram(np.clip(residuals, -6.0, 6.0), edges)[0] / residuals.size / np.diff(edges)
     axis.stairs(density, edges, fill=True, color="#9db7d5", label=f"{residuals.size:,} values".replace(",", " "))
-    at = np.linspace(-6.0, 6.0, 401)
-    axis.plot(at, np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi), color="#222", linewidth=1.2, label="normal law")
+    deviation = np.linspace(-6.0, 6.0, 401)
+    axis.plot(
+        deviation, np.exp(-0.5 * deviation**2) / np.sqrt(2.0 * np.pi), color="#222", linewidth=1.2, label="normal law"
+    )
     axis.set_yscale("log")
     axis.set_ylim(1e-6, 1.0)
     axis.set_xlim(-6.0, 6.0)

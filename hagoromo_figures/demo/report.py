@@ -115,8 +115,8 @@ def _differences(view: Relit) -> list[list[str]]:
     ]
 
 
-def _figure(name: str, found: Image) -> dict[str, Any]:
-    picture, shot = found.display(), PAPER_FIGURES[name]
+def _figure(name: str, rendered: Image) -> dict[str, Any]:
+    picture, shot = rendered.display(), PAPER_FIGURES[name]
     height, width = picture.shape[:2]
     return {
         "picture": image(picture, shot.caption),

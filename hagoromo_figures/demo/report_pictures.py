@@ -58,10 +58,10 @@ def residual(standardised: NDArray) -> NDArray[np.uint8]:
 def fitted_residuals(capture: Capture, measurement: Measurement) -> NDArray:
     """Residuals (n,) that were open to the fit: measured by the sensor itself, lit and seen beyond grazing, inside."""
     inside = [interior(measurement.labels, number) for number in range(len(measurement.materials))]
-    pixels, found = Pixels.where(capture, known_shape(capture) & np.any(inside, axis=0)), []
+    pixels, residuals = Pixels.where(capture, known_shape(capture) & np.any(inside, axis=0)), []
     for photograph, standardised in zip(capture.photographs, measurement.residuals, strict=True):
         used = sight(photograph, pixels.points, pixels.normals).fit_to_use
-        at = pixels.rows[used], pixels.columns[used]
-        values, own = standardised[at], native(photograph)[at]
-        found.append(values[own & np.isfinite(values)])
-    return np.concatenate(found)
+        place = pixels.rows[used], pixels.columns[used]
+        values, own = standardised[place], native(photograph)[place]
+        residuals.append(values[own & np.isfinite(values)])
+    return np.concatenate(residuals)

@@ -55,12 +55,12 @@ def true_reflectances(camera: Camera) -> dict[str, Reflectance]:
     """The materials by name; body colours have a mean of 1 over the channels of `camera` under LAMP_SPECTRUM."""
     response, lamp = camera.response, Spectrum.named(LAMP_SPECTRUM)
     assert response is not None
-    found = {}
+    reflectances = {}
     for name, (beta, gamma, n) in INTERFACE.items():
         albedo = Spectrum(SPECTRUM_KNOTS_NM, SPECTRA[name])
         mean = float(np.mean(camera_response(albedo, lamp, response) / camera_white(lamp, response)))
-        found[name] = Reflectance(mean / np.pi, beta, gamma, n, albedo.scaled(1.0 / mean), name=name)
-    return found
+        reflectances[name] = Reflectance(mean / np.pi, beta, gamma, n, albedo.scaled(1.0 / mean), name=name)
+    return reflectances
 
 
 def bench(reflectances: dict[str, Reflectance], camera: Camera) -> Scene:

@@ -32,8 +32,8 @@ def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float],
     direction, distance = np.asarray(towards, float) / np.linalg.norm(towards), 5.0 * extent
     for _ in range(20):
         placed = camera.look_at(aim + direction * distance, aim)
-        seen = (placed.project(corners) - camera.principal) / camera.focal
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        projected = (placed.project(corners) - camera.principal) / camera.focal
+        low, high = projected.min(axis=0), projected.max(axis=0)
         across = np.append(0.5 * (low + high) * distance, 0.0)
         aim = aim + across @ placed.world_to_camera[:3, :3]
         span = float(np.max((high - low) * camera.focal / (camera.width, camera.height)))

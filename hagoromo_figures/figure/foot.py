@@ -36,10 +36,10 @@ def foot(p: Any, knee: Any) -> Any:
     solid = smooth_union(solid, sphere(p, (-2.6, -1.3, ANKLE - 0.4), 1.5), 1.6)
     solid = smooth_union(solid, capsule(p, (0.0, -5.4, 6.0), (0.0, -3.0, 18.0), 1.0, 1.2), 2.5)  # tendon of the heel
     toes = [_toe(p, toe) for toe in TOES]
-    found = smooth_union(solid, toes[0], 1.2)
+    union = smooth_union(solid, toes[0], 1.2)
     for toe in toes[1:]:  # joined one by one, so that they blend with the foot but not with each other
-        found = dr.fmin(found, smooth_union(solid, toe, 1.2))
-    return dr.fmax(found, -p.z)
+        union = dr.fmin(union, smooth_union(solid, toe, 1.2))
+    return dr.fmax(union, -p.z)
 
 
 def _toe(p: Any, toe: Any) -> Any:

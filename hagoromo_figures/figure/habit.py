@@ -72,8 +72,8 @@ def _coif(pose: Pose) -> Cut:
         angle, back = half * (1.0 - 2.0 * s), height * t
         swell = 1.0 + 0.36 * np.sin(np.minimum(back / 20.0, 1.0) * 0.5 * math.pi)
         x, z = mx + wide * swell * np.sin(-angle), mz + high * (0.4 * swell + 0.6) * np.cos(angle)
-        at = np.stack(np.broadcast_arrays(x, my + 0.92 * back, z), axis=-1)
-        return at @ _turn(pose).T + np.asarray(pose.head)
+        points = np.stack(np.broadcast_arrays(x, my + 0.92 * back, z), axis=-1)
+        return points @ _turn(pose).T + np.asarray(pose.head)
 
     return Cut(width, height, start, held=lambda s, t: (t == 0.0) + np.zeros_like(s))
 

@@ -67,7 +67,7 @@ def hand(point: Any, gesture: Gesture) -> Any:
 
 def digits(gesture: Gesture) -> list[Digit]:
     """The four fingers and the thumb of a gesture."""
-    found = []
+    fingers = []
     for knuckle, reach, width, bends, spread in zip(
         KNUCKLES, FINGER_LENGTHS, FINGER_HALF_WIDTHS, gesture.bend, np.radians(gesture.spread), strict=True
     ):
@@ -78,12 +78,12 @@ def digits(gesture: Gesture) -> list[Digit]:
             pad = np.array([-np.sin(spread) * np.sin(bend), np.cos(bend), -np.cos(spread) * np.sin(bend)])
             joints.append(joints[-1] + share * reach * way)
         joints[-1] -= FINGER_TAPER[3] * width * (joints[-1] - joints[-2]) / np.linalg.norm(joints[-1] - joints[-2])
-        found.append(Digit(np.array(joints), pad, tuple(share * width for share in FINGER_TAPER)))
+        fingers.append(Digit(np.array(joints), pad, tuple(share * width for share in FINGER_TAPER)))
     joints = np.array(gesture.thumb)
     along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
     pad = np.array([-0.75, 0.65, 0.0])  # it faces the fingers more than it faces forward
     pad -= along * (pad @ along)
-    return [*found, Digit(joints, pad / np.linalg.norm(pad), THUMB)]
+    return [*fingers, Digit(joints, pad / np.linalg.norm(pad), THUMB)]
 
 
 def frame(wrist: Any, fingertip: Any, palm: Any) -> NDArray[np.float64]:

@@ -46,31 +46,31 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
     points[:, 0] = roots
     way = 0.25 * outward + 0.75 * _wanted(roots, outward, side, aim, 0.0 * side, pose)
     for k in range(1, points.shape[1]):
-        here = points[:, k - 1]
-        distance, normal = _asked(solid, here)
+        point = points[:, k - 1]
+        distance, normal = _asked(solid, point)
         near = np.clip(1.5 - (distance - lift) / 2.0, 0.0, 1.0)[:, None]
-        wanted = _wanted(here, normal, side, aim, front * np.fmax(near[:, 0], _drawn(here, front)), pose)
+        wanted = _wanted(point, normal, side, aim, front * np.fmax(near[:, 0], _drawn(point, front)), pose)
         wanted -= near * normal * np.minimum((wanted * normal).sum(axis=1, keepdims=True), 0.0)
         way = STIFF * way + (1.0 - STIFF) * wanted
-        held = np.clip((here[:, 2] - pose.head[2] + 2.0) / 6.0, 0.0, 1.0)  # to the skull, not to the neck
+        held = np.clip((point[:, 2] - pose.head[2] + 2.0) / 6.0, 0.0, 1.0)  # to the skull, not to the neck
         way += np.clip((lift - distance) * 0.35, -0.12 * held, 0.5)[:, None] * normal * near
-        way[:, 2] = np.where(here[:, 2] < pose.neck[2] + 6.0, np.minimum(way[:, 2], -0.2), way[:, 2])  # it never rises
+        way[:, 2] = np.where(point[:, 2] < pose.neck[2] + 6.0, np.minimum(way[:, 2], -0.2), way[:, 2])  # it never rises
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        points[:, k] = here + LOCK_STEP * way
+        points[:, k] = point + LOCK_STEP * way
     waved = _waved(points, roots, draw)
     return Locks(waved, np.clip(length / LOCK_STEP, 8, points.shape[1] - 1).astype(int))
 
 
-def _wanted(here: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: NDArray, pose: Pose) -> NDArray:
+def _wanted(point: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: NDArray, pose: Pose) -> NDArray:
     """Where a lock would go at its points: from the parting to the side, and down; over the shoulders as it lies."""
-    z = here[:, 2] - pose.head[2]
+    z = point[:, 2] - pose.head[2]
     top = np.clip(z / 9.0, 0.0, 1.0)
     low = np.clip(-(z + 12.0) / 12.0, 0.0, 1.0)  # under the jaw
-    wanted = np.zeros_like(here)
-    beside = np.clip((aim - side * here[:, 0]) / 6.0, -1.6, 1.0)
+    wanted = np.zeros_like(point)
+    beside = np.clip((aim - side * point[:, 0]) / 6.0, -1.6, 1.0)
     wanted[:, 0] = side * (1.3 * top + 0.12 * (1.0 - top) + low * (0.6 * beside - 0.12))
     wanted[:, 1] = 0.38 * (1.0 - low) * np.where(front > 0, 1.0 - 0.45 * front, 1.0) - 0.9 * low * front
-    wanted[:, 1] -= 0.4 * np.clip((here[:, 1] - HAIR_BACK_Y) / 4.0, 0.0, 1.0)  # wings are behind
+    wanted[:, 1] -= 0.4 * np.clip((point[:, 1] - HAIR_BACK_Y) / 4.0, 0.0, 1.0)  # wings are behind
     wanted[:, 2] = -1.0 + 0.6 * top
     tangent = (
         wanted - normal * (wanted * normal).sum(axis=1, keepdims=True) * np.clip(1.0 + z / 16.0, 0.0, 1.0)[:, None]
@@ -78,9 +78,9 @@ def _wanted(here: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: 
     return tangent / np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-6)
 
 
-def _drawn(here: NDArray, front: NDArray) -> NDArray:
+def _drawn(point: NDArray, front: NDArray) -> NDArray:
     """How much a lock is drawn to the front before it meets the shoulder: not any more once it is there."""
-    return np.where(front > 0, 0.6 * np.clip((here[:, 1] + 3.0) / 6.0, 0.0, 1.0), 0.0)
+    return np.where(front > 0, 0.6 * np.clip((point[:, 1] + 3.0) / 6.0, 0.0, 1.0), 0.0)
 
 
 def _waved(points: NDArray, roots: NDArray, draw: np.random.Generator) -> NDArray:

@@ -41,8 +41,8 @@ def legs(point: Any, pose: Pose, step: Point = KNEE_STEP) -> Any:
     both = []
     for side, ahead in ((1.0, (0.0, 0.0, 0.0)), (-1.0, step)):
         hip, knee, ankle, toe = (
-            (side * at[0] + share * ahead[0], at[1] + share * ahead[1], at[2] + share * ahead[2])
-            for at, share in ((pose.hip, 0.0), (pose.knee, 1.0), (pose.ankle, 0.3), (pose.toe, 0.3))
+            (side * joint[0] + share * ahead[0], joint[1] + share * ahead[1], joint[2] + share * ahead[2])
+            for joint, share in ((pose.hip, 0.0), (pose.knee, 1.0), (pose.ankle, 0.3), (pose.toe, 0.3))
         )
         thigh, shin = capsule(point, hip, knee, 13.0, 9.0), capsule(point, knee, ankle, 8.8, 5.0)
         both.append(dr.fmin(smooth_union(thigh, shin, 3.0), capsule(point, ankle, toe, 5.0, 3.0)))

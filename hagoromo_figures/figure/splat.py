@@ -61,7 +61,7 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
     cells = np.ceil((strands.points.max(axis=0) - low) / (voxel * CELL_VOXELS)).astype(int) + 2
     if cells.prod() > MOST_CELLS:
         raise InputError(f"strands over {cells * CELL_VOXELS} voxels: make voxel_mm {voxel:g} larger")
-    found, sums = _summed(strands, low, voxel, cells)
+    occupied, sums = _summed(strands, low, voxel, cells)
     mass, *tangent, second = sums
     size = np.sqrt(np.maximum(tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2, 1e-24))
     for part in tangent:
@@ -74,7 +74,7 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
     )
     values = [np.minimum(mass / voxel**3, CORE), *tangent, np.where(mass > 0, kind, around)]
     table = np.full(cells.prod(), -1, np.int32)
-    table[found] = np.arange(len(found))
+    table[occupied] = np.arange(len(occupied))
     empty = (table < 0).reshape(cells)
     far = np.maximum(np.asarray(distance_transform_edt(empty)) - np.sqrt(3.0), 0.0) * CELL_VOXELS * voxel
     lattice = _Lattice(low, voxel, cells, table, values, np.where(empty, far, -1.0))
@@ -92,16 +92,19 @@ def _summed(strands: Strands, low: NDArray, voxel: float, cells: NDArray) -> tup
         np.array(by, np.int32)
         for by in ((cells[1] * cells[2], cells[2], 1), (CELL_VOXELS * CELL_VOXELS, CELL_VOXELS, 1))
     )
-    found = np.unique(np.concatenate([np.unique(((first + corner) // CELL_VOXELS) @ row) for corner in corners]))
+    occupied = np.unique(np.concatenate([np.unique(((first + corner) // CELL_VOXELS) @ row) for corner in corners]))
     factors = [np.ones(1, np.float32), *strands.tangents.T, strands.kind]
-    sums = [np.zeros(len(found) * CELL_VOXELS**3, np.float32) for _ in factors]
+    sums = [np.zeros(len(occupied) * CELL_VOXELS**3, np.float32) for _ in factors]
     for corner in corners:
-        at = first + corner
+        voxel_index = first + corner
         weight = np.abs(1 - corner - (places - first)).prod(axis=1) * strands.volume
-        index = np.searchsorted(found, (at // CELL_VOXELS) @ row) * CELL_VOXELS**3 + (at % CELL_VOXELS) @ inner
+        index = (
+            np.searchsorted(occupied, (voxel_index // CELL_VOXELS) @ row) * CELL_VOXELS**3
+            + (voxel_index % CELL_VOXELS) @ inner
+        )
         for whole, factor in zip(sums, factors, strict=True):
             whole += np.bincount(index, weight * factor, len(whole))
-    return found, sums
+    return occupied, sums
 
 
 class _Lattice:
@@ -140,8 +143,8 @@ class _Lattice:
         """Number of the cell of a point, and of its voxel in it."""
         jit, index, inner = arrays(), arrays().UInt(0), arrays().UInt(0)
         for k in range(3):
-            at = clip((point[k] - self.low[k]) * (1.0 / self.voxel), 0.0, self.cells[k] * CELL_VOXELS - 1.0)
-            whole = jit.UInt(at)
+            place = clip((point[k] - self.low[k]) * (1.0 / self.voxel), 0.0, self.cells[k] * CELL_VOXELS - 1.0)
+            whole = jit.UInt(place)
             index = index * self.cells[k] + whole // CELL_VOXELS
             inner = inner * CELL_VOXELS + whole % CELL_VOXELS
         return index, inner

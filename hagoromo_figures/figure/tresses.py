@@ -59,19 +59,21 @@ def long_hair(locks: Locks, step: float, draw: np.random.Generator) -> Strands:
     one = np.cross(way, (0.3, 0.9, 0.2))
     one /= np.maximum(np.linalg.norm(one, axis=2, keepdims=True), 1e-6)
     two = np.cross(way, one)
-    found, at = [], np.arange(last + 1)
+    strands, steps = [], np.arange(last + 1)
     for _ in range(STRANDS):
         end = np.minimum(locks.ends - draw.integers(0, 14, len(paths)), last)[:, None]
-        share = np.clip(at / end, 0.0, 1.0)
+        share = np.clip(steps / end, 0.0, 1.0)
         spread = LOCK_HALF_WIDTH * np.sqrt(draw.uniform(0.02, 1.0, (len(paths), 1))) * (1.0 - 0.75 * share**2)
-        turn = draw.uniform(0, 2 * np.pi, (len(paths), 1)) + LOCK_STEP * at * draw.uniform(0.05, 0.13, (len(paths), 1))
+        turn = draw.uniform(0, 2 * np.pi, (len(paths), 1)) + LOCK_STEP * steps * draw.uniform(
+            0.05, 0.13, (len(paths), 1)
+        )
         path = paths + spread[..., None] * (np.cos(turn)[..., None] * one + np.sin(turn)[..., None] * two)
-        area = 0.25 * np.pi * STRAND_WIDTH**2 * np.clip((end - at) / 12.0, 0.0, 1.0)
-        found.append(along(path, area, step))
+        area = 0.25 * np.pi * STRAND_WIDTH**2 * np.clip((end - steps) / 12.0, 0.0, 1.0)
+        strands.append(along(path, area, step))
     some = draw.integers(0, len(paths), LOOSE)
     stray = np.cumsum(np.cumsum(draw.normal(0.0, 0.006, (LOOSE, last + 1, 3)), axis=1), axis=1)
-    area = 0.25 * np.pi * (0.5 * STRAND_WIDTH) ** 2 * np.clip((locks.ends[some, None] - at) / 12.0, 0.0, 1.0)
-    return joined(*found, along(paths[some] + stray, area, step))
+    area = 0.25 * np.pi * (0.5 * STRAND_WIDTH) ** 2 * np.clip((locks.ends[some, None] - steps) / 12.0, 0.0, 1.0)
+    return joined(*strands, along(paths[some] + stray, area, step))
 
 
 def face_hair(pose: Pose, step: float, draw: np.random.Generator) -> Strands:

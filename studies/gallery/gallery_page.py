@@ -41,9 +41,10 @@ def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]
 def _shown(path: Path, recipes: Path, name: str) -> str:
     """The pictures of one item."""
     item, folder = ITEMS[name], path.parent / "figures" / "gallery"
-    there = [(view, told) for view, told in VIEW_TITLES.items() if (folder / f"{name}_{view}.jpg").exists()]
+    present = [(view, title) for view, title in VIEW_TITLES.items() if (folder / f"{name}_{view}.jpg").exists()]
     row = " ".join(
-        f'<img src="figures/gallery/{name}_{view}.jpg" width="32%" alt="{item.title}, {told}">' for view, told in there
+        f'<img src="figures/gallery/{name}_{view}.jpg" width="32%" alt="{item.title}, {title}">'
+        for view, title in present
     )
     strip = f'<img src="figures/gallery/{name}_lamps.jpg" width="97%" alt="{item.title} under a lamp that moves">'
     return (
@@ -55,8 +56,8 @@ def _table(costs: Mapping[str, Mapping[str, Any]]) -> str:
     rows = []
     for name, cost in costs.items():
         lattice, texel = " × ".join(map(str, cost["voxels"])), cost.get("texel_mib", "")
-        told = [ITEMS[name].title, *(cost[key] for key in ("seconds", "core_seconds", "peak_mib", "bricks"))]
-        rows.append(f"| {' | '.join(map(str, [*told, texel, cost['voxel_mm'], lattice]))} |")
+        cells = [ITEMS[name].title, *(cost[key] for key in ("seconds", "core_seconds", "peak_mib", "bricks"))]
+        rows.append(f"| {' | '.join(map(str, [*cells, texel, cost['voxel_mm'], lattice]))} |")
     before = max(cost["before_mib"] for cost in costs.values())
     machine = next(iter(costs.values())).get("machine", "")
     return COST.format(machine=machine, before=before) + "\n".join(rows) + "\n"

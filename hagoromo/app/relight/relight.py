@@ -45,14 +45,14 @@ def relight_capture(
         (home / "measured").mkdir()
         fill_measured(rest, home / "measured", known or Known(), part_of(progress, 0.0, MEASURING_SHARE))
         stage = fill_stage(rest, home)
-        found = []
+        results = []
         for number, photograph in enumerate(aside):
             progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(aside), photograph.name)
-            found.append(relit(stage, photograph, number))
-        write_json(home / "relit.json", [one.record() for one in found])
-        write_relight_page(home / "report.html", rest.name, len(rest.photographs), found)
+            results.append(relit(stage, photograph, number))
+        write_json(home / "relit.json", [one.record() for one in results])
+        write_relight_page(home / "report.html", rest.name, len(rest.photographs), results)
         progress(1.0, "")
-    return tuple(found)
+    return tuple(results)
 
 
 def _split(capture: Capture, hold: Sequence[str], against: str | Path | None) -> tuple[Capture, tuple[Photograph, ...]]:

@@ -23,7 +23,7 @@ SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
 PHOTOGRAPH_WIDTH_PX = 320  # px, of a small photograph on the page
 
 
-def write_relight_page(path: Path, name: str, measured: int, found: Sequence[Relit]) -> None:
+def write_relight_page(path: Path, name: str, measured: int, results: Sequence[Relit]) -> None:
     """Write the page to `path`. measured: number of photographs that the surface was measured from."""
     write_page(
         path,
@@ -31,18 +31,18 @@ def write_relight_page(path: Path, name: str, measured: int, found: Sequence[Rel
         name=name,
         measured=measured,
         rim=RELIEF_RIM_PX,
-        rows=[row for one in found for row in _rows(one)],
-        photographs=[_photograph(one) for one in found],
+        rows=[row for one in results for row in _rows(one)],
+        photographs=[_photograph(one) for one in results],
     )
 
 
 def _rows(one: Relit) -> list[list[str]]:
     rows = []
-    for key, found in one.compared.items():
+    for key, scores in one.compared.items():
         worst = np.percentile(_delta_e(one, key)[one.mask], 95)
-        psnr = "∞" if found["psnr"] is None else f"{found['psnr']:.1f}"
-        figures = [f"{100 * found['relative_rmse']:.1f} %", f"{found['delta_e_2000']:.2f}", f"{worst:.2f}", psnr]
-        rows.append([one.name, PREDICTIONS[key], *figures, f"{found['ssim']:.3f}", str(found["pixels"])])
+        psnr = "∞" if scores["psnr"] is None else f"{scores['psnr']:.1f}"
+        figures = [f"{100 * scores['relative_rmse']:.1f} %", f"{scores['delta_e_2000']:.2f}", f"{worst:.2f}", psnr]
+        rows.append([one.name, PREDICTIONS[key], *figures, f"{scores['ssim']:.3f}", str(scores["pixels"])])
     return rows
 
 

@@ -88,8 +88,8 @@ def relit(stage: Stage, photograph: Photograph, number: int) -> Relit:
     assert response is not None
     predictions = {"boxes": image.expose(response).astype(np.float64)}
     mask = photograph.mask & (image.alpha > LEAST_COVERAGE)
-    camera, seen = photograph.camera, stage.camera
-    if mask.shape == stage.relief.labels.shape and np.allclose(camera.matrix, seen.matrix, rtol=1e-6):
+    camera, measured_camera = photograph.camera, stage.camera
+    if mask.shape == stage.relief.labels.shape and np.allclose(camera.matrix, measured_camera.matrix, rtol=1e-6):
         predictions["normals"] = _on_normals(stage, photograph)
         mask &= stage.relief.known()
     mask = np.asarray(binary_erosion(mask, iterations=RELIEF_RIM_PX), np.bool_)
@@ -99,20 +99,24 @@ def relit(stage: Stage, photograph: Photograph, number: int) -> Relit:
     if camera.response is not None:
         matrix = srgb_from_camera(camera.response, photograph.lamps[0].spectrum)
     shown = photograph.values.astype(np.float64) @ matrix.T
-    one = float(np.percentile(shown[mask].max(axis=1), PAGE_WHITE_PERCENTILE))
-    if not one > 0.0:
+    white_value = float(np.percentile(shown[mask].max(axis=1), PAGE_WHITE_PERCENTILE))
+    if not white_value > 0.0:
         raise InputError(f"photograph {photograph.name!r} is black where the surface is: nothing can be compared")
-    pictures = {"photograph": shown / one} | {key: value @ matrix.T / one for key, value in predictions.items()}
+    pictures = {"photograph": shown / white_value} | {
+        key: value @ matrix.T / white_value for key, value in predictions.items()
+    }
     for key, picture in pictures.items():
         stem = stage.home / f"{'predicted' if key == 'boxes' else key}_{number:02d}"
         layers = dict(zip("RGB", np.moveaxis(picture.astype(np.float32), 2, 0), strict=True))
-        write_exr(stem.with_suffix(".exr"), layers, {"colour_space": f"linear sRGB, 1 is {one:g} of the photograph"})
+        write_exr(
+            stem.with_suffix(".exr"), layers, {"colour_space": f"linear sRGB, 1 is {white_value:g} of the photograph"}
+        )
         write_png(stem.with_suffix(".png"), srgb_encode(picture))
     write_png(stage.home / f"mask_{number:02d}.png", mask.astype(np.uint8) * 255)
     compared = {key: compare(*_files(stage, key, number), peak=1.0).record() for key in predictions}
     shown = pictures.pop("photograph")
     lamps = tuple(_words(lamp) for lamp in photograph.lamps)
-    return Relit(photograph.name, number, shown, pictures, mask, compared, one, lamps)
+    return Relit(photograph.name, number, shown, pictures, mask, compared, white_value, lamps)
 
 
 def _files(stage: Stage, key: str, number: int) -> tuple[Any, Any, Any]:
@@ -132,14 +136,17 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
         basis = body_basis(stage.camera.response, stage.spectrum)
         matrix = response_matrix(basis, lamp, response) / camera_white(lamp, response)[:, None]
     for label, material in enumerate(stage.materials):
-        here = known & (relief.labels == label)
-        if not here.any():
+        pixels = known & (relief.labels == label)
+        if not pixels.any():
             continue
-        at = sight(photograph, relief.points[here].astype(np.float64), relief.normals[here].astype(np.float64))
+        geometry = sight(
+            photograph, relief.points[pixels].astype(np.float64), relief.normals[pixels].astype(np.float64)
+        )
         width, index = np.array([np.log(material.gamma)]), np.array([np.log(material.n - 1.0)])
         facing = ((material.n - 1.0) / (material.n + 1.0)) ** 2
-        values[here] = (
-            at.body * (relief.body[here] @ matrix.T) + material.beta * facing * at.interface(width, index)[0][0]
+        values[pixels] = (
+            geometry.body * (relief.body[pixels] @ matrix.T)
+            + material.beta * facing * geometry.interface(width, index)[0][0]
         )
     return values
 

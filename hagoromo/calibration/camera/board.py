@@ -80,8 +80,8 @@ class Board:
     def _find_squares(self, grey: NDArray) -> Corners | None:
         import cv2
 
-        found, corners = cv2.findChessboardCorners(grey, (self.columns, self.rows))
-        if not found:
+        complete, corners = cv2.findChessboardCorners(grey, (self.columns, self.rows))
+        if not complete:
             return None
         windows = corner_windows(corners.reshape(self.rows, self.columns, 2)).ravel()
         if self.window:

@@ -116,9 +116,9 @@ def calibrate_camera(
     corners: dict[str, Corners] = {}
     for count, (name, photograph) in enumerate(photographs.items()):
         progress(count / len(photographs), name)
-        found = board.find(photograph)
-        if found is not None:
-            corners[name] = found
+        board_corners = board.find(photograph)
+        if board_corners is not None:
+            corners[name] = board_corners
     skipped = tuple(name for name in photographs if name not in corners)
     if len(corners) < FEWEST_BOARDS:
         raise InputError(
@@ -160,7 +160,7 @@ def _fit(
 ) -> CameraCalibration:
     import cv2
 
-    points, image = ([getattr(found, what) for found in corners.values()] for what in ("points", "image"))
+    points, image = ([getattr(one, what) for one in corners.values()] for what in ("points", "image"))
     rms, matrix, distortion, rotations, shifts, deviations, _, errors = cv2.calibrateCameraExtended(
         points, image, size, np.eye(3), np.zeros(8), flags=flags
     )
@@ -179,7 +179,7 @@ def _fit(
         principal=(float(matrix[0, 2]) + 0.5, float(matrix[1, 2]) + 0.5),
         distortion=tuple(map(float, distortion.ravel()[:8])),
     )
-    within = camera.unproject(np.concatenate([found.image for found in corners.values()]) + 0.5)
+    within = camera.unproject(np.concatenate([one.image for one in corners.values()]) + 0.5)
     if np.isnan(within).any():
         raise InputError("the fitted lens folds the image over itself within the boards: fit fewer --coefficients")
     predicted = [
@@ -193,11 +193,11 @@ def _fit(
         float(rms),
         boards,
         skipped,
-        _outliers(boards, np.array([len(found.image) for found in corners.values()])),
-        {name: found.image.astype(np.float64) + 0.5 for name, found in corners.items()},
+        _outliers(boards, np.array([len(one.image) for one in corners.values()])),
+        {name: one.image.astype(np.float64) + 0.5 for name, one in corners.items()},
         {
-            name: np.asarray(found.image - at, np.float64)
-            for (name, found), at in zip(corners.items(), predicted, strict=True)
+            name: np.asarray(one.image - expected, np.float64)
+            for (name, one), expected in zip(corners.items(), predicted, strict=True)
         },
     )
 

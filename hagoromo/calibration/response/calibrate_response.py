@@ -95,12 +95,12 @@ def read_pairs(path: str | Path) -> Pairs:
     `InputError` for other tables.
     """
     table = read_table(path)
-    at = {name: float(name) for name in table if _is_number(name)}
-    wavelengths = np.array(list(at.values()))
-    channels = {name: column for name, column in table.items() if name not in at}
-    if len(at) < 3 or (np.diff(wavelengths) <= 0).any():
+    wavelength_of = {name: float(name) for name in table if _is_number(name)}
+    wavelengths = np.array(list(wavelength_of.values()))
+    channels = {name: column for name, column in table.items() if name not in wavelength_of}
+    if len(wavelength_of) < 3 or (np.diff(wavelengths) <= 0).any():
         raise InputError(f"{path}: name three or more columns by increasing wavelengths in nm, such as 400,410,420")
-    return Pairs(wavelengths, np.stack([table[name] for name in at], axis=1), channels)
+    return Pairs(wavelengths, np.stack([table[name] for name in wavelength_of], axis=1), channels)
 
 
 def calibrate_response(pairs: Pairs | str | Path) -> ResponseCalibration:
@@ -127,15 +127,17 @@ def solve_response(
         curve = fit_positive_curve(wavelengths, matrix, reading)
         curves.append(curve)
         residuals.append(np.sqrt(np.mean((matrix @ curve.values - reading) ** 2)) / reading.mean())
-    response = Response(wavelengths, np.stack([of.values for of in curves], axis=1), tuple(readings), "calibrated")
+    response = Response(
+        wavelengths, np.stack([curve.values for curve in curves], axis=1), tuple(readings), "calibrated"
+    )
     return ResponseCalibration(
         response,
-        np.stack([of.interval_95 for of in curves], axis=1),
-        np.stack([of.standard_error for of in curves], axis=1),
+        np.stack([curve.interval_95 for curve in curves], axis=1),
+        np.stack([curve.standard_error for curve in curves], axis=1),
         np.array(residuals),
-        np.array([of.noise for of in curves]),
-        np.array([of.length for of in curves]),
-        tuple(of.status for of in curves),
+        np.array([curve.noise for curve in curves]),
+        np.array([curve.length for curve in curves]),
+        tuple(curve.status for curve in curves),
     )
 
 

@@ -62,19 +62,21 @@ def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike
     it does not look as expected, or its patches are too small.
     """
     if photograph.ndim != 3 or photograph.shape[2] != 3 or photograph.dtype == np.uint8:
-        given = f"{photograph.dtype} of shape {photograph.shape}"
-        raise InputError(f"a chart is read in a linear photograph of 16 bits or more, three channels: given {given}")
+        description = f"{photograph.dtype} of shape {photograph.shape}"
+        raise InputError(
+            f"a chart is read in a linear photograph of 16 bits or more, three channels: given {description}"
+        )
     known = np.asarray(expected, np.float64)
     box = _find(photograph) if corners is None else _given(corners, photograph)
     turned = box[[2, 3, 0, 1]]
     readings = [_read(photograph, of) for of in ((box, turned) if corners is None else (box,))]
-    alike = [_correlation(reading.values, known) for reading in readings]
-    if max(alike) < CHART_CORRELATION:
+    correlations = [_correlation(reading.values, known) for reading in readings]
+    if max(correlations) < CHART_CORRELATION:
         raise InputError(
-            f"the patches are not as bright as the chart's should be (correlation {max(alike):.2f}): check which chart "
-            "it is, and give its corners clockwise from that of the dark skin patch"
+            "the brightness of the patches does not match the chart's reflectances (correlation "
+            f"{max(correlations):.2f}): check which chart it is, and give its corners clockwise from the dark skin patch"
         )
-    return readings[int(np.argmax(alike))]
+    return readings[int(np.argmax(correlations))]
 
 
 def _columns(source: str | Path) -> tuple[list[Any], Any]:
@@ -145,8 +147,8 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
 
 def _correlation(values: Array, known: Array) -> float:
     """Of the patches' brightness, the mean of the channels relative to their brightest: the lamp's colour is out."""
-    seen = np.isfinite(values).all(axis=1)
-    if seen.sum() < PATCHES / 2:
-        raise InputError(f"{PATCHES - seen.sum()} of {PATCHES} patches are clipped or invalid: expose less")
-    brightness = (values[seen] / values[seen].max(axis=0)).mean(axis=1)
-    return float(np.corrcoef(brightness, known[seen])[0, 1])
+    usable = np.isfinite(values).all(axis=1)
+    if usable.sum() < PATCHES / 2:
+        raise InputError(f"{PATCHES - usable.sum()} of {PATCHES} patches are clipped or invalid: expose less")
+    brightness = (values[usable] / values[usable].max(axis=0)).mean(axis=1)
+    return float(np.corrcoef(brightness, known[usable])[0, 1])

@@ -69,28 +69,28 @@ def fit_positive_curve(wavelengths: Array, matrix: Array, readings: Array) -> Po
     widths = np.array([DEVIATION[1], LENGTH[1], NOISE[1], FLOOR[1], MIDDLE[1]])
     last = [np.full(len(wavelengths), 0.5)]  # each fit starts where the one before it ended
 
-    def cost(at: Array) -> float:
-        found = _laplace(problem, at, last[0])
-        if found is None:
+    def cost(parameters: Array) -> float:
+        mode = _laplace(problem, parameters, last[0])
+        if mode is None:
             return np.inf
-        last[0] = found[0]
-        return found[1] + 0.5 * float(np.sum(((at - middles) / widths) ** 2))
+        last[0] = mode[0]
+        return mode[1] + 0.5 * float(np.sum(((parameters - middles) / widths) ** 2))
 
     simplex = np.vstack([middles, middles + 0.5 * np.diag(widths)])
     options = {"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.01, "maxfev": EVIDENCE_STEPS}
     search = minimize(cost, middles, method="Nelder-Mead", options=options)
-    at = search.x
-    found = _laplace(problem, at, last[0])
-    if found is None:
+    parameters = search.x
+    mode = _laplace(problem, parameters, last[0])
+    if mode is None:
         raise InputError("the fit of the response does not settle: add spectra that differ more")
-    z, _, covariance = found
+    z, _, covariance = mode
     deviation, unit = np.sqrt(np.diag(covariance)), level / size
     values, error = _positive(z), _slope(z) * deviation
     # R is convex in z: its tangent bounds it from below, and reaches 0 where the readings do not tell R from 0
     interval = np.stack([np.maximum(values - 1.96 * error, 0.0), _positive(z + 1.96 * deviation)], axis=1)
-    noise = float(np.sqrt(np.sum(np.exp(2.0 * at[2:4])) + 2.0 * LEAST_NOISE**2))
+    noise = float(np.sqrt(np.sum(np.exp(2.0 * parameters[2:4])) + 2.0 * LEAST_NOISE**2))
     return PositiveCurve(
-        unit * values, unit * error, unit * interval, float(np.exp(at[1])), noise, scipy_status(search)
+        unit * values, unit * error, unit * interval, float(np.exp(parameters[1])), noise, scipy_status(search)
     )
 
 
@@ -103,15 +103,15 @@ def _slope(z: Array) -> Array:
     return 0.5 + 0.5 * np.tanh(0.5 * z / KNEE)
 
 
-def _laplace(problem: _Problem, at: Array, start: Array) -> tuple[Array, float, NDArray] | None:
+def _laplace(problem: _Problem, parameters: Array, start: Array) -> tuple[Array, float, NDArray] | None:
     """Mode of z (n,), −log evidence and the covariance at the mode; None where Newton's steps do not settle."""
-    deviation, length, relative, floor = np.exp(at[:4])
+    deviation, length, relative, floor = np.exp(parameters[:4])
     apart = np.sqrt(3.0) * problem.apart / length
     kernel = deviation**2 * (1.0 + apart) * np.exp(-apart)  # Matérn 3/2
     kernel += (ROUGHNESS**2 + JITTER * deviation**2) * np.eye(len(apart))
     variance = (relative**2 + LEAST_NOISE**2) * problem.readings**2 + floor**2 + LEAST_NOISE**2
     try:
-        z, cost, curvature = _mode(problem, variance, np.linalg.inv(kernel), at[4], start)
+        z, cost, curvature = _mode(problem, variance, np.linalg.inv(kernel), parameters[4], start)
         covariance = np.linalg.inv(curvature)
     except (np.linalg.LinAlgError, FloatingPointError):
         return None

@@ -65,7 +65,7 @@ def merge(shots: Sequence[Shot], noise: Noise, mosaic: str) -> Merged:
     valid = seconds > 0.0
     expected = _smoothed(total, seconds, mosaic)
     spread = [shot.variance(expected, noise) + shot.curve for shot in shots]
-    weights = [use * shot.seconds**2 / of for use, shot, of in zip(uses, shots, spread, strict=True)]
+    weights = [use * shot.seconds**2 / spread_of for use, shot, spread_of in zip(uses, shots, spread, strict=True)]
     whole = np.where(valid, sum(weights), 1.0)
     rate = sum(w * shot.signal / shot.seconds for w, shot in zip(weights, shots, strict=True)) / whole
     variance = sum(w**2 * shot.variance(rate, noise) / shot.seconds**2 for w, shot in zip(weights, shots, strict=True))

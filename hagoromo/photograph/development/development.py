@@ -205,9 +205,11 @@ def _check_settings(exposures: Sequence[Exposure], calibration: CalibrationFrame
     if len(exposures) > 1 and any(one.exif.exposure_s is None for one in exposures):
         raise InputError("the exposures of a bracket are not in its files: state --exposures")
     for what, key in (("ISO", "iso"), ("apertures", "f_number")):
-        told = [figure for one in exposures if (figure := getattr(one.exif, key)) is not None]
-        if told and max(told) > (1.0 + SAME_SETTING) * min(told):
-            raise InputError(f"a bracket of different {what} ({min(told):g} and {max(told):g}): bracket by time alone")
+        figures = [figure for one in exposures if (figure := getattr(one.exif, key)) is not None]
+        if figures and max(figures) > (1.0 + SAME_SETTING) * min(figures):
+            raise InputError(
+                f"a bracket of different {what} ({min(figures):g} and {max(figures):g}): bracket by time alone"
+            )
 
 
 def _check_still(shifts: dict[str, tuple[float, float]], first: str) -> None:

@@ -77,24 +77,24 @@ class Exposure:
         return self.exif.iso or 100.0
 
 
-def read_exposure(path: str | Path, given: StatedExposure = StatedExposure()) -> Exposure:  # noqa: B008 - a tuple of None
+def read_exposure(path: str | Path, stated: StatedExposure = StatedExposure()) -> Exposure:  # noqa: B008 - a tuple of None
     """The shot at `path`. `InputError` for a file of no known kind, or 8 bits without a stated transfer."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in raw.RAW_SUFFIXES:
-        exposure = _from_raw(path, given)
+        exposure = _from_raw(path, stated)
     elif suffix in EXRS:
-        exposure = _from_light(_exr(path), path, given)
+        exposure = _from_light(_exr(path), path, stated)
     elif suffix in (*TIFFS, *PICTURES):
         image = (read_tiff if suffix in TIFFS else read_picture)(path)
-        exposure = (_from_light if image.dtype.kind == "f" else _from_numbers)(image, path, given)
+        exposure = (_from_light if image.dtype.kind == "f" else _from_numbers)(image, path, stated)
     else:
         known = ", ".join((*raw.RAW_SUFFIXES[:2], *TIFFS, *PICTURES, *EXRS))
         raise InputError(f"{path} is no photograph of a known kind: give RAW or one of {known}")
     exif = exposure.exif
     return replace(
         exposure,
-        exif=replace(exif, exposure_s=given.exposure_s or exif.exposure_s, iso=given.iso or exif.iso),
+        exif=replace(exif, exposure_s=stated.exposure_s or exif.exposure_s, iso=stated.iso or exif.iso),
         name=path.name,
     )
 
@@ -106,30 +106,30 @@ def planes(samples: NDArray, mosaic: str) -> list[NDArray]:
     return [samples[..., channel] for channel in range(samples.shape[2])]
 
 
-def _from_raw(path: Path, given: StatedExposure) -> Exposure:
+def _from_raw(path: Path, stated: StatedExposure) -> Exposure:
     shot = raw.read_raw(path)
-    numbers, white = shot.numbers, given.white or shot.white
-    black = shot.black if given.black is None else np.full((2, 2), given.black)
+    numbers, white = shot.numbers, stated.white or shot.white
+    black = shot.black if stated.black is None else np.full((2, 2), stated.black)
     height, width = numbers.shape[:2]
     floor = np.tile(black, (height // 2 + 1, width // 2 + 1))[:height, :width].astype(np.float32)
     signal = numbers.astype(np.float32) - (floor if shot.mosaic else floor[..., None])
     return Exposure(signal, LINEAR_ROUNDING, numbers >= white, white - float(black.max()), shot.mosaic, shot.exif)
 
 
-def _from_numbers(image: NDArray, path: Path, given: StatedExposure) -> Exposure:
+def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     """8 or 16 bits; alpha is left out."""
     largest = int(np.iinfo(image.dtype).max)
-    mosaic = given.mosaic or ""
+    mosaic = stated.mosaic or ""
     if mosaic not in MOSAICS:
         raise InputError(f"mosaic {mosaic!r} is unknown: choose one of {', '.join(filter(None, MOSAICS))}")
     numbers = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
-    transfer = given.transfer if given.transfer is not None else "linear" if largest > 255 else None
+    transfer = stated.transfer if stated.transfer is not None else "linear" if largest > 255 else None
     if transfer is None:
         raise InputError(f"{path} has 8 bits, seldom linear ones: state --transfer linear, srgb, estimate or a CSV")
     curve = transfer if isinstance(transfer, Transfer) else Transfer.load(transfer, largest)
     if curve.table.shape[1] not in (1, numbers.shape[2] if numbers.ndim == 3 else 1):
         raise InputError(f"{path} has one channel and its transfer three: give a curve of one")
-    black, white = given.black or 0.0, largest if given.white is None else given.white
+    black, white = stated.black or 0.0, largest if stated.white is None else stated.white
     if not 0.0 <= black < white <= largest:
         raise InputError(f"{path}: black {black:g} is to be below white {white:g}, both within 0–{largest} DN")
     light, rounding, spread = curve.light(numbers)
@@ -138,15 +138,15 @@ def _from_numbers(image: NDArray, path: Path, given: StatedExposure) -> Exposure
     return Exposure(signal, rounding, full, ceiling - floor, mosaic, read_exif(path), path.name, curve=spread)
 
 
-def _from_light(image: NDArray, path: Path, given: StatedExposure) -> Exposure:
+def _from_light(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     """Linear values without rounding, which keep their unit; nothing is clipped unless `white` is stated."""
-    mosaic = given.mosaic or ""
+    mosaic = stated.mosaic or ""
     values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
-    black = given.black or 0.0
-    white = given.white if given.white is not None else max(float(values.max(initial=0.0)), 1e-30) + black
-    full = values >= given.white if given.white is not None else np.zeros(values.shape, np.bool_)
+    black = stated.black or 0.0
+    white = stated.white if stated.white is not None else max(float(values.max(initial=0.0)), 1e-30) + black
+    full = values >= stated.white if stated.white is not None else np.zeros(values.shape, np.bool_)
     signal = values.astype(np.float32) - np.float32(black)
-    unit = 1.0 if given.white is None else None
+    unit = 1.0 if stated.white is None else None
     return Exposure(signal, 0.0, full, white - black, mosaic, read_exif(path), path.name, unit)
 
 

@@ -37,12 +37,12 @@ def measured_seconds(shots: Sequence[Shot], names: Sequence[str], noise: Noise) 
     seconds, ratios = [shots[0].seconds], []
     for i in range(1, len(shots)):
         stated = shots[i].seconds / shots[i - 1].seconds
-        found = _ratio(shots[i - 1], shots[i], noise)
-        if found is not None:
-            _check(found, stated, names[i - 1], names[i])
-            ratios.append(found)
-        contradicted = found is not None and abs(found.signal - stated) > CONTRADICTED * found.error
-        seconds.append(seconds[-1] * (found.signal if found is not None and contradicted else stated))
+        ratio = _ratio(shots[i - 1], shots[i], noise)
+        if ratio is not None:
+            _check(ratio, stated, names[i - 1], names[i])
+            ratios.append(ratio)
+        contradicted = ratio is not None and abs(ratio.signal - stated) > CONTRADICTED * ratio.error
+        seconds.append(seconds[-1] * (ratio.signal if ratio is not None and contradicted else stated))
     return seconds, ratios
 
 
@@ -50,14 +50,14 @@ def _ratio(short: Shot, long: Shot, noise: Noise) -> Ratio | None:
     stated = long.seconds / short.seconds
     # of both together, so that no sample is chosen or ranked by the noise of their ratio
     level = (short.signal + long.signal) * (stated / (1.0 + stated))
-    told = ~(short.full | long.full) & (level < CEILING * long.white) & (level > FAINT_SIGNAL * long.white)
-    low, high = short.signal[told].astype(np.float64), long.signal[told].astype(np.float64)
+    usable = ~(short.full | long.full) & (level < CEILING * long.white) & (level > FAINT_SIGNAL * long.white)
+    low, high = short.signal[usable].astype(np.float64), long.signal[usable].astype(np.float64)
     if low.size < SIGNAL_LEVELS * FEWEST_PER_LEVEL or low.sum() <= 0.0:
         return None
-    curve_high, curve_low = (np.sqrt(np.broadcast_to(shot.curve, told.shape)[told]) for shot in (long, short))
-    spread_high = long.variance(long.signal / long.seconds, noise)[told]
-    spread_low = short.variance(short.signal / short.seconds, noise)[told]
-    parts = np.array_split(np.argsort(level[told]), SIGNAL_LEVELS)
+    curve_high, curve_low = (np.sqrt(np.broadcast_to(shot.curve, usable.shape)[usable]) for shot in (long, short))
+    spread_high = long.variance(long.signal / long.seconds, noise)[usable]
+    spread_low = short.variance(short.signal / short.seconds, noise)[usable]
+    parts = np.array_split(np.argsort(level[usable]), SIGNAL_LEVELS)
     ratios = np.array([high[part].sum() / low[part].sum() for part in parts])
     shares = [
         (spread_high[p].sum() + curve_high[p].sum() ** 2) / high[p].sum() ** 2
@@ -68,20 +68,20 @@ def _ratio(short: Shot, long: Shot, noise: Noise) -> Ratio | None:
     bend = float(np.ptp(ratios) / ratios.mean())
     certain = bool(np.ptp(ratios) > CERTAIN_BEND * float(np.hypot(*errors[[ratios.argmin(), ratios.argmax()]])))
     weight = 1.0 / errors**2
-    whole = float((weight * ratios).sum() / weight.sum())
-    return Ratio(whole, float(weight.sum() ** -0.5), bend if certain else 0.0)
+    mean = float((weight * ratios).sum() / weight.sum())
+    return Ratio(mean, float(weight.sum() ** -0.5), bend if certain else 0.0)
 
 
-def _check(found: Ratio, stated: float, short: str, long: str) -> None:
-    if stated > 1.0 + SHUTTER_TOLERANCE and abs(found.signal / stated - 1.0) > SHUTTER_TOLERANCE:
-        power = np.log(max(found.signal, 1e-9)) / np.log(stated)
+def _check(ratio: Ratio, stated: float, short: str, long: str) -> None:
+    if stated > 1.0 + SHUTTER_TOLERANCE and abs(ratio.signal / stated - 1.0) > SHUTTER_TOLERANCE:
+        power = np.log(max(ratio.signal, 1e-9)) / np.log(stated)
         raise InputError(
             f"the response is not linear, or the times are wrong: {long} is exposed {stated:.3g} times as long as "
-            f"{short} and its signal is {found.signal:.3g} times as large (power {power:.2f}): state --transfer or "
+            f"{short} and its signal is {ratio.signal:.3g} times as large (power {power:.2f}): state --transfer or "
             "--exposures"
         )
-    if found.bend > LARGEST_BEND:
+    if ratio.bend > LARGEST_BEND:
         raise InputError(
             f"the response is not linear: the signal of {long} over that of {short} changes by "
-            f"{100 * found.bend:.1f} % from dark to bright: state --transfer, or the right --black"
+            f"{100 * ratio.bend:.1f} % from dark to bright: state --transfer, or the right --black"
         )

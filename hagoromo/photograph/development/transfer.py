@@ -65,10 +65,10 @@ class Transfer:
 
         The curve's part is common to all samples of one number: it does not shrink where they are averaged.
         """
-        at = np.arange(len(self.table) + 1.0) - 0.5
-        place = np.clip(at, 0.0, len(self.table) - 1.0)
+        bounds = np.arange(len(self.table) + 1.0) - 0.5
+        place = np.clip(bounds, 0.0, len(self.table) - 1.0)
         columns = [self.table[:, c] for c in range(self.table.shape[1])]
-        edges = np.stack([np.interp(place, at[:-1] + 0.5, column) for column in columns], axis=1)
+        edges = np.stack([np.interp(place, bounds[:-1] + 0.5, column) for column in columns], axis=1)
         light, rounding = self.table.astype(np.float32), (np.diff(edges, axis=0) ** 2 / 12.0).astype(np.float32)
         channel = 0 if self.table.shape[1] == 1 else np.arange(3)
         curve = 0.0 if self.error is None else (self.error**2).astype(np.float32)[numbers, channel]

@@ -14,7 +14,7 @@ from hagoromo.photograph.development.development import Development
 LEAST_VALID_SHARE = 0.999  # least share of valid samples of which a pixel is made
 
 
-def undistorted(found: Development, camera: Camera) -> Development:
+def undistorted(development: Development, camera: Camera) -> Development:
     """`found`, taken by `camera`, resampled bilinearly; pixels that the photograph does not reach are invalid.
 
     The variance is the mean of its neighbours': a bound, as the mean of samples varies less. Where channels were
@@ -22,28 +22,32 @@ def undistorted(found: Development, camera: Camera) -> Development:
     """
     import cv2
 
-    if found.valid.shape != (camera.height, camera.width):
-        height, width = found.valid.shape
+    if development.valid.shape != (camera.height, camera.width):
+        height, width = development.valid.shape
         raise InputError(
             f"the photograph is {width} × {height} px and the camera {camera.width} × {camera.height}: give its camera"
         )
     pinhole = replace(camera, distortion=(0.0,) * len(camera.distortion))
     forward = pinhole.position + pinhole.pixel_directions()
-    at = (camera.project(forward) - 0.5).astype(np.float32)  # OpenCV counts from the centre of the first pixel
-    x, y = np.ascontiguousarray(np.nan_to_num(at[..., 0], nan=-1e4)), np.ascontiguousarray(at[..., 1])
+    pixels = (camera.project(forward) - 0.5).astype(np.float32)  # OpenCV counts from the centre of the first pixel
+    x, y = np.ascontiguousarray(np.nan_to_num(pixels[..., 0], nan=-1e4)), np.ascontiguousarray(pixels[..., 1])
 
     def resampled(values: NDArray, how: int) -> NDArray[np.float32]:
         return np.asarray(cv2.remap(values.astype(np.float32), x, y, how, borderValue=0.0), np.float32)
 
-    shares = np.where(found.valid[..., None], 1.0, 0.0).astype(np.float32)
-    values, variance = (resampled(part * shares, cv2.INTER_LINEAR) for part in (found.values, found.variance))
-    valid = np.asarray(resampled(shares, cv2.INTER_LINEAR).reshape(found.valid.shape) > LEAST_VALID_SHARE, np.bool_)
-    native = None if found.native is None else resampled(found.native, cv2.INTER_NEAREST) > 0.5
+    shares = np.where(development.valid[..., None], 1.0, 0.0).astype(np.float32)
+    values, variance = (
+        resampled(part * shares, cv2.INTER_LINEAR) for part in (development.values, development.variance)
+    )
+    valid = np.asarray(
+        resampled(shares, cv2.INTER_LINEAR).reshape(development.valid.shape) > LEAST_VALID_SHARE, np.bool_
+    )
+    native = None if development.native is None else resampled(development.native, cv2.INTER_NEAREST) > 0.5
     return replace(
-        found,
-        values=values.reshape(found.values.shape),
-        variance=variance.reshape(found.variance.shape),
+        development,
+        values=values.reshape(development.values.shape),
+        variance=variance.reshape(development.variance.shape),
         valid=valid,
-        native=None if native is None else native.reshape(found.values.shape),
+        native=None if native is None else native.reshape(development.values.shape),
         undistorted=True,
     )
