@@ -3,12 +3,27 @@
 
 from .version import __version__ as __version__
 from .errors import InputError as InputError
+from .progress import Progress as Progress, part_of as part_of, silent as silent
+
+# Files: bytes and numbers, whatever they mean
+from .files.whole import whole_file as whole_file, whole_folder as whole_folder
+from .files.record import read_json as read_json, read_toml as read_toml, write_json as write_json
+from .files.table import read_table as read_table, write_table as write_table
+from .files.png import read_png as read_png, write_png as write_png
+from .files.exr import read_exr as read_exr, write_exr as write_exr
 
 # Light and cameras
 from .light.spectrum import Spectrum as Spectrum
 from .light.lamp import Lamp as Lamp
-from .camera.response import Response as Response
-from .camera.sensor import Sensor as Sensor
+from .light.colour import (
+    delta_e_2000 as delta_e_2000,
+    srgb_decode as srgb_decode,
+    srgb_encode as srgb_encode,
+    srgb_from_xyz as srgb_from_xyz,
+    xyz_from_srgb as xyz_from_srgb,
+)
+from .camera.response import Response as Response, camera_response as camera_response, camera_white as camera_white
+from .camera.sensor import Sensor as Sensor, develop_raw as develop_raw, expose_raw as expose_raw
 from .camera.camera import Camera as Camera
 from .camera.formats.camera_file import read_camera as read_camera, read_views as read_views, write_views as write_views
 
@@ -34,6 +49,9 @@ from .calibration.camera.calibrate_camera import (
 )
 from .calibration.lamps.lamp_calibration import LampCalibration as LampCalibration
 from .calibration.lamps.calibrate_lamps import MatteReference as MatteReference, calibrate_lamps as calibrate_lamps
+from .calibration.lamps.ball import Ball as Ball, find_ball as find_ball
+from .calibration.lamps.highlight import LampReading as LampReading
+from .calibration.lamps.lamps_from_ball import lamps_from_ball as lamps_from_ball
 from .calibration.lamps.uncalibrated.far_lamps import SelfCalibration as SelfCalibration
 from .calibration.lamps.uncalibrated.calibrate_from_object import (
     calibrate_lamps_from_object as calibrate_lamps_from_object,
@@ -48,15 +66,33 @@ from .calibration.response.calibrate_response import (
 from .calibration.response.chart_response import response_from_chart as response_from_chart
 
 # Reflectance and its measurement
-from .reflectance.reflectance import Reflectance as Reflectance
+from .reflectance.reflectance import Reflectance as Reflectance, interface_albedo as interface_albedo
+from .reflectance.torrance_sparrow import Cosines as Cosines, fresnel as fresnel, torrance_sparrow as torrance_sparrow
 from .reflectance.spectra.reflectance_prior import ReflectancePrior as ReflectancePrior
+from .reflectance.spectra.prior_spectra import read_spectra as read_spectra
 from .reflectance.spectra.spectrum_estimate import (
     Reading as Reading,
     SpectrumEstimate as SpectrumEstimate,
+    estimate_spectrum as estimate_spectrum,
+    reading_matrix as reading_matrix,
     reflectance_spectrum as reflectance_spectrum,
 )
 from .reflectance.material.materials_file import read_materials as read_materials
 from .measurement.known_shape import measure as measure
+from .measurement.sight import Sight as Sight
+from .measurement.observations import Observations as Observations
+from .measurement.material.material_fit import fit_material as fit_material
+from .measurement.material.lack_of_fit import LackOfFit as LackOfFit, lack_of_fit as lack_of_fit
+from .measurement.material.estimate import estimate_material as estimate_material
+from .measurement.normals.views import Views as Views, views as views
+from .measurement.normals.normals import (
+    NormalMap as NormalMap,
+    least_squares_lambert as least_squares_lambert,
+    robust_lambert as robust_lambert,
+    solve_normals as solve_normals,
+)
+from .measurement.surface.depth import points_from_normals as points_from_normals
+from .measurement.surface.shape import solve_shape as solve_shape
 
 from .reflectance.sampling import density_to_lamp as density_to_lamp, sample_to_lamp as sample_to_lamp
 
@@ -65,6 +101,7 @@ from .volume.box import VolumeBox as VolumeBox
 from .volume.store.box_store import load_box as load_box, save_box as save_box
 from .volume.store.zarr_plan import box_from_zarr as box_from_zarr
 from .matter.build import build as build, build_to as build_to
+from .matter.solid.relief import Relief as Relief, relief_plan as relief_plan
 
 # Scenes and images
 from .image.surface import Surface as Surface
@@ -73,11 +110,22 @@ from .image.scene_file import load_scene as load_scene
 from .transport.lighting import Palette as Palette
 from .image.image import Image as Image, read_image as read_image
 from .image.settings import Settings as Settings
-from .image.simulate import simulate as simulate
+from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render
 from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
 from .image.compare import Comparison as Comparison, compare as compare
+
+# The paper end to end, and what studies of one's own need
+from .app.demo import demo as demo
+from .app.progress_bar import progress_bar as progress_bar
+from .app.sweep import sweep as sweep
+from .app.report.page import (
+    page_drawing as page_drawing,
+    page_picture as page_picture,
+    page_text as page_text,
+    write_page as write_page,
+)
 
 # Any file or folder that the package knows
 from .app.info import info as info

@@ -14,11 +14,6 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
-from hagoromo.app.progress_bar import progress_bar
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.measurement.material.estimate import estimate_material
-from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
@@ -28,11 +23,11 @@ QUANTITIES = ("alpha", "beta", "gamma", "n", "specular_albedo", "body_colour")
 
 
 def coverage_study(
-    out: str | Path, simulations: int = SIMULATIONS, force: bool = False, progress: Progress = silent
+    out: str | Path, simulations: int = SIMULATIONS, force: bool = False, progress: hg.Progress = hg.silent
 ) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
     rows, cases = [], [(bench, level) for bench in BENCHES for level in FULL_WELLS]
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         for i, (bench, level) in enumerate(cases):
             results = []
             for k in range(simulations):
@@ -40,7 +35,7 @@ def coverage_study(
                 results.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
             rows += [{"bench": bench, "level": level, **row} for row in table(results)]
         record = {"hagoromo": hg.__version__, "simulations": simulations, "rows": rows}
-        write_json(home / "results.json", record)
+        hg.write_json(home / "results.json", record)
         write_coverage_page(home, record)
         progress(1.0, "")
     return record
@@ -49,7 +44,7 @@ def coverage_study(
 def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tuple[Truth, MaterialEstimate]:
     """One material drawn, observed and estimated."""
     truth = drawn(bench, random)
-    return truth, estimate_material(observed(bench, truth, full_well, random), "material", 1)
+    return truth, hg.estimate_material(observed(bench, truth, full_well, random), "material", 1)
 
 
 def table(results: list[tuple[Truth, MaterialEstimate]]) -> list[dict[str, Any]]:
@@ -84,7 +79,7 @@ def main(out: Path, simulations: int = SIMULATIONS, force: bool = False) -> None
         simulations: of each bench at each noise level.
         force: replace an existing result.
     """
-    with progress_bar("coverage") as progress:
+    with hg.progress_bar("coverage") as progress:
         record = coverage_study(out, simulations, force, progress)
     for row in record["rows"]:
         share = 100.0 * row["hold"] / row["intervals"]

@@ -8,14 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+import hagoromo as hg
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.material.quantity import theta_of
-from hagoromo.measurement.observations import Observations
-from hagoromo.measurement.sight import Array, Sight
-from hagoromo.reflectance.reflectance import interface_albedo
 from studies.goniometer import Directions, cosines_of
 
+Array = NDArray[np.float64]
 BALL_PIXELS = 400  # of the ball that the camera sees
 METERED = 0.8  # of the full well, the brightest value
 READ_NOISE = 10.0  # electrons
@@ -58,7 +58,7 @@ class Truth:
             "beta": self.beta,
             "gamma": self.gamma,
             "n": self.n,
-            "specular_albedo": self.beta * float(interface_albedo(self.gamma, self.n)[0]),
+            "specular_albedo": self.beta * float(hg.interface_albedo(self.gamma, self.n)[0]),
             "body_colour": self.alpha_body / mean,
         }
 
@@ -73,14 +73,14 @@ def drawn(bench: Bench, random: np.random.Generator) -> Truth:
     )
 
 
-def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> Observations:
+def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> hg.Observations:
     """Noisy values with shot and read noise; the variance that they state is that of the noisy electrons."""
     sight = ball(bench.azimuths)
     clean = expected(sight, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
     return exposed(sight, clean, full_well, random)
 
 
-def exposed(sight: Sight, clean: Array, full_well: float, random: np.random.Generator) -> Observations:
+def exposed(sight: hg.Sight, clean: Array, full_well: float, random: np.random.Generator) -> hg.Observations:
     """What a sensor makes of values `clean` (N, C), the brightest of which fills METERED of its well."""
     per_unit = METERED * full_well / clean.max()
     electrons = random.poisson(clean * per_unit) + random.normal(0.0, READ_NOISE, clean.shape)
@@ -88,12 +88,12 @@ def exposed(sight: Sight, clean: Array, full_well: float, random: np.random.Gene
     used = np.broadcast_to(sight.fit_to_use[:, None], clean.shape)
     gain, ceiling = np.full(clean.shape, 1.0 / per_unit), np.full(clean.shape, np.inf)
     place = np.arange(len(clean))
-    return Observations(
+    return hg.Observations(
         electrons / per_unit, variance / per_unit**2, gain, used, sight, ceiling, place, place % BALL_PIXELS
     )
 
 
-def ball(azimuths: tuple[float, ...]) -> Sight:
+def ball(azimuths: tuple[float, ...]) -> hg.Sight:
     """BALL_PIXELS of a ball, evenly over the disc that the eye at +z sees, under each far lamp in turn."""
     number = np.arange(BALL_PIXELS) + 0.5
     radius, turn = (
@@ -108,7 +108,7 @@ def ball(azimuths: tuple[float, ...]) -> Sight:
     directions = Directions(
         *(_local(normals, way) for way in (to_lamp, np.broadcast_to((0.0, 0.0, 1.0), normals.shape)))
     )
-    return Sight(cosines_of(directions), np.ones((len(normals), 1, 3)))
+    return hg.Sight(cosines_of(directions), np.ones((len(normals), 1, 3)))
 
 
 def _local(normals: Array, directions: Array) -> Array:

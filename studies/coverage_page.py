@@ -7,7 +7,7 @@ from typing import Any
 
 from scipy.stats import beta
 
-from hagoromo.app.report.page import page_text
+import hagoromo as hg
 
 NOMINAL_COVERAGE = 0.95
 LABELS = {
@@ -42,7 +42,7 @@ def _page(record: dict[str, Any]) -> str:
         levels = dict.fromkeys(row["level"] for row in chosen)
         head = ["95 % interval of", *(f"full well {level}: coverage (identifiable)" for level in levels)]
         benches.append({"name": f"{name[0].upper()}{name[1:]}", "head": head, "rows": rows})
-    return page_text("coverage.md.j2", "studies", simulations=count, low=low, high=high, benches=benches)
+    return hg.page_text("coverage.md.j2", "studies", simulations=count, low=low, high=high, benches=benches)
 
 
 def _cell(row: dict[str, Any], count: int) -> str:

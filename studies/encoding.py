@@ -15,19 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.light.colour import srgb_decode
-from hagoromo.measurement.normals.normals import robust_lambert, solve_fit
+from hagoromo.measurement.normals.normals import solve_fit
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.views import Array, Views, views
-from hagoromo.progress import Progress, silent
 
+Array = NDArray[np.float64]
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
 PIXELS = 2000  # of each object that are fitted
 LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
 
 
-def encoding_study(captures: Mapping[str, hg.Capture], progress: Progress = silent) -> dict[str, Any]:
+def encoding_study(captures: Mapping[str, hg.Capture], progress: hg.Progress = hg.silent) -> dict[str, Any]:
     """Relative residual of every object under every hypothesis; the exponent that each asks for, their mean and error.
 
     The photographs hold recorded values, 1 at white. Returns {"residuals": {object: {hypothesis: …}}, "exponents":
@@ -36,23 +34,23 @@ def encoding_study(captures: Mapping[str, hg.Capture], progress: Progress = sile
     residuals: dict[str, dict[str, float]] = {}
     for i, (name, capture) in enumerate(captures.items()):
         progress(i / len(captures), name)
-        pixels = views(capture)
+        pixels = hg.views(capture)
         count = len(pixels.rows)
         pixels = pixels.pixels(np.sort(np.random.default_rng(0).choice(count, min(PIXELS, count), replace=False)))
         recorded = pixels.values * pixels.light
         powers = {f"{power:g}": _residual(pixels, recorded, recorded**power, 1.0 / power) for power in EXPONENTS}
-        residuals[name] = powers | {"sRGB": _residual(pixels, recorded, srgb_decode(255.0 * recorded), None)}
+        residuals[name] = powers | {"sRGB": _residual(pixels, recorded, hg.srgb_decode(255.0 * recorded), None)}
     wanted = {name: _lowest({k: v for k, v in of.items() if k != "sRGB"}) for name, of in residuals.items()}
     values = np.array(list(wanted.values()))
     error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
     return {"residuals": residuals, "exponents": wanted, "mean": float(values.mean()), "standard_error": error}
 
 
-def _residual(pixels: Views, recorded: Array, light: Array, back: float | None) -> float:
+def _residual(pixels: hg.Views, recorded: Array, light: Array, back: float | None) -> float:
     """Median relative residual in recorded values, where `light` is what they stand for; back: exponent, or sRGB."""
     slope = np.maximum(light, 1e-4) / np.maximum(recorded, 1e-4)
     decoded = replace(pixels, values=light / pixels.light, variance=pixels.variance * slope**2)
-    normals, body = robust_lambert(decoded)
+    normals, body = hg.robust_lambert(decoded)
     labels = np.zeros(pixels.shape, np.int64)
     decoded, fit = solve_fit(decoded, labels, normals, body, LAMBERT)
     model = fit.evenness(decoded.place)[:, None] * predicted(fit, decoded.to_lamp, pixels.to_eye) * decoded.light

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.measurement.observations import Observations
-from hagoromo.measurement.sight import Array, Sight
-from hagoromo.reflectance.torrance_sparrow import Cosines
 
+Array = NDArray[np.float64]
 INCIDENCE = (0, 15, 30, 45, 60, 70)  # [°] from the normal
 EYE_OFFSETS_DEG = (0, 0.5, 1, 2, 3, 5, 8, 12, 18, 25, 35, 50, 70, 90)  # [°] of the eye from the mirror direction
 EYE_AZIMUTHS_DEG = (
@@ -46,7 +44,7 @@ def goniometer() -> Directions:
     return Directions(*np.moveaxis(pairs_array[within][np.sort(first)], 1, 0))
 
 
-def readings(directions: Directions, values: Array, variance: Array) -> Observations:
+def readings(directions: Directions, values: Array, variance: Array) -> hg.Observations:
     """Readings `values` (N, C) of known `variance` (N, C), as observations.
 
     `InputError` when the shapes differ, a value is not finite or has no variance.
@@ -57,20 +55,20 @@ def readings(directions: Directions, values: Array, variance: Array) -> Observat
         raise hg.InputError(f"{len(directions.to_lamp)} directions, values of shape {shapes}: give (N, C) for both")
     if not (np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()):
         raise hg.InputError("readings need finite values and a variance above 0")
-    sight = Sight(cosines_of(directions), np.ones((len(values), 1, values.shape[1])))
+    sight = hg.Sight(cosines_of(directions), np.ones((len(values), 1, values.shape[1])))
     used = np.broadcast_to(sight.fit_to_use[:, None], values.shape)
     places: NDArray[np.int64] = np.arange(len(values))
-    return Observations(
+    return hg.Observations(
         values, variance, np.zeros_like(values), used, sight, np.full(values.shape, np.inf), places, places
     )
 
 
-def cosines_of(directions: Directions) -> Cosines:
+def cosines_of(directions: Directions) -> hg.Cosines:
     """The four cosines (N, 1) of each pair."""
     deviation = np.sqrt(np.maximum(0.5 + 0.5 * np.einsum("ni,ni->n", *directions), 1e-12))
     incidence, view = directions.to_lamp[:, 2], directions.to_eye[:, 2]
     half = np.clip(0.5 * (incidence + view) / deviation, -1.0, 1.0)
-    return Cosines(*(cosine[:, None] for cosine in (incidence, view, half, deviation)))
+    return hg.Cosines(*(cosine[:, None] for cosine in (incidence, view, half, deviation)))
 
 
 def _pair(lamp: float, offset: float, way: float) -> tuple[tuple[float, float, float], Array]:

@@ -17,15 +17,6 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.camera.response import camera_response, camera_white
-from hagoromo.camera.sensor import CANON_EOS_300D, expose_raw
-from hagoromo.files.exr import write_exr
-from hagoromo.files.png import write_png
-from hagoromo.files.record import write_json
-from hagoromo.files.table import write_table
-from hagoromo.files.whole import whole_folder
-from hagoromo.image.simulate import visible_shape
-from hagoromo.light.colour import srgb_encode
 
 Array = NDArray[np.float64]
 LENS = (-0.3, 0.5, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3: 1 % in the corners of so narrow a view
@@ -42,8 +33,15 @@ def lab_camera(width: int) -> hg.Camera:
     height, focal = 2 * width // 3, 3.2 * width
     return hg.Camera(
         width, height, (focal, 1.001 * focal), (0.507 * width, 0.492 * height), LENS,
-        response=hg.Response.load("Nikon 5100 (NPL)"), sensor=CANON_EOS_300D, name="lab",
+        response=hg.Response.load("Nikon 5100 (NPL)"), sensor=lab_sensor(), name="lab",
     )  # fmt: skip
+
+
+def lab_sensor() -> hg.Sensor:
+    """The sensor of the Canon EOS 300D."""
+    sensor = hg.Camera.preset("canon_eos_kiss_digital").sensor
+    assert sensor is not None
+    return sensor
 
 
 def lamps() -> list[hg.Lamp]:
@@ -59,28 +57,28 @@ def lamps() -> list[hg.Lamp]:
 
 def lab(out: str | Path, width: int = 480, seed: int = 0, force: bool = False) -> Path:
     """Photograph everything with a camera of `width` pixels, and write it to the folder `out`."""
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         camera, lit = lab_camera(width), lamps()
         assert camera.response is not None
-        bright = float(camera_white(lit[0].spectrum, camera.response).max())
-        sensor = CANON_EOS_300D.metered(bright, 0.9)  # white where the chart stands nearly fills the range
+        bright = float(hg.camera_white(lit[0].spectrum, camera.response).max())
+        sensor = lab_sensor().metered(bright, 0.9)  # white where the chart stands nearly fills the range
         for folder in ("board", "ball", "object", "truth"):
             (home / folder).mkdir()
         random = np.random.default_rng(seed)
         for number in range(10):
             grey = _board(camera, random)[..., None] * 0.8 + 0.002 * random.normal(size=(camera.height, width, 1))
-            write_png(home / "board" / f"{number}.png", srgb_encode(np.repeat(grey, 3, axis=2)))
-        write_png(home / "chart.png", expose_raw(_chart(camera, lit[0].spectrum), sensor, seed))
+            hg.write_png(home / "board" / f"{number}.png", hg.srgb_encode(np.repeat(grey, 3, axis=2)))
+        hg.write_png(home / "chart.png", hg.expose_raw(_chart(camera, lit[0].spectrum), sensor, seed))
         scene = hg.Scene(camera, tuple(lit), surfaces=_object(camera.response, lit[0].spectrum))
         rays = _on_ball(camera)
         for number, lamp in enumerate(lit):
             image = hg.render(scene.with_lamps(lamp), hg.Settings(samples=RAYS_PER_AXIS)).expose(camera.response)
-            write_png(home / "object" / f"{number}.png", expose_raw(image, sensor, seed + 100 + number))
+            hg.write_png(home / "object" / f"{number}.png", hg.expose_raw(image, sensor, seed + 100 + number))
             ball = _ball(rays, lamp) + 0.002 * random.normal(size=(camera.height, width))
-            write_png(home / "ball" / f"{number}.png", srgb_encode(np.repeat(ball[..., None], 3, axis=2)))
-        write_png(home / "ball_mask.png", np.rint(255.0 * _means(rays[0])).astype(np.uint8))
+            hg.write_png(home / "ball" / f"{number}.png", hg.srgb_encode(np.repeat(ball[..., None], 3, axis=2)))
+        hg.write_png(home / "ball_mask.png", np.rint(255.0 * _means(rays[0])).astype(np.uint8))
         wavelengths = np.arange(380.0, 731.0, 5.0)
-        write_table(home / "lamp.csv", {"wavelength_nm": wavelengths, SPECTRUM: lit[0].spectrum.at(wavelengths)})
+        hg.write_table(home / "lamp.csv", {"wavelength_nm": wavelengths, SPECTRUM: lit[0].spectrum.at(wavelengths)})
         _write_truth(home / "truth", scene, sensor)
     return Path(out)
 
@@ -101,7 +99,7 @@ def _board(camera: hg.Camera, random: np.random.Generator) -> Array:
 def _chart(camera: hg.Camera, lamp: hg.Spectrum) -> Array:
     """(h, w, 3) ρ of a chart of 24 patches where the object stands, facing camera and lamp."""
     assert camera.response is not None
-    patches = np.array([camera_response(patch, lamp, camera.response) for patch in hg.chart_spectra()])
+    patches = np.array([hg.camera_response(patch, lamp, camera.response) for patch in hg.chart_spectra()])
     cell, gap = 0.9 * AWAY * camera.width / camera.focal[0] / 6.2, 0.1
     size = np.array([6.0, 4.0]) * cell
     towards = camera.look_at((0.5 * size[0], 0.5 * size[1], -AWAY), (0.5 * size[0], 0.5 * size[1], 0.0), (0.05, -1, 0))
@@ -110,7 +108,7 @@ def _chart(camera: hg.Camera, lamp: hg.Spectrum) -> Array:
     inside = (column >= 0) & (row >= 0) & (column < 6) & (row < 4)
     within = inside & (np.abs(patch - np.floor(patch) - 0.5) < 0.5 - 0.5 * gap).all(axis=-1)
     frame = (patch > -gap).all(axis=-1) & (patch[..., 0] < 6 + gap) & (patch[..., 1] < 4 + gap)
-    reads = camera_white(lamp, camera.response)
+    reads = hg.camera_white(lamp, camera.response)
     table = np.where(frame[..., None], 0.03, 0.35) * reads
     fine = np.where(within[..., None], patches[np.where(within, 6 * row + column, 0)], table)
     return np.stack([_means(fine[..., channel]) for channel in range(3)], axis=2)
@@ -171,16 +169,18 @@ def _write_truth(folder: Path, scene: hg.Scene, sensor: hg.Sensor) -> None:
     camera = scene.camera
     keys = ("fl_x", "fl_y", "cx", "cy")
     values = dict(zip(keys, (*camera.focal, *camera.principal), strict=True))
-    write_json(folder / "camera.json", {"w": camera.width, "h": camera.height, **values, "distortion": list(LENS)})
+    hg.write_json(folder / "camera.json", {"w": camera.width, "h": camera.height, **values, "distortion": list(LENS)})
     middle = np.array([0.0, 0.0, AWAY])
     towards = [lamp.direction_and_irradiance(middle)[0] for lamp in scene.lamps]
-    write_json(folder / "lamps.json", [{"name": f"{k}", "to_lamp": t.tolist()} for k, t in enumerate(towards)])
-    shape = visible_shape(scene.with_camera(replace(camera, distortion=(0.0,) * 8)))
-    write_exr(folder / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(shape.normals, 2, 0), strict=True)))
+    hg.write_json(folder / "lamps.json", [{"name": f"{k}", "to_lamp": t.tolist()} for k, t in enumerate(towards)])
+    shape = hg.visible_shape(scene.with_camera(replace(camera, distortion=(0.0,) * 8)))
+    hg.write_exr(
+        folder / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(shape.normals, 2, 0), strict=True))
+    )
     assert camera.response is not None
     curves = dict(zip(camera.response.channels, camera.response.values.T, strict=True))
-    write_table(folder / "response.csv", {"wavelength_nm": camera.response.wavelengths, **curves})
-    write_json(folder / "sensor.json", {"gain": sensor.gain, "read_noise": sensor.read_noise})
+    hg.write_table(folder / "response.csv", {"wavelength_nm": camera.response.wavelengths, **curves})
+    hg.write_json(folder / "sensor.json", {"gain": sensor.gain, "read_noise": sensor.read_noise})
 
 
 def main(out: Path, width: int = 480, seed: int = 0, force: bool = False) -> None:

@@ -18,13 +18,10 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.calibration.lamps import find_ball, matte_ball, reference_strength
+from hagoromo.calibration.lamps import matte_ball, reference_strength
 from hagoromo.calibration.lamps.outline import refined
 from hagoromo.calibration.lamps.uncalibrated import self_calibrate
 from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
-from hagoromo.files.png import read_png
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_file
 from studies.real import read_directions
 from studies.uw_psm import LAMPS, OBJECT_LEVEL, OBJECTS, read_lamps
 
@@ -69,20 +66,20 @@ def _beside(calibration: hg.SelfCalibration, ours: Array) -> dict[str, Any]:
 
 def _by_shading(home: Path, ours: Array) -> Array:
     """Directions by Lambert's law on the matte ball; `ours` tell only which pixels are lit."""
-    numbers = [read_png(home / "gray" / f"gray.{k}.png") for k in range(LAMPS)]
-    ball = refined(find_ball(read_png(home / "gray" / "gray.mask.png")), numbers)
+    numbers = [hg.read_png(home / "gray" / f"gray.{k}.png") for k in range(LAMPS)]
+    ball = refined(hg.find_ball(hg.read_png(home / "gray" / "gray.mask.png")), numbers)
     matte, light = matte_ball(ball, numbers[0].shape, 0.5), _light(home, "gray")
     readings = [reference_strength(light[str(k)], matte, ours[k]).shading for k in range(LAMPS)]
     return np.array([shading[0] for shading in readings if shading is not None])
 
 
 def _light(home: Path, name: str) -> Mapping[str, Array]:
-    numbers = {str(k): read_png(home / name / f"{name}.{k}.png").astype(np.float64) for k in range(LAMPS)}
+    numbers = {str(k): hg.read_png(home / name / f"{name}.{k}.png").astype(np.float64) for k in range(LAMPS)}
     return {k: np.where(n < CLIPPED_LEVEL, n / 255.0, np.nan) for k, n in numbers.items()}
 
 
 def _mask(home: Path, name: str) -> NDArray:
-    mask = read_png(home / name / f"{name}.mask.png")
+    mask = hg.read_png(home / name / f"{name}.mask.png")
     return mask.reshape(*mask.shape[:2], -1)[..., :3].max(axis=2)
 
 
@@ -100,9 +97,9 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
         out: where to write the record, JSON.
         force: replace an existing result.
     """
-    with whole_file(out, force) as partial:
+    with hg.whole_file(out, force) as partial:
         record = lamp_study(folder)
-        write_json(partial, record)
+        hg.write_json(partial, record)
     for what, figures in {**record["readings"], **record["objects"]}.items():
         stated = f", stated {figures['stated_deg']:.1f}°" if "stated_deg" in figures else ""
         if "by_shading_alone" in figures:

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit, solve_normals
-from hagoromo.measurement.normals.views import Array, Views, views
-from hagoromo.measurement.surface.depth import points_from_normals
+from hagoromo.measurement.normals.normals import least_squares_fit
 from studies.cast_shadow import lit_share
 from studies.predicted_photograph import disagreement, forecast
 
+Array = NDArray[np.float64]
 NORMAL_METHODS = {
     "lambert": "Lambert, plain least squares",
     "lambert_even": "the same, lamps evened out",
@@ -40,7 +39,7 @@ class KeptAside:
     lamp: int
     photograph: hg.Photograph
     predictions: Mapping[str, NDArray[np.float64]]
-    solved: NormalMap
+    solved: hg.NormalMap
     points: NDArray[np.float32]
 
 
@@ -58,10 +57,10 @@ def keep_aside(capture: hg.Capture, even: hg.Capture, field: Array, lamp: int) -
     """
     photograph, camera = capture.photographs[lamp], capture.photographs[lamp].camera
     stated, to_lamp = (np.asarray(one.photographs[lamp].lamps[0].to_lamp) for one in (capture, even))
-    plain, others = views(_without(capture, lamp)), views(_without(even, lamp))
+    plain, others = hg.views(_without(capture, lamp)), hg.views(_without(even, lamp))
     distance = float(np.linalg.norm(camera.position))
-    fitted = solve_normals(_without(even, lamp))
-    points = points_from_normals(fitted.normals, camera, distance, fitted.variance)
+    fitted = hg.solve_normals(_without(even, lamp))
+    points = hg.points_from_normals(fitted.normals, camera, distance, fitted.variance)
     lambert, lambert_even = least_squares_fit(plain), least_squares_fit(others)
     own, pixels = forecast(fitted.fit, fitted.seen, to_lamp), fitted.seen
     lit = lit_share(points, camera, to_lamp)[pixels.rows, pixels.columns]
@@ -79,7 +78,7 @@ def keep_aside(capture: hg.Capture, even: hg.Capture, field: Array, lamp: int) -
     return KeptAside(lamp, photograph, predictions, fitted, points)
 
 
-def _image(pixels: Views, values: Array) -> NDArray[np.float64]:
+def _image(pixels: hg.Views, values: Array) -> NDArray[np.float64]:
     """(h, w, C) in the photograph's values; 0 where the photographs show nothing."""
     return pixels.image((values * pixels.light[0]).T)
 

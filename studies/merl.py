@@ -13,22 +13,18 @@ from typing import Any
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.progress_bar import progress_bar
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
-from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.lack_of_fit import LEVEL
 from hagoromo.measurement.material.material_objective import expected
-from hagoromo.measurement.sight import Array
-from hagoromo.progress import Progress, silent
 from studies.goniometer import cosines_of, goniometer, readings
 from studies.merl_page import write_merl_page
 from studies.merl_rival import fit_ggx
 from studies.merl_truth import Truth, read_truths
 
+Array = NDArray[np.float64]
 MERL_NOISE = 0.01  # relative, of each reading
 MERL_SEED = 0
 MERL_MODELS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
@@ -49,10 +45,12 @@ class Row:
     model_error: float
 
 
-def merl_study(folder: str | Path, out: str | Path, force: bool = False, progress: Progress = silent) -> dict[str, Any]:
+def merl_study(
+    folder: str | Path, out: str | Path, force: bool = False, progress: hg.Progress = hg.silent
+) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
     rows = []
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         cases = [(kind, name, of) for kind, named in read_truths(folder).items() for name, of in named.items()]
         for i, (kind, name, truth) in enumerate(cases):
             progress(i / len(cases), name)
@@ -65,7 +63,7 @@ def merl_study(folder: str | Path, out: str | Path, force: bool = False, progres
             "summary": {kind: summary([row for row in rows if row.truth == kind]) for kind in {c[0]: 0 for c in cases}},
             "rows": [asdict(row) for row in rows],
         }
-        write_json(home / "results.json", record)
+        hg.write_json(home / "results.json", record)
         write_merl_page(home, record)
         progress(1.0, "")
     return record
@@ -84,10 +82,10 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
         for method, coloured in zip(MERL_MODELS[1:], (False, True), strict=True)
     }
     try:
-        fit = fit_material(observed)
+        fit = hg.fit_material(observed)
     except hg.InputError as refused:
         raise hg.InputError(f"{name}: {refused}") from refused
-    tested = lack_of_fit(fit)
+    tested = hg.lack_of_fit(fit)
     models = {MERL_MODELS[0]: expected(observed.sight, fit.theta), **colours}
     error = {method: _median_error(model, clean, used) for method, model in models.items()}
     rejected, p_value = (tested.rejected, tested.p_value) if tested else (False, 1.0)
@@ -131,7 +129,7 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
         out: where to write results.json, merl.md and merl.png.
         force: replace an existing result.
     """
-    with progress_bar("MERL") as progress:
+    with hg.progress_bar("MERL") as progress:
         record = merl_study(folder, out, force, progress)
     for kind, of in record["summary"].items():
         for method, figures in of["error"].items():

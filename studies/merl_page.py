@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.app.report.page import page_text
+import hagoromo as hg
 
 MODEL_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 
@@ -15,7 +15,7 @@ MODEL_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 def write_merl_page(home: Path, record: dict[str, Any]) -> None:
     """Write merl.md and merl.png to the folder `home`."""
     _plot(home / "merl.png", record)
-    page = page_text("merl.md.j2", "studies", record=record, rows=_rows(record))
+    page = hg.page_text("merl.md.j2", "studies", record=record, rows=_rows(record))
     (home / "merl.md").write_text(page, encoding="utf-8")
 
 

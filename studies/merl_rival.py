@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from hagoromo.measurement.sight import Array
-from hagoromo.reflectance.torrance_sparrow import Cosines
+import hagoromo as hg
 
+Array = NDArray[np.float64]
 ROUGHNESSES = (0.02, 0.06, 0.2, 0.5)  # where fits start; the best of them counts
 INDEX_RANGE = (1.02, 20.0)  # up to what makes the Fresnel term that of a metal
 
 
-def fit_ggx(cosines: Cosines, values: Array, used: NDArray[np.bool_], coloured: bool) -> Array:
+def fit_ggx(cosines: hg.Cosines, values: Array, used: NDArray[np.bool_], coloured: bool) -> Array:
     """The best model values (N, C) for readings `values` of equal relative noise; fitted where `used` (N,)."""
     channels = values.shape[1]
     specular = channels if coloured else 1
-    fitted = Cosines(*(np.asarray(cosine)[used] for cosine in cosines))
+    fitted = hg.Cosines(*(np.asarray(cosine)[used] for cosine in cosines))
     weight = 1.0 / values[used]
 
     def residuals(x: Array) -> Array:
@@ -43,7 +43,7 @@ def fit_ggx(cosines: Cosines, values: Array, used: NDArray[np.bool_], coloured: 
     return model(best.x, cosines, channels, specular)
 
 
-def model(x: Array, cosines: Cosines, channels: int, specular: int) -> Array:
+def model(x: Array, cosines: hg.Cosines, channels: int, specular: int) -> Array:
     """Values (N, C) at x = (k_d, ln k_s, ln roughness, ln(n − 1))."""
     width, n = np.exp(x[-2]), 1.0 + np.exp(x[-1])
     tan2 = 1.0 / cosines.half**2 - 1.0

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 from msgspec import structs
+from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.files.record import ForeignRecord, Positive, Vector, decode, read_json
-from hagoromo.measurement.sight import Array
-from hagoromo.reflectance.torrance_sparrow import Cosines
+from hagoromo.files.record import ForeignRecord, Positive, Vector, decode
+
+Array = NDArray[np.float64]
 
 
 class ShiftedGammaRecord(ForeignRecord, frozen=True, rename={"lambda_": "lambda"}):
@@ -47,7 +48,7 @@ class AbcRecord(ForeignRecord, frozen=True):
     ior: Positive
 
 
-Truth = Callable[[Cosines], Array]
+Truth = Callable[[hg.Cosines], Array]
 
 
 def read_truths(folder: str | Path) -> dict[str, dict[str, Truth]]:
@@ -59,7 +60,7 @@ def read_truths(folder: str | Path) -> dict[str, dict[str, Truth]]:
     }
 
 
-def shifted_gamma(of: dict[str, Array], cosines: Cosines) -> Array:
+def shifted_gamma(of: dict[str, Array], cosines: hg.Cosines) -> Array:
     """(N, 3) cosθ_i/π (ρ_d + ρ_s D F G₁(θ_i) G₁(θ_r) / (cosθ_i cosθ_r)), Bagher et al. eq. (9)–(16)."""
     tan2 = 1.0 / cosines.half**2 - 1.0
     x = of["alpha"] + tan2 / of["alpha"]
@@ -75,7 +76,7 @@ def shifted_gamma(of: dict[str, Array], cosines: Cosines) -> Array:
     return (of["rhoD"] * cosines.incidence + of["rhoS"] * interface) / np.pi
 
 
-def abc(of: dict[str, Any], cosines: Cosines) -> Array:
+def abc(of: dict[str, Any], cosines: hg.Cosines) -> Array:
     """(N, 3) cosθ_i k_d/π + A F G / ((1 + B (1 − cosφ))^C π cosθ_r), Löw et al. eq. (10), G of eq. (6)."""
     density = of["A"] / (1.0 + of["B"] * (1.0 - cosines.half)) ** of["C"]
     c = cosines.deviation
@@ -85,8 +86,10 @@ def abc(of: dict[str, Any], cosines: Cosines) -> Array:
     return (of["kD"] * cosines.incidence + density * fresnel * masking / cosines.view) / np.pi
 
 
-def _read(path: Path, kind: type[ForeignRecord], model: Callable[[dict[str, Any], Cosines], Array]) -> dict[str, Truth]:
-    record = read_json(path)
+def _read(
+    path: Path, kind: type[ForeignRecord], model: Callable[[dict[str, Any], hg.Cosines], Array]
+) -> dict[str, Truth]:
+    record = hg.read_json(path)
     if not isinstance(record, list) or not record:
         raise hg.InputError(f"{path} must be a list of materials: given {type(record).__name__}")
     truths: dict[str, Truth] = {}

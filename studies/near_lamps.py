@@ -15,10 +15,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_file
-from hagoromo.measurement.normals.normals import least_squares_lambert
-from hagoromo.measurement.surface.shape import solve_shape
+import hagoromo as hg
 from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
@@ -29,14 +26,14 @@ GUESS = 1.04  # of the true distance: what the search begins from
 def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     """One case: errors of normals [°] and depth [mm], and the median of error² over variance, 1 where it is honest."""
     capture, truth = simulate(rig, SURFACES[surface], look, bits)
-    shape = solve_shape(capture, GUESS * SURFACE_DISTANCE)
+    shape = hg.solve_shape(capture, GUESS * SURFACE_DISTANCE)
     pixels, fit = shape.found.seen, shape.found.fit
     true = truth.normals[pixels.rows, pixels.columns]
 
     def error(normals: np.ndarray) -> np.ndarray:
         return np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", normals, true), -1.0, 1.0)))
 
-    off, plain = error(fit.normals), error(least_squares_lambert(pixels)[0])
+    off, plain = error(fit.normals), error(hg.least_squares_lambert(pixels)[0])
     missed = 1e3 * (shape.surface.points - truth.points)[pixels.rows, pixels.columns, 2]
     return {
         "surface": surface, "gamma": look.gamma, "bits": bits, "interreflection": look.interreflection,
@@ -67,8 +64,8 @@ def main(out: Path, leds: Path | None = None, smaller: float = 20.0, force: bool
         force: replace an existing result.
     """
     rig = ring_rig() if leds is None else read_rig(leds, smaller)
-    with whole_file(out, force) as partial:
-        write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": studied(rig)})
+    with hg.whole_file(out, force) as partial:
+        hg.write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": studied(rig)})
     print(f"wrote {out}")
 
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.camera.sensor import develop_raw, expose_raw
-from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 Array = NDArray[Any]
 Depth = Callable[[Array, Array], Array]
@@ -130,7 +128,7 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
     for k, (lamp, value) in enumerate(zip(rig.lamps, light, strict=True)):
         signal = np.zeros((*known.shape, 3))
         signal[known] = value
-        developed = develop_raw(expose_raw(signal, sensor, 1000 * seed + k), sensor)
+        developed = hg.develop_raw(hg.expose_raw(signal, sensor, 1000 * seed + k), sensor)
         shot = developed.values, developed.variance, known & developed.valid
         photographs.append(hg.Photograph(*shot, camera, (lamp,), lamp.name))
     return hg.Capture(tuple(photographs), "simulated"), truth
@@ -177,7 +175,7 @@ def _weights(normals: Array, to_lamp: Array, points: Array, look: Look) -> tuple
     jit: Any = arrays()
     to_eye = -points / np.linalg.norm(points, axis=1, keepdims=True)
     n, towards, eye = (jit.Array3f(vectors.T.astype(np.float32)) for vectors in (normals, to_lamp, to_eye))
-    terms = torrance_sparrow(n, towards, eye, 1.0, look.beta, jit.Float(look.gamma), look.n)
+    terms = hg.torrance_sparrow(n, towards, eye, 1.0, look.beta, jit.Float(look.gamma), look.n)
     return terms.body.numpy().astype(np.float64), terms.interface.numpy().astype(np.float64)
 
 

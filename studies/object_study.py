@@ -11,17 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.camera.response import camera_white
-from hagoromo.matter.solid.relief import Relief, relief_plan
 from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
-from hagoromo.measurement.normals.normals import NormalMap, least_squares_lambert, solve_normals
-from hagoromo.measurement.normals.views import Array, views
-from hagoromo.progress import Progress, silent
 from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
 from studies.rig import Unevenness, evened, flat_field
 from studies.uw_psm import sphere_normals
 
+Array = NDArray[np.float64]
 SPHERE = "gray"  # the object whose normals are known
 INNER_RADIUS_SHARE = 0.95  # of its radius: beyond, pixels are seen at grazing angles and mix with the ground
 RELIEF_RAYS = 4  # rays a pixel of the relief's picture
@@ -70,7 +66,7 @@ def study_object(
     capture: hg.Capture,
     others: Sequence[Unevenness],
     aside: Sequence[int],
-    progress: Progress = silent,
+    progress: hg.Progress = hg.silent,
 ) -> ObjectStudy:
     """Study of one object with the lamps in `aside` kept aside in turn.
 
@@ -78,7 +74,7 @@ def study_object(
     """
     field = flat_field(others, (capture.photographs[0].camera.height, capture.photographs[0].camera.width))
     even = evened(capture, others, field)
-    solved = solve_normals(even)
+    solved = hg.solve_normals(even)
     each = []
     for i, lamp in enumerate(aside):
         progress(i / (len(aside) + 1), f"{capture.name} without lamp {lamp}")
@@ -98,8 +94,8 @@ def relief_picture(even: hg.Capture, kept: KeptAside, field: Array) -> NDArray[n
     photograph, camera = kept.photograph, kept.photograph.camera
     others = hg.Capture(tuple(p for p in even.photographs if p.name != photograph.name), even.name)
     measured = measurement_of(others, kept.solved)
-    relief = Relief(kept.points, kept.solved.normals, kept.solved.body, measured.labels)
-    box = relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
+    relief = hg.Relief(kept.points, kept.solved.normals, kept.solved.body, measured.labels)
+    box = hg.relief_plan(relief, camera, [m.reflectance() for m in measured.materials]).named(even.name, {}).box()
     image = hg.render(hg.Scene(camera, photograph.lamps, (box,)), hg.Settings(samples=RELIEF_RAYS))
     return image.expose(_basis_camera()) * field[kept.lamp][..., None].astype(np.float32)
 
@@ -110,16 +106,16 @@ def _basis_camera() -> hg.Response:
     bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in CHANNEL_BANDS_NM], axis=1).astype(
         np.float64
     )
-    bands /= camera_white(hg.Spectrum.constant(1.0), hg.Response(wavelengths, bands))
+    bands /= hg.camera_white(hg.Spectrum.constant(1.0), hg.Response(wavelengths, bands))
     return hg.Response(wavelengths, bands, name="basis")
 
 
-def _normal_errors(folder: str | Path, capture: hg.Capture, solved: NormalMap) -> dict[str, dict[str, float]]:
+def _normal_errors(folder: str | Path, capture: hg.Capture, solved: hg.NormalMap) -> dict[str, dict[str, float]]:
     """Errors of the sphere's normals [°]: mean and median over its pixels, mean in its inner INNER_RADIUS_SHARE."""
-    true, pixels = sphere_normals(folder, capture.name), views(capture)
+    true, pixels = sphere_normals(folder, capture.name), hg.views(capture)
     maps = {
-        "Lambert, plain least squares": pixels.image(least_squares_lambert(pixels)[0]),
-        "ours, from this object alone": solve_normals(capture).normals,
+        "Lambert, plain least squares": pixels.image(hg.least_squares_lambert(pixels)[0]),
+        "ours, from this object alone": hg.solve_normals(capture).normals,
         "ours, lamps told by the other objects first": solved.normals,
     }
     known = np.linalg.norm(true, axis=2) > 0.5

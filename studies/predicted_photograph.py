@@ -8,21 +8,23 @@ and what model and photographs disagreed on under the neighbouring lamps, interp
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+import hagoromo as hg
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
-from hagoromo.measurement.normals.views import Array, Views
 
+Array = NDArray[np.float64]
 RANGES = np.radians([6.0, 9.0, 13.0, 18.0, 26.0, 38.0])  # candidates for the kernel's standard deviation
 NUGGETS = (0.03, 0.1, 0.3)  # variance of noise over that of the disagreement
 
 
-def forecast(fit: Fit, pixels: Views, to_lamp: Array) -> Array:
+def forecast(fit: Fit, pixels: hg.Views, to_lamp: Array) -> Array:
     """(C, P) values under an even far lamp of strength 1 in direction `to_lamp` (3,): attached shadows only."""
     lamp = np.broadcast_to(to_lamp, (1, len(pixels.rows), 3))
     return predicted(fit, lamp, pixels.to_eye)[0]
 
 
-def disagreement(fit: Fit, pixels: Views, to_lamp: Array) -> Array:
+def disagreement(fit: Fit, pixels: hg.Views, to_lamp: Array) -> Array:
     """(C, P) what the photographs in `seen` lead one to add to `forecast` under `to_lamp` (3,).
 
     Range and nugget of the kernel are those that best predict each of the photographs from the others.

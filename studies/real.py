@@ -13,16 +13,10 @@ from typing import Any
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.progress_bar import progress_bar
-from hagoromo.calibration.lamps import LampReading
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.measurement.normals.normals import solve_normals
-from hagoromo.measurement.normals.views import Array
-from hagoromo.progress import Progress, part_of, silent
 from studies.encoding import encoding_study
 from studies.leave_one_out import NORMAL_METHODS
 from studies.object_study import study_object
@@ -31,16 +25,18 @@ from studies.rig import Unevenness, unevenness
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
+Array = NDArray[np.float64]
+
 
 def real_study(
     folder: str | Path,
     out: str | Path,
     objects: Sequence[str] = OBJECTS,
     force: bool = False,
-    progress: Progress = silent,
+    progress: hg.Progress = hg.silent,
 ) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         progress(0.0, "lamps")
         _, lamps = read_lamps(folder)
         captures = {name: read_object(folder, name, lamps) for name in OBJECTS}
@@ -49,11 +45,11 @@ def real_study(
         rigs: dict[str, Unevenness] = {}
         for i, (name, capture) in enumerate(captures.items()):
             progress(0.1 + 0.1 * i / len(captures), f"lamps over {name}")
-            rigs[name] = unevenness(solve_normals(capture))
+            rigs[name] = unevenness(hg.solve_normals(capture))
         studies = []
         for i, name in enumerate(objects):
             others = [one for other, one in rigs.items() if other != name]
-            of_object = part_of(progress, 0.2 + 0.78 * i / len(objects), 0.78 / len(objects))
+            of_object = hg.part_of(progress, 0.2 + 0.78 * i / len(objects), 0.78 / len(objects))
             studies.append(study_object(folder, captures[name], others, range(LAMPS), of_object))
         record = {
             "hagoromo": hg.__version__,
@@ -62,7 +58,7 @@ def real_study(
             "methods": NORMAL_METHODS,
             "objects": {study.name: study.record() for study in studies},
         }
-        write_json(home / "results.json", record)
+        hg.write_json(home / "results.json", record)
         for study in studies:
             write_pictures(study, home / study.name)
         write_real_report(home / "report.html", record, studies)
@@ -70,7 +66,7 @@ def real_study(
     return record
 
 
-def _agreement(folder: str | Path, lamps: Sequence[LampReading]) -> list[tuple[LampReading, dict[str, float]]]:
+def _agreement(folder: str | Path, lamps: Sequence[hg.LampReading]) -> list[tuple[hg.LampReading, dict[str, float]]]:
     """Each lamp with the angles [°] to the two readings that come with the set."""
     files = {
         "laboratory": "lights_from_chrome_ball_by_lab.txt",
@@ -81,7 +77,7 @@ def _agreement(folder: str | Path, lamps: Sequence[LampReading]) -> list[tuple[L
     return [(lamp, {who: float(angles[k]) for who, angles in off.items()}) for k, lamp in enumerate(lamps)]
 
 
-def _rows_dot(lamps: Sequence[LampReading], directions: Array) -> Array:
+def _rows_dot(lamps: Sequence[hg.LampReading], directions: Array) -> Array:
     return np.array([lamp.to_lamp @ row for lamp, row in zip(lamps, directions, strict=True)])
 
 
@@ -102,7 +98,7 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
         out: where to write results.json, the pictures and report.html.
         force: replace an existing result.
     """
-    with progress_bar("real photographs") as progress:
+    with hg.progress_bar("real photographs") as progress:
         record = real_study(folder, out, force=force, progress=progress)
     title, columns = "Kept-aside photographs: relative RMSE [%] · PSNR [dB]", ("method", *record["objects"])
     print_table(title, columns, [_cells(record, method) for method in NORMAL_METHODS])

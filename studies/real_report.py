@@ -10,8 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from hagoromo.app.report.page import image, write_page
-from hagoromo.files.png import write_png
+import hagoromo as hg
 from hagoromo_figures.demo.report_pictures import around
 from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK
 from studies.object_study import INNER_RADIUS_SHARE, SPHERE, ObjectStudy
@@ -23,7 +22,7 @@ def write_pictures(study: ObjectStudy, folder: Path) -> None:
     """The pictures of an object as PNG files."""
     folder.mkdir()
     for name, picture in _pictures(study).items():
-        write_png(folder / f"{name}.png", picture)
+        hg.write_png(folder / f"{name}.png", picture)
 
 
 def write_real_report(path: Path, record: Mapping[str, Any], studies: Sequence[ObjectStudy]) -> None:
@@ -31,7 +30,7 @@ def write_real_report(path: Path, record: Mapping[str, Any], studies: Sequence[O
     gains = [100.0 * study["gain"] for study in record["objects"].values()]
     keys = list(next(iter(record["response"]["residuals"].values())))
     inner = f"mean within {100 * INNER_RADIUS_SHARE:.0f} % of the radius"
-    write_page(
+    hg.write_page(
         path,
         "real.html.j2",
         "studies",
@@ -109,7 +108,9 @@ def _object(study: ObjectStudy) -> dict[str, Any]:
         "name": study.name,
         "ours": ours,
         "yardstick": yardstick,
-        "pictures": [image(pictures[name], f"{study.name}: {title}", title) for name, title in titles.items()],
+        "pictures": [
+            hg.page_picture(pictures[name], f"{study.name}: {title}", title) for name, title in titles.items()
+        ],
         "rows": [
             [m.name, str(m.pixels), f"{m.alpha:.3f}", *(_with_error(m, key) for key in ("beta", "gamma"))]
             for m in study.measurement.materials

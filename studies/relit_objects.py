@@ -17,14 +17,8 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.relight.relight import relight_capture
 from hagoromo.app.relight.relit import PREDICTIONS, Relit
-from hagoromo.app.report.page import image, write_page
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.light.colour import srgb_encode
-from hagoromo.progress import Progress, silent
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
 HELD = (0, 4, 8)  # lamps kept aside, of twelve
@@ -36,11 +30,11 @@ def relit_objects(
     out: str | Path,
     objects: Sequence[str] = OBJECTS,
     force: bool = False,
-    progress: Progress = silent,
+    progress: hg.Progress = hg.silent,
 ) -> dict[str, tuple[Relit, ...]]:
     """Relight each of `objects`, write everything to the folder `out`, and give what was found, object by object."""
     results: dict[str, tuple[Relit, ...]] = {}
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         _, lamps = read_lamps(folder)
         for i, name in enumerate(objects):
             progress(i / len(objects), name)
@@ -49,7 +43,7 @@ def relit_objects(
             held = [f"{name} {k}" for k in HELD]
             results[name] = relight_capture(home / name / "capture", home / name / "relit", held)
         record = {name: [one.record() for one in relit] for name, relit in results.items()}
-        write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
+        hg.write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
         _write_index(home / "index.html", results)
         progress(1.0, "")
     return results
@@ -70,9 +64,9 @@ def _write_index(path: Path, results: dict[str, tuple[Relit, ...]]) -> None:
     for name, relit in results.items():
         one = relit[0]
         shown = [("photograph, kept aside", one.photograph), *((PREDICTIONS[k], v) for k, v in one.predictions.items())]
-        pictures = [image(srgb_encode(view), f"{name}: {text}", text) for text, view in shown]
+        pictures = [hg.page_picture(hg.srgb_encode(view), f"{name}: {text}", text) for text, view in shown]
         objects.append({"name": name, "lamp": HELD[0], "pictures": pictures})
-    write_page(
+    hg.write_page(
         path,
         "relit_objects.html.j2",
         "studies",
@@ -93,7 +87,7 @@ def main(folder: Positional[Path], out: Path, objects: tuple[str, ...] = OBJECTS
         objects: which of them.
         force: replace an existing folder.
     """
-    with progress_bar("relit objects") as progress:
+    with hg.progress_bar("relit objects") as progress:
         relit_objects(folder, out, objects, force, progress)
     print(f"wrote {out / 'index.html'}")
 

@@ -19,11 +19,7 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.progress_bar import progress_bar
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.progress import Progress, silent
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from studies.table import print_table
 
@@ -36,10 +32,10 @@ Array = NDArray[np.float64]
 
 
 def response_study(
-    folder: str | Path, out: str | Path, every: int = 1, force: bool = False, progress: Progress = silent
+    folder: str | Path, out: str | Path, every: int = 1, force: bool = False, progress: hg.Progress = hg.silent
 ) -> dict[str, Any]:
     """The study over every n-th camera, written to the folder `out`; gives the record of results.json."""
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         cameras = dict(list(read_cameras(Path(folder) / CAMERAS).items())[::every])
         lights = known_lights()
         designs = {
@@ -55,7 +51,7 @@ def response_study(
         for name in list(designs)[:2] if others else []:
             rows[f"{name}, {len(others)} of rawtoaces"] = score(designs[name], others)
         record = {"hagoromo": hg.__version__, "noise": READING_NOISE, "cameras": list(cameras), "rows": rows}
-        write_json(home / "results.json", record)
+        hg.write_json(home / "results.json", record)
         progress(1.0, "")
     return record
 
@@ -128,7 +124,7 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
         out: where to write results.json.
         force: replace an existing result.
     """
-    with progress_bar("responses") as progress:
+    with hg.progress_bar("responses") as progress:
         record = response_study(folder, out, force=force, progress=progress)
     title = "Correlation with the true curve, median / 10th percentile, and coverage of 95 % intervals"
     fits = {"hagoromo": "correlation", "knowing the truth": "correlation_knowing_the_truth"}

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.measurement.normals.normals import NormalMap
-from hagoromo.measurement.normals.views import Array
 
+Array = NDArray[np.float64]
 LEAST_EVENNESS = 0.3  # evenness below which a linear fall-off has been carried on too far
 
 
@@ -39,7 +39,7 @@ class Unevenness:
         return self.strength[:, None, None] + np.log(np.maximum(falloff, LEAST_EVENNESS))
 
 
-def unevenness(solved: NormalMap) -> Unevenness:
+def unevenness(solved: hg.NormalMap) -> Unevenness:
     """What the lamps' unevenness was over the object of `found`."""
     fit, pixels = solved.fit, solved.seen
     radius = np.sqrt(len(pixels.rows) / np.pi)

@@ -14,11 +14,6 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.progress_bar import progress_bar
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.progress import Progress, silent
-from hagoromo.reflectance.spectra.prior_spectra import read_spectra
 from studies.spectra_bench import CAMERAS, SOURCES, SPECTRA_NOISE, TARGETS, Bench, read_bench
 from studies.spectra_cases import Case, chart_case, skin_cases, study_case, surfaces_case
 from studies.spectra_report import write_spectra_report
@@ -31,14 +26,14 @@ SLOW = 7  # of the cameras, every seventh where a method takes minutes over all
 
 
 def spectra_study(
-    folder: str | Path, out: str | Path, force: bool = False, progress: Progress = silent
+    folder: str | Path, out: str | Path, force: bool = False, progress: hg.Progress = hg.silent
 ) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
-    with whole_folder(out, force) as home:
+    with hg.whole_folder(out, force) as home:
         progress(0.0, "cameras")
         bench = read_bench(Path(folder) / CAMERAS)
         few = Bench(dict(list(bench.cameras.items())[::SLOW]), bench.colours)
-        skin = read_spectra(Path(folder) / SKIN_FILE)
+        skin = hg.read_spectra(Path(folder) / SKIN_FILE)
         chart, skins = chart_case(skin), skin_cases(skin)
         rows = []
         for i, sources in enumerate(SOURCES):
@@ -57,7 +52,7 @@ def spectra_study(
         rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
         record = {"hagoromo": hg.__version__, "noise": SPECTRA_NOISE, "rows": [row.record() for row in rows]}
         record["cameras"] = list(bench.cameras)
-        write_json(home / "results.json", record)
+        hg.write_json(home / "results.json", record)
         write_spectra_report(home / "report.html", record, rows, chart, bench)
         progress(1.0, "")
     return record
@@ -79,7 +74,7 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
         out: where to write results.json and report.html.
         force: replace an existing result.
     """
-    with progress_bar("spectra from colours") as progress:
+    with hg.progress_bar("spectra from colours") as progress:
         record = spectra_study(folder, out, force, progress)
     columns = ("case", "photographed under", "method", *TARGETS)
     print_table("ΔE00, median / 95th percentile, and coverage of 95 % regions", columns, map(_cells, record["rows"]))

@@ -14,11 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.camera.response import camera_white
-from hagoromo.files.checks import read_bytes
-from hagoromo.files.record import read_json
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
-from hagoromo.reflectance.spectra.spectrum_estimate import reading_matrix
 
 OTHERS = Path("camera_sensitivities") / "rawtoaces"
 CAMERAS = Path("camera_sensitivities") / "camspec_28_cameras.csv"  # in a folder of data
@@ -50,19 +46,20 @@ def read_bench(path: str | Path, every: int = 1) -> Bench:
     names = list(read_cameras(path).items())[::every]
     lamps = {lamp: _lamp(lamp) for lamp in dict.fromkeys((*TARGETS, YELLOW, CYAN))}
     cameras = {
-        name: {lamp: reading_matrix(spectrum, response) for lamp, spectrum in lamps.items()} for name, response in names
+        name: {lamp: hg.reading_matrix(spectrum, response) for lamp, spectrum in lamps.items()}
+        for name, response in names
     }
     observer = hg.Response.load("cie1931")
     colours = {}
     for lamp in TARGETS:
-        reads = camera_white(lamps[lamp], observer)
-        colours[lamp] = reading_matrix(lamps[lamp], observer) * (reads / reads[1])[:, None]
+        reads = hg.camera_white(lamps[lamp], observer)
+        colours[lamp] = hg.reading_matrix(lamps[lamp], observer) * (reads / reads[1])[:, None]
     return Bench(cameras, colours)
 
 
 def read_cameras(path: str | Path) -> dict[str, hg.Response]:
     """Camera → response, from a CSV whose rows are camera, wavelength [nm], R, G, B."""
-    rows = list(csv.reader(read_bytes(path).decode("utf-8").splitlines()))
+    rows = list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))
     if not rows or rows[0] != COLUMNS:
         raise hg.InputError(f"{path} must have the columns {','.join(COLUMNS)}")
     curves: dict[str, list[list[float]]] = {}
@@ -79,7 +76,7 @@ def read_rawtoaces(folder: str | Path) -> dict[str, hg.Response]:
     """Camera → response, from rawtoaces' JSON files of cameras, each λ [nm] → (R, G, B)."""
     cameras = {}
     for path in sorted(Path(folder).glob("*_380_780_5.json")):
-        record = read_json(path)
+        record = hg.read_json(path)
         try:
             curves = record["spectral_data"]["data"]["main"]
             wavelengths = [float(key) for key in curves]

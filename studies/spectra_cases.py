@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import apart, surfaces
-from hagoromo.reflectance.spectra.spectrum_estimate import estimate_spectrum
 from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
 
 FOLDS = 10
@@ -78,7 +77,7 @@ def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[hg.
     estimates = []
     for truth, priors in zip(case.tested, case.priors, strict=True):
         values = noisy(matrix @ truth, random)
-        estimates.append(estimate_spectrum(matrix, values, np.diag((SPECTRA_NOISE * values) ** 2), priors))
+        estimates.append(hg.estimate_spectrum(matrix, values, np.diag((SPECTRA_NOISE * values) ** 2), priors))
     return estimates
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import hagoromo as hg
-from hagoromo.app.report.page import drawing, write_page
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo_figures.demo.plots import panels, svg_text
 from studies.spectra_bench import TARGETS, Bench
@@ -30,12 +29,14 @@ def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row]
         charts.append(
             {
                 "sources": sources,
-                "spectra": drawing(_spectra(chart, estimates), f"Spectra of the chart under {sources}"),
-                "regions": drawing(_regions(chart, estimates, bench.colours["A"]), f"Chromaticities, {sources}"),
+                "spectra": hg.page_drawing(_spectra(chart, estimates), f"Spectra of the chart under {sources}"),
+                "regions": hg.page_drawing(
+                    _regions(chart, estimates, bench.colours["A"]), f"Chromaticities, {sources}"
+                ),
             }
         )
     head = ("case", "photographed under", "method", *(f"ΔE00 {lamp}" for lamp in TARGETS))
-    write_page(
+    hg.write_page(
         path,
         "spectra.html.j2",
         "studies",
@@ -43,7 +44,7 @@ def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row]
         head=(*head, "coverage of the 95 % regions"),
         rows=[_cells(row) for row in record["rows"]],
         camera_rows=[_camera_cells(row) for row in record["rows"] if "camera_b_percent" in row],
-        shares=drawing(_shares(rows), "Cumulative distribution of the colour errors of four methods"),
+        shares=hg.page_drawing(_shares(rows), "Cumulative distribution of the colour errors of four methods"),
         camera=camera,
         charts=charts,
     )

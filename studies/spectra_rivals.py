@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.light.colour import srgb_from_xyz
+import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, delta_e, noisy
 from studies.spectra_cases import Case
@@ -110,8 +110,8 @@ def _recovered(name: str, xyz: Array) -> Array:
         "Jakob 2019": lambda seen: recovery.XYZ_to_sd_Jakob2019(seen, *ours),
         "Meng 2015": lambda seen: recovery.XYZ_to_sd_Meng2015(seen, *ours),
         "Otsu 2018": lambda seen: recovery.XYZ_to_sd_Otsu2018(seen, *observer(recovery.SPECTRAL_SHAPE_OTSU2018)),
-        "Smits 1999": lambda seen: recovery.RGB_to_sd_Smits1999(srgb_from_xyz(seen)),
-        "Mallett 2019": lambda seen: recovery.RGB_to_sd_Mallett2019(srgb_from_xyz(seen)),
+        "Smits 1999": lambda seen: recovery.RGB_to_sd_Smits1999(hg.srgb_from_xyz(seen)),
+        "Mallett 2019": lambda seen: recovery.RGB_to_sd_Mallett2019(hg.srgb_from_xyz(seen)),
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a colour lies outside a method's own gamut

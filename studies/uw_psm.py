@@ -10,49 +10,47 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.calibration.lamps import Ball, LampReading, find_ball, lamps_from_ball
-from hagoromo.camera.sensor import develop_raw
-from hagoromo.files.png import read_png
-from hagoromo.measurement.normals.views import Array
-from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
+Array = NDArray[np.float64]
 OBJECTS = ("gray", "buddha", "cat", "horse", "owl", "rock")
 LAMPS = 12
 FOCAL = 1e5  # px: from afar, 0.15° between the middle and the edge of the picture
 PIXEL = 5e-4  # m: a guess of the right order
 ASSUMED_ALBEDO = 1.0 / 3.0  # a gauge, as the lamps' strength is unknown: low, so that all bodies conserve energy
 OBJECT_LEVEL = 250  # mask level of a pixel that shows the object only
+FULL_WELL, READ_NOISE = 20_000.0, 10.0  # electrons, those of a camera whose file states none
 SENSOR = hg.Sensor(
-    exposure=ASSUMED_FULL_WELL,
-    full_well=ASSUMED_FULL_WELL,
-    read_noise=ASSUMED_READ_NOISE,
-    gain=ASSUMED_FULL_WELL / 255.0,
+    exposure=FULL_WELL,
+    full_well=FULL_WELL,
+    read_noise=READ_NOISE,
+    gain=FULL_WELL / 255.0,
     black_level=0.0,
     bits=8,
 )
 
 
-def read_lamps(folder: str | Path) -> tuple[Ball, tuple[LampReading, ...]]:
+def read_lamps(folder: str | Path) -> tuple[hg.Ball, tuple[hg.LampReading, ...]]:
     """The lamps as the chrome ball shows them; `InputError` when its photographs are not in `folder`."""
     home = Path(folder) / "chrome"
-    photographs = {f"{k}": read_png(home / f"chrome.{k}.png") for k in range(LAMPS)}
-    return lamps_from_ball(photographs, read_png(home / "chrome.mask.png"))
+    photographs = {f"{k}": hg.read_png(home / f"chrome.{k}.png") for k in range(LAMPS)}
+    return hg.lamps_from_ball(photographs, hg.read_png(home / "chrome.mask.png"))
 
 
-def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -> hg.Capture:
+def read_object(folder: str | Path, name: str, lamps: tuple[hg.LampReading, ...]) -> hg.Capture:
     """The capture of one object: twelve photographs, pixels that are wholly on it and not saturated."""
     if name not in OBJECTS:
         raise hg.InputError(f"no object is called {name!r}: choose one of {', '.join(OBJECTS)}")
     home = Path(folder) / name
-    on_object = _grey(read_png(home / f"{name}.mask.png")) >= OBJECT_LEVEL
+    on_object = _grey(hg.read_png(home / f"{name}.mask.png")) >= OBJECT_LEVEL
     height, width = on_object.shape
     camera = hg.Camera(width, height, (FOCAL, FOCAL), (width / 2, height / 2), sensor=SENSOR, name="uw_psm")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
     photographs = []
     for k, lamp in enumerate(lamps):
-        developed = develop_raw(read_png(home / f"{name}.{k}.png"), SENSOR)
+        developed = hg.develop_raw(hg.read_png(home / f"{name}.{k}.png"), SENSOR)
         # radiance of a diffuser = albedo · irradiance / π
         light = hg.Lamp(to_lamp=lamp.to_lamp, intensity=np.pi / ASSUMED_ALBEDO, name=lamp.name)
         mask = on_object & developed.valid
@@ -62,8 +60,8 @@ def read_object(folder: str | Path, name: str, lamps: tuple[LampReading, ...]) -
 
 def sphere_normals(folder: str | Path, name: str = "gray") -> Array:
     """(h, w, 3) normals of the ball in the mask of `name`, seen from afar, 0 beside it: the truth for `gray`."""
-    mask = read_png(Path(folder) / name / f"{name}.mask.png")
-    ball = find_ball(mask)
+    mask = hg.read_png(Path(folder) / name / f"{name}.mask.png")
+    ball = hg.find_ball(mask)
     rows, columns = np.mgrid[: mask.shape[0], : mask.shape[1]] + 0.5
     x, y = (columns - ball.centre[0]) / ball.radius, -(rows - ball.centre[1]) / ball.radius
     height = 1.0 - x * x - y * y

@@ -87,10 +87,8 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
     Args:
         size: small takes minutes on two cores; full draws larger pictures.
     """
-    from hagoromo_figures.demo.demo import demo
-
     with progress_bar("demo") as progress:
-        report = demo(out, size=size, force=force, progress=progress)
+        report = hg.demo(out, size=size, force=force, progress=progress)
     wrote(report)
 
 

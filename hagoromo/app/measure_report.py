@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.app.display import exposure
 from hagoromo.app.gloss_plot import gloss_plot
-from hagoromo.app.report.page import drawing, image, write_page
+from hagoromo.app.report.page import page_drawing, page_picture, write_page
 from hagoromo.light.colour import srgb_encode
 from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.material.separation import Separation
@@ -37,7 +37,7 @@ def write_measure_report(path: Path, capture: Capture, measurement: Measurement)
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
         unconverged=[f"{m.name}: {note}" for m in measurement.materials for note in getattr(m, "unconverged", ())],
         separation=None if measurement.separation is None else _separation(capture, measurement.separation, crop),
-        gloss=None if gloss is None else drawing(gloss_plot(gloss, crop), "Maps of β and γ and of their errors"),
+        gloss=None if gloss is None else page_drawing(gloss_plot(gloss, crop), "Maps of β and γ and of their errors"),
         photographs=[
             _photograph(*seen, crop)
             for seen in zip(capture.photographs, measurement.predicted, measurement.residuals, strict=True)
@@ -47,9 +47,9 @@ def write_measure_report(path: Path, capture: Capture, measurement: Measurement)
 
 def _photograph(photograph: Photograph, predicted: NDArray, left: NDArray, crop: tuple[slice, slice]) -> dict[str, Any]:
     pictures = [
-        image(_shown(photograph, photograph.values)[crop], f"photograph {photograph.name}", "photograph"),
-        image(_shown(photograph, predicted)[crop], f"prediction of {photograph.name}", "prediction"),
-        image(residual(left)[crop], f"residual of {photograph.name}", "residual", lossless=True),
+        page_picture(_shown(photograph, photograph.values)[crop], f"photograph {photograph.name}", "photograph"),
+        page_picture(_shown(photograph, predicted)[crop], f"prediction of {photograph.name}", "prediction"),
+        page_picture(residual(left)[crop], f"residual of {photograph.name}", "residual", lossless=True),
     ]
     return {"name": photograph.name, "pictures": pictures}
 
@@ -62,7 +62,7 @@ def _separation(capture: Capture, parts: Separation, crop: tuple[slice, slice]) 
         "specular part (interface)": np.nan_to_num(parts.interface),
     }
     shown = [
-        image(_shown(photograph, values)[crop], f"{title} of {photograph.name}", title)
+        page_picture(_shown(photograph, values)[crop], f"{title} of {photograph.name}", title)
         for title, values in pictures.items()
     ]
     return {"name": photograph.name, "pictures": shown}

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from hagoromo.app.display import exposure, shown, srgb_from_camera
-from hagoromo.app.report.page import drawing, image, write_page
+from hagoromo.app.report.page import page_drawing, page_picture, write_page
 from hagoromo.camera.response import Response
 from hagoromo.image.image import Image
 from hagoromo.light.spectrum import Spectrum
@@ -63,15 +63,15 @@ def write_report(path: Path, report: Report) -> None:
         rim=RIM_PX,
         materials=len(report.measurement.materials),
         photographs=[
-            image(developed(taken)[crop], f"photograph, lamp {taken.name}", f"lamp {taken.name}")
+            page_picture(developed(taken)[crop], f"photograph, lamp {taken.name}", f"lamp {taken.name}")
             for taken in (*report.capture.photographs, report.aside)
         ],
         rows=[_table_row(row) for row in report.table],
         remarks=[f"{m.name}: {remark}" for m in report.measurement.materials for remark in m.remarks],
-        errors=drawing(measured_against_true(report.table), "Relative error and 95 % interval of each parameter"),
-        spectra=drawing(_spectra(report), "Body albedo of each material over the wavelength, true and recovered"),
+        errors=page_drawing(measured_against_true(report.table), "Relative error and 95 % interval of each parameter"),
+        spectra=page_drawing(_spectra(report), "Body albedo of each material over the wavelength, true and recovered"),
         residuals=_residuals(report, crop),
-        histogram=drawing(residual_histogram(used), "Histogram of the residuals beside the normal distribution"),
+        histogram=page_drawing(residual_histogram(used), "Histogram of the residuals beside the normal distribution"),
         spread=np.std(np.clip(used, -6, 6)),
         beyond=np.mean(np.abs(used) > 3),
         relit=_relit(report.relit, crop),
@@ -98,14 +98,14 @@ def _residuals(report: Report, crop: tuple[slice, slice]) -> list[Markup]:
     ):
         for what, picture in (("prediction", developed(taken, predicted)), ("residual", residual(left))):
             title = f"{what}, lamp {taken.name}"
-            pictures.append(image(picture[crop], title, title, lossless=what == "residual"))
-    return [*pictures, image(labels(measurement)[crop], "map of the materials", "materials", lossless=True)]
+            pictures.append(page_picture(picture[crop], title, title, lossless=what == "residual"))
+    return [*pictures, page_picture(labels(measurement)[crop], "map of the materials", "materials", lossless=True)]
 
 
 def _relit(view: Relit, crop: tuple[slice, slice]) -> list[Markup]:
     titles = {"photograph": "photograph", "predicted": "prediction", "difference": "prediction − photograph, × 10"}
     pictures = view.pictures()
-    return [image(pictures[key][crop], title, title) for key, title in titles.items()]
+    return [page_picture(pictures[key][crop], title, title) for key, title in titles.items()]
 
 
 def _differences(view: Relit) -> list[list[str]]:
@@ -119,7 +119,7 @@ def _figure(name: str, rendered: Image) -> dict[str, Any]:
     picture, shot = rendered.display(), PAPER_FIGURES[name]
     height, width = picture.shape[:2]
     return {
-        "picture": image(picture, shot.caption),
+        "picture": page_picture(picture, shot.caption),
         "caption": shot.caption,
         "number": name.split("_")[1],
         "width": width,
@@ -140,7 +140,7 @@ def _other_light(report: Report) -> dict[str, Any]:
     pictures = []
     for title, response, lamps, balance in views:
         matrix, values = srgb_from_camera(response, balance[0]), whole.expose(response, lamps)
-        pictures.append(image(shown(values, matrix, exposure(values @ matrix.T, whole.alpha)), title, title))
+        pictures.append(page_picture(shown(values, matrix, exposure(values @ matrix.T, whole.alpha)), title, title))
     return {"name": name, "pictures": pictures}
 
 

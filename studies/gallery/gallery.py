@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hagoromo.files.record import read_json
+import hagoromo as hg
 from studies.gallery.gallery_items import ITEMS
 from studies.gallery.gallery_page import write_page
 
@@ -39,7 +39,7 @@ def main() -> int:
         print(name, flush=True)
         if subprocess.run(command, check=False).returncode:
             failed.append(name)
-    costs = {name: read_json(figures / f"{name}.json") for name in ITEMS if (figures / f"{name}.json").exists()}
+    costs = {name: hg.read_json(figures / f"{name}.json") for name in ITEMS if (figures / f"{name}.json").exists()}
     write_page(arguments.out / "gallery.md", arguments.recipes, costs)
     print(f"wrote {arguments.out / 'gallery.md'}")
     if failed:

@@ -19,7 +19,6 @@ import numpy as np
 
 import hagoromo as hg
 from hagoromo import backend
-from hagoromo.files.record import read_toml, write_json
 from studies.gallery.gallery_items import ITEMS, Item
 from studies.gallery.gallery_view import around, near, whole
 
@@ -32,7 +31,7 @@ def make(recipes: Path, name: str, out: Path) -> None:
     """All pictures and figures of one item."""
     item = ITEMS[name]
     box, cost = _built(recipes, item, item.whole or {})
-    write_json(out / f"{name}.json", cost)
+    hg.write_json(out / f"{name}.json", cost)
     _write(out / f"{name}_whole.jpg", whole(box))
     _write(out / f"{name}_lamps.jpg", around(box))
     for view, field_mm, change in (("10_mm", 10.0, item.centimetre), ("1_mm", 1.0, item.millimetre)):
@@ -43,7 +42,7 @@ def make(recipes: Path, name: str, out: Path) -> None:
 
 def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[hg.VolumeBox, dict[str, Any]]:
     """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
-    record = read_toml(recipes / f"{item.recipe}.toml")
+    record = hg.read_toml(recipes / f"{item.recipe}.toml")
     for key, value in change.items():
         record[key] = record[key] | value if isinstance(value, dict) and key in record else value
     before, start, busy = _peak(), time.perf_counter(), time.process_time()

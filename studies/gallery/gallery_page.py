@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hagoromo.files.whole import whole_file
+import hagoromo as hg
 from studies.gallery.gallery_items import ITEMS
 
 GALLERY_INTRODUCTION = """# Gallery
@@ -34,7 +34,7 @@ def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]
     made = [name for name in ITEMS if (path.parent / "figures" / "gallery" / f"{name}_whole.jpg").exists()]
     parts += [_shown(path, recipes, name) for name in made]
     parts += [_table(costs)] if costs else []
-    with whole_file(path, force=True) as partial:
+    with hg.whole_file(path, force=True) as partial:
         partial.write_text("".join(parts), encoding="utf-8")
 
 

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.app.sweep import sweep
-from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 
 SIZE, STRIP = 360, 140  # px a side of a picture, and of one of the strip
 WHOLE_SAMPLES, NEAR_SAMPLES, STRIP_SAMPLES = 4, 2, 1  # rays a pixel
@@ -30,7 +28,7 @@ def whole(box: hg.VolumeBox) -> NDArray[np.uint8]:
     floor = float(max(low[2], 0.0))
     # so low that light from behind passes over it
     wall = float(high[1]) + 2.0 * field, float(high[2]) + 0.3 * field
-    background = sweep(CARD, (-9.0 * field, floor - 1e-6), wall, 0.5 * field, 3.0 * field)
+    background = hg.sweep(CARD, (-9.0 * field, floor - 1e-6), wall, 0.5 * field, 3.0 * field)
     return _shown(hg.Scene(_camera(box, field, TOWARDS, SIZE), _lamps(), (box,), (background,)), WHOLE_SAMPLES)
 
 
@@ -55,9 +53,9 @@ def around(box: hg.VolumeBox) -> NDArray[np.uint8]:
         image = hg.render(
             hg.Scene(camera, (hg.Lamp(to_lamp=to_lamp, spectrum=WHITE_SPECTRUM),), (box,)), hg.Settings(STRIP_SAMPLES)
         )
-        pictures.append(srgb_from_xyz(image.xyz()))
+        pictures.append(hg.srgb_from_xyz(image.xyz()))
     brightest = np.percentile(np.max(pictures, axis=-1)[np.max(pictures, axis=-1) > 0], 99.0)
-    return np.hstack([srgb_encode(picture * (0.8 / brightest)) for picture in pictures])
+    return np.hstack([hg.srgb_encode(picture * (0.8 / brightest)) for picture in pictures])
 
 
 def _camera(box: hg.VolumeBox, field: float, towards: Sequence[float], pixels: int) -> hg.Camera:

@@ -10,7 +10,7 @@ import pytest
 from hagoromo.app.measure_report import write_measure_report
 from hagoromo.app.relight.relight_page import write_relight_page
 from hagoromo.app.relight.relit import PREDICTIONS, Relit
-from hagoromo.app.report.page import drawing, image, number_columns, page_text
+from hagoromo.app.report.page import number_columns, page_drawing, page_picture, page_text
 from hagoromo.measurement.known_shape import measure
 from tests.inverse.simulated_ball import Truth, simulate
 
@@ -78,7 +78,9 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
 
 
 def test_words_of_pictures_are_escaped():
-    assert "<script" not in image(GREY, HOSTILE, HOSTILE) and "<script" not in drawing("<svg></svg>", HOSTILE)
+    assert "<script" not in page_picture(GREY, HOSTILE, HOSTILE) and "<script" not in page_drawing(
+        "<svg></svg>", HOSTILE
+    )
 
 
 def test_a_fit_that_did_not_converge_has_its_line():

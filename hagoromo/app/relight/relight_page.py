@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.relight.relit import PREDICTIONS, RELIEF_RIM_PX, Relit
-from hagoromo.app.report.page import image, write_page
+from hagoromo.app.report.page import page_picture, write_page
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo_figures.demo.plots import panels
 from hagoromo_figures.demo.report_pictures import around
@@ -48,9 +48,13 @@ def _rows(one: Relit) -> list[list[str]]:
 
 def _photograph(one: Relit) -> dict[str, Any]:
     crop = around(one.mask)
-    shown = [image(_enlarged(one.photograph[crop]), f"photograph {one.name}", "photograph, kept aside", lossless=True)]
+    shown = [
+        page_picture(_enlarged(one.photograph[crop]), f"photograph {one.name}", "photograph, kept aside", lossless=True)
+    ]
     shown += [
-        image(_enlarged(view[crop]), f"prediction of {one.name}: {PREDICTIONS[key]}", PREDICTIONS[key], lossless=True)
+        page_picture(
+            _enlarged(view[crop]), f"prediction of {one.name}: {PREDICTIONS[key]}", PREDICTIONS[key], lossless=True
+        )
         for key, view in one.predictions.items()
     ]
     differences = {key: (view - one.photograph).mean(axis=2) for key, view in one.predictions.items()}
@@ -114,7 +118,7 @@ def _map(
     bar = figure.colorbar(drawn, ax=axis, extend="max" if limits[0] == 0.0 else "both", shrink=0.9)
     bar.set_label(unit, fontsize=8)
     bar.ax.tick_params(labelsize=7)
-    return image(_rasterised(figure), f"map of the difference in {unit}: {PREDICTIONS[key]}", lossless=True)
+    return page_picture(_rasterised(figure), f"map of the difference in {unit}: {PREDICTIONS[key]}", lossless=True)
 
 
 def _rasterised(figure: Any) -> NDArray[np.uint8]:

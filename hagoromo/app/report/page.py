@@ -46,13 +46,13 @@ def page_text(template: str, package: str = TEMPLATES_PACKAGE, **values: Any) ->
     return environment.get_template(template).render(count=Counter(), **values)
 
 
-def image(picture: NDArray[np.uint8], alt: str, title: str = "", lossless: bool = False) -> Markup:
+def page_picture(picture: NDArray[np.uint8], alt: str, title: str = "", lossless: bool = False) -> Markup:
     """An <img> that carries its `picture` (height, width[, 3]). alt: what it shows. title: stands under it."""
     label = Markup('<span class="label">{}</span>').format(title) if title else Markup("")
     return Markup('<img alt="{}" src="{}">').format(alt, data_uri(picture, lossless)) + label
 
 
-def drawing(svg: str, alt: str) -> Markup:
+def page_drawing(svg: str, alt: str) -> Markup:
     """An <svg> of this package's own plots. alt: what it shows, for those who do not see it."""
     return Markup('<svg role="img" aria-label="{}"').format(alt) + Markup(svg.removeprefix("<svg"))
 

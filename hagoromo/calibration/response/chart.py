@@ -74,7 +74,8 @@ def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike
     if max(correlations) < CHART_CORRELATION:
         raise InputError(
             "the brightness of the patches does not match the chart's reflectances (correlation "
-            f"{max(correlations):.2f}): check which chart it is, and give its corners clockwise from the dark skin patch"
+            f"{max(correlations):.2f}): check which chart it is, and give its corners clockwise from the dark skin "
+            "patch"
         )
     return readings[int(np.argmax(correlations))]
 

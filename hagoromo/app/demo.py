@@ -1,0 +1,21 @@
+"""Demo: the paper end to end, in one call."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from hagoromo.progress import Progress, silent
+
+
+def demo(
+    out: str | Path, size: Literal["small", "full"] = "small", force: bool = False, progress: Progress = silent
+) -> Path:
+    """Simulated photographs → measurement → volume boxes → figures 6–8 of the paper, in the folder `out`.
+
+    size: small takes minutes on two cores, full draws larger pictures of finer boxes; the same size gives the same
+    numbers. Gives the path of report.html. `InputError` for another size, or for a folder that exists without `force`.
+    """
+    from hagoromo_figures.demo.demo import demo as run
+
+    return run(out, size, force, progress)

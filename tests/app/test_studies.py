@@ -1,0 +1,63 @@
+"""Studies are written as a stranger would write them: from `import hagoromo as hg`."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+STUDIES = Path(__file__).parents[2] / "studies"
+FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
+INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
+    # the models that the fits minimise, to predict readings from parameters that no fit has found
+    "coverage_bench.py": {"measurement.material.material_objective", "measurement.material.quantity"},
+    "merl.py": {"measurement.material.material_objective", "measurement.material.lack_of_fit"},
+    "encoding.py": {
+        "measurement.normals.normals",
+        "measurement.normals.photometric_model",
+        "measurement.normals.photometric_prior",
+    },
+    "leave_one_out.py": {"measurement.normals.normals"},
+    "predicted_photograph.py": {"measurement.normals.photometric_model"},
+    "object_study.py": {"measurement.known_shape", "measurement.normals.gloss_estimate"},
+    "coverage.py": {"reflectance.material.material_estimate"},
+    "relit_objects.py": {"app.relight.relight", "app.relight.relit"},
+    # stages of one calibration, each judged by itself
+    "lamps.py": {
+        "calibration.lamps",
+        "calibration.lamps.outline",
+        "calibration.lamps.uncalibrated",
+        "calibration.lamps.uncalibrated.refined",
+    },
+    "response_study.py": {"calibration.response.calibrate_response"},
+    # the spectra that a prior is made of, so that none that is tested is among them
+    "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
+    "spectra_cases.py": {"reflectance.spectra.prior_spectra"},
+    "spectra_report.py": {"reflectance.spectra.prior_spectra"},
+    "spectra_rivals.py": {"reflectance.spectra.prior_spectra"},
+    # files of the data are checked as the package checks its own
+    "merl_truth.py": {"files.record"},
+    # kernels run on Dr.Jit's types of this machine
+    "near_rig.py": {"backend"},
+    "gallery/gallery_item.py": {"backend"},
+}
+
+
+def modules(path: Path) -> set[str]:
+    """The modules of `hagoromo` that a file imports, without the package's name; "" for the package itself."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "hagoromo":
+            names |= {f"hagoromo.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add(node.module or "")
+    return {name.partition(".")[2] for name in names if name.split(".")[0] == "hagoromo"}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_study_imports_public_names_only(name):
+    assert modules(STUDIES / name) - {""} == INSIDE.get(name, set())
+
+
+def test_every_exception_is_a_study():
+    assert set(INSIDE) <= set(FILES)
