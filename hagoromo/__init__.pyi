@@ -77,8 +77,10 @@ from .reflectance.spectra.spectrum_estimate import (
     reading_matrix as reading_matrix,
     reflectance_spectrum as reflectance_spectrum,
 )
-from .reflectance.material.materials_file import read_materials as read_materials
-from .measurement.known_shape import measure as measure
+from .reflectance.material.material_estimate import MaterialEstimate as MaterialEstimate
+from .reflectance.material.materials_file import read_materials as read_materials, write_materials as write_materials
+from .measurement.measurement import Measurement as Measurement
+from .measurement.measure import measure as measure
 from .measurement.sight import Sight as Sight
 from .measurement.observations import Observations as Observations
 from .measurement.material.material_fit import fit_material as fit_material
@@ -115,6 +117,9 @@ from .image.render import render as render
 from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
 from .image.compare import Comparison as Comparison, compare as compare
+from .image.relight.prediction import Prediction as Prediction
+from .image.relight.relighting import Relighting as Relighting
+from .image.relight.relight import relight as relight
 
 # The paper end to end, and what studies of one's own need
 from .app.demo import demo as demo

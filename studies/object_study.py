@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
 from studies.rig import Unevenness, evened, flat_field
@@ -34,7 +33,7 @@ class ObjectStudy:
     name: str
     scores: dict[str, Array]
     normal_errors: dict[str, dict[str, float]] | None
-    measurement: Measurement
+    measurement: hg.Measurement
     shown: KeptAside
     relief: NDArray[np.float32]
     relief_score: tuple[float, float]

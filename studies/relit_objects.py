@@ -17,8 +17,8 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.relight.relight import relight_capture
-from hagoromo.app.relight.relit import PREDICTIONS, Relit
+from hagoromo.app.relight_page import write_relight_page
+from hagoromo.image.relight.prediction import PREDICTIONS
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
 HELD = (0, 4, 8)  # lamps kept aside, of twelve
@@ -31,9 +31,9 @@ def relit_objects(
     objects: Sequence[str] = OBJECTS,
     force: bool = False,
     progress: hg.Progress = hg.silent,
-) -> dict[str, tuple[Relit, ...]]:
-    """Relight each of `objects`, write everything to the folder `out`, and give what was found, object by object."""
-    results: dict[str, tuple[Relit, ...]] = {}
+) -> dict[str, tuple[hg.Prediction, ...]]:
+    """Relight each of `objects`, write everything to the folder `out`, and give the predictions of each."""
+    results: dict[str, tuple[hg.Prediction, ...]] = {}
     with hg.whole_folder(out, force) as home:
         _, lamps = read_lamps(folder)
         for i, name in enumerate(objects):
@@ -41,7 +41,10 @@ def relit_objects(
             (home / name).mkdir()
             hg.save_capture(read_object(folder, name, lamps), home / name / "capture")
             held = [f"{name} {k}" for k in HELD]
-            results[name] = relight_capture(home / name / "capture", home / name / "relit", held)
+            relighting = hg.relight(home / name / "capture", hold=held)
+            relighting.save(home / name / "relit")
+            write_relight_page(home / name / "relit" / "report.html", relighting)
+            results[name] = relighting.predictions
         record = {name: [one.record() for one in relit] for name, relit in results.items()}
         hg.write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
         _write_index(home / "index.html", results)
@@ -49,12 +52,12 @@ def relit_objects(
     return results
 
 
-def _write_index(path: Path, results: dict[str, tuple[Relit, ...]]) -> None:
+def _write_index(path: Path, results: dict[str, tuple[hg.Prediction, ...]]) -> None:
     rows = []
     for name, relit in results.items():
         for key, text in PREDICTIONS.items():
             figures = [one.compared[key] for one in relit]
-            means = {k: float(np.mean([f[k] for f in figures])) for k in MEANS}
+            means = {k: float(np.mean([getattr(f, k) for f in figures])) for k in MEANS}
             link = Markup('<a href="{0}/relit/report.html">{0}</a>').format(name)
             rows.append(
                 [link, text, f"{100 * means['relative_rmse']:.1f} %", f"{means['delta_e_2000']:.2f}",
@@ -63,7 +66,7 @@ def _write_index(path: Path, results: dict[str, tuple[Relit, ...]]) -> None:
     objects = []
     for name, relit in results.items():
         one = relit[0]
-        shown = [("photograph, kept aside", one.photograph), *((PREDICTIONS[k], v) for k, v in one.predictions.items())]
+        shown = [("photograph, held out", one.photograph), *((PREDICTIONS[k], v) for k, v in one.predictions.items())]
         pictures = [hg.page_picture(hg.srgb_encode(view), f"{name}: {text}", text) for text, view in shown]
         objects.append({"name": name, "lamp": HELD[0], "pictures": pictures})
     hg.write_page(

@@ -225,15 +225,17 @@ def measure(
     Args:
         capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
         n: refractive index, where it is known.
-        distance: of the object [m] where its shape is to be solved; without it the camera's from the origin.
+        distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
     """
-    from hagoromo.app.measure_capture import Known, measure_capture
+    from hagoromo.app.measure_report import write_measure_report
 
-    with progress_bar("measure") as progress:
-        measured = measure_capture(capture, out, Known(n, distance), force, progress)
-    for material in measured.materials:
-        known = [name for name, identifiable in material.identifiable.items() if identifiable]
-        print(f"{material.name}: {material.pixels} pixels, told by the photographs: {', '.join(known) or 'nothing'}")
+    with whole_folder(out, force) as home, progress_bar("measure") as progress:
+        measurement = hg.measure(capture, n=n, distance=distance, scratch=home, progress=progress)
+        measurement.write_into(home)
+        write_measure_report(home / "report.html", measurement)
+    for material in measurement.materials:
+        names = [name for name, identifiable in material.identifiable.items() if identifiable]
+        print(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}")
     wrote(out / "report.html")
 
 
@@ -289,25 +291,28 @@ def relight(
     distance: float | None = None,
     force: Force = False,
 ) -> None:
-    """Capture → its surface as volume boxes, rendered as photographs that were kept aside show it; report.html.
+    """Capture → its surface as volume boxes, rendered to predict photographs that were held out; report.html.
 
     Args:
         capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
-        hold: names of the photographs that are kept aside, all at once (default: the last).
+        hold: names of the photographs that are held out, all at once (default: the last).
         against: another capture of the same object, in the same world: all its photographs are predicted, none held.
         n: refractive index, where it is known.
-        distance: of the object [m] where its shape is to be solved; without it the camera's from the origin.
+        distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
     """
-    from hagoromo.app.measure_capture import Known
-    from hagoromo.app.relight.relight import relight_capture
+    from hagoromo.app.measure_report import write_measure_report
+    from hagoromo.app.relight_page import write_relight_page
 
-    with progress_bar("relight") as progress:
-        relit = relight_capture(capture, out, hold, against, Known(n, distance), force, progress)
-    for one in relit:
-        figures = one.compared["boxes"]
+    with whole_folder(out, force) as home, progress_bar("relight") as progress:
+        relighting = hg.relight(capture, hold=hold, against=against, n=n, distance=distance, progress=progress)
+        relighting.write_into(home)
+        write_measure_report(home / "measured" / "report.html", relighting.measurement)
+        write_relight_page(home / "report.html", relighting)
+    for prediction in relighting.predictions:
+        figures = prediction.compared["boxes"]
         print(
-            f"{one.name}: volume boxes differ from the photograph by {100 * figures['relative_rmse']:.1f} % (relative "
-            f"rmse), ΔE00 {figures['delta_e_2000']:.2f}"
+            f"{prediction.name}: volume boxes differ from the photograph by {100 * figures.relative_rmse:.1f} % "
+            f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"
         )
     wrote(out / "report.html")
 

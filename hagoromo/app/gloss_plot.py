@@ -1,4 +1,4 @@
-"""The gloss of a surface as pictures: β and γ of every pixel, and how well each is told."""
+"""Plots of the gloss of a surface: β and γ of each pixel, and their relative standard errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo_figures.demo.plots import svg_text
 
-LOWEST_PERCENTILE, HIGHEST_PERCENTILE = 2.0, 98.0  # percentiles of the pixels that the colours reach
+LOWEST_PERCENTILE, HIGHEST_PERCENTILE = 2.0, 98.0  # percentiles of the pixels at the ends of the colour scale
 
 
 def gloss_plot(gloss: GlossMap, crop: tuple[slice, slice]) -> str:

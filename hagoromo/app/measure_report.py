@@ -2,45 +2,45 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from hagoromo.app.display import exposure
 from hagoromo.app.gloss_plot import gloss_plot
 from hagoromo.app.report.page import page_drawing, page_picture, write_page
+from hagoromo.errors import InputError
 from hagoromo.light.colour import srgb_encode
-from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.material.separation import Separation
+from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.material.material_html import PARAMETER_SYMBOLS, PARAMETER_TITLES, parameter_rows
 from hagoromo_figures.demo.report_pictures import around, developed, residual
 
-SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 
-
-def write_measure_report(path: Path, capture: Capture, measurement: Measurement) -> None:
-    """Write the page to `path`: one self-contained HTML file."""
+def write_measure_report(path: Path, measurement: Measurement) -> None:
+    """Write the page to `path`: one self-contained HTML file. `InputError` for a measurement without photographs."""
+    capture, gloss = measurement.capture, measurement.gloss
+    if capture is None:
+        raise InputError("the measurement has no photographs, as it was loaded from its files: measure again")
     crop = around(measurement.labels >= 0)
-    gloss = None if measurement.body is None else measurement.body.gloss
     write_page(
         path,
         "measure.html.j2",
         name=capture.name,
-        rows=[row for material in measurement.materials for row in _rows(material)],
-        parameters=len(PARAMETERS),
+        head=PARAMETER_TITLES,
+        rows=[row for material in measurement.materials for row in parameter_rows(material)],
+        parameters=len(PARAMETER_SYMBOLS),
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
         unconverged=[f"{m.name}: {note}" for m in measurement.materials for note in getattr(m, "unconverged", ())],
         separation=None if measurement.separation is None else _separation(capture, measurement.separation, crop),
         gloss=None if gloss is None else page_drawing(gloss_plot(gloss, crop), "Maps of β and γ and of their errors"),
         photographs=[
-            _photograph(*seen, crop)
-            for seen in zip(capture.photographs, measurement.predicted, measurement.residuals, strict=True)
+            _photograph(*parts, crop)
+            for parts in zip(capture.photographs, measurement.predicted, measurement.residuals, strict=True)
         ],
     )
 
@@ -66,25 +66,6 @@ def _separation(capture: Capture, parts: Separation, crop: tuple[slice, slice]) 
         for title, values in pictures.items()
     ]
     return {"name": photograph.name, "pictures": shown}
-
-
-def _rows(material: MaterialEstimate) -> list[list[Any]]:
-    rows = []
-    for key in PARAMETERS:
-        error, digits = material.standard_error[key], _digits(material.standard_error[key])
-        low, high = (f"{bound:.{digits}f}" for bound in material.interval_95[key])
-        identifiable = "yes" if material.identifiable[key] else Markup('<span class="no">no</span>')
-        figures = [f"{getattr(material, key):.{digits}f}", "" if error is None else f"{error:.{digits}f}"]
-        first = [material.name, str(material.pixels)] if key == PARAMETERS[0] else ["", ""]
-        rows.append([*first, SYMBOLS[key], *figures, f"{low} … {high}", identifiable])
-    return rows
-
-
-def _digits(error: float | tuple[float, ...] | None) -> int:
-    """Decimals that show an error with two significant figures; three where there is none."""
-    if not isinstance(error, float) or not 0.0 < error < math.inf:
-        return 3
-    return max(0, 1 - math.floor(math.log10(error)))
 
 
 def _shown(photograph: Photograph, values: NDArray) -> NDArray[np.uint8]:

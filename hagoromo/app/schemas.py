@@ -48,10 +48,10 @@ def write_schemas(folder: str | Path) -> tuple[Path, ...]:
 
 
 def _files() -> dict[str, Any]:
-    from hagoromo.app.body_spectra import BodySpectrumRecord
-    from hagoromo.app.relight.relit import RelitRecord
     from hagoromo.camera.formats.camera_file import CameraRecord
+    from hagoromo.image.relight.prediction import PredictionRecord
     from hagoromo.image.scene_file import SceneRecord
+    from hagoromo.measurement.material.body_spectra import BodySpectrumRecord
     from hagoromo.photograph.lamps_file import LampsRecord
     from hagoromo.photograph.transforms import CaptureRecord
     from hagoromo.reflectance.material.materials_file import MaterialRecord
@@ -63,7 +63,7 @@ def _files() -> dict[str, Any]:
         "lamps": LampsRecord,
         "materials": list[MaterialRecord],
         "body_spectra": list[BodySpectrumRecord],
-        "relit": list[RelitRecord],
+        "relit": list[PredictionRecord],
         "box": BoxRecord,
         "scene": SceneRecord,
     }

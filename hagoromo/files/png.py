@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import struct
 import zlib
 from pathlib import Path
@@ -32,6 +33,11 @@ def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     if not done:
         raise OSError(f"an image of shape {image.shape} could not be encoded as PNG")
     return encoded.tobytes()
+
+
+def png_data_uri(image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
+    """`image`, as `write_png` takes it, as the text of the `src` of an HTML <img>."""
+    return f"data:image/png;base64,{base64.b64encode(png_bytes(image)).decode()}"
 
 
 def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:

@@ -20,7 +20,7 @@ from hagoromo.image.render import render
 from hagoromo.image.settings import Settings
 from hagoromo.image.simulate import simulate, visible_shape
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.known_shape import fill_measurement, measure
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.photograph.capture import load_capture, save_capture
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo_figures.demo.figures import PAPER_FIGURES, Cast
@@ -106,9 +106,9 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
         surface = visible_shape(samples).surface
     with stages.stage("measurement") as progress:
         capture = load_capture(home / "capture", frames=slice(0, LAMPS_MEASURED))
-        measurement = named(measure(capture, progress=progress), surface, list(truth))
+        measurement = named(measure_known_shape(capture, progress=progress), surface, list(truth))
         (home / "measure").mkdir()
-        fill_measurement(measurement, home / "measure")
+        measurement.write_into(home / "measure")
         table = rows(measurement.materials, truth, response, lamp)
         reflectances = {material.name: material.reflectance(response, lamp) for material in measurement.materials}
     with stages.stage("relit view"):

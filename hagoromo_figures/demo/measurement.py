@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.measurement import Measurement
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 from hagoromo.reflectance.reflectance import Reflectance
 

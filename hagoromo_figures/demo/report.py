@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from hagoromo.app.display import exposure, shown, srgb_from_camera
+from hagoromo.app.display import exposure, shown
 from hagoromo.app.report.page import page_drawing, page_picture, write_page
 from hagoromo.camera.response import Response
+from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.image.image import Image
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance

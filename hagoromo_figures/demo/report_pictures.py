@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.display import exposure, shown, srgb_from_camera
+from hagoromo.app.display import exposure, shown
 from hagoromo.camera.response import Response
-from hagoromo.measurement.known_shape import Measurement
+from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.measurement.material.segment import interior
+from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Pixels, known_shape, native
 from hagoromo.measurement.sight import sight
 from hagoromo.photograph.capture import Capture

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from hagoromo.app.display import srgb_from_camera
 from hagoromo.camera.response import Response, camera_response, camera_white
+from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_json
 from hagoromo.image.compare import compare

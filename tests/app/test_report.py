@@ -3,15 +3,18 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from hagoromo.app.measure_report import write_measure_report
-from hagoromo.app.relight.relight_page import write_relight_page
-from hagoromo.app.relight.relit import PREDICTIONS, Relit
+from hagoromo.app.relight_page import write_relight_page
 from hagoromo.app.report.page import number_columns, page_drawing, page_picture, page_text
-from hagoromo.measurement.known_shape import measure
+from hagoromo.image.compare import Comparison
+from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
+from hagoromo.image.relight.relighting import Relighting
+from hagoromo.measurement.measure import measure
 from tests.inverse.simulated_ball import Truth, simulate
 
 HOSTILE = "<script>alert('\"&amp;\"')</script>"
@@ -52,7 +55,7 @@ def test_the_report_of_a_measurement_is_harmless(tmp_path):
     )
     measured = measure(capture)
     named = tuple(replace(m, name=HOSTILE, remarks=(HOSTILE,)) for m in measured.materials)
-    write_measure_report(tmp_path / "report.html", capture, replace(measured, materials=named))
+    write_measure_report(tmp_path / "report.html", replace(measured, materials=named))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert_harmless(text)
     assert "&lt;script&gt;" in text and "did not converge" not in text
@@ -60,9 +63,11 @@ def test_the_report_of_a_measurement_is_harmless(tmp_path):
 
 def test_the_report_of_relit_photographs_is_harmless(tmp_path):
     picture = np.linspace(0.1, 0.9, 13 * 17 * 3).reshape(13, 17, 3)
-    figures = {"relative_rmse": 0.1, "delta_e_2000": 1.0, "psnr": None, "ssim": 0.9, "pixels": 221}
-    one = Relit(
+    figures = Comparison(relative_rmse=0.1, delta_e_2000=1.0, psnr=None, ssim=0.9, peak=1.0, pixels=221)
+    capture = replace(simulate([Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)], 1, 41), name=HOSTILE)
+    one = Prediction(
         name=HOSTILE,
+        source=capture.photographs[0],
         photograph=picture,
         predictions={key: 0.9 * picture for key in PREDICTIONS},
         mask=np.ones((13, 17), bool),
@@ -71,7 +76,7 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
         number=0,
         white=1.0,
     )
-    write_relight_page(tmp_path / "report.html", HOSTILE, 3, [one])
+    write_relight_page(tmp_path / "report.html", Relighting(measure(capture), cast(Any, None), (one,)))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert_harmless(text)
     assert text.count("<img") == 7
@@ -84,7 +89,7 @@ def test_words_of_pictures_are_escaped():
 
 
 def test_a_fit_that_did_not_converge_has_its_line():
-    values = {"name": "", "rows": [], "parameters": 4, "remarks": [], "separation": None, "gloss": None}
+    values = {"name": "", "head": [], "rows": [], "parameters": 4, "remarks": [], "separation": None, "gloss": None}
     text = page_text("measure.html.j2", photographs=[], unconverged=["skin: 40 steps"], **values)
     assert "Fits that did not converge" in text and "<li>skin: 40 steps</li>" in text
 

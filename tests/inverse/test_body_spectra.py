@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.app.body_spectra import write_body_spectra
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
 from hagoromo.files.record import read_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.known_shape import Measurement
+from hagoromo.measurement.material.body_spectra import body_spectra, read_body_spectra, write_body_spectra
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -38,23 +37,21 @@ def capture(response: Response | None, *lamps: Spectrum) -> Capture:
     )
 
 
-def measured(*materials: MaterialEstimate) -> Measurement:
-    shape = (5, 7)
-    return Measurement(materials, np.zeros(shape, int), (), (), np.zeros((*shape, 3), np.float32))
-
-
 def test_body_spectrum_holds_the_truth(tmp_path):
     """The truth, scaled as the colour is, lies within 4 standard errors at each wavelength: 31 at once."""
     truth = surfaces()[20]
     body = reading_matrix(LAMP, RESPONSE) @ truth
     path = tmp_path / "body_spectra.json"
     material = estimate(body / body.mean(), (ERROR,) * 3)
-    assert write_body_spectra(path, capture(RESPONSE, LAMP, LAMP.scaled(2.0)), measured(material))
+    write_body_spectra(path, body_spectra(capture(RESPONSE, LAMP, LAMP.scaled(2.0)), [material]))
     (record,) = read_json(path)
     np.testing.assert_array_equal(record["wavelengths"], WAVELENGTHS)
     off = np.array(record["values"]) - truth / body.mean()
     assert (np.abs(off) < 4.0 * np.array(record["standard_error"])).all()
     np.testing.assert_allclose(np.sqrt(np.diag(record["covariance"])), record["standard_error"])
+    spectrum = read_body_spectra(path)["leaf"]
+    np.testing.assert_array_equal(spectrum.values, record["values"])
+    np.testing.assert_array_equal(spectrum.standard_error, record["standard_error"])
 
 
 @pytest.mark.parametrize(
@@ -62,9 +59,8 @@ def test_body_spectrum_holds_the_truth(tmp_path):
     [capture(None, LAMP), capture(RESPONSE, LAMP, Spectrum.named("A")), capture(RESPONSE, Spectrum.constant(1.0))],
     ids=["no response", "two lamps", "lamp unstated"],
 )
-def test_no_spectrum_is_made_up(tmp_path, seen):
+def test_no_spectrum_is_made_up(seen):
     material = estimate(np.ones(3), (ERROR,) * 3)
-    assert not write_body_spectra(tmp_path / "body_spectra.json", seen, measured(material))
+    assert body_spectra(seen, [material]) == {}
     unknown = replace(material, standard_error={"body_colour": None})
-    assert not write_body_spectra(tmp_path / "body_spectra.json", capture(RESPONSE, LAMP), measured(unknown))
-    assert not (tmp_path / "body_spectra.json").exists()
+    assert body_spectra(capture(RESPONSE, LAMP), [unknown]) == {}

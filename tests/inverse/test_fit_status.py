@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import Status
 from hagoromo.measurement.gloss import gloss_law, gloss_spread, pixel_gloss
 from hagoromo.measurement.gloss.gloss_record import with_gloss
-from hagoromo.measurement.known_shape import measure
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material import albedo_variation, interval, material_fit
 from hagoromo.measurement.normals import photometric_fit, pixel_fit
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
@@ -45,15 +45,15 @@ def worn():
 
 
 def test_a_material_s_fit_that_does_not_come_to_rest_is_an_error(glossy, monkeypatch):
-    assert (measure(glossy, labels=ALL, n=N).materials[0].convergence or {})["status"] == "converged"
+    assert (measure_known_shape(glossy, labels=ALL, n=N).materials[0].convergence or {})["status"] == "converged"
     monkeypatch.setattr(material_fit, "MATERIAL_FIT_ROUNDS", 1)
     with pytest.raises(InputError, match=r"material 1: the fit still moves by .* after 1 rounds: mask"):
-        measure(glossy, labels=ALL, n=N)
+        measure_known_shape(glossy, labels=ALL, n=N)
 
 
 def test_a_profile_that_does_not_converge_is_remarked_and_read_back(glossy, monkeypatch, tmp_path):
     monkeypatch.setattr(interval, "minimise", lambda objective, theta, free: minimise(objective, theta, free, 0))
-    material = measure(glossy, labels=ALL).materials[0]
+    material = measure_known_shape(glossy, labels=ALL).materials[0]
     assert any("did not converge at" in remark for remark in material.remarks)
     again = read_materials(write_materials([material], tmp_path / "materials.json"))[0]
     assert again.convergence == material.convergence and again.remarks == material.remarks
@@ -66,13 +66,13 @@ def test_a_texture_whose_fit_fails_is_remarked(monkeypatch):
     painted = [replace(p, values=(p.values * paint).astype(np.float32)) for p in capture.photographs]
     capture = replace(capture, photographs=tuple(painted))
     monkeypatch.setattr(albedo_variation, "TEXTURE_FIT_ROUNDS", 1)
-    material = measure(capture, labels=ALL, n=N).materials[0]
+    material = measure_known_shape(capture, labels=ALL, n=N).materials[0]
     assert (material.texture or {})["per_pixel"] is False
     assert any("one colour was fitted to all: the fit of each pixel's body still moves" in r for r in material.remarks)
 
 
 def test_pixels_whose_gloss_does_not_converge_are_counted(worn, monkeypatch):
-    material = measure(worn, labels=ALL, n=N).materials[0]
+    material = measure_known_shape(worn, labels=ALL, n=N).materials[0]
     monkeypatch.setattr(pixel_gloss, "PIXEL_GLOSS_STEPS", 0)
     monkeypatch.setattr(gloss_law, "GLOSS_LAW_STEPS", 1)
     monkeypatch.setattr(gloss_spread, "SHARED_GLOSS_STEPS", 1)

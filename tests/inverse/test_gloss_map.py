@@ -11,7 +11,7 @@ from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_spread import gloss_spread
 from hagoromo.measurement.gloss.lobes import Lobes
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit
-from hagoromo.measurement.known_shape import measure, write_measurement
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.observations import Pixels, known_shape, observed
 from hagoromo.reflectance.material.materials_file import read_materials
 from tests.inverse.simulated_ball import FULL_WELL, Truth, simulate
@@ -45,7 +45,7 @@ def even(seed, count=24, full_well=FULL_WELL):
 @pytest.fixture(scope="module")
 def worn():
     capture = ball(BETA, GAMMA, 1)
-    return capture, measure(capture, labels=ALL, n=N)
+    return capture, measure_known_shape(capture, labels=ALL, n=N)
 
 
 def all_of(capture):
@@ -133,21 +133,21 @@ def test_even_gloss_gives_no_maps(count, full_well):
 
 
 def test_even_gloss_is_said_to_be_one_and_few_lamps_are_not_asked():
-    (material,), maps = gloss_map(even(7, 12), ALL, measure(even(7, 12), labels=ALL).materials)
+    (material,), maps = gloss_map(even(7, 12), ALL, measure_known_shape(even(7, 12), labels=ALL).materials)
     assert maps is None and material.gloss is not None and material.gloss["per_pixel"] is False
-    measured = measure(even(7, 3), labels=ALL)
+    measured = measure_known_shape(even(7, 3), labels=ALL)
     assert measured.materials[0].gloss is None
     assert measured.body is not None and measured.body.gloss is None
 
 
 def test_maps_are_written_shown_and_the_file_reads_back(worn, tmp_path):
     capture, found = worn
-    home = write_measurement(found, tmp_path / "out")
+    home = found.save(tmp_path / "out")
     channels, _ = read_exr(home / "gloss.exr")
     assert set(channels) == {"beta", "gamma", "error.beta", "error.gamma"}
     np.testing.assert_allclose(channels["gamma"], np.nan_to_num(found.body.gloss.gamma), rtol=1e-6)
     assert read_materials(home / "materials.json")[0].gloss == found.materials[0].gloss
-    write_measure_report(tmp_path / "report.html", capture, found)
+    write_measure_report(tmp_path / "report.html", replace(found, capture=capture))
     assert "Gloss over the surface" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
@@ -188,5 +188,5 @@ def test_a_lobe_of_another_shape_is_no_variation(monkeypatch):
 
     monkeypatch.setattr(simulated_ball, "reflected", heavy_tailed)
     for count in (6, 12, 24):
-        (material,) = measure(even(9, count), labels=ALL, n=N).materials
+        (material,) = measure_known_shape(even(9, count), labels=ALL, n=N).materials
         assert material.gloss is not None and material.gloss["per_pixel"] is False

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
-from hagoromo.measurement.known_shape import measure
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.observations import known_shape
 from tests.inverse.simulated_ball import LAMPS, Truth, reflected, simulate
@@ -32,7 +32,7 @@ def test_two_glosses_of_one_colour_are_two_materials(other):
 def test_both_are_measured():
     """γ of each within 3 %: pixels of the border that carry the other's label are outliers of the fit."""
     truths = (RED, replace(RED, gamma=0.3))
-    found = sorted(measure(simulate(truths, 6, SIZE, LEFT, SEVEN)).materials, key=lambda one: one.gamma)
+    found = sorted(measure_known_shape(simulate(truths, 6, SIZE, LEFT, SEVEN)).materials, key=lambda one: one.gamma)
     assert [one.gamma for one in found] == pytest.approx([0.15, 0.3], rel=0.03)
 
 

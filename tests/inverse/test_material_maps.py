@@ -8,7 +8,7 @@ import pytest
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.least_squares import HUBER
-from hagoromo.measurement.known_shape import measure, write_measurement
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.textured_objective import TexturedObjective
 from hagoromo.measurement.observations import known_shape, observations
@@ -40,7 +40,7 @@ def dappled(seed, width):
 @pytest.fixture(scope="module")
 def measured():
     capture, shade, bodies = dappled(1, 0.1)
-    return capture, measure(capture, labels=ALL), shade, bodies
+    return capture, measure_known_shape(capture, labels=ALL), shade, bodies
 
 
 def test_elimination_of_the_bodies_has_the_gradient_of_its_cost():
@@ -72,7 +72,7 @@ def test_body_that_varies_is_measured_pixel_by_pixel_and_the_gloss_with_it(measu
 
 
 def test_one_colour_stays_one():
-    (material,) = measure(simulate([RED], 3, SIZE, angles=ANGLES), labels=ALL).materials
+    (material,) = measure_known_shape(simulate([RED], 3, SIZE, angles=ANGLES), labels=ALL).materials
     assert material.texture is not None
     assert material.texture["per_pixel"] is False and material.texture["log_evidence"] < 0
 
@@ -91,7 +91,7 @@ def test_photograph_is_parted_into_body_and_interface(measured):
 
 def test_maps_are_written_and_the_file_reads_back(measured, tmp_path):
     _, found, _, _ = measured
-    home = write_measurement(found, tmp_path / "out")
+    home = found.save(tmp_path / "out")
     channels, _ = read_exr(home / "body.exr")
     assert set(channels) == {"R", "G", "B", "error.R", "error.G", "error.B"}
     np.testing.assert_allclose(channels["G"], np.nan_to_num(found.body.value[..., 1]), rtol=1e-6)
@@ -103,7 +103,7 @@ def test_maps_are_written_and_the_file_reads_back(measured, tmp_path):
 
 def test_gloss_that_is_clipped_everywhere_is_not_told():
     """The brightest value is 3.5 times what the well holds; α is in its interval, and nothing else is claimed."""
-    (found,) = measure(simulate([RED], 6, metered=3.5), labels=np.zeros((61, 61), int)).materials
+    (found,) = measure_known_shape(simulate([RED], 6, metered=3.5), labels=np.zeros((61, 61), int)).materials
     assert found.identifiable == {"alpha": True, "beta": False, "gamma": False, "n": False}
     assert found.interval_95["specular_albedo"] == (0.0, 1.0) and found.standard_error["gamma"] is None
     low, high = found.interval_95["alpha"]
@@ -117,10 +117,10 @@ def test_light_that_is_cut_off_without_a_mask_is_found():
     inside = known_shape(capture)
     cut = tuple(replace(p, values=np.minimum(p.values, 0.8 * p.values.max()), mask=inside) for p in capture.photographs)
     with pytest.warns(UserWarning, match="taken for clipped"):
-        (found,) = measure(replace(capture, photographs=cut), labels=np.zeros((61, 61), int)).materials
+        (found,) = measure_known_shape(replace(capture, photographs=cut), labels=np.zeros((61, 61), int)).materials
     assert not found.identifiable["gamma"] and any("highlights are clipped" in remark for remark in found.remarks)
 
 
 def test_a_body_that_is_clipped_is_refused_with_what_to_do():
     with pytest.raises(InputError, match="clipped: expose shorter"):
-        measure(simulate([RED], 6, metered=12.0), labels=np.zeros((61, 61), int))
+        measure_known_shape(simulate([RED], 6, metered=12.0), labels=np.zeros((61, 61), int))

@@ -15,7 +15,7 @@ from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.least_squares import TUKEY
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.known_shape import measure, write_measurement
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.quantity import theta_of
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.observations import Pixels, known_shape, observations
@@ -61,7 +61,7 @@ def test_gradient_of_the_fit_is_that_of_its_cost(ball):
 def test_prediction_is_the_light_of_the_simulation():
     """With 1e12 electrons the noise is 1e-6 and nothing but the two transcriptions of eq. (2)–(6) can differ."""
     capture = simulate([RED], 3, full_well=1e12)
-    measured = measure(capture)
+    measured = measure_known_shape(capture)
     for photograph, predicted in zip(capture.photographs, measured.predicted, strict=True):
         lit = photograph.mask & np.isfinite(predicted[..., 0])
         np.testing.assert_allclose(predicted[lit], photograph.values[lit], atol=2e-5 * photograph.values.max())
@@ -69,7 +69,7 @@ def test_prediction_is_the_light_of_the_simulation():
 
 def test_two_materials_are_told_apart_and_measured_under_a_lamp_of_unknown_colour(two_balls_in_one):
     """Labels: all but a tenth of a per cent of the lit pixels, as two rows at the border may carry either."""
-    measured = measure(two_balls_in_one, colour_from_highlights=True)
+    measured = measure_known_shape(two_balls_in_one, colour_from_highlights=True)
     assert len(measured.materials) == 2
     red = 0 if measured.materials[0].body_colour[0] > 1 else 1
     lit = measured.labels >= 0
@@ -84,12 +84,12 @@ def test_two_materials_are_told_apart_and_measured_under_a_lamp_of_unknown_colou
 
 def test_lamp_colour_is_not_made_up(ball):
     with pytest.raises(InputError, match="only 1 material"):
-        measure(ball, colour_from_highlights=True)
+        measure_known_shape(ball, colour_from_highlights=True)
 
 
 def test_matte_ball_tells_nothing_of_its_interface():
     matte = replace(RED, beta=0.0)
-    (found,) = measure(simulate([matte], 4)).materials
+    (found,) = measure_known_shape(simulate([matte], 4)).materials
     assert found.identifiable == {"alpha": True, "beta": False, "gamma": False, "n": False}
     assert found.beta == 0.0 and found.standard_error["beta"] is None
     assert found.interval_95["specular_albedo"][1] < 1e-3 * math.pi * found.alpha
@@ -99,7 +99,7 @@ def test_matte_ball_tells_nothing_of_its_interface():
 
 def test_one_lamp_does_not_tell_n_and_the_interval_of_beta_says_so(ball):
     one = replace(ball, photographs=ball.photographs[:1])
-    (free,), (given,) = measure(one).materials, measure(one, n=1.5).materials
+    (free,), (given,) = measure_known_shape(one).materials, measure_known_shape(one, n=1.5).materials
     assert free.identifiable == {"alpha": True, "beta": False, "gamma": True, "n": False}
     assert free.n == 1.5 and "n is not told" in free.remarks[0]
     assert free.interval_95["beta"][0] < RED.beta / 2 and free.interval_95["beta"][1] > RED.beta * 2
@@ -116,7 +116,8 @@ def test_gross_outliers_do_not_move_alpha(ball, kind):
         bad, top = random.random(values.shape[:2]) < 0.05, values.max()
         values[bad] = {"bright": 2 * top, "black": 0, "any": random.uniform(0, top, (bad.sum(), 3))}[kind]
         photographs.append(replace(photograph, values=values))
-    (found,) = measure(replace(ball, photographs=tuple(photographs)), labels=np.zeros((61, 61), int)).materials
+    labels = np.zeros((61, 61), int)
+    (found,) = measure_known_shape(replace(ball, photographs=tuple(photographs)), labels=labels).materials
     assert found.alpha == pytest.approx(RED.alpha, rel=0.01)
     assert close(found, RED)
     assert "beyond 6 standard deviations" in found.remarks[0]
@@ -124,7 +125,7 @@ def test_gross_outliers_do_not_move_alpha(ball, kind):
 
 def test_saturated_highlights_do_not_bias_what_is_left():
     """The brightest value is 1.5 times what the well holds: the middle of a highlight is lost, its flanks tell."""
-    (found,) = measure(simulate([RED], 6, metered=1.5), labels=np.zeros((61, 61), int)).materials
+    (found,) = measure_known_shape(simulate([RED], 6, metered=1.5), labels=np.zeros((61, 61), int)).materials
     assert close(found, RED) and found.identifiable["gamma"]
 
 
@@ -132,7 +133,8 @@ def test_lacking_model_is_said_and_widens_the_intervals(ball):
     """A texture of 5 % that no parameter can follow: it is found as the model error and the errors grow with it."""
     texture = 1 + 0.05 * np.random.default_rng(7).standard_normal((61, 61, 1)).astype(np.float32)
     rough = [replace(photograph, values=photograph.values * texture) for photograph in ball.photographs]
-    (found,), (smooth,) = measure(replace(ball, photographs=tuple(rough))).materials, measure(ball).materials
+    (found,) = measure_known_shape(replace(ball, photographs=tuple(rough))).materials
+    (smooth,) = measure_known_shape(ball).materials
     assert "model error of" in found.remarks[0] and found.chi_square > 10
     assert found.standard_error["alpha"] > 10 * smooth.standard_error["alpha"]
     assert close(found, RED, ["alpha", "gamma"])
@@ -146,7 +148,7 @@ def test_several_lamps_in_a_photograph(ball):
         one, other = singles[a], singles[b]
         pairs.append(replace(one, values=one.values + other.values, variance=one.variance + other.variance,
                              mask=one.mask & other.mask, lamps=one.lamps + other.lamps))  # fmt: skip
-    (found,) = measure(replace(ball, photographs=tuple(pairs)), labels=np.zeros((61, 61), int)).materials
+    (found,) = measure_known_shape(replace(ball, photographs=tuple(pairs)), labels=np.zeros((61, 61), int)).materials
     assert close(found, RED) and all(found.identifiable.values())
 
 
@@ -160,7 +162,7 @@ def test_only_samples_that_the_mosaic_measured_are_fitted(ball):
         mask, native = developed.valid & photograph.mask, native_channels(metered, 61, 61)
         photographs.append(replace(photograph, values=developed.values, variance=developed.variance, mask=mask,
                                    native=native))  # fmt: skip
-    (found,) = measure(replace(ball, photographs=tuple(photographs))).materials
+    (found,) = measure_known_shape(replace(ball, photographs=tuple(photographs))).materials
     assert close(found, RED)
     assert found.chi_square == pytest.approx(1, abs=0.08)
 
@@ -187,7 +189,7 @@ def test_shades_of_one_colour_are_one_material():
 
 def test_reflectance_looks_to_the_camera_as_the_material_does(ball):
     """ρ of the spectrum built is b_c times the camera's reading of the lamp, to rounding: eq. (10) solved exactly."""
-    (found,) = measure(ball).materials
+    (found,) = measure_known_shape(ball).materials
     response, lamp = Response.load("canon_eos_300d"), Spectrum.named("A")
     reflectance = found.reflectance(response, lamp, "cylinder")
     seen = camera_response(reflectance.body_colour, lamp, response)
@@ -196,14 +198,14 @@ def test_reflectance_looks_to_the_camera_as_the_material_does(ball):
 
 
 def test_colour_without_a_spectrum_is_refused(ball):
-    (found,) = measure(ball).materials
+    (found,) = measure_known_shape(ball).materials
     with pytest.raises(InputError, match="no smooth spectrum"):
         replace(found, body_colour=(2.9, 0.05, 0.05)).reflectance(Response.load("canon_eos_300d"))
 
 
 def test_materials_are_read_as_they_were_written(tmp_path, two_balls_in_one):
-    glossy = measure(two_balls_in_one, labels=HALVES).materials
-    matte = measure(simulate([replace(RED, beta=0.0)], 13)).materials
+    glossy = measure_known_shape(two_balls_in_one, labels=HALVES).materials
+    matte = measure_known_shape(simulate([replace(RED, beta=0.0)], 13)).materials
     path = write_materials((*glossy, *matte), tmp_path / "materials.json")
     assert read_json(path)[2]["interval_95"]["beta"] == [0.0, None]
     for read, written in zip(read_materials(path), (*glossy, *matte), strict=True):
@@ -223,27 +225,27 @@ def test_materials_are_read_as_they_were_written(tmp_path, two_balls_in_one):
     ],
 )
 def test_broken_materials_are_refused(tmp_path, ball, change, message):
-    path = write_materials(measure(ball).materials, tmp_path / "materials.json")
+    path = write_materials(measure_known_shape(ball).materials, tmp_path / "materials.json")
     write_json(path, [{**read_json(path)[0], **change}])
     with pytest.raises(InputError, match=message):
         read_materials(path)
 
 
 def test_measurement_is_written_whole(tmp_path, ball):
-    measured = measure(ball)
-    folder = write_measurement(measured, tmp_path / "measured")
+    measured = measure_known_shape(ball)
+    folder = measured.save(tmp_path / "measured")
     assert read_materials(folder / "materials.json")[0].pixels == measured.materials[0].pixels
     normals = read_exr(folder / "normals.exr")[0]
     np.testing.assert_array_equal(np.stack([normals[f"N.{axis}"] for axis in "XYZ"], axis=-1), measured.normals)
     np.testing.assert_array_equal(read_png(folder / "labels.png"), measured.labels + 1)
     assert len(list(folder.glob("residual_*.png"))) == len(LAMPS)
     with pytest.raises(InputError, match="exists"):
-        write_measurement(measured, folder)
+        measured.save(folder)
 
 
 def test_progress_runs_from_0_to_1(ball):
     shares = []
-    measure(ball, progress=lambda share, step="": shares.append(share))
+    measure_known_shape(ball, progress=lambda share, step="": shares.append(share))
     assert shares[0] == 0 and shares[-1] == 1 and shares == sorted(shares)
 
 
@@ -265,5 +267,5 @@ def test_bad_captures_are_refused_in_one_line(ball):
     ]
     for capture, options, message in cases:
         with pytest.raises(InputError, match=message) as refused:
-            measure(capture, **options)
+            measure_known_shape(capture, **options)
         assert "\n" not in str(refused.value)

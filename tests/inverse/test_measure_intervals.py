@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hagoromo.measurement.known_shape import measure
+from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.lamp_colour import lamp_colour
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.judges import intervals_hold, mean_is
@@ -31,7 +31,7 @@ def measured(count, size, first_seed):
         random = np.random.default_rng(seed)
         truth, full_well = drawn(random), np.exp(random.uniform(np.log(1_000), np.log(45_000)))
         capture = simulate([truth], seed, size=size, full_well=full_well)
-        (found,) = measure(capture, labels=np.zeros((size, size), int)).materials
+        (found,) = measure_known_shape(capture, labels=np.zeros((size, size), int)).materials
         for key in PARAMETERS:
             if found.identifiable[key]:
                 low, high = found.interval_95[key]
@@ -78,7 +78,9 @@ def test_weights_do_not_pull_towards_low_values():
     errors = []
     for seed in range(40):
         truth = drawn(np.random.default_rng(seed))
-        (found,) = measure(simulate([truth], seed, full_well=150), labels=np.zeros((61, 61), int), n=truth.n).materials
+        (found,) = measure_known_shape(
+            simulate([truth], seed, full_well=150), labels=np.zeros((61, 61), int), n=truth.n
+        ).materials
         errors.append((found.alpha - truth.alpha) / found.standard_error["alpha"])
     assert mean_is(errors, 0.0, significance=0.003)
 

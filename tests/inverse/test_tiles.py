@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hagoromo.app import measure_large
-from hagoromo.app.measure_capture import Known, measure_capture
+import hagoromo as hg
 from hagoromo.files.exr import read_exr
+from hagoromo.measurement.surface import large_capture
 from hagoromo.measurement.surface import tile_store as store_module
 from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.photograph.capture import Capture, save_capture
@@ -72,10 +72,10 @@ def test_measure_solves_large_photographs_in_tiles(small_tiles, tmp_path, monkey
 
     A coarse pixel is 7 mm wide here, and only the coarse photographs tell the depth: it is told to within one.
     """
-    monkeypatch.setattr(measure_large, "LARGEST_CAPTURE_BYTES", 0)
+    monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0)
     capture, truth = simulate(ring_rig(120, 96, 8), sphere, Look(0.3), bits=10)
     save_capture(capture, tmp_path / "capture")
-    measure_capture(tmp_path / "capture", tmp_path / "out", Known(distance=1.03 * SURFACE_DISTANCE))
+    hg.measure(tmp_path / "capture", distance=1.03 * SURFACE_DISTANCE, scratch=tmp_path).save(tmp_path / "out")
     normals, points = (read_exr(tmp_path / "out" / f"{what}.exr")[0] for what in ("normals", "points"))
     found = np.stack([normals[f"N.{axis}"] for axis in "XYZ"], axis=2)
     known = np.linalg.norm(found, axis=2) > 0.5
@@ -83,4 +83,4 @@ def test_measure_solves_large_photographs_in_tiles(small_tiles, tmp_path, monkey
     off = np.degrees(np.arccos(np.clip(np.sum(found * truth.normals, axis=2)[known], -1.0, 1.0)))
     assert off.mean() < 1.5
     assert np.median(np.abs(points["P.Z"] - truth.points[..., 2])[known]) < 0.007
-    assert [path.name for path in (tmp_path / "out").glob(".tiles*")] == []
+    assert list(tmp_path.rglob(".tiles*")) == []

@@ -41,13 +41,15 @@ class Parts:
 
 @dataclass(frozen=True, eq=False)
 class BodyMap:
-    """α c_b (h, w, C) [1/sr] and its standard error, NaN where unknown; the materials and their labels (h, w).
+    """Body colour of each pixel: value, α c_b (h, w, C) [1/sr], NaN or 0 where unknown.
 
+    error: its standard error (h, w, C), NaN where unknown; None where the colours were solved together with the shape,
+    which gives none. materials; labels: (h, w) index into them. white: (C,) colour of the lamps where it was measured.
     gloss: of each pixel, where it varies.
     """
 
-    value: Array
-    error: Array
+    value: Array | NDArray[np.float32]
+    error: Array | None
     materials: tuple[MaterialEstimate, ...]
     labels: NDArray[np.integer]
     white: Array | None = None
@@ -71,9 +73,9 @@ class BodyMap:
         return Parts(body, interface, light)
 
     def channels(self, names: Sequence[str]) -> dict[str, NDArray[np.float32]]:
-        """As an EXR has it: each channel and its standard error, 0 where unknown."""
+        """Channels of an EXR: each colour channel and, where known, its standard error; 0 where unknown."""
         both = (("", self.value), ("error.", self.error))
-        parts = {f"{of}{name}": one[..., k] for of, one in both for k, name in enumerate(names)}
+        parts = {f"{of}{name}": one[..., k] for of, one in both if one is not None for k, name in enumerate(names)}
         return {name: np.where(np.isfinite(one), one, 0.0).astype(np.float32) for name, one in parts.items()}
 
 

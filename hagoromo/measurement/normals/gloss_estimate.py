@@ -9,8 +9,8 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares import Status
-from hagoromo.measurement.known_shape import Measurement
 from hagoromo.measurement.material.quantity import log_albedo, theta_of
+from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.shading import N

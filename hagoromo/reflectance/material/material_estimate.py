@@ -1,4 +1,4 @@
-"""MaterialEstimate: the measured parameters of a material, their uncertainty, and which of them are known at all."""
+"""MaterialEstimate: the measured parameters of a material, their uncertainty, and which of them are identifiable."""
 
 from __future__ import annotations
 
@@ -11,25 +11,29 @@ import numpy as np
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.reflectance.material.material_html import decimals, materials_html
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
+LONGEST_PRINTED_NAME = 40  # characters of a name that `repr` shows
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MaterialEstimate:
-    """One material of a capture.
+    """One measured material of a capture.
 
-    pixels: how many carry its label. body_colour: per channel, mean 1. interface_colour: per channel. alpha, beta
-    [1/sr], gamma [rad], n: see `torrance_sparrow`. specular_albedo: ∫ of the interface part, seen along the normal.
+    pixels: number of pixels with its label. body_colour: one value per channel, of mean 1. interface_colour: one value
+    per channel. alpha [1/sr], beta [1/sr], gamma [rad], n: see `torrance_sparrow`. specular_albedo: integral of the
+    interface part over all directions, for light along the normal.
     standard_error, interval_95: of each of these, None where there is none; body_colour has one per channel.
-    correlation: between PARAMETERS (4, 4), None where one of them was not estimated.
-    identifiable: whether the photographs tell the parameter; where not, its value is a stated choice (see `remarks`).
+    correlation: (4, 4) between PARAMETERS, None where one of the two was not estimated.
+    identifiable: whether the photographs determine the parameter; where they do not, its value is a stated choice (see
+    `remarks`).
     chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
-    `LackOfFit.record` gives it; texture: whether the body colour varies over the pixels, as `Texture.record` gives it;
-    gloss: whether β and γ do, with the standard deviations of ln β and ln γ. None where there is too little to tell.
+    `LackOfFit.record` gives it. texture: whether the body colour varies over the pixels. gloss: whether β and γ vary,
+    with the standard deviations of ln β and ln γ. Each of these three is None where the data are too few for the test.
     convergence: how the fit ended, as `FitStatus.record` gives it; None where that is not known.
     """
 
@@ -54,14 +58,30 @@ class MaterialEstimate:
     gloss: Mapping[str, Any] | None = None
     convergence: Mapping[str, Any] | None = None
 
+    def __repr__(self) -> str:
+        name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
+        return f"MaterialEstimate({name!r}, {', '.join(self._parameter(key) for key in PARAMETERS)})"
+
+    def _repr_html_(self) -> str:
+        return materials_html([self])
+
+    def _parameter(self, key: str) -> str:
+        """`alpha=0.2013 ± 0.0004`; a parameter that is not identifiable says so."""
+        error = self.standard_error.get(key)
+        digits = decimals(error)
+        spread = "" if error is None else f" ± {error:.{digits}f}"
+        return f"{key}={getattr(self, key):.{digits}f}{spread}" + (
+            "" if self.identifiable.get(key) else " (not identifiable)"
+        )
+
     def reflectance(
         self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None
     ) -> Reflectance:
-        """The reflectance with a smooth spectrum that this camera sees as `body_colour` under this lamp.
+        """The reflectance whose smooth body spectrum gives `body_colour` in this camera under this lamp.
 
         The spectrum is Σ q_j B_j of `smooth_rgb_basis`, with q solved exactly from Σ_j q_j ∫B_j E R_c = b_c ∫E R_c.
-        Without `response` the channels are taken for the basis itself. `InputError` for other than three channels, a
-        colour that no such spectrum has, or a reflectance that breaks energy conservation.
+        Without `response` the channels are taken as the coefficients of the basis. `InputError` for other than three
+        channels, a colour that no such spectrum has, or a reflectance that breaks energy conservation.
         """
         if len(self.body_colour) != 3:
             raise InputError(f"material {self.name!r} has {len(self.body_colour)} channels: a spectrum needs three")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.relight.relit import PREDICTIONS, RELIEF_RIM_PX, Relit
 from hagoromo.app.report.page import page_picture, write_page
+from hagoromo.image.relight.prediction import PREDICTIONS, RELIEF_RIM_PX, Prediction
+from hagoromo.image.relight.relighting import Relighting
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo_figures.demo.plots import panels
 from hagoromo_figures.demo.report_pictures import around
@@ -23,33 +23,35 @@ SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
 PHOTOGRAPH_WIDTH_PX = 320  # px, of a small photograph on the page
 
 
-def write_relight_page(path: Path, name: str, measured: int, results: Sequence[Relit]) -> None:
-    """Write the page to `path`. measured: number of photographs that the surface was measured from."""
+def write_relight_page(path: Path, relighting: Relighting) -> None:
+    """Write the page to `path`: one self-contained HTML file."""
+    capture = relighting.measurement.capture
+    assert capture is not None  # `relight` measured it
     write_page(
         path,
         "relight.html.j2",
-        name=name,
-        measured=measured,
+        name=capture.name,
+        measured=len(capture.photographs),
         rim=RELIEF_RIM_PX,
-        rows=[row for one in results for row in _rows(one)],
-        photographs=[_photograph(one) for one in results],
+        rows=[row for one in relighting.predictions for row in _rows(one)],
+        photographs=[_photograph(one) for one in relighting.predictions],
     )
 
 
-def _rows(one: Relit) -> list[list[str]]:
+def _rows(one: Prediction) -> list[list[str]]:
     rows = []
-    for key, scores in one.compared.items():
+    for key, compared in one.compared.items():
         worst = np.percentile(_delta_e(one, key)[one.mask], 95)
-        psnr = "∞" if scores["psnr"] is None else f"{scores['psnr']:.1f}"
-        figures = [f"{100 * scores['relative_rmse']:.1f} %", f"{scores['delta_e_2000']:.2f}", f"{worst:.2f}", psnr]
-        rows.append([one.name, PREDICTIONS[key], *figures, f"{scores['ssim']:.3f}", str(scores["pixels"])])
+        psnr = "∞" if compared.psnr is None else f"{compared.psnr:.1f}"
+        figures = [f"{100 * compared.relative_rmse:.1f} %", f"{compared.delta_e_2000:.2f}", f"{worst:.2f}", psnr]
+        rows.append([one.name, PREDICTIONS[key], *figures, f"{compared.ssim:.3f}", str(compared.pixels)])
     return rows
 
 
-def _photograph(one: Relit) -> dict[str, Any]:
+def _photograph(one: Prediction) -> dict[str, Any]:
     crop = around(one.mask)
     shown = [
-        page_picture(_enlarged(one.photograph[crop]), f"photograph {one.name}", "photograph, kept aside", lossless=True)
+        page_picture(_enlarged(one.photograph[crop]), f"photograph {one.name}", "photograph, held out", lossless=True)
     ]
     shown += [
         page_picture(
@@ -81,7 +83,7 @@ def _enlarged(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
     return srgb_encode(linear).repeat(times, axis=0).repeat(times, axis=1)
 
 
-def _delta_e(one: Relit, key: str) -> NDArray[np.float64]:
+def _delta_e(one: Prediction, key: str) -> NDArray[np.float64]:
     a, b = (np.clip(values, 0.0, None) for values in (one.predictions[key], one.photograph))
     return np.where(one.mask, delta_e_2000(a, b), 0.0)
 

@@ -1,4 +1,4 @@
-"""Stage: the measured surface of a capture as the recipe of a volume box, ready for scenes under any lamp."""
+"""Stage: the measured surface of a capture as the recipe of a volume box, for scenes under any lamp."""
 
 from __future__ import annotations
 
@@ -30,30 +30,38 @@ RAYS_PER_PIXEL = 4  # rays a pixel
 MARCH_TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
 BASIS_BANDS_NM = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
-LEAST_DIM = 1e-6  # of `dim`: what breaks energy conservation even then is no reflectance
+LEAST_DIM = 1e-6  # least `dim` that is tried: a reflectance that does not conserve energy even then is refused
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Stage:
-    """home: the folder. relief, materials: of the surface. camera: that saw it. spectrum: of the lamps it was measured
-    under; None where that, or the camera's response, is not known: what light a channel reads is then all that is, and
-    the basis of body colours stands for the channels. dim: what the reflectances of the recipe are times.
+    """The measured surface as the recipe of a volume box.
+
+    relief, materials: of the surface. camera: of the photographs that were measured. spectrum: of their lamps; None
+    where that or the response of the camera is not known: body colours are then on one basis spectrum per channel.
+    dim: factor that makes the reflectances of the recipe conserve energy; lamps are divided by it.
     """
 
-    home: Path
     relief: Relief
     materials: tuple[MaterialEstimate, ...]
     camera: Camera
     spectrum: Spectrum | None
     dim: float
 
-    def write_scene(self, photograph: Photograph, number: int) -> Path:
-        """The scene of a photograph."""
+    def __repr__(self) -> str:
+        height, width = self.relief.labels.shape
+        return f"Stage({width} × {height} px, {len(self.materials)} materials, dim {self.dim:g})"
+
+    def write_scene(self, photograph: Photograph, number: int, home: Path) -> Path:
+        """Write the scene of a photograph, and the response of its camera, to the folder `home`; its path."""
         camera = photograph.camera
         response = basis_camera() if self.spectrum is None else camera.response
         if response is None:
-            raise InputError(f"photograph {photograph.name!r} is of a camera of unknown response, the measured are not")
-        _write_response(self.home / f"response_{number:02d}.csv", response)
+            raise InputError(
+                f"photograph {photograph.name!r} is of a camera of unknown response, unlike those that were measured: "
+                "give its response"
+            )
+        _write_response(home / f"response_{number:02d}.csv", response)
         scene = {
             "camera": {
                 "size": [camera.width, camera.height], "focal": list(camera.focal),
@@ -64,22 +72,27 @@ class Stage:
             "box": [{"recipe": RELIEF_RECIPE}],
             "render": {"samples": RAYS_PER_PIXEL, "tolerance": MARCH_TOLERANCE},
         }  # fmt: skip
-        path = self.home / f"scene_{number:02d}.toml"
+        path = home / f"scene_{number:02d}.toml"
         path.write_text(_toml(scene), encoding="utf-8")
         return path
 
-    def write_recipe(self) -> None:
-        """The recipe of the surface's skin."""
+    def write_into(self, home: Path) -> None:
+        """Write the recipe of the volume box, with its camera and response, to the folder `home`."""
+        write_views(home / "camera.json", {"photograph": self.camera}, "nerfstudio")
         recipe: dict[str, Any] = {"kind": "relief", "measured": "measured", "camera": "camera.json", "dim": self.dim}
         if self.spectrum is not None:
+            assert self.camera.response is not None  # as the spectrum is known
+            _write_response(home / "response.csv", self.camera.response)
             recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
-        (self.home / RELIEF_RECIPE).write_text(_toml(recipe), encoding="utf-8")
+        (home / RELIEF_RECIPE).write_text(_toml(recipe), encoding="utf-8")
 
     def _lamp(self, lamp: Lamp, response: Response | None) -> dict[str, Any]:
-        """The record of a lamp that makes up for `dim`; it reads in the basis's bands as it did in the channels."""
+        """The record of a lamp, divided by `dim`; without a known spectrum, one band of light for each channel."""
         if self.spectrum is not None:
             if isinstance(lamp.intensity, tuple):
-                raise InputError(f"lamp {lamp.name!r} has an intensity per channel, the measured ones have a spectrum")
+                raise InputError(
+                    f"lamp {lamp.name!r} has an intensity per channel, the measured lamps have a spectrum: give one"
+                )
             return record_from_lamp(replace(lamp, intensity=lamp.intensity / self.dim))
         reads = np.broadcast_to(lamp.intensity, 3) * (
             1.0 if response is None else camera_white(lamp.spectrum, response)
@@ -88,8 +101,8 @@ class Stage:
         return record_from_lamp(replace(lamp, intensity=1.0 / self.dim, spectrum=Spectrum(*zip(*knots, strict=True))))
 
 
-def fill_stage(capture: Capture, home: Path) -> Stage:
-    """Write camera, response and recipe of the surface that stands in home/measured, of `capture`.
+def make_stage(capture: Capture, measured: Path) -> Stage:
+    """The stage of the surface that `Measurement.write_into` wrote to the folder `measured`, of `capture`.
 
     `InputError` for photographs of other than three channels.
     """
@@ -98,21 +111,16 @@ def fill_stage(capture: Capture, home: Path) -> Stage:
     if channels != 3:
         raise InputError(f"the photographs have {channels} channels: a body colour in a box needs three")
     spectrum = _spectrum(capture)
-    relief, materials = read_relief(home / "measured")
+    relief, materials = read_relief(measured)
     basis = smooth_rgb_basis() if spectrum is None else body_basis(camera.response, spectrum)
     dim = 1.0
-    while dim > LEAST_DIM and not _possible(materials, basis, dim):
+    while dim > LEAST_DIM and not _conserves_energy(materials, basis, dim):
         dim *= 0.5
-    stage = Stage(home, relief, materials, camera, spectrum, dim)
-    write_views(home / "camera.json", {"photograph": camera}, "nerfstudio")
-    if spectrum is not None and camera.response is not None:
-        _write_response(home / "response.csv", camera.response)
-    stage.write_recipe()
-    return stage
+    return Stage(relief, materials, camera, spectrum, dim)
 
 
 def basis_camera() -> Response:
-    """A camera that reads white as 1 and the coefficients of `smooth_rgb_basis` as they are."""
+    """A camera whose values are the coefficients of `smooth_rgb_basis`; white is 1."""
     wavelengths = np.arange(400.0, 700.5, 0.5)
     bands = np.stack([(wavelengths > low) & (wavelengths < high) for low, high in BASIS_BANDS_NM], axis=1).astype(
         np.float64
@@ -140,8 +148,8 @@ def _write_response(path: Path, response: Response) -> None:
     write_table(path, {"wavelength_nm": response.wavelengths, **curves})
 
 
-def _possible(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float) -> bool:
-    """Whether the materials conserve energy."""
+def _conserves_energy(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float) -> bool:
+    """Whether the materials, times `dim`, conserve energy."""
     try:
         surface_reflectances(materials, basis, dim)
     except InputError:
@@ -150,7 +158,7 @@ def _possible(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], 
 
 
 def _toml(record: Mapping[str, Any]) -> str:
-    """TOML of a record of plain values: a line a key."""
+    """TOML of a record of plain values, one line per key."""
     return "".join(f"{key} = {_value(value)}\n" for key, value in record.items())
 
 

@@ -1,1 +1,0 @@
-"""Relight: what was measured, as volume boxes under lamps and cameras that were not in the capture."""

@@ -1,0 +1,173 @@
+"""Prediction: a photograph that was held out, and what the measured surface gives under its lamp in its camera.
+
+There are two predictions: the volume boxes, rendered with their shadows, and the reflectance on the normals, computed
+for each pixel without shadows and for the measured view only. The second shows what the boxes gain or lose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.response import camera_white, response_matrix
+from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.errors import InputError
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
+from hagoromo.image.compare import Comparison, compare
+from hagoromo.image.relight.stage import Stage
+from hagoromo.image.render import render
+from hagoromo.image.scene_file import load_scene
+from hagoromo.light.colour import srgb_encode
+from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.sight import sight
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.spectra.body_basis import body_basis
+
+RELIEF_RIM_PX = 1  # px along the edge of the relief, whose skin a ray may miss there
+PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel that is the white of the pictures
+LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared
+Array = NDArray[np.float64]
+PREDICTIONS = {"boxes": "volume boxes, rendered", "normals": "reflectance on the normals, no shadows"}
+FILE_STEMS = {"boxes": "predicted", "normals": "normals"}  # names of their files
+
+
+class PredictionRecord(ForeignRecord, frozen=True, kw_only=True):
+    """One photograph of relit.json."""
+
+    photograph: Annotated[str, about("name of the photograph that was held out")]
+    white: Annotated[float, about("value of the photograph that is white on the page and in the comparison")]
+    lamps: Annotated[list[str], about("description of each lamp")]
+    compared: Annotated[dict[str, dict[str, Any]], about("difference of each prediction from the photograph")]
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction:
+    """A photograph that was held out, and its predictions.
+
+    source: the photograph, of this name; its files have this number. photograph: (h, w, 3) linear sRGB, 1 being the
+    value `white` of the photograph; values of the camera where its response is not known. predictions: key of
+    PREDICTIONS → (h, w, 3) likewise; "normals" only for the measured view. mask: (h, w) pixels that are compared.
+    compared: key of PREDICTIONS → its difference from the photograph. lamps: description of each lamp.
+    """
+
+    name: str
+    number: int
+    source: Photograph
+    photograph: Array
+    predictions: Mapping[str, Array]
+    mask: NDArray[np.bool_]
+    compared: Mapping[str, Comparison]
+    white: float
+    lamps: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        figures = self.compared["boxes"]
+        return (
+            f"Prediction({self.name[:40]!r}: relative rmse {100 * figures.relative_rmse:.1f} %, "
+            f"ΔE00 {figures.delta_e_2000:.2f})"
+        )
+
+    def record(self) -> dict[str, Any]:
+        """Its entry in relit.json."""
+        return {
+            "photograph": self.name,
+            "white": self.white,
+            "lamps": list(self.lamps),
+            "compared": {key: figures.record() for key, figures in self.compared.items()},
+            "hagoromo": written_by(),
+        }
+
+    def write_into(self, folder: Path) -> None:
+        """Write photograph_NN, predicted_NN and normals_NN, each as EXR and PNG, and mask_NN.png."""
+        pictures = {"photograph": self.photograph} | {
+            FILE_STEMS[key]: picture for key, picture in self.predictions.items()
+        }
+        header = {"colour_space": f"linear sRGB, 1 is {self.white:g} of the photograph"}
+        for stem, picture in pictures.items():
+            path = folder / f"{stem}_{self.number:02d}.exr"
+            write_exr(path, dict(zip("RGB", np.moveaxis(picture.astype(np.float32), 2, 0), strict=True)), header)
+            write_png(path.with_suffix(".png"), srgb_encode(picture))
+        write_png(folder / f"mask_{self.number:02d}.png", self.mask.astype(np.uint8) * 255)
+
+
+def predict(stage: Stage, photograph: Photograph, number: int, home: Path) -> Prediction:
+    """Render the boxes of `stage`, whose files are in the folder `home`, as `photograph` shows them.
+
+    The scene is written to `home` under the `number` of the photograph. `InputError` for a photograph without a lamp,
+    or one that shows nothing of the surface.
+    """
+    if not photograph.lamps:
+        raise InputError(f"photograph {photograph.name!r} has no lamp: it cannot be predicted")
+    scene, settings = load_scene(stage.write_scene(photograph, number, home))
+    image = render(scene, settings)
+    response = scene.camera.response
+    assert response is not None
+    values = {"boxes": image.expose(response).astype(np.float64)}
+    mask = photograph.mask & (image.alpha > LEAST_COVERAGE)
+    of_measured_view = mask.shape == stage.relief.labels.shape and np.allclose(
+        photograph.camera.matrix, stage.camera.matrix, rtol=1e-6
+    )
+    if of_measured_view:
+        values["normals"] = _on_normals(stage, photograph)
+        mask &= stage.relief.known()
+    mask = _without_rim(mask)
+    if not mask.any():
+        raise InputError(f"photograph {photograph.name!r} shows nothing of the measured surface: check its camera")
+    matrix = _to_srgb(photograph)
+    shown = photograph.values.astype(np.float64) @ matrix.T
+    level = float(np.percentile(shown[mask].max(axis=1), PAGE_WHITE_PERCENTILE))
+    if not level > 0.0:
+        raise InputError(f"photograph {photograph.name!r} is black where the surface is: nothing can be compared")
+    shown, predictions = shown / level, {key: value @ matrix.T / level for key, value in values.items()}
+    compared = {key: compare(np.float32(one), np.float32(shown), mask, 1.0) for key, one in predictions.items()}
+    lamps = tuple(_described(lamp) for lamp in photograph.lamps)
+    return Prediction(photograph.name, number, photograph, shown, predictions, mask, compared, level, lamps)
+
+
+def _without_rim(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    from scipy.ndimage import binary_erosion
+
+    return np.asarray(binary_erosion(mask, iterations=RELIEF_RIM_PX), np.bool_)
+
+
+def _to_srgb(photograph: Photograph) -> Array:
+    """(3, 3) from the values of the photograph to linear sRGB; the identity where its response is not known."""
+    response = photograph.camera.response
+    return np.eye(3) if response is None else srgb_from_camera(response, photograph.lamps[0].spectrum)
+
+
+def _on_normals(stage: Stage, photograph: Photograph) -> Array:
+    """(h, w, 3) values by the reflectance on the normals; 0 where the surface is not known."""
+    relief, known = stage.relief, stage.relief.known()
+    values, matrix = np.zeros(photograph.values.shape), np.eye(3)
+    response, lamp = photograph.camera.response, photograph.lamps[0].spectrum
+    if stage.spectrum is not None and response is not None:  # the body under this lamp, not under the measured ones
+        basis = body_basis(stage.camera.response, stage.spectrum)
+        matrix = response_matrix(basis, lamp, response) / camera_white(lamp, response)[:, None]
+    for label, material in enumerate(stage.materials):
+        region = known & (relief.labels == label)
+        if not region.any():
+            continue
+        view = sight(photograph, relief.points[region].astype(np.float64), relief.normals[region].astype(np.float64))
+        width, index = np.array([np.log(material.gamma)]), np.array([np.log(material.n - 1.0)])
+        facing = ((material.n - 1.0) / (material.n + 1.0)) ** 2
+        values[region] = (
+            view.body * (relief.body[region] @ matrix.T) + material.beta * facing * view.interface(width, index)[0][0]
+        )
+    return values
+
+
+def _described(lamp: Lamp) -> str:
+    """`key at (0.1, 0.2, 0.3) m`, or `key towards (0, 0, 1)`."""
+    far = lamp.position is None
+    place = lamp.to_lamp if far else lamp.position
+    figures = ", ".join(f"{x:.3g}" for x in np.asarray(place))
+    return f"{lamp.name or 'lamp'} {'towards' if far else 'at'} ({figures}){'' if far else ' m'}"

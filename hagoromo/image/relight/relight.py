@@ -1,0 +1,83 @@
+"""Relight: hold photographs out, measure the others, and predict those held out by volume boxes.
+
+Enters: a capture, in memory or in its folder. Leaves: a Relighting.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from hagoromo.errors import InputError
+from hagoromo.image.relight.prediction import predict
+from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
+from hagoromo.image.relight.stage import make_stage
+from hagoromo.measurement.measure import measure
+from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.progress import Progress, part_of, silent
+
+MEASURING_SHARE = 0.3  # share of the work, about
+
+
+def relight(
+    capture: Capture | str | Path,
+    *,
+    hold: Sequence[str] = (),
+    against: Capture | str | Path | None = None,
+    n: float | None = None,
+    distance: float | None = None,
+    progress: Progress = silent,
+) -> Relighting:
+    """Predict photographs of an object from the other photographs of `capture`: a Capture, or the path of its folder.
+
+    The others are measured (`measure`), and the surface is built as volume boxes. The boxes are rendered under the lamp
+    and in the camera of each photograph to predict, and compared with it.
+
+    hold: names of the photographs that are held out, all at once (default: the last). against: another capture of the
+    same object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, and none is
+    held out. n, distance [m]: as in `measure`. progress: called with the share of the work done (0 … 1) and the name of
+    the step. The volume boxes are made from files in a temporary folder; `Relighting.save` writes the same files.
+
+    Raises `InputError` for names that are not in the capture, for both hold and against, for too few photographs left,
+    and as `measure` does.
+    """
+    rest, held_out = _split(_loaded(capture), hold, against)
+    measurement = measure(rest, n=n, distance=distance, progress=part_of(progress, 0.0, MEASURING_SHARE))
+    with tempfile.TemporaryDirectory(prefix="hagoromo-relight-") as scratch:
+        home = Path(scratch)
+        (home / MEASURED_FOLDER).mkdir()
+        measurement.write_into(home / MEASURED_FOLDER)
+        stage = make_stage(rest, home / MEASURED_FOLDER)
+        stage.write_into(home)
+        predictions = []
+        for number, photograph in enumerate(held_out):
+            progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(held_out), photograph.name)
+            predictions.append(predict(stage, photograph, number, home))
+    progress(1.0, "")
+    return Relighting(measurement, stage, tuple(predictions))
+
+
+def _loaded(capture: Capture | str | Path) -> Capture:
+    return capture if isinstance(capture, Capture) else load_capture(capture)
+
+
+def _split(
+    capture: Capture, hold: Sequence[str], against: Capture | str | Path | None
+) -> tuple[Capture, tuple[Photograph, ...]]:
+    """The capture to measure, and the photographs to predict."""
+    if against is not None:
+        if hold:
+            raise InputError("hold and against contradict each other: give one of them")
+        return capture, _loaded(against).photographs
+    names = [photograph.name for photograph in capture.photographs]
+    held = tuple(hold) or tuple(names[-1:])
+    unknown = [name for name in held if name not in names]
+    if unknown:
+        raise InputError(f"no photograph is called {unknown[0]!r}: the capture has {', '.join(names)}")
+    rest = tuple(photograph for photograph in capture.photographs if photograph.name not in held)
+    if not rest:
+        raise InputError("every photograph is held out: leave some to measure")
+    return replace(capture, photographs=rest), tuple(p for p in capture.photographs if p.name in held)

@@ -1,0 +1,131 @@
+"""Measure: the materials and the surface of an object, from its photographs under known lamps.
+
+Enters: a capture, in memory or in its folder. Leaves: a Measurement. The method follows from the capture: with known
+shape the materials are fitted; under far lamps normals are solved and integrated; under near lamps normals and depth
+are solved together; photographs too large for the memory are solved in tiles.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.measurement.known_shape import measure_known_shape, with_separation
+from hagoromo.measurement.material.body_map import BodyMap
+from hagoromo.measurement.material.body_spectra import body_spectra
+from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.normals.gloss_estimate import measurement_of
+from hagoromo.measurement.normals.normals import NormalMap, solve_normals
+from hagoromo.measurement.surface.depth import Surface, surface_from_normals
+from hagoromo.measurement.surface.large_capture import large_source, solve_large
+from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
+from hagoromo.measurement.surface.tile_store import FolderSource
+from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.stillness import moved
+from hagoromo.progress import Progress, silent
+
+
+def measure(
+    capture: Capture | str | Path,
+    *,
+    n: float | None = None,
+    distance: float | None = None,
+    labels: NDArray[np.integer] | None = None,
+    colour_from_highlights: bool = False,
+    scratch: str | Path | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """The materials and the surface of `capture`: a Capture, or the path of a capture folder.
+
+    With points and normals in the capture, its materials are fitted (`measure_known_shape`). Otherwise four lamps or
+    more are needed: far lamps give normals (`solve_normals`), which are integrated to points at `distance`; near lamps
+    give normals and points together (`solve_shape`). Photographs in a folder that need more than 4 GiB are read one at
+    a time and solved in tiles; a Capture in memory is always solved as one.
+
+    n: refractive index where it is known; of a capture with known shape only. distance: from the camera to an object of
+    unknown shape [m], by default to the world's origin; under near lamps it is a first guess. labels: (h, w) materials
+    0, 1, …, −1 unknown, and colour_from_highlights: whether to measure the colour of the lamps; both of a capture with
+    known shape only. scratch: folder for the temporary files of tiles (default: the system's). progress: called with
+    the share of the work done (0 … 1) and the name of the step.
+
+    Warns of photographs that moved. Raises `InputError` for a capture that can be measured in no way.
+    """
+    of_known_shape = labels is not None or colour_from_highlights
+    if not isinstance(capture, Capture):
+        source = large_source(capture)
+        if source is not None:
+            away = _distance(source.photograph(0).camera, distance, n, of_known_shape)
+            return _measure_tiles(source, Path(scratch or tempfile.gettempdir()), away, progress)
+        capture = load_capture(capture)
+    _warn_of_motion(capture)
+    if capture.points is not None and capture.normals is not None:
+        measurement = measure_known_shape(capture, labels, n, colour_from_highlights, progress)
+        measurement = replace(measurement, points=capture.points, capture=capture)
+    else:
+        away = _distance(capture.photographs[0].camera, distance, n, of_known_shape)
+        normals, surface = _solve(capture, away, progress)
+        measurement = _with_shape(capture, normals, surface)
+        assert measurement.capture is not None
+        measurement = with_separation(measurement.capture, measurement)
+    return replace(measurement, body_spectra=body_spectra(capture, measurement.materials))
+
+
+def _measure_tiles(source: FolderSource, scratch: Path, distance: float, progress: Progress) -> Measurement:
+    coarse, fine = solve_large(source, scratch, distance, progress)
+    measurement = _with_shape(coarse.capture, coarse.found, coarse.surface)
+    materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
+    return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
+
+
+def _solve(capture: Capture, distance: float, progress: Progress) -> tuple[NormalMap, Surface]:
+    """Normals and points of a capture of unknown shape."""
+    if has_near_lamps(capture):
+        shape = solve_shape(capture, distance, progress=progress)
+        return shape.found, shape.surface
+    normals = solve_normals(capture, progress=progress)
+    camera = capture.photographs[0].camera
+    return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)
+
+
+def _with_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measurement:
+    """The Measurement of `capture`, whose shape was solved."""
+    measurement = measurement_of(capture, normals)
+    return replace(
+        measurement,
+        points=surface.points,
+        body=BodyMap(normals.body, None, measurement.materials, measurement.labels),
+        normal_variance=normals.variance,
+        distance_variance=surface.variance,
+        capture=replace(capture, points=surface.points, normals=normals.normals),
+    )
+
+
+def _warn_of_motion(capture: Capture) -> None:
+    for name, (x, y) in moved(capture.photographs).items():
+        warnings.warn(
+            f"{name} stands ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
+            stacklevel=3,
+        )
+
+
+def _distance(camera: Camera, distance: float | None, n: float | None, of_known_shape: bool) -> float:
+    """Distance to an object of unknown shape [m]; `InputError` where it is unknown, or n, labels … are given."""
+    away = float(np.linalg.norm(camera.position)) if distance is None else distance
+    if away == 0.0:
+        raise InputError(
+            "the capture has no shape and its camera stands at the world's origin: give the distance of the object [m]"
+        )
+    if n is not None:
+        raise InputError("with unknown shape the refractive index has no effect: omit n, or give the capture its shape")
+    if of_known_shape:
+        raise InputError(
+            "with unknown shape, labels and colour_from_highlights have no effect: omit them, or give the shape"
+        )
+    return away

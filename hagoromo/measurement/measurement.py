@@ -1,0 +1,131 @@
+"""Measurement: everything that photographs of an object say about its materials and its surface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.files.png import png_data_uri
+from hagoromo.files.whole import whole_folder
+from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo.measurement.material.body_map import BodyMap
+from hagoromo.measurement.material.separation import Separation
+from hagoromo.photograph.capture import Capture
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.material_html import materials_html
+from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
+
+if TYPE_CHECKING:
+    from hagoromo.measurement.material.lamp_colour import LampColour
+    from hagoromo.measurement.surface.tiles import Fine
+
+NAMES_SHOWN, LONGEST_SHOWN_NAME = 4, 24  # materials, and characters of each name, that `repr` shows
+LARGEST_PICTURE_PX = 256  # px, at most, of a side of the picture in a notebook
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement:
+    """The result of `measure`, of photographs of h × w pixels in C channels.
+
+    materials: by falling number of pixels. labels: (h, w) index into materials, −1 unknown. normals: (h, w, 3) unit,
+    world axes, 0 where unknown. points: (h, w, 3) [m], world axes, 0 where unknown.
+    predicted: per photograph (h, w, C) values that the materials predict, NaN where they predict nothing. residuals:
+    per photograph (h, w, C), values − predicted in stated standard deviations, NaN where nothing is predicted or the
+    pixel is invalid.
+    body: α c_b of each pixel [1/sr] and, where it varies, the gloss of each pixel. separation: the photograph with the
+    largest share of gloss, separated into its diffuse (body) and specular (interface) parts. body_spectra: name of a
+    material → spectrum of its body colour, of mean 1 over the channels. lamp_colour: where it was measured.
+    normal_variance: (h, w) of the direction of solved normals [rad²]. distance_variance: (h, w) of the distance from
+    the camera to solved points [m²]. Both are inf where unknown, and None where the shape was given.
+    capture: the photographs that were measured, with their shape. fine: full-size maps of photographs that were solved
+    in tiles; all else is then of a small capture of means over squares of pixels.
+    A measurement that `load` read has no lamp_colour, capture and fine (None), and no predicted and residuals (empty).
+    """
+
+    materials: tuple[MaterialEstimate, ...]
+    labels: NDArray[np.integer]
+    predicted: tuple[NDArray[np.float32], ...]
+    residuals: tuple[NDArray[np.float32], ...]
+    normals: NDArray[np.float32]
+    points: NDArray[np.float32] | None = None
+    body: BodyMap | None = None
+    separation: Separation | None = None
+    body_spectra: Mapping[str, SpectrumEstimate] = field(default_factory=dict)
+    lamp_colour: LampColour | None = None
+    normal_variance: NDArray[np.float32] | None = None
+    distance_variance: NDArray[np.float32] | None = None
+    capture: Capture | None = None
+    fine: Fine | None = None
+
+    @property
+    def gloss(self) -> GlossMap | None:
+        """β and γ of each pixel, where the gloss varies over a material."""
+        return None if self.body is None else self.body.gloss
+
+    def save(self, folder: str | Path, force: bool = False) -> Path:
+        """Write the data files to `folder`, whole or not at all; see `write_into` for the files.
+
+        `InputError` when the folder exists and is not empty without `force`, or holds files of another program.
+        """
+        with whole_folder(folder, force) as home:
+            self.write_into(home)
+        return Path(folder)
+
+    def write_into(self, folder: str | Path) -> None:
+        """Write the data files into an existing folder.
+
+        materials.json; labels.png (0 unknown, 1 the first material, …); normals.exr (N.X, N.Y, N.Z); points.exr (P.X,
+        P.Y, P.Z); body.exr (α c_b and its standard error `error.*` where known); gloss.exr (β, γ and their standard
+        errors) where gloss varies; variance.exr (normal, distance) where the shape was solved; body_spectra.json where
+        lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
+        noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown.
+        """
+        from hagoromo.measurement.measurement_files import write_measurement
+
+        write_measurement(self, Path(folder))
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Measurement:
+        """Read what `save`, or the command `measure`, wrote to `folder`.
+
+        Maps are single precision. Of photographs that were solved in tiles the maps are the full-size ones. predicted
+        and residuals are empty; lamp_colour, capture, fine, and each map without a file are None.
+        `InputError` for files that are missing, damaged or do not go together.
+        """
+        from hagoromo.measurement.measurement_files import read_measurement
+
+        return read_measurement(Path(folder))
+
+    def __repr__(self) -> str:
+        shown = [_shortened(material.name) for material in self.materials[:NAMES_SHOWN]]
+        names = ", ".join([*shown, *(["…"] if len(self.materials) > NAMES_SHOWN else [])])
+        return f"Measurement({self._summary()}: {names})"
+
+    def _repr_html_(self) -> str:
+        uri = png_data_uri(self._picture())
+        picture = f'<figure><img alt="normals" src="{uri}"><figcaption>normals</figcaption></figure>'
+        return f"<p>{escape(self._summary())}</p>{materials_html(self.materials)}{picture}"
+
+    def _summary(self) -> str:
+        """`'ball', 97 × 89 px, 2 materials`."""
+        height, width = self.labels.shape if self.fine is None else self.fine.labels.shape
+        name = "" if self.capture is None or not self.capture.name else f"{_shortened(self.capture.name)!r}, "
+        count = len(self.materials)
+        return f"{name}{width} × {height} px, {count} material{'' if count == 1 else 's'}"
+
+    def _picture(self) -> NDArray[np.uint8]:
+        """The normals as colours: −1 … 1 on each world axis as 0 … 255, white where unknown."""
+        step = max(-(-max(self.normals.shape[:2]) // LARGEST_PICTURE_PX), 1)
+        normals = self.normals[::step, ::step]
+        known = np.linalg.norm(normals, axis=2, keepdims=True) > 0.5
+        return np.where(known, np.rint(127.5 * (normals + 1.0)), 255).astype(np.uint8)
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= LONGEST_SHOWN_NAME else name[: LONGEST_SHOWN_NAME - 1] + "…"

@@ -1,0 +1,140 @@
+"""The files of a Measurement: writing them into a folder, and reading them back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.png import write_png
+from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo.measurement.material.body_map import BodyMap
+from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
+from hagoromo.measurement.material.separation import Separation, write_separation
+from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
+from hagoromo.measurement.measurement import Measurement
+from hagoromo.photograph.pixels import default_channels
+from hagoromo.reflectance.material.materials_file import write_materials
+
+FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
+GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
+Map = NDArray[np.floating]
+
+
+def write_measurement(measurement: Measurement, home: Path) -> None:
+    """Write the files that `Measurement.write_into` lists."""
+    channels = len(measurement.materials[0].body_colour)
+    write_materials(measurement.materials, home / "materials.json", force=True)
+    if measurement.fine is None:
+        variances = measurement.normal_variance, measurement.distance_variance
+        _write_surface(home, measurement.labels, measurement.normals, measurement.points, variances)
+        if measurement.body is not None:
+            write_exr(home / "body.exr", _body_channels(measurement.body))
+    else:
+        fine = measurement.fine
+        _write_surface(home, fine.labels, fine.normals, fine.points, (fine.variance, fine.depth_variance))
+        write_exr(home / "body.exr", dict(zip(_solved_names(channels), np.moveaxis(fine.body, 2, 0), strict=True)))
+    if measurement.gloss is not None:
+        write_exr(home / "gloss.exr", measurement.gloss.channels())
+    if measurement.separation is not None:
+        write_separation(measurement.separation, default_channels(channels), home)
+    for i, residual in enumerate(measurement.residuals):
+        write_png(home / f"residual_{i:02d}.png", residual_picture(residual))
+    if measurement.body_spectra:
+        write_body_spectra(home / "body_spectra.json", measurement.body_spectra)
+
+
+def read_measurement(home: Path) -> Measurement:
+    """The measurement in the folder `home`; see `Measurement.load`."""
+    surface = read_surface(home)
+    variances = _read_maps(home / "variance.exr", ("normal", "distance"), surface) or (None, None)
+    spectra = home / "body_spectra.json"
+    return Measurement(
+        surface.materials,
+        surface.labels,
+        (),
+        (),
+        surface.normals,
+        surface.points,
+        _read_body(home, surface),
+        _read_separation(home),
+        read_body_spectra(spectra) if spectra.is_file() else {},
+        normal_variance=variances[0],
+        distance_variance=variances[1],
+    )
+
+
+def residual_picture(residual: Map) -> NDArray[np.uint8]:
+    """The mean residual (h, w, C) of the channels: white at 0, red above, blue below, grey where unknown."""
+    mean = residual.mean(axis=2)
+    strength = np.clip(np.nan_to_num(mean) / FULL_COLOUR_DEVIATIONS, -1.0, 1.0)
+    fading = 1.0 - np.abs(strength)
+    picture = np.stack([np.where(strength > 0, 1.0, fading), fading, np.where(strength < 0, 1.0, fading)], axis=2)
+    return np.rint(255.0 * np.where(np.isnan(mean)[..., None], 0.5, picture)).astype(np.uint8)
+
+
+def _write_surface(
+    home: Path, labels: NDArray[np.integer], normals: Map, points: Map | None, variances: tuple[Map | None, Map | None]
+) -> None:
+    write_png(home / "labels.png", (labels + 1).astype(np.uint8))
+    write_exr(home / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(normals, 2, 0), strict=True)))
+    if points is not None:
+        write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), np.moveaxis(points, 2, 0), strict=True)))
+    if variances[0] is not None and variances[1] is not None:
+        write_exr(home / "variance.exr", {"normal": variances[0], "distance": variances[1]})
+
+
+def _body_channels(body: BodyMap) -> dict[str, NDArray[np.float32]]:
+    count = body.value.shape[2]
+    return body.channels(default_channels(count) if body.error is not None else _solved_names(count))
+
+
+def _solved_names(count: int) -> tuple[str, ...]:
+    """Names of the channels of body colours that were solved together with the shape."""
+    return tuple("RGB") if count == 3 else tuple(map(str, range(count)))
+
+
+def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
+    """Body colours, NaN where unknown, with the gloss of each pixel where gloss.exr exists."""
+    if surface.body is None:
+        return None
+    known = (surface.body != 0.0).any(axis=2, keepdims=True)
+    value = np.where(known, surface.body, np.nan).astype(np.float64)
+    error = None if surface.body_error is None else np.where(known, surface.body_error, np.nan).astype(np.float64)
+    maps = _read_maps(home / "gloss.exr", GLOSS_CHANNELS, surface)
+    gloss = None
+    if maps is not None:
+        has_gloss = maps[0] > 0.0
+        beta, gamma, beta_error, gamma_error = (np.where(has_gloss, one, np.nan).astype(np.float64) for one in maps)
+        errors = np.full(value.shape, np.nan) if error is None else error
+        gloss = GlossMap(beta, gamma, beta_error, gamma_error, value, errors)
+    return BodyMap(value, error, surface.materials, surface.labels, gloss=gloss)
+
+
+def _read_separation(home: Path) -> Separation | None:
+    """The parts in separation_NN.exr, NaN where unknown."""
+    path = next(iter(sorted(home.glob("separation_*.exr"))), None)
+    if path is None:
+        return None
+    layers, _ = read_exr(path)
+    names = colour_channels({name.removeprefix("body.") for name in layers if name.startswith("body.")})
+    number = path.stem.removeprefix("separation_")
+    if not (number.isdecimal() and names and {f"interface.{name}" for name in names} <= set(layers)):
+        raise InputError(f"{path} must have the channels body.* and interface.*: measure again")
+    body, interface = (np.stack([layers[f"{part}.{name}"] for name in names], axis=2) for part in ("body", "interface"))
+    known = ((body != 0.0) | (interface != 0.0)).any(axis=2, keepdims=True)
+    parts = (np.where(known, part, np.nan).astype(np.float64) for part in (body, interface))
+    return Separation(int(number), *parts)
+
+
+def _read_maps(path: Path, names: tuple[str, ...], surface: MeasuredSurface) -> tuple[NDArray[np.float32], ...] | None:
+    """Channels of an EXR of the size of the surface; None where there is no such file."""
+    if not path.is_file():
+        return None
+    layers, _ = read_exr(path)
+    if not set(names) <= set(layers) or layers[names[0]].shape != surface.labels.shape:
+        raise InputError(f"{path} must have the channels {', '.join(names)} in the size of labels.png: measure again")
+    return tuple(layers[name] for name in names)

@@ -1,0 +1,51 @@
+"""Photographs of unknown shape that do not fit the memory: read one at a time and solved tile by tile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hagoromo.files.record import read_json
+from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_store
+from hagoromo.measurement.surface.tiles import Coarse, Fine, solve_coarse, solve_tiles
+from hagoromo.photograph.capture import TRANSFORMS, count_absent, load_capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.progress import Progress, part_of, silent
+
+LARGEST_CAPTURE_BYTES = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
+SOLVE_BYTES_PER_VALUE = (
+    100  # of a value: value, variance, light, model and weights in double precision, and their copies
+)
+STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the work
+
+
+def large_source(folder: str | Path) -> FolderSource | None:
+    """The photographs of a capture of unknown shape that is too large to be solved as one; None for any other."""
+    file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
+    record = read_json(file)
+    frames = record.get("frames")
+    if not isinstance(frames, list) or ("points_path" in record and "normals_path" in record):
+        return None
+    present = tuple(i for i, frame in enumerate(frames) if not count_absent(file, [frame]))
+    if not present:
+        return None
+    first = load_capture(folder, slice(present[0], present[0] + 1)).photographs[0]
+    return FolderSource(Path(folder), present) if needs_tiles(first, len(present)) else None
+
+
+def needs_tiles(photograph: Photograph, count: int) -> bool:
+    """Whether `count` photographs of this size are too large to be solved as one."""
+    return SOLVE_BYTES_PER_VALUE * float(photograph.values.size) * count > LARGEST_CAPTURE_BYTES
+
+
+def solve_large(source: Source, scratch: Path, distance: float, progress: Progress = silent) -> tuple[Coarse, Fine]:
+    """The solution for a small capture of means over squares of pixels, and the full-size maps.
+
+    scratch: folder for temporary files. distance: first guess of the distance to the surface [m].
+    """
+
+    with tile_store(source, scratch, part_of(progress, 0.0, STORING_SHARE)) as store:
+        coarse = solve_coarse(store, distance, progress=part_of(progress, STORING_SHARE, COARSE_SHARE))
+        fine = solve_tiles(
+            store, coarse, part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
+        )
+    return coarse, fine

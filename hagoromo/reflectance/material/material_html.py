@@ -1,0 +1,46 @@
+"""The parameters of measured materials as rows of a table and as HTML, for notebooks and reports."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup, escape
+
+if TYPE_CHECKING:
+    from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+
+PARAMETER_SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
+PARAMETER_TITLES = ("material", "pixels", "parameter", "measured", "standard error", "95 % interval", "identifiable")
+
+
+def decimals(error: float | tuple[float, ...] | None) -> int:
+    """Decimals that show a standard error with two significant figures; three where there is no error."""
+    if not isinstance(error, float) or not 0.0 < error < math.inf:
+        return 3
+    return max(0, 1 - math.floor(math.log10(error)))
+
+
+def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
+    """The cells under `PARAMETER_TITLES` for each parameter of `material`; the name stands in the first row only."""
+    rows = []
+    for key, symbol in PARAMETER_SYMBOLS.items():
+        error = material.standard_error.get(key)
+        digits = decimals(error)
+        low, high = (f"{bound:.{digits}f}" for bound in material.interval_95[key])
+        identifiable = "yes" if material.identifiable[key] else Markup('<span class="no">no</span>')
+        figures = [f"{getattr(material, key):.{digits}f}", "" if error is None else f"{error:.{digits}f}"]
+        first = ["", ""] if rows else [material.name, str(material.pixels)]
+        rows.append([*first, symbol, *figures, f"{low} … {high}", identifiable])
+    return rows
+
+
+def materials_html(materials: Sequence[MaterialEstimate]) -> str:
+    """An HTML table of the parameters of `materials`, with their remarks below it."""
+    head = "".join(f"<th>{cell}</th>" for cell in PARAMETER_TITLES)
+    rows = [row for material in materials for row in parameter_rows(material)]
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    remarks = [f"{escape(m.name)}: {escape(remark)}" for m in materials for remark in m.remarks]
+    listed = "<ul>" + "".join(f"<li>{remark}</li>" for remark in remarks) + "</ul>" if remarks else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{listed}"
