@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, lookup
 from hagoromo.reflectance.element import ELEMENTS, element_weights
 
 FIGURES = (0.23, 0.41, 0.27, 1.45)  # alpha, beta, gamma, n
@@ -16,25 +16,29 @@ def directions(seed, count=301):
     rng = np.random.default_rng(seed)
     v = rng.normal(size=(3, count, 3)) * (0.5, 0.5, 0.0) + (0, 0, 1.0)
     v /= np.linalg.norm(v, axis=-1, keepdims=True)
-    double = arrays().Float64
-    return [arrays().Array3f64(*(double(np.ascontiguousarray(d[:, k])) for k in range(3))) for d in v]
+    return [arrays().Array3f64(*(lookup(arrays().Float64, d[:, k]) for k in range(3))) for d in v]
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 @pytest.mark.parametrize("which", range(4), ids=("alpha", "beta", "gamma", "n"))
 def test_gradient_of_f(element, which):
-    def f(figures):
-        weights = element_weights(element, *directions(3), *figures)
+    def f(values):
+        weights = element_weights(element, *directions(3), *values)
         return weights.body + weights.interface
 
-    figures = [arrays().Float64(value) for value in FIGURES]
-    dr.enable_grad(figures[which])
+    def opaque(values):
+        """Kernels read these numbers from memory: one kernel serves all of an element's parameters and steps."""
+        return [dr.opaque(arrays().Float64, value) for value in values]
+
+    figures = opaque(FIGURES)
+    dr.enable_grad(figures)
     value = f(figures)
-    dr.forward(figures[which])
-    derivative = np.array(dr.grad(value)) * np.ones(301)
+    for figure, tangent in zip(figures, opaque(np.eye(4)[which].tolist()), strict=True):
+        dr.set_grad(figure, tangent)
+    derivative = np.array(dr.forward_to(value)) * np.ones(301)
     h = 1e-6
-    ends = [f([v + sign * h * (k == which) for k, v in enumerate(map(arrays().Float64, FIGURES))]) for sign in (1, -1)]
-    difference = (np.array(ends[0]) - np.array(ends[1])) / (2 * h)
+    ends = [np.array(f(opaque(v + sign * h * (k == which) for k, v in enumerate(FIGURES)))) for sign in (1, -1)]
+    difference = (ends[0] - ends[1]) / (2 * h)
     # a central difference in double precision: h² and 1e-16/h, both below 1e-8; the cylinder's reach has kinks
     assert np.abs(derivative).max() > 1e-3
     assert np.quantile(np.abs(derivative - difference), 0.97) < 1e-7 * np.abs(difference).max()
