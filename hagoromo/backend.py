@@ -1,4 +1,4 @@
-"""Backend: CUDA, Metal or LLVM, chosen once, when the first kernel needs it; and Dr.Jit arrays in memory.
+"""Backend of Dr.Jit: CUDA, Metal or LLVM, chosen once when the first kernel needs it; and arrays in memory.
 
 `HAGOROMO_BACKEND` (cuda, metal or llvm) overrides the choice. Nothing else in the package calls `mi.set_variant`.
 """
@@ -27,8 +27,8 @@ Array4u: TypeAlias = Any
 X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")
 ALIGNMENT = 64  # bytes, of Dr.Jit's own memory: the widest vector of 16 floats
-MOST_ENTRIES = 2**32 - 1  # of an array
-OLDEST_LLVM = 17  # on x86; before it, kernels of Dr.Jit 1.5 with a maximum, or arctan2, abort the process
+MOST_ENTRIES = 2**32 - 1  # largest number of entries of an array, whose indices have 32 bits
+OLDEST_LLVM = 17  # oldest version on x86: with older ones, kernels with a maximum or arctan2 abort (Dr.Jit 1.5)
 NO_LLVM = (
     "no Dr.Jit backend works here: no GPU was found and the library libLLVM {state}; "
     "install it (Debian/Ubuntu: apt-get install libllvm19, macOS: brew install llvm) or set DRJIT_LIBLLVM_PATH"
@@ -69,10 +69,10 @@ def mitsuba() -> ModuleType:
 
 
 def clip(value: Any, low: Any, high: Any) -> Any:
-    """`value` held between `low` and `high`, for Python floats and Dr.Jit arrays.
+    """`value` limited to the range from `low` to `high`, for Python floats and Dr.Jit arrays.
 
-    Kernels use this, `dr.fmin` and `dr.fmax` instead of `dr.clip`, `dr.minimum` and `dr.maximum`, which spend
-    instructions on passing NaN on.
+    Kernels use this, `dr.fmin` and `dr.fmax` instead of `dr.clip`, `dr.minimum` and `dr.maximum`, which need extra
+    instructions to propagate NaN.
     """
     import drjit as dr
 
@@ -80,7 +80,7 @@ def clip(value: Any, low: Any, high: Any) -> Any:
 
 
 def opaque_vector(values: Any) -> Any:
-    """Three numbers as an Array3f that kernels read from memory: other numbers do not compile a new kernel."""
+    """Three numbers as an Array3f that kernels read from memory, so that other numbers do not need a new kernel."""
     import drjit as dr
 
     vector = arrays().Array3f(*(float(value) for value in values))
@@ -89,16 +89,16 @@ def opaque_vector(values: Any) -> Any:
 
 
 def check_entries(count: int, what: str) -> None:
-    """Raises `InputError` where `what` needs an array of more entries than the 32 bits of an index can tell apart."""
+    """Raise `InputError` if `what` needs an array with more entries than 32-bit indices can address."""
     if count > MOST_ENTRIES:
         raise InputError(f"{what} need {count:.3g} numbers and an array holds {MOST_ENTRIES:.3g}: make it smaller")
 
 
 def lookup(kind: Any, values: Any) -> Any:
-    """A NumPy array as a flat Dr.Jit array of `kind` that kernels gather from: other values compile no new kernel.
+    """A NumPy array as a flat Dr.Jit array of type `kind` for kernels; other values do not need a new kernel.
 
-    Dr.Jit shares the memory of NumPy's arrays, reads it by other code where it lies off the alignment of its own, and
-    takes an array of one entry for a constant: so the values are moved to aligned memory, and one entry has company.
+    Dr.Jit shares the memory of NumPy arrays, compiles different code where it is not aligned as Dr.Jit's own, and takes
+    an array of one entry for a constant. So the values are copied to aligned memory, and a single entry is doubled.
     """
     import numpy as np
 
@@ -110,7 +110,7 @@ def lookup(kind: Any, values: Any) -> Any:
 
 
 def aligned(count: int, kind: Any) -> Any:
-    """An uninitialised NumPy array (count) of the type `kind`, aligned as Dr.Jit aligns memory, which may share it."""
+    """An uninitialised NumPy array (count,) of type `kind`, aligned so that Dr.Jit can share its memory."""
     import numpy as np
 
     kind = np.dtype(kind)

@@ -1,4 +1,4 @@
-"""The one exception for what a user can mend: it says what is wrong, what was given, what to do."""
+"""The exception for wrong input: its message says what is wrong, what was given and what to do."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from contextlib import contextmanager
 
 
 class InputError(ValueError):
-    """Bad input. The message is one line; the command line prints it and ends with exit status 2."""
+    """Wrong input. The message is one line; the command line prints it and ends with exit status 2."""
 
 
 @contextmanager
 def described(where: str) -> Iterator[None]:
-    """An `InputError` of the block says where the input came from, if it does not yet."""
+    """Prefix the message of an `InputError` of the block with `where`, the source of the input, if it lacks it."""
     try:
         yield
     except InputError as error:

@@ -1,1 +1,1 @@
-"""Files: bytes on disk to plain arrays and records, and back. Knows formats, not meaning."""
+"""Files: reading and writing of file formats, between bytes on disk and plain arrays and records."""

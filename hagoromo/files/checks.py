@@ -1,4 +1,4 @@
-"""The door: checks that every file and every large array passes before it is let in."""
+"""Checks of paths and sizes before a file is opened or a large array is allocated."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 
-SHARE_OF_MEMORY = 0.9  # of the free memory that one array may take; the rest is left for work on it
+SHARE_OF_MEMORY = 0.9  # largest share of the free memory for one array; the rest is left for work on it
 
 
 def existing_file(path: str | Path) -> Path:
@@ -31,16 +31,16 @@ def existing_folder(path: str | Path) -> Path:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """All bytes of an existing file, its size checked against the free memory first."""
+    """All bytes of an existing file; its size is checked against the free memory first."""
     file = existing_file(path)
     check_memory(file.stat().st_size, str(file))
     return file.read_bytes()
 
 
 def check_memory(size: float, what: str) -> None:
-    """Refuse with `InputError`, before anything is allocated, `what` that needs more than the free memory.
+    """Raise `InputError` if `what`, which needs `size` bytes, does not fit into the free memory.
 
-    size: bytes that `what` will take.
+    Called before the memory is allocated.
     """
     free = free_memory()
     if not size <= SHARE_OF_MEMORY * free:
@@ -50,7 +50,7 @@ def check_memory(size: float, what: str) -> None:
 
 
 def free_memory() -> int:
-    """Free memory [bytes]; all physical memory where the system does not say what is free."""
+    """Free memory [bytes]; all physical memory where the system does not state the free memory."""
     pages = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():

@@ -1,6 +1,6 @@
-"""EXIF: how a photograph was taken, as the camera wrote it into JPEG, PNG, TIFF and the camera RAW made of TIFF.
+"""EXIF: the camera's settings of an exposure, read from JPEG, PNG, TIFF and the camera RAW formats based on TIFF.
 
-JPEG and PNG carry it as a small TIFF within, so tifffile (which scikit-image brings along) reads all of them.
+JPEG and PNG hold EXIF as an embedded TIFF, so tifffile (a dependency of scikit-image) reads all of them.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from hagoromo.files import jpeg, png
 from hagoromo.files.checks import existing_file
 from hagoromo.files.silence import silenced
 
-TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # the last two are makers' own marks (Olympus, Panasonic)
+TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # first bytes of a file; the last two: Olympus, Panasonic
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm
-FULL_FRAME_MM = 36.0  # mm: width of the film that FocalLengthIn35mmFilm speaks of
-HEAD_BYTES = 64 * 2**20  # bytes of a JPEG or PNG within which its EXIF stands
+FULL_FRAME_MM = 36.0  # [mm] width of the film that FocalLengthIn35mmFilm refers to
+HEAD_BYTES = 64 * 2**20  # first bytes of a JPEG or PNG that are searched for EXIF
 
 
 @dataclass(frozen=True)
 class Exif:
-    """Figures of one exposure; None where the file does not tell.
+    """Settings of one exposure; None where the file does not state them.
 
     exposure_s [s]; iso; f_number (focal length over aperture); focal_mm [mm]; sensor_mm: width of the sensor [mm];
     camera: maker and model.
@@ -38,14 +38,14 @@ class Exif:
     camera: str = ""
 
     def focal_px(self, width: int) -> float | None:
-        """Focal length [px] of an image of `width` pixels, None where focal length or sensor are not told."""
+        """Focal length [px] of an image of `width` pixels; None if focal length or sensor width is unknown."""
         if self.focal_mm is None or self.sensor_mm is None:
             return None
         return self.focal_mm / self.sensor_mm * width
 
 
 def read_exif(path: str | Path) -> Exif:
-    """What the file at `path` tells of its exposure; nothing where it has no EXIF or a damaged one."""
+    """The EXIF of the file at `path`; all fields are None if it has none or a damaged one."""
     import tifffile
 
     source = _tiff_within(existing_file(path))
@@ -61,7 +61,7 @@ def read_exif(path: str | Path) -> Exif:
 
 
 def _tiff_within(path: Path) -> Path | BytesIO | None:
-    """The TIFF that a file is or holds."""
+    """The file itself if it is a TIFF, else the TIFF embedded in it; None if there is none."""
     with path.open("rb") as file:
         start = file.read(8)
         if start.startswith(TIFF):
@@ -92,7 +92,7 @@ def _exif(tags: Mapping[str, Any]) -> Exif:
 
 
 def _number(value: Any) -> float | None:
-    """A figure above 0 of a tag, which may be a fraction (numerator, denominator); None for any other."""
+    """A positive number from a tag, which may be a fraction (numerator, denominator); None for anything else."""
     try:
         fraction: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, 1.0)
         figure = float(fraction[0]) / float(fraction[1])

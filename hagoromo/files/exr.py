@@ -26,18 +26,18 @@ def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mappi
     arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
     shapes = sorted({values.shape for values in arrays.values()})
     if len(shapes) != 1 or len(shapes[0]) != 2 or 0 in shapes[0]:
-        raise InputError(f"an EXR needs channels of one (height, width): given {shapes}")
+        raise InputError(f"the channels of an EXR have shapes {shapes}: give one shape (height, width) for all")
     header = {**(metadata or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, arrays) as file:
         file.write(str(path))
 
 
 def read_header(path: str | Path) -> dict[str, str]:
-    """The text metadata of the first part, without its channels; `InputError` when the file is missing or no EXR."""
+    """The text metadata of the first part; `InputError` if the file is missing or not an EXR."""
     source = existing_file(path)
     with source.open("rb") as file:
         if file.read(4) != MAGIC:
-            raise InputError(f"{source} is no EXR file: give one")
+            raise InputError(f"{source} is not an EXR file: give an EXR")
     header = _open(source, header_only=True).header()
     return {name: value for name, value in header.items() if isinstance(value, str)}
 
@@ -45,12 +45,12 @@ def read_header(path: str | Path) -> dict[str, str]:
 def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
     """Channels, name → (height, width) float32, and the text metadata of the first part.
 
-    `InputError` when the file is missing, no EXR, cut off, or larger than the free memory.
+    `InputError` if the file is missing, not an EXR, truncated, or larger than the free memory.
     """
     source = existing_file(path)
     with source.open("rb") as file:
         if file.read(4) != MAGIC:
-            raise InputError(f"{source} is no EXR file: give one")
+            raise InputError(f"{source} is not an EXR file: give an EXR")
     header = _open(source, header_only=True)
     (left, top), (right, bottom) = (map(int, corner) for corner in header.header()["dataWindow"])
     check_memory(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(source))

@@ -1,4 +1,4 @@
-"""JPEG: 8-bit photographs that other people's captures hold. Read only; camera RAW and PNG lose nothing, JPEG does."""
+"""JPEG: 8-bit photographs, as in captures of other programs. Read only, because JPEG is lossy."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import check_memory, read_bytes
 
 START, END = b"\xff\xd8\xff", b"\xff\xd9"
-JPEG_BYTES_PER_PIXEL = 6  # decoded, twice
+JPEG_BYTES_PER_PIXEL = 6  # two copies of 3 bytes while decoding
 
 
 def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
-    """The image as stored, not turned upright: (height, width) grey or (height, width, 3) in the order R, G, B.
+    """The image as stored, not rotated upright: (height, width) grey or (height, width, 3) in the order R, G, B.
 
-    `InputError` when the file is missing, no JPEG, cut off, damaged, or larger than the free memory.
+    `InputError` if the file is missing, not a JPEG, truncated, damaged, or larger than the free memory.
     """
     import cv2
 
     data = read_bytes(path)
     if not data.startswith(START):
-        raise InputError(f"{path} is no JPEG file: give one")
+        raise InputError(f"{path} is not a JPEG file: give a JPEG")
     height, width, frame = frame_header(data, path)
-    if END not in data[frame:]:  # after it some cameras add more; before it stands the end of a thumbnail
+    if END not in data[frame:]:  # some cameras append data after it; a thumbnail before the frame has its own
         raise InputError(f"{path} is cut off: copy it again")
     check_memory(float(JPEG_BYTES_PER_PIXEL) * height * width, str(path))
     try:
@@ -38,7 +38,7 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
 
 
 def frame_header(data: bytes, path: str | Path) -> tuple[int, int, int]:
-    """Height, width and place of the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
+    """Height, width and byte offset of the frame header, the first segment SOF0–SOF15 (ITU-T T.81, B.2.2)."""
     offset = 2
     while offset + 9 <= len(data) and data[offset] == 0xFF:
         marker, length = data[offset + 1], int.from_bytes(data[offset + 2 : offset + 4], "big")
@@ -53,7 +53,7 @@ def frame_header(data: bytes, path: str | Path) -> tuple[int, int, int]:
 
 
 def exif_segment(data: bytes) -> bytes | None:
-    """The TIFF of the EXIF segment (APP1) of a JPEG, None where there is none."""
+    """The TIFF in the EXIF segment (APP1) of a JPEG; None if there is none."""
     offset = 2
     while offset + 4 <= len(data) and data[offset] == 0xFF and data[offset + 1] != 0xDA:  # up to the start of the scan
         length = int.from_bytes(data[offset + 2 : offset + 4], "big")

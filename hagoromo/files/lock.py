@@ -1,4 +1,4 @@
-"""Lock: one process at a time works in a folder; the lock of a process that died is free."""
+"""Lock: only one process at a time works in a folder; the lock of a process that ended is released."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from hagoromo.errors import InputError
 
 @contextmanager
 def locked(path: Path, busy: str) -> Iterator[None]:
-    """The file `path` is locked while the block runs, and removed at its end; it holds the number of the process.
+    """Lock the file `path` while the block runs, and remove it at the end; it holds the number of the process.
 
-    busy: what `InputError` says, with {pid} in it, while another process has it. The system frees the lock of a process
-    that ends in any way, so none is ever left behind.
+    busy: message, with {pid} in it, of the `InputError` that is raised while another process holds the lock. The
+    operating system releases the lock of a process that ends in any way.
     """
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -28,7 +28,7 @@ def locked(path: Path, busy: str) -> Iterator[None]:
             raise InputError(busy.format(pid=pid or "unknown")) from None
         if _is(file, path):
             break
-        os.close(file)  # its last holder has removed it meanwhile
+        os.close(file)  # the process that held the lock has removed the file meanwhile
     try:
         os.truncate(file, 0)
         os.pwrite(file, str(os.getpid()).encode("ascii"), 0)
@@ -39,7 +39,7 @@ def locked(path: Path, busy: str) -> Iterator[None]:
 
 
 def _is(file: int, path: Path) -> bool:
-    """Whether an open file is still the one at `path`."""
+    """Whether an open file is still the file at `path`."""
     try:
         return os.path.samestat(os.fstat(file), os.stat(path))
     except FileNotFoundError:

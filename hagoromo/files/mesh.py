@@ -1,4 +1,4 @@
-"""Mesh files: whatever trimesh reads, its parts as one mesh."""
+"""Mesh files: all formats that trimesh reads; the parts of a file are joined to one mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures as cameras and other tools leave them: PNG, JPEG or TIFF, told apart by their first bytes."""
+"""Pictures of cameras and other programs: PNG, JPEG or TIFF, recognised by their first bytes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TIFF_STARTS = (b"II*\0", b"MM\0*")
 def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """The stored pixels: (height, width[, 3 or 4]), uint8 or uint16, in the order R, G, B, A; never rotated.
 
-    `InputError` when the file is missing, none of these, cut off, or larger than the free memory.
+    `InputError` if the file is missing, of another format, truncated, or larger than the free memory.
     """
     with existing_file(path).open("rb") as file:
         start = file.read(len(png.SIGNATURE))
@@ -37,9 +37,9 @@ def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """(height, width) of the PNG or JPEG at `path`, from its header; a name without suffix is tried with each.
+    """(height, width) of the PNG or JPEG at `path`, from its header; a name without suffix is tried with both.
 
-    `InputError` when the file is missing or neither.
+    `InputError` if the file is missing or of another format.
     """
     named = [Path(path), *(Path(f"{path}{suffix}") for suffix in (".png", ".jpg", ".jpeg"))]
     source = existing_file(next((candidate for candidate in named if candidate.is_file()), path))
@@ -54,7 +54,7 @@ def picture_size(path: str | Path) -> tuple[int, int]:
 
 
 def by_name(paths: Sequence[Path]) -> dict[str, Path]:
-    """Name → path; a name that two files share is given with its folder. `InputError` for a file given twice."""
+    """Name → path; files of one name are distinguished by their folder. `InputError` if a file is given twice."""
     names = [path.name for path in paths]
     path_of = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
     if len(path_of) < len(paths):

@@ -1,4 +1,4 @@
-"""PNG: 8- or 16-bit integer images in the file's own depth, channels in the order R, G, B, A."""
+"""PNG: images of 8 or 16 bits, as the file has them, with channels in the order R, G, B, A."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def png_data_uri(image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
 
 
 def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """The image: (height, width[, 3 or 4]), uint8 or uint16 as the file has it.
+    """The image: (height, width[, 3 or 4]), uint8 or uint16 as in the file.
 
-    `InputError` when the file is missing, no PNG, cut off, damaged, or larger than the free memory.
+    `InputError` if the file is missing, not a PNG, truncated, damaged, or larger than the free memory.
     """
     import cv2
 
@@ -56,7 +56,7 @@ def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
 
 def exif_chunk(data: bytes) -> bytes | None:
-    """The TIFF of the eXIf chunk of a PNG, None where there is none."""
+    """The TIFF in the eXIf chunk of a PNG; None if there is none."""
     offset = len(SIGNATURE)
     while offset + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, offset)
@@ -74,9 +74,9 @@ def _swapped(image: NDArray) -> NDArray:
 
 
 def _check_chunks(data: bytes, path: str | Path) -> None:
-    """Walk the chunks with their check sums: OpenCV decodes half a file without a word."""
+    """Verify all chunks and their check sums, because OpenCV decodes a truncated file without an error."""
     if not data.startswith(SIGNATURE):
-        raise InputError(f"{path} is no PNG file: give one")
+        raise InputError(f"{path} is not a PNG file: give a PNG")
     offset, kind = len(SIGNATURE), b""
     while kind != b"IEND":
         if offset + 12 > len(data):

@@ -1,4 +1,4 @@
-"""Camera RAW through LibRaw: the numbers of the sensor as they are, before any development. Never rotated."""
+"""Camera RAW, read by LibRaw: the numbers of the sensor before any processing. Never rotated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RAW_BYTES_PER_PIXEL = 8
 class Raw(NamedTuple):
     """numbers: (height, width) behind a Bayer mosaic, else (height, width, 3), uint16. mosaic: "RGGB", ..., or "".
 
-    black: (2, 2) [DN], of the first 2 × 2 pixels. white: DN of the brightest light. exif: what the file tells.
+    black: (2, 2) black level of the first 2 × 2 pixels [DN]. white: saturation level [DN]. exif: the file's settings.
     """
 
     numbers: NDArray[np.uint16]
@@ -36,8 +36,8 @@ class Raw(NamedTuple):
 def read_raw(path: str | Path) -> Raw:
     """The RAW photograph at `path`.
 
-    `InputError` when the file is missing, nothing that LibRaw reads, cut off, larger than the free memory, or has
-    another mosaic than Bayer's.
+    `InputError` if the file is missing, truncated, larger than the free memory, in a format that LibRaw does not read,
+    or has a mosaic other than Bayer's.
     """
     import rawpy
 
@@ -66,12 +66,12 @@ def _raw(raw: Any, path: Path) -> Raw:
     index = raw.raw_colors_visible[:2, :2]
     mosaic = "".join(chr(raw.color_desc[colour]) for colour in index.ravel())
     if sorted(mosaic) != sorted("RGGB"):
-        raise InputError(f"{path} has the mosaic {mosaic}: only R, G, G, B are known here")
+        raise InputError(f"{path} has the mosaic {mosaic}: only R, G, G, B is read, convert it to a linear TIFF first")
     return Raw(image, mosaic, black[index], float(white), _exif(raw, path))
 
 
 def _exif(raw: Any, path: Path) -> Exif:
-    """What EXIF tells; LibRaw where it tells nothing, as in files that are no TIFF."""
+    """The settings in EXIF; those that it lacks, as in files that are not TIFF, from LibRaw."""
     exif, other = read_exif(path), raw.other
     return Exif(
         exif.exposure_s or other.shutter_speed or None,

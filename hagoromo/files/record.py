@@ -1,4 +1,4 @@
-"""Records: TOML and JSON text → plain data → typed records, and the one line that says what is wrong with them.
+"""Records: TOML and JSON text → plain data → typed records, with one-line messages for what is wrong in a file.
 
 A record is a `msgspec.Struct` whose fields state type, range, unit and meaning; the JSON Schemas are made from the same
 fields (`hagoromo.files.schema`).
@@ -62,11 +62,11 @@ LATER: dict[str, type] = {}  # records named by `like`, for the schemas
 
 
 class ForeignRecord(msgspec.Struct, frozen=True):
-    """A table of a file that other programs write too: keys that it does not know are passed over.
+    """A table of a file that other programs write too: unknown keys are ignored.
 
-    version_key: where a file has the version of its format, "" for a table that has none of its own; files without it
-    are of version 1. newest_version: the newest one that can be read. old_names: name of a key in old files → its name.
-    takes_null: whether null stands for a key that is left out.
+    version_key: key of the format version in the file, "" for a table without its own version; files without it have
+    version 1. newest_version: newest version that can be read. old_names: name of a key in old files → present name.
+    takes_null: whether null means the same as a missing key.
     """
 
     version_key: ClassVar[str] = ""
@@ -76,7 +76,7 @@ class ForeignRecord(msgspec.Struct, frozen=True):
 
 
 class Record(ForeignRecord, frozen=True, forbid_unknown_fields=True):
-    """A table of a file of our own: a key that it does not know is an error."""
+    """A table of a file of this package: an unknown key is an error."""
 
 
 class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
@@ -89,12 +89,12 @@ class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
 
 
 def written_by(format_version: int = 1, **more: Any) -> dict[str, Any]:
-    """The table `hagoromo` of a file that this package writes; more: `settings`, `seed`."""
+    """The table `hagoromo` of a file that this package writes; more: further fields (`settings`, `seed`)."""
     return {"format_version": format_version, "version": __version__, **more}
 
 
 def decode(data: Any, record: type[R], where: str) -> R:
-    """Plain data as a `record`. where: file and table, for the message.
+    """Plain data as a `record`. where: file and table, named in messages.
 
     `InputError` for a missing key, a value of another type or out of range, NaN or infinity, an unknown key of a
     `Record`, and a file of a newer version of its format.
@@ -115,12 +115,12 @@ def decode(data: Any, record: type[R], where: str) -> R:
 
 
 def decode_one(data: Any, records: tuple[type[R], ...], where: str) -> R:
-    """Plain data as that of several records which it names by a key, such as `form = "sphere"`; see `decode`."""
+    """Plain data as one of several `records`, named by a key such as `form = "sphere"`; see `decode`."""
     return decode(data, functools.reduce(operator.or_, records), where)
 
 
 def current(data: Mapping[str, Any], record: type, where: str) -> dict[str, Any]:
-    """The table with its old keys renamed, its version checked."""
+    """The table with old keys renamed, after a check of its version."""
     old = getattr(record, "old_names", {})
     renamed: dict[str, Any] = {}
     for key, value in data.items():
@@ -138,15 +138,15 @@ def current(data: Mapping[str, Any], record: type, where: str) -> dict[str, Any]
 
 
 def one_of(*names: str) -> Meta:
-    """One of these texts; an editor offers them in this order."""
+    """Constraint: one of these texts; an editor offers them in this order."""
     pattern = "^(?:" + "|".join(map(re.escape, names)) + ")$"
     return Meta(pattern=pattern, extra_json_schema={"enum": list(names)})
 
 
 def optional(name: str, source: type) -> Any:
-    """A record whose fields are those of `source` (a record or a NamedTuple), each of which may be left out.
+    """A record with the fields of `source` (a record or a NamedTuple), all of them optional.
 
-    See `given` for those that a table has.
+    `given` returns the fields that a table contains.
     """
     hints = get_type_hints(source, include_extras=True)
     names = getattr(source, "_fields", None) or getattr(source, "__struct_fields__", ())
@@ -157,7 +157,7 @@ def optional(name: str, source: type) -> Any:
 
 
 def extended(name: str, base: type, source: type) -> Any:
-    """The record `base` with the fields of a NamedTuple and their defaults besides."""
+    """The record `base` extended by the fields of a NamedTuple, with their defaults."""
     hints, defaults = get_type_hints(source, include_extras=True), getattr(source, "_field_defaults", {})
     made = msgspec.defstruct(
         name, [(key, hints[key], value) for key, value in defaults.items()], bases=(base,), frozen=True, kw_only=True
@@ -167,7 +167,7 @@ def extended(name: str, base: type, source: type) -> Any:
 
 
 def given(record: Any) -> dict[str, Any]:
-    """The fields of an `optional` record that its table has."""
+    """The fields of an `optional` record that its table contains."""
     values = {name: getattr(record, name) for name in record.__struct_fields__}
     return {name: value for name, value in values.items() if value is not UNSET}
 
@@ -190,7 +190,7 @@ def read_json(path: str | Path) -> Any:
 
 
 def write_json(path: str | Path, record: Any) -> None:
-    """Write `record` as indented JSON; `InputError` for NaN, Infinity or what JSON cannot hold."""
+    """Write `record` as indented JSON; `InputError` for NaN, Infinity or a value that JSON cannot represent."""
     try:
         text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as error:
@@ -199,10 +199,10 @@ def write_json(path: str | Path, record: Any) -> None:
 
 
 def inside(folder: str | Path, relative: str) -> Path:
-    """`relative`, a path that a file in `folder` names; `InputError` when it leads out of `folder`."""
+    """The path `relative` in `folder`; `InputError` if it points outside `folder`."""
     path = os.path.normpath(relative)
     if os.path.isabs(path) or path == ".." or path.startswith(".." + os.sep):
-        raise InputError(f"{relative!r} leads out of {folder}: give a path inside it")
+        raise InputError(f"{relative!r} points outside {folder}: give a path inside it")
     return Path(folder) / path
 
 
@@ -210,7 +210,7 @@ Steps = tuple[str | int, ...]
 
 
 def _explained(message: str, data: Any, record: type, where: str) -> str:
-    """msgspec's message in words: only its path and the name of a key are taken, all else is known from the record."""
+    """One line for a message of msgspec: its path and key, with the type and range from the record."""
     text, _, path = message.partition(" - at `$")
     steps: Steps = tuple(
         name or (int(index) if index.isdigit() else index) for name, index in PATH_STEP.findall(path.rstrip("`"))
@@ -222,9 +222,9 @@ def _explained(message: str, data: Any, record: type, where: str) -> str:
             return f"{place} lacks the key {key[2]!r}: add it"
         return f"{place} has the unknown key {key[2]!r}: known are {', '.join(_keys(table))}"
     if not re.match("Expected|Invalid|Number out|Integer value", text):
-        return f"{_place(where, steps)}: {text}"  # by a record's own check
+        return f"{_place(where, steps)}: {text}"  # message of a record's own check
     while steps and not isinstance(steps[-1], str) and not _is_table(_type_at(record, data, steps)):
-        steps = steps[:-1]  # a list of plain values is judged as a whole
+        steps = steps[:-1]  # the message is about the whole list
     return _refused(steps, data, record, where)
 
 
@@ -249,7 +249,7 @@ def _value_at(data: Any, steps: Steps) -> Any:
 
 
 def _type_at(record: type, data: Any, steps: Steps) -> inspect.Type:
-    """The type of a record's part."""
+    """The type of the part of a record at the path `steps`."""
     kind = _bare(inspect.type_info(record), data)
     for i, step in enumerate(steps):
         value = _value_at(data, steps[: i + 1])
@@ -271,7 +271,7 @@ def _type_at(record: type, data: Any, steps: Steps) -> inspect.Type:
 
 
 def _bare(kind: inspect.Type, data: Any) -> inspect.Type:
-    """Without descriptions and, where a value may be one of several things, the one that `data` looks like."""
+    """The type without its metadata; for a union, the member that fits the form of `data`."""
     while isinstance(kind, inspect.Metadata):
         kind = kind.type
     if not isinstance(kind, inspect.UnionType):
@@ -301,7 +301,7 @@ def _keys(kind: inspect.Type) -> list[str]:
 
 
 def _wanted(kind: inspect.Type) -> str:
-    """What a value of a type is, in words."""
+    """The values that a type allows, in words."""
     if isinstance(kind, (inspect.FloatType, inspect.IntType)):
         words, limits = "a whole number" if isinstance(kind, inspect.IntType) else "a number", _range(kind)
         return words + limits if limits or words == "a whole number" else "a finite number"
@@ -340,7 +340,7 @@ def _range(kind: Any) -> str:
 
 
 def _numbers(data: Any) -> Iterator[tuple[Steps, float]]:
-    """All numbers with a fraction in plain data, with their paths; without recursion, as files may nest deeply."""
+    """All floats in plain data with their paths; without recursion, because files may nest deeply."""
     stack: list[tuple[Steps, Any]] = [((), data)]
     while stack:
         path, value = stack.pop()
@@ -357,4 +357,4 @@ def _first_line(error: BaseException) -> str:
 
 
 def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no number of JSON")
+    raise ValueError(f"{constant} is not a JSON number")

@@ -1,4 +1,4 @@
-"""A folder whose making may be cut off at any moment and taken up again; at its name it stands whole or not at all."""
+"""Resumable folder: the work of an interrupted run is kept and continued; the result appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ FINGERPRINT_FILE = "recipe"  # file of the work folder: what is being made
 
 @contextmanager
 def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) -> Iterator[Path]:
-    """The folder to fill, `.NAME.building/whole` beside `path`; it becomes `path` when the block ends well.
+    """The folder to fill, `.NAME.building/whole` beside `path`; it is renamed to `path` when the block succeeds.
 
-    The work of a run that failed or was killed is found there again if its `fingerprint` is the same, and removed if
-    not; its parent is the place for a record of what is done. Where the block fails its work is kept, and the exception
-    says that the same command goes on: `InputError` for an OSError such as a full disk, `KeyboardInterrupt` for Ctrl-C.
-    An `InputError` of the block removes the work: the same input would fail again. `InputError`, too, for what
-    `whole_folder` refuses, and while another process makes the same folder.
+    It holds the work of an earlier, unfinished run if that had the same `fingerprint`; other work is removed. Its
+    parent may hold a record of the progress. If the block fails, the work is kept and the exception says that the same
+    command resumes it: `InputError` for an OSError such as a full disk, `KeyboardInterrupt` for Ctrl-C. After an
+    `InputError` of the block the work is removed, because the same input would fail again. Also raises `InputError`
+    where `whole_folder` does, and while another process makes the same folder.
     """
     target = replaceable_folder(path, force)
     work = target.absolute().with_name(f".{target.name}.building")
     target.parent.mkdir(parents=True, exist_ok=True)
     lock = work.with_name(work.name + ".lock")
     with locked(lock, f"{target} is being made by process {{pid}}: wait for it, or end it and run this again"):
-        replaceable_folder(path, force)  # it may have been made while the lock was another's
+        replaceable_folder(path, force)  # another process may have made it before this one had the lock
         _make_room(work, fingerprint)
-        resume_hint = f"what is done is kept in {work}, the same command goes on from there"
+        resume_hint = f"what is done is kept in {work}, the same command resumes it"
         try:
             yield work / "whole"
             put_folder(work / "whole", target)
@@ -49,18 +49,18 @@ def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) ->
 
 
 def _make_room(work: Path, fingerprint: str) -> None:
-    """The work folder, empty unless it holds the work on `fingerprint`."""
+    """Prepare the work folder: keep earlier work of the same `fingerprint`, remove any other."""
     recipe = work / FINGERPRINT_FILE
     if work.exists() and any(work.iterdir()) and not recipe.is_file():
         raise InputError(f"{work} holds files that Hagoromo did not write: move them")
     if recipe.is_file() and recipe.read_text() != fingerprint:
-        warnings.warn(f"{work} held the unfinished work on another recipe: it was removed", stacklevel=4)
+        warnings.warn(f"{work} held unfinished work on another recipe, which was removed", stacklevel=4)
         shutil.rmtree(work)
     if not recipe.exists():
         new = work.with_name(f"{work.name}.partial{os.getpid()}")
         new.mkdir()
         (new / FINGERPRINT_FILE).write_text(fingerprint)
-        os.replace(new, work)  # a work folder has its recipe from the first
+        os.replace(new, work)  # so a work folder always has its recipe
     (work / "whole").mkdir(exist_ok=True)
     for partial in work.rglob("*.partial"):
         partial.unlink()

@@ -1,4 +1,4 @@
-"""JSON Schema (2020-12) of a record: what editors complete and check a file by."""
+"""JSON Schema (2020-12) of a record, by which editors complete and check a file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def record_schema(record: Any) -> dict[str, Any]:
     """The schema of a file that holds `record`, a record or a list of records.
 
-    Tables that a later step decodes stand in `$defs` as well: see `hagoromo.files.record.like`.
+    `$defs` also contains tables that a later step decodes: see `hagoromo.files.record.like`.
     """
     (schema,), tables = msgspec.json.schema_components([record], ref_template=REFERENCE + "{name}")
     waiting = list(_named([schema, tables]))
@@ -35,7 +35,7 @@ def record_schema(record: Any) -> dict[str, Any]:
 
 
 def _as_decoded(field: dict[str, Any], takes_null: bool) -> dict[str, Any]:
-    """The schema of a field as `decode` reads it: null only where it is taken; a choice without its pattern."""
+    """The schema of a field as `decode` reads it: null only where it is allowed; a choice without its pattern."""
     if "enum" in field:
         field.pop("pattern", None)
     if takes_null or field.get("default", ...) is not None:

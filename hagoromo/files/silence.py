@@ -1,4 +1,7 @@
-"""Nothing on standard output and error while a library reads: some write there about a file that they then refuse."""
+"""Silence: C libraries that parse a file write nothing to standard output and standard error.
+
+Some libraries print messages about a damaged file in addition to the error that they return.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from contextlib import contextmanager, redirect_stdout
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Standard output and error lead nowhere within the block, those of C libraries as well."""
+    """Discard standard output and standard error within the block, also those of C libraries."""
     stderr = os.dup(2)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 2)

@@ -16,8 +16,8 @@ from hagoromo.files.checks import read_bytes
 def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     """Column name → (rows,) float64, in the file's order; empty lines and lines that start with # are skipped.
 
-    `InputError` when the file is missing, no text, has no header, no rows, a row of another length or a cell that
-    is no finite number.
+    `InputError` if the file is missing, is not text, has no header or no rows, rows of different lengths, or a cell
+    that is not a finite number.
     """
     try:
         text = read_bytes(path).decode("utf-8-sig")
@@ -27,7 +27,7 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
             if any(cell.strip() for cell in row) and not row[0].startswith("#")
         ]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} is no CSV text: {error}") from error
+        raise InputError(f"{path} is not CSV text: {error}") from error
     if len(rows) < 2:
         raise InputError(f"{path} has {len(rows)} rows: a table needs a header row and at least one row of numbers")
     names = [cell.strip() for cell in rows[0][1]]
@@ -42,7 +42,7 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
 
 
 def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
-    """Write `columns`, name → (rows,), so that `read_table` gives the same float64 numbers back."""
+    """Write `columns`, name → (rows,), such that `read_table` returns the same float64 numbers."""
     arrays = [np.asarray(values, dtype=np.float64) for values in columns.values()]
     if len({array.shape for array in arrays}) != 1 or arrays[0].ndim != 1:
         raise InputError(f"a table needs columns of one length: given shapes {[array.shape for array in arrays]}")
@@ -59,7 +59,7 @@ def _numbers(row: list[str], names: list[str], where: str) -> list[float]:
     for cell, name in zip(row, names, strict=True):
         value = _number(cell)
         if value is None or not np.isfinite(value):
-            raise InputError(f"{where}, column {name}: {cell!r} is no finite number")
+            raise InputError(f"{where}, column {name}: {cell!r} is not a finite number")
         numbers.append(value)
     return numbers
 

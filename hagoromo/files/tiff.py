@@ -1,4 +1,4 @@
-"""TIFF: 8- or 16-bit integer or float images, as other programs and cameras write them. Read only."""
+"""TIFF: images of 8 or 16 bits or float, as cameras and other programs write them. Read only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, s
 def read_tiff(path: str | Path) -> NDArray:
     """The first image of the file: (height, width[, 3 or 4]), uint8, uint16 or float32, in the order R, G, B, A.
 
-    `InputError` when the file is missing, no TIFF, cut off, of another kind of pixels, or larger than the free memory.
+    `InputError` if the file is missing, not a TIFF, truncated, of another pixel type, or larger than the free memory.
     """
     import tifffile
 
@@ -48,7 +48,7 @@ def read_tiff(path: str | Path) -> NDArray:
 
 
 def _unpacked(path: Path) -> NDArray:
-    """Through OpenCV, whose libtiff has the compressions of other programs and unpacks no more than a strip holds."""
+    """Decode by OpenCV, whose libtiff knows all compressions and never decodes more than a strip holds."""
     import cv2
 
     try:

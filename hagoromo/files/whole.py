@@ -1,6 +1,6 @@
-"""Outputs written whole or not at all: a temporary name beside the target, renamed on success.
+"""Outputs that appear complete or not at all: written under a temporary name and renamed on success.
 
-Failure and Ctrl-C alike remove the temporary; the target is then as it was.
+After a failure or Ctrl-C the temporary file is removed and the target is unchanged.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 
-MARK = ".hagoromo"  # an empty file in every folder written here; without it a folder is never replaced
+MARK = ".hagoromo"  # empty file in every folder that this package writes; only such folders are replaced
 
 
 @contextmanager
 def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """Temporary path, with the suffix of `path`, to write to; it becomes `path` when the block ends without exception.
+    """Temporary path, with the suffix of `path`, to write to; renamed to `path` when the block succeeds.
 
-    `InputError` when `path` exists without `force`, or is a folder.
+    `InputError` if `path` exists without `force`, or is a folder.
     """
     target = replaceable_file(path, force)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -34,10 +34,10 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """Temporary empty folder to fill; it becomes `path` when the block ends without exception.
+    """Temporary empty folder to fill; renamed to `path` when the block succeeds.
 
-    `InputError` when `path` exists and is not empty without `force`; with `force`, when it was not written by
-    Hagoromo (a folder of somebody else's files is never deleted).
+    `InputError` if `path` is a non-empty folder without `force`; with `force`, if Hagoromo did not write it (other
+    files are never deleted).
     """
     target = replaceable_folder(path, force)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +51,7 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 
 def replaceable_file(path: str | Path, force: bool = False) -> Path:
-    """`path`, if a file may be put there: see `whole_file` for what `InputError` refuses."""
+    """`path`, if a file may be written there; raises `InputError` as `whole_file` does."""
     target = Path(path)
     if target.is_dir():
         raise InputError(f"{target} is a folder: give a file name")
@@ -61,7 +61,7 @@ def replaceable_file(path: str | Path, force: bool = False) -> Path:
 
 
 def replaceable_folder(path: str | Path, force: bool = False) -> Path:
-    """`path`, if a folder may be put there: see `whole_folder` for what `InputError` refuses."""
+    """`path`, if a folder may be written there; raises `InputError` as `whole_folder` does."""
     target = Path(path)
     if target.exists() and not target.is_dir():
         raise InputError(f"{target} is a file: give a folder name")
@@ -74,7 +74,7 @@ def replaceable_folder(path: str | Path, force: bool = False) -> Path:
 
 
 def put_folder(whole: Path, target: Path) -> None:
-    """Rename the folder `whole`, marked as Hagoromo's, to `target`; what stood there is moved aside, removed last."""
+    """Mark the folder `whole` as Hagoromo's and rename it to `target`; an old folder there is removed last."""
     (whole / MARK).touch()
     if not target.exists():
         os.replace(whole, target)

@@ -1,7 +1,8 @@
-"""Zarr arrays of numbers on disk, read as a stranger's: nothing outside their folder, no object, no code is let in.
+"""Zarr arrays of numbers on disk, which may come from untrusted sources.
 
-A folder with a link in it, a codec that is not in CODECS (pickled objects run code), a type that is not a number and a
-chunk too large for the memory are refused before a chunk is read. A chunk that cannot be decoded is named.
+Before any chunk is read, `InputError` is raised for a folder that contains a link, a codec that is not in CODECS
+(decoding pickled objects would run code), a type that is not numeric, and a chunk that does not fit into the memory.
+The message about a chunk that cannot be decoded names its file.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Index = tuple[int, ...]
 
 @dataclass(frozen=True, eq=False)
 class ZarrArray:
-    """An array that passed the door: `array` of zarr-python, and where the file of each chunk that exists is."""
+    """A checked array: `array` of zarr-python, and the file of each chunk that exists."""
 
     array: Any
     where: str
@@ -41,21 +42,21 @@ class ZarrArray:
 
     @property
     def shape(self) -> Index:
-        """Numbers along each axis."""
+        """Length of each axis."""
         return self.array.shape
 
     @property
     def grid(self) -> Index:
-        """Numbers along each axis that one file holds."""
+        """Length of each axis of the part that one file holds."""
         return self.array.shards or self.array.chunks
 
     @property
     def absent_is_zero(self) -> bool:
-        """Whether a chunk without a file is all zeros."""
+        """Whether a chunk without a file means zeros."""
         return bool(self.array.fill_value == 0)
 
     def read(self, low: Index, high: Index) -> NDArray:
-        """The numbers from index `low` up to, without, `high`; `InputError` where they cannot be decoded."""
+        """The numbers from index `low` to `high` (excluded); `InputError` if they cannot be decoded."""
         index = tuple(first // size for first, size in zip(low, self.grid, strict=True))
         ends = zip(index, self.grid, self.shape, strict=True)
         cell = tuple((k * size, min((k + 1) * size, n)) for k, size, n in ends)
@@ -73,7 +74,7 @@ class ZarrArray:
 
     @cached_property
     def _decode(self) -> Callable[[bytes], Any] | None:
-        """What undoes plain Zstandard: zarr-python needs a millisecond a chunk more than the decoding."""
+        """Decoder of plain Zstandard chunks: zarr-python takes a millisecond more per chunk."""
         from numcodecs import Zstd
 
         codecs = _codecs(self.array.metadata)
@@ -83,7 +84,7 @@ class ZarrArray:
 
 
 def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str, Any], dict[str, ZarrArray]]:
-    """Attributes and arrays of the Zarr v3 group at `path`; arrays of `names` that it lacks are left out."""
+    """Attributes and arrays of the Zarr v3 group at `path`; `names` that do not exist are omitted."""
     import zarr
 
     folder = existing_folder(path)
@@ -108,7 +109,7 @@ def open_array(path: str | Path) -> ZarrArray:
 
 
 def _files(folder: Path) -> set[str]:
-    """Paths of all files under `folder`, relative to it; `InputError` for a link, a pipe and the like."""
+    """Paths of all files under `folder`, relative to it; `InputError` for links, pipes and other special files."""
     paths, pending = set(), [(str(folder), "")]
     while pending:
         directory, prefix = pending.pop()
@@ -119,12 +120,12 @@ def _files(folder: Path) -> set[str]:
                 elif entry.is_file(follow_symlinks=False):
                     paths.add(prefix + entry.name)
                 else:
-                    raise InputError(f"{entry.path} is a link or no plain file: put the file itself there")
+                    raise InputError(f"{entry.path} is a link or not a regular file: put the file itself there")
     return paths
 
 
 def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
-    """`array`, if it holds numbers, needs no unknown codec, and one of its chunks fits the memory."""
+    """`array`, if it is numeric, uses known codecs only, and its chunks fit into the memory."""
     if not hasattr(array, "shape"):
         raise InputError(f"{folder} is a Zarr group: give the folder of an array")
     if array.dtype.kind not in NUMBER_KINDS:
@@ -139,12 +140,12 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
         match = re.fullmatch(r"(?:c[/.])?(\d+(?:[/.]\d+)*)", name)
         index = tuple(map(int, re.split("[/.]", match[1]))) if match else ()
         if match and array.metadata.encode_chunk_key(index) == name:
-            chunks[index] = f"{folder}{os.sep}{name}"  # there may be very many: no Path
+            chunks[index] = f"{folder}{os.sep}{name}"  # text, not Path, because there may be very many
     return ZarrArray(array, str(folder), chunks)
 
 
 def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    """Names and settings of all codecs of an array, those inside shards too."""
+    """Names and settings of all codecs of an array, including those inside shards."""
     if metadata.zarr_format == 2:
         codecs = (*(metadata.filters or ()), metadata.compressor)
         records = [codec.get_config() for codec in codecs if codec is not None]
@@ -160,10 +161,10 @@ def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
 
 @contextmanager
 def _one_line_errors(folder: Path) -> Iterator[None]:
-    """What zarr-python says of a damaged or foreign folder becomes an `InputError`."""
+    """Turn errors of zarr-python about a damaged or foreign folder into a one-line `InputError`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # types outside the specification: refused below
+            warnings.simplefilter("ignore")  # about types outside the specification, which are refused later
             yield
     except InputError:
         raise

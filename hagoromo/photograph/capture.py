@@ -1,7 +1,7 @@
 """Capture: a folder of photographs of one object, with `transforms.json` beside them.
 
-`load_capture` reads ours and those of nerfstudio, instant-ngp and NeRF as they are; `save_capture` writes sensor
-numbers (PNG) where they give the photograph back exactly, else linear values with their variance (EXR).
+`load_capture` reads captures of this package, nerfstudio, instant-ngp and NeRF. `save_capture` writes sensor numbers
+(PNG) where they represent the photograph exactly, else linear values with their variance (EXR).
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ from hagoromo.photograph.transforms import (
 )
 
 TRANSFORMS = "transforms.json"
-# keys at the top of the file that frames do not take over; a frame's sensor is laid over the file's
+# keys at the top of the file that frames do not inherit; a frame's sensor overrides single keys of the file's
 OF_THE_FILE = {*CaptureRecord.__struct_fields__, "pl_pos"} - {*ImageSettings.__struct_fields__} | {"sensor"}
 OF_ONE_FRAME = ("file_path", "name", "mask_path", "transform_matrix", "lamps")
 VECTORS = {"points": ("P.X", "P.Y", "P.Z"), "normals": ("N.X", "N.Y", "N.Z")}  # EXR channels
-SHEET_COLUMNS, SHEET_WIDTH = 4, 800  # photographs in a row, and px of a row, of the picture in a notebook
-BYTES_PER_VALUE = 9  # value, variance and native of a photograph
+SHEET_COLUMNS, SHEET_WIDTH = 4, 800  # picture in a notebook: photographs per row, and width of a row [px]
+BYTES_PER_VALUE = 9  # of a photograph: float32 value, float32 variance and boolean `native`
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
     """Photographs of one object.
 
-    folder: where it was read from. truth: what a simulation knows, as its file has it. points: (height, width, 3) [m]
-    and normals: (height, width, 3) unit, world axes, 0 where unknown: the shape, where it is known; all photographs are
-    then of one camera in one place. Raises `InputError` when there is no photograph, or the parts do not go together.
+    folder: where it was read from. truth: ground truth of a simulation, as in its file. points: (height, width, 3) [m]
+    and normals: (height, width, 3), unit vectors, world axes, 0 where unknown: the shape, if it is known; all
+    photographs then share one camera and view. Raises `InputError` without a photograph, or if the parts do not match.
     """
 
     photographs: tuple[Photograph, ...]
@@ -67,7 +67,7 @@ class Capture:
     normals: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        """Check that the parts go together."""
+        """Check that the parts match."""
         object.__setattr__(self, "photographs", tuple(self.photographs))
         if not self.photographs:
             raise InputError(f"capture {self.name!r} has no photograph: give at least one")
@@ -75,12 +75,12 @@ class Capture:
         size = (cameras[0].height, cameras[0].width, 3)
         for what, vectors in (("points", self.points), ("normals", self.normals)):
             if vectors is not None and vectors.shape != size:
-                raise InputError(f"{what} of shape {vectors.shape} for a photograph that needs {size}: make them fit")
+                raise InputError(f"{what} have shape {vectors.shape} and the photographs need {size}: resize them")
             if vectors is not None and not all(np.allclose(c.matrix, cameras[0].matrix, rtol=1e-6) for c in cameras):
-                raise InputError(f"{what} are of one view, the photographs of several: leave {what} out")
+                raise InputError(f"{what} are of one view and the photographs of several: leave {what} out")
 
     def __repr__(self) -> str:
-        """The name, the photographs and what is known of the shape."""
+        """The name, the photographs and whether the shape is known."""
         height, width = self.photographs[0].values.shape[:2]
         shape = "unknown shape" if self.points is None or self.normals is None else "known shape"
         return f"Capture({self.name!r}, {len(self.photographs)} photographs of {width} × {height} px, {shape})"
@@ -113,11 +113,10 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
     """The capture in `folder` (or in a transforms file of another name), or a slice of its frames.
 
     Values are in units of ρ where the sensor's `exposure` is known, else (DN − black)/(white − black) per second of
-    exposure and at ISO 100, which RAW files tell themselves. PNG, TIFF and JPEG are taken for linear unless `transfer`
-    is "srgb"; a pixel that is saturated, not opaque or black in the mask is invalid. Where the file does not tell the
-    sensor's figures the variance is that of a usual one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps`
-    nor `pl_pos` has no lamps. Frames without an image are left out with a warning; `InputError` for whatever else is
-    missing or contradicts itself.
+    exposure at ISO 100; RAW files state both. PNG, TIFF and JPEG are read as linear unless `transfer` is "srgb". A
+    pixel is invalid if it is saturated, not opaque, or black in the mask. If the file does not describe the sensor, the
+    variance is that of a typical one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps` nor `pl_pos` has no
+    lamps. Frames without an image are omitted with a warning; `InputError` for other missing or contradictory data.
     """
     file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
     record, home = read_json(file), file.parent
@@ -147,9 +146,9 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
 
 
 def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> Path:
-    """Write `capture` to `folder`, whole or not at all; `load_capture` gives the same photographs back.
+    """Write `capture` to `folder`, completely or not at all; `load_capture` returns the same photographs.
 
-    `InputError` when the folder exists without `force`, or the photographs differ in their response.
+    `InputError` if the folder exists without `force`, or the photographs have different responses.
     """
     response = capture.photographs[0].camera.response
     if not all(_same(photograph.camera.response, response) for photograph in capture.photographs):
@@ -181,7 +180,7 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
 
 
 def count_absent(file: Path, frames: Sequence[Any]) -> int:
-    """How many frames of a transforms file have no image; one that names none counts as well."""
+    """Number of frames of a transforms file without an image, including frames that name none."""
     named = [frame.get("file_path") if isinstance(frame, dict) else None for frame in frames]
     return sum(
         not (isinstance(name, str) and _image_path(file, i, {"file_path": name}).exists())
@@ -198,7 +197,7 @@ def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple
     located = [(i, frame, _image_path(file, i, frame)) for i, frame in frames]
     present = [entry for entry in located if entry[2].exists()]
     if not present:
-        raise InputError(f"{file}: none of the {len(located)} frames asked for has an image: check its folder")
+        raise InputError(f"{file}: none of the {len(located)} frames has an image: check the folder of the images")
     if len(present) < len(located):
         absent = len(located) - len(present)
         warnings.warn(f"{file}: {absent} of {len(located)} frames have no image and are left out", stacklevel=3)
@@ -206,12 +205,12 @@ def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple
 
 
 def _image_path(file: Path, index: int, frame: Mapping[str, Any]) -> Path:
-    """The image of a frame; NeRF's files leave its suffix out."""
+    """The image of a frame; NeRF's files omit its suffix."""
     path = inside(file.parent, decode(frame, _Image, f"{file} frame {index}").file_path)
     if path.suffix.lower() in SUFFIXES:
         return path
     if path.is_file():
-        raise InputError(f"{path} is no image of a known kind: give one of {', '.join(SUFFIXES)}")
+        raise InputError(f"{path} is not an image of a known format: give one of {', '.join(SUFFIXES)}")
     named = [path.with_name(path.name + suffix) for suffix in SUFFIXES]
     return next((candidate for candidate in named if candidate.exists()), named[0])
 
@@ -230,7 +229,7 @@ def _photograph(
 
 
 def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str, int]) -> dict[str, Any]:
-    """Write the images of a photograph; its frame. lamps: those already listed, as JSON, with their index."""
+    """Write the images of a photograph and return its frame. lamps: lamps listed so far, JSON text → index."""
     (home / "images").mkdir(exist_ok=True)
     image = write_pixels(photograph, home / "images" / f"{index:04d}")
     lit = [json.dumps(record_from_lamp(lamp)) for lamp in photograph.lamps]

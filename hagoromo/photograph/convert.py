@@ -1,4 +1,4 @@
-"""Convert: cameras of one program's file → another's, or with their images → a capture."""
+"""Convert: cameras from the file format of one program to that of another, or with their images to a capture."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def convert(
     images: str | Path | None = None,
     force: bool = False,
 ) -> dict[str, Camera] | Capture:
-    """Write the cameras of the file (or folder) `cameras` to `out`; the views, image file → camera.
+    """Write the cameras in the file (or folder) `cameras` to `out`; returns the views, image file → camera.
 
-    to: format (None: that of the suffix of `out`). images: folder of the images; a capture is then written, and
-    returned. `InputError` for files of no known format, and for both `to` and `images`.
+    to: format (None: by the suffix of `out`). images: folder of the images; a capture is then written and returned
+    instead. `InputError` for an unknown format, and if both `to` and `images` are given.
     """
     if images is None:
         views = read_views(cameras)

@@ -1,4 +1,4 @@
-"""Gather: cameras that another program solved, and the folder of their images → Capture."""
+"""Gather: cameras from another program and the folder of their images → Capture."""
 
 from __future__ import annotations
 
@@ -20,15 +20,17 @@ from hagoromo.photograph.transforms import ImageSettings
 
 
 def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["linear", "srgb"] = "linear") -> Capture:
-    """The images in `folder` that `views` name, each with its camera; no lamps, the variance of a usual sensor.
+    """The images in `folder` that `views` name, each with its camera; no lamps; noise of a typical sensor.
 
-    transfer: "srgb" for pictures as a camera shows them. Images that are absent are left out with a warning.
-    `InputError` when none is there, or one is not of its camera's size.
+    transfer: "srgb" for display-encoded pictures. Missing images are omitted with a warning. `InputError` if all are
+    missing, or an image does not have the size of its camera.
     """
     home = existing_folder(folder)
     present = {name: inside(home, name) for name in views if name and inside(home, name).is_file()}
     if not present:
-        raise InputError(f"{home} holds none of the {len(views)} images that the cameras name: give their folder")
+        raise InputError(
+            f"{home} contains none of the {len(views)} images of the cameras: give the folder of the images"
+        )
     if len(present) < len(views):
         absent = len(views) - len(present)
         warnings.warn(f"{home}: {absent} of {len(views)} images are absent and are left out", stacklevel=2)
@@ -50,11 +52,11 @@ def size_of_images(folder: str | Path) -> tuple[int, int] | None:
 
 def _photograph(path: Path, camera: Camera, transfer: str) -> Photograph:
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path} is no image of a known kind: give one of {', '.join(SUFFIXES)}")
+        raise InputError(f"{path} is not an image of a known format: give one of {', '.join(SUFFIXES)}")
     frame = ImageSettings(exposure_s=1.0, iso=100.0, transfer=transfer)
     pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
     height, width = pixels.values.shape[:2]
     if (height, width) != (camera.height, camera.width):
-        raise InputError(f"{path} is {width} × {height} px and its camera {camera.width} × {camera.height}")
+        raise InputError(f"{path} is {width} × {height} px and its camera {camera.width} × {camera.height}: resize it")
     camera = replace(camera, sensor=pixels.sensor)
     return Photograph(pixels.values, pixels.variance, pixels.valid, camera, (), path.stem, pixels.native)

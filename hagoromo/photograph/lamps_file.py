@@ -1,4 +1,4 @@
-"""lamps.json: the lamps that a calibration found, as a capture lists them, and what is known about each."""
+"""lamps.json: calibrated lamps, as a capture lists them, with their standard errors."""
 
 from __future__ import annotations
 

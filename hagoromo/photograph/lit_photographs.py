@@ -46,16 +46,16 @@ def capture(
 ) -> Capture:
     """The capture of photographs that one camera took from one place, with one lamp on in each.
 
-    photographs: EXR files of `develop`, or linear PNG or TIFF. lamps: lamps.json, or `Lamp`s: each photograph has the
-    lamp whose name (without suffix) is that of its file, or, where the names do not match, the lamp of its place in the
-    order. camera: a `Camera` or its file, with the world's axes then the camera's (x right, y down, z forward); without
-    it the view is taken for orthographic (x right, y up, z to the camera). response: a `Response`, its name or CSV.
-    masks: PNG files, white on the object, one for all photographs or one each. spectrum: of all lamps, where lamps.json
-    has none: a name or CSV. intensity: of all lamps, in place of that of lamps.json: one number, or one per channel.
-    undistorted: the photographs have no lens distortion although their files do not state it. transfer: of 8-bit files.
+    photographs: EXR files of `develop`, or linear PNG or TIFF. lamps: lamps.json, or `Lamp`s. A photograph is assigned
+    the lamp with the name of its file (without suffix); if the names do not match, lamps are assigned in order. camera:
+    a `Camera` or its file; world axes are then the camera's (x right, y down, z forward). Without it the view is
+    assumed orthographic (x right, y up, z to the camera). response: a `Response`, its name or CSV. masks: PNG files,
+    white on the object, one for all photographs or one each. spectrum: of all lamps (a name or CSV), if lamps.json has
+    none. intensity: of all lamps, instead of that in lamps.json: one number, or one per channel. undistorted: the
+    photographs have no lens distortion although their files do not state it. transfer: of 8-bit files.
 
-    `InputError` where the numbers of photographs, lamps and masks differ, sizes differ from the camera's, some
-    photographs are undistorted and others not, or the lamps stand behind the object.
+    `InputError` if the numbers of photographs, lamps and masks differ, sizes differ from the camera's, only some of the
+    photographs are undistorted, or the lamps are behind the object.
     """
     paths = by_name([Path(path) for path in photographs])
     if not paths:
@@ -121,9 +121,9 @@ def _as_stated(lamp: Lamp, spectrum: Spectrum | str | Path | None, intensity: fl
 def _check_readable(path: Path, transfer: str | None) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise InputError(f"{path} is not an image of a known kind: give one of {', '.join(SUFFIXES)}")
+        raise InputError(f"{path} is not an image of a known format: give one of {', '.join(SUFFIXES)}")
     if suffix in PICTURES and transfer is None and read_picture(path).dtype == np.uint8:
-        raise InputError(f"{path} has 8 bits, seldom linear ones: develop it first, or state --transfer")
+        raise InputError(f"{path} has 8 bits, which are rarely linear: develop it first, or state --transfer")
 
 
 def _undistorted(paths: dict[str, Path], stated: bool) -> bool:
@@ -137,7 +137,7 @@ def _undistorted(paths: dict[str, Path], stated: bool) -> bool:
 
 
 def _view(camera: Camera | str | Path | None, width: int, height: int, undistorted: bool) -> Camera:
-    """The camera of all photographs, as a pinhole where they are undistorted."""
+    """The camera of all photographs, a pinhole if they are undistorted."""
     if camera is None:
         focal = ORTHOGRAPHIC_FOCAL * max(width, height)
         orthographic = Camera(width, height, (focal, focal), (width / 2, height / 2), name="orthographic")
@@ -147,10 +147,10 @@ def _view(camera: Camera | str | Path | None, width: int, height: int, undistort
 
 
 def _check_lamps(lamps: Sequence[Lamp], camera: Camera) -> None:
-    """`InputError` where every lamp is far and none of them lights the side that the camera sees."""
+    """Raise `InputError` if every lamp is far and none lights the side that the camera sees."""
     forward = camera.world_to_camera[2, :3]
     if all(lamp.to_lamp is not None and lamp.to_lamp @ forward >= 0.0 for lamp in lamps):
         raise InputError(
-            "every lamp stands behind the object as this camera sees it: give --camera here if, and only if, it was "
-            "given to `hagoromo calibrate lamps`"
+            "every lamp is behind the object as seen from this camera: give --camera if, and only if, it was given to "
+            "`hagoromo calibrate lamps`"
         )

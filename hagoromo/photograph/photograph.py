@@ -13,18 +13,18 @@ from hagoromo.files.png import png_bytes
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 
-DISPLAY_KEY = 0.9  # display value of the brightest half percent of a photograph
+DISPLAY_KEY = 0.9  # display value (1: white) of the 99.5th percentile of a photograph
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """One exposure, linear in light.
 
-    values: (height, width, channels) float32, in units of ρ of Tanaka eq. (10). variance: the same shape, its square.
-    mask: (height, width), true where the pixel is valid (not saturated, part of the object). camera, lamps: what took
-    it and what lit it. native: (height, width, channels), true where the sensor itself measured the channel and the
-    value is independent of its neighbours; None when it did everywhere. Raises `InputError` when the shapes differ, a
-    valid pixel is not finite or has no variance.
+    values: (height, width, channels) float32, in units of ρ of Tanaka eq. (10). variance: same shape, in squared units.
+    mask: (height, width), true where the pixel is valid (not saturated, part of the object). camera: the camera that
+    took it; lamps: those that were on. native: (height, width, channels), true where the sensor measured the channel
+    itself, so that the value is independent of its neighbours; None if that is so everywhere. Raises `InputError` if
+    shapes differ, or a valid pixel is not finite or has no positive variance.
 
     >>> camera = hg.Camera(5, 3, (10, 10), (2.5, 1.5))
     >>> grey = np.full((3, 5, 3), 0.2)
@@ -52,8 +52,9 @@ class Photograph:
         return png_bytes(self.display())
 
     def display(self) -> NDArray[np.uint8]:
-        """8-bit picture (height, width, 3) for people: the camera's own colours (grey unless there are three channels),
-        the 99.5th percentile of the valid pixels just below white.
+        """8-bit picture (height, width, 3) for display, in the camera's own colours (grey unless there are 3 channels).
+
+        The 99.5th percentile of the valid pixels is just below white.
         """
         values = np.nan_to_num(self.values.astype(np.float64))
         if values.shape[2] != 3:

@@ -1,4 +1,4 @@
-"""Pixels of an image file: numbers of a sensor (RAW, PNG, TIFF, JPEG) or light (EXR) → values, variance, and back."""
+"""Pixels of an image file: sensor numbers (RAW, PNG, TIFF, JPEG) or linear values (EXR) ↔ values with variance."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside tho
 
 
 class Pixels(NamedTuple):
-    """values, variance, native: as `Photograph`; valid (height, width); sensor: None where its figures are assumed."""
+    """values, variance, native: as `Photograph`; valid (height, width); sensor: None if its parameters are assumed."""
 
     values: NDArray[np.float32]
     variance: NDArray[np.float32]
@@ -40,9 +40,9 @@ class Pixels(NamedTuple):
 def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demosaic: Demosaic, where: str) -> Pixels:
     """Pixels of the image at `path`.
 
-    frame: its `sensor`, `transfer`, `exposure_s` and `iso` (None: what a RAW file tells, else 1 s and 100). channels:
-    names in the order of the values, for EXR.
-    `InputError` for a file that is no image, or contradicts the sensor.
+    frame: its `sensor`, `transfer`, `exposure_s` and `iso` (None: as a RAW file states, else 1 s and 100). channels:
+    names of the EXR channels in the order of the values.
+    `InputError` for a file that is not an image, or contradicts the sensor.
     """
     if path.suffix.lower() in RAW_SUFFIXES:
         return _from_raw(path, frame, demosaic, where)
@@ -50,7 +50,7 @@ def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demos
     reader = READERS.get(path.suffix.lower())
     image = None if reader is None else reader(path)
     if image is not None and image.dtype.kind == "f":
-        raise InputError(f"{path} holds floats: develop it into an EXR first")
+        raise InputError(f"{path} holds floating-point values: convert it to EXR with `develop` first")
     depth = 16 if image is None else 8 * image.dtype.itemsize
     sensor = sensor_from_record(frame.sensor, depth, seconds, iso, where)
     known = sensor if any(k != "response" for k in frame.sensor) and frame.transfer == "linear" else None
@@ -58,7 +58,9 @@ def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demos
         return _from_exr(path, channels, seconds * iso / 100.0)._replace(sensor=known)
     numbers, opaque = _opaque(image)
     if sensor.largest < numbers.max(initial=0):
-        raise InputError(f"{path} holds {numbers.max()}, more than {sensor.bits} bits: mend the sensor's bits")
+        raise InputError(
+            f"{path} holds {numbers.max()}, more than {sensor.bits} bits allow: correct the sensor's `bits`"
+        )
     mosaic = sensor.mosaic if numbers.ndim == 2 else ""
     raw = numbers if mosaic or numbers.ndim == 3 else numbers[..., None]
     if frame.transfer == "srgb":
@@ -70,15 +72,15 @@ def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demos
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """True where the PNG at `path` is not black (nor transparent); `InputError` when it is not of `shape`."""
+    """True where the PNG at `path` is neither black nor transparent; `InputError` if it does not have `shape`."""
     mask, opaque = _opaque(read_png(path))
     if mask.shape[:2] != shape:
-        raise InputError(f"{path} is of shape {mask.shape[:2]} and its photograph of {shape}: make them the same")
+        raise InputError(f"{path} has shape {mask.shape[:2]} and its photograph {shape}: resize the mask")
     return opaque & (mask.reshape(*shape, -1) > 0).any(axis=2)
 
 
 def write_pixels(photograph: Photograph, stem: Path) -> Path:
-    """Write the photograph beside `stem`: PNG where sensor numbers give it back exactly, else EXR; the path written."""
+    """Write the photograph as `stem`.png if sensor numbers represent it exactly, else as EXR; returns the path."""
     numbers = _sensor_numbers(photograph)
     if numbers is not None:
         write_png(stem.with_suffix(".png"), numbers)
@@ -95,12 +97,12 @@ def write_pixels(photograph: Photograph, stem: Path) -> Path:
 
 
 def default_channels(count: int) -> tuple[str, ...]:
-    """Names of `count` channels of which nothing is known."""
+    """Default names of `count` channels."""
     return {1: ("Y",), 3: ("R", "G", "B")}.get(count, tuple(f"band{i:03d}" for i in range(count)))
 
 
 def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) -> Pixels:
-    """Camera RAW: its own levels, mosaic and exposure where the frame does not state others."""
+    """Camera RAW, with the file's levels, mosaic and exposure unless the frame states others."""
     sensor_keys = frame.sensor
     settings = StatedExposure(
         sensor_keys.get("black_level"), sensor_keys.get("white_level"), None, None, frame.exposure_s, frame.iso
@@ -138,25 +140,25 @@ def _from_exr(path: Path, channels: Sequence[str], scale: float) -> Pixels:
 
 
 def _opaque(image: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
-    """The image without its alpha, and where that is full: a half transparent pixel shows the background too."""
+    """The image without alpha, and where alpha is full: a partly transparent pixel also shows the background."""
     if image.ndim == 2 or image.shape[2] == 3:
         return image, np.ones(image.shape[:2], np.bool_)
     return image[..., :3], image[..., 3] == np.iinfo(image.dtype).max
 
 
 def _from_srgb(numbers: NDArray, sensor: Sensor) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Develop display numbers; their rounding is coarser in light than in the dark."""
+    """Linear values of sRGB numbers; their quantisation step is larger in bright than in dark regions."""
     bounds = np.arange(sensor.largest + 2.0) - 0.5
     light = sensor.largest * srgb_decode(255.0 * np.clip(bounds, 0.0, sensor.largest) / sensor.largest)
     centre = sensor.largest * srgb_decode(255.0 * (bounds[:-1] + 0.5) / sensor.largest)
     developed = develop_raw(centre[numbers], replace(sensor, mosaic=""))
-    # develop_raw has taken the rounding for that of one linear number, 1/12
+    # develop_raw has assumed the rounding variance of linear numbers, 1/12
     rounding = (np.diff(light)[numbers] ** 2 - 1.0) / 12.0 * (sensor.gain / sensor.exposure) ** 2
     return developed.values, (developed.variance + rounding).astype(np.float32), developed.valid
 
 
 def _sensor_numbers(photograph: Photograph) -> NDArray | None:
-    """Sensor numbers that `develop_raw` turns into this photograph, None where there are none."""
+    """Sensor numbers from which `develop_raw` makes exactly this photograph; None if there are none."""
     sensor, native = photograph.camera.sensor, photograph.native
     height, width, count = photograph.values.shape
     if sensor is None or count not in (1, 3):

@@ -1,8 +1,8 @@
-"""Stillness: did camera or object move between photographs of one view under different lamps?
+"""Stillness: detect that camera or object moved between photographs of one view under different lamps.
 
-Lamps change the light, not where edges and texture stand. What is compared is the second difference of the logarithm,
-each part of the picture brought to one strength, by phase correlation (scikit-image). Of the eight objects and twelve
-lamps of the University of Washington's set, a chrome ball among them, none is told to have moved by more than 0.3 px.
+Lamps change the shading but not the position of edges and texture. So the Laplacian of the logarithm, normalised by its
+local strength, is compared by phase correlation (scikit-image). On the University of Washington's set (eight objects
+including a chrome ball, twelve lamps) no estimated shift exceeds 0.3 px.
 """
 
 from __future__ import annotations
@@ -14,21 +14,18 @@ from numpy.typing import NDArray
 
 from hagoromo.photograph.photograph import Photograph
 
-MOVED_PX = 0.75  # px of the compared picture, from which a photograph is told to have moved
-COMPARED_PIXELS = 500_000  # pixels of the compared picture; larger photographs are binned
-EDGE_SCALE_PX, STRENGTH_SCALE_PX = (
-    1.5,
-    8.0,
-)  # px: scale of the edges and texture compared, and of the parts brought to one strength
-FAINT_EDGE = 0.02  # strength (of a logarithm) below which a part is taken for noise
-STEPS_PER_PIXEL = 10  # of a pixel that a shift is told to
-LEAST_CORRELATION = 0.2  # correlation with the others, once shifted back, below which nothing is told
+MOVED_PX = 0.75  # [px of the compared picture] a larger shift means that the photograph moved
+COMPARED_PIXELS = 500_000  # largest number of pixels that are compared; larger photographs are binned
+EDGE_SCALE_PX, STRENGTH_SCALE_PX = 1.5, 8.0  # [px] scales of the compared edges, and of their local strength
+FAINT_EDGE = 0.02  # strength (of the logarithm) below which edges are attributed to noise
+STEPS_PER_PIXEL = 10  # resolution of an estimated shift
+LEAST_CORRELATION = 0.2  # least correlation with the other photographs, after alignment, for a reliable shift
 
 
 def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
-    """Photographs that stand elsewhere than the mean of the others: name → (x, y) [px].
+    """Photographs that are shifted relative to the mean of the others: name → (x, y) [px].
 
-    All must be of one view; fewer than three, or views that differ, tell nothing.
+    Empty for fewer than three photographs, or photographs of different views.
     """
     from scipy.ndimage import shift
     from skimage.registration import phase_cross_correlation
@@ -53,7 +50,7 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
 
 
 def _marks(photograph: Photograph, k: int) -> NDArray[np.float64]:
-    """Edges and texture of a photograph, binned by `k`, of about one strength everywhere, mean 0."""
+    """Edges and texture of a photograph, binned by `k`, normalised by their local strength, with mean 0."""
     from scipy.ndimage import gaussian_filter, gaussian_laplace
 
     values = np.nan_to_num(photograph.values.astype(np.float64).mean(axis=2))

@@ -1,6 +1,6 @@
-"""The tables that a capture's `transforms.json` has beside nerfstudio's, each to its noun and back: sensor, lamp.
+"""Records of a capture's `transforms.json` (sensors, lamps, frames), and their conversion to objects and back.
 
-The cameras are read by `hagoromo.camera.formats.nerfstudio`.
+`hagoromo.camera.formats.nerfstudio` reads the cameras.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hagoromo.files.record import Count, Positive, Record, Vector, WrittenBy, ab
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import SOURCE, Spectrum
 
-# What a sensor is taken for where its file does not say: both are usual for a consumer camera at ISO 100.
+# Assumed where a file does not describe the sensor: typical of a consumer camera at ISO 100.
 ASSUMED_FULL_WELL = 20_000.0  # electrons at white level
 ASSUMED_READ_NOISE = 10.0  # electrons
 LAMP_INDICES = Meta(extra_json_schema={"type": "array", "items": {"type": "integer", "minimum": 0}})
@@ -60,7 +60,7 @@ class LampRecord(Record, frozen=True, kw_only=True):
 
 
 class ImageSettings(ViewRecord, frozen=True, kw_only=True):
-    """How the image of a frame was taken; nerfstudio's keys of its camera."""
+    """Settings of the image of a frame, and nerfstudio's keys of its camera."""
 
     sensor: Annotated[dict[str, Any], like(SensorRecord), about("the sensor; a frame's keys over the file's")] = {}
     transfer: Annotated[str, one_of("linear", "srgb"), about("curve of PNG, TIFF and JPEG values")] = "linear"
@@ -95,10 +95,10 @@ class CaptureRecord(ImageSettings, frozen=True, kw_only=True):
 
 
 def sensor_from_record(record: Mapping[str, Any], depth: int, exposure_s: float, iso: float, where: str) -> Sensor:
-    """Sensor of a frame. `gain` [e⁻/DN] is that at ISO 100; `exposure` [e⁻ per unit of ρ] that of one second.
+    """Sensor of a frame; in the record, `gain` [e⁻/DN] is at ISO 100 and `exposure` [e⁻ per unit of ρ] at one second.
 
-    depth: bits of the image file. Without `exposure` one unit of value is white level after 1 s at ISO 100; without
-    `gain` and `read_noise` the sensor is taken for one of ASSUMED_FULL_WELL and ASSUMED_READ_NOISE.
+    depth: bits of the image file. Without `exposure`, the value 1 is the white level after 1 s at ISO 100; without
+    `gain` and `read_noise`, ASSUMED_FULL_WELL and ASSUMED_READ_NOISE are used.
     """
     stated = decode(record, SensorRecord, f"{where}: sensor")
     bits, black = stated.bits or depth, stated.black_level or 0.0
@@ -118,13 +118,13 @@ def sensor_from_record(record: Mapping[str, Any], depth: int, exposure_s: float,
 
 
 def record_from_sensor(sensor: Sensor) -> dict[str, Any]:
-    """The figures of a sensor, at ISO 100 and one second."""
+    """Parameters of a sensor, at ISO 100 and one second."""
     names = ("exposure", "full_well", "read_noise", "gain", "black_level", "white_level", "bits", "mosaic")
     return {name: getattr(sensor, name) for name in names}
 
 
 def response_from_record(record: Mapping[str, Any], folder: Path, where: str) -> Response | None:
-    """The response that the sensor's record names: a CSV in `folder` or a known camera."""
+    """The response that a sensor's record names: a CSV in `folder` or a known camera."""
     source = decode(record, SensorRecord, f"{where}: sensor").response
     if source is None:
         return None
@@ -132,7 +132,7 @@ def response_from_record(record: Mapping[str, Any], folder: Path, where: str) ->
 
 
 def lamp_from_record(record: Any, folder: Path, where: str) -> Lamp:
-    """Lamp of the top-level list; its spectrum as `Spectrum.load` takes it."""
+    """Lamp of the top-level list; its spectrum is any source that `Spectrum.load` reads."""
     lamp = decode(record, LampRecord, where)
     with described(where):
         spectrum = Spectrum.load(lamp.spectrum, folder)
@@ -140,7 +140,7 @@ def lamp_from_record(record: Any, folder: Path, where: str) -> Lamp:
 
 
 def record_from_lamp(lamp: Lamp) -> dict[str, Any]:
-    """What `lamp_from_record` reads back."""
+    """Record of a lamp, the inverse of `lamp_from_record`."""
     place = {"to_lamp": lamp.to_lamp} if lamp.position is None else {"position": lamp.position}
     return {
         **{key: None if vector is None else vector.tolist() for key, vector in place.items()},

@@ -64,4 +64,4 @@ def test_a_capture_that_reaches_out_of_its_folder_is_refused(refused, capture, t
     record = read_json(capture / "transforms.json")
     record["frames"][0]["file_path"] = "../../secret.png"
     write_json(capture / "transforms.json", record)
-    assert "leads out" in refused("measure", capture, "--out", tmp_path / "measured")
+    assert "points outside" in refused("measure", capture, "--out", tmp_path / "measured")

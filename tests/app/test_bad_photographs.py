@@ -15,14 +15,14 @@ def test_develop_refuses_what_it_cannot_develop(refused, tmp_path):
     (tmp_path / "a.cr2").write_bytes(b"II*\0\x10\0\0\0CR\x02\0 and no more")
     out = ("--out", tmp_path / "o.exr")
     for arguments, said in [
-        ((tmp_path / "a.png", *out), "seldom linear ones: state --transfer"),
+        ((tmp_path / "a.png", *out), "rarely linear: state --transfer"),
         ((tmp_path / "a.png", *out, "--transfer", "log"), "no transfer curve is called 'log'"),
         ((tmp_path / "a.png", *out, "--transfer", "estimate"), "state --exposures"),
-        ((tmp_path / "a.dng", "--out", tmp_path / "o.png"), "must be an EXR"),
+        ((tmp_path / "a.dng", "--out", tmp_path / "o.png"), "is not the name of an EXR"),
         ((tmp_path / "a.dng", *out, "--exposures", "1", "2"), "2 exposures for 1 photographs"),
         ((tmp_path / "a.dng", *out, "--gain", "2"), "go together"),
         ((tmp_path / "a.dng", *out, "--gain", "-2", "--read-noise", "3"), "must be above 0"),
-        ((tmp_path / "a.dng", tmp_path / "a.png", *out, "--transfer", "srgb"), "of different kinds"),
+        ((tmp_path / "a.dng", tmp_path / "a.png", *out, "--transfer", "srgb"), "of different size or mosaic"),
         ((tmp_path / "a.cr2", *out), "cannot be read as camera RAW"),
         ((tmp_path / "b.dng", *out), "does not exist"),
     ]:

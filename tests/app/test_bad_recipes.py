@@ -14,7 +14,7 @@ import pytest
         ("alpha = 0.2", "alpha = 0.9", "energy conservation"),
         ('kind = "skin"', 'kind = "scales"', "one of skin"),
         ("[material]", "[materials]", "material"),
-        ("body_colour = 0.7", 'body_colour = "../red.csv"', "leads out"),
+        ("body_colour = 0.7", 'body_colour = "../red.csv"', "points outside"),
     ],
 )
 def test_a_bad_recipe_is_refused(refused, tmp_path, old, new, said, recipe):

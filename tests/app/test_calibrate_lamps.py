@@ -89,7 +89,7 @@ def test_what_tells_no_lamp_is_refused_in_a_line(shot, refused, tmp_path):
         (["both0.png"], ("--mask", shot / "mask0.png", "--mask", shot / "mask0.png", *near), "two masks show one ball"),
         (["both0.png", "both1.png", "place0.0.png"], (*two, *near, "--moved"), "given 2 masks and 3 photographs"),
         (["both0.png", "both0.png"], (*two, *near), "a photograph is given twice"),
-        (["long.png"], (*afar, "--mirror", "0.6"), "8 bits, seldom linear ones"),
+        (["long.png"], (*afar, "--mirror", "0.6"), "8 bits, which are rarely linear"),
         (["long.png"], (*afar, "--mirror", "0.6", "--transfer", "linear"), "long.png: the highlight is clipped in"),
         (["short.png"], (*afar, "--mirror", "60"), "short.png: the ball's reflectance is"),
         (["blurred.png"], afar, "out of focus: its edge is blurred by"),

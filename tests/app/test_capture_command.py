@@ -81,9 +81,9 @@ def test_what_does_not_go_together_is_refused(laboratory):
         ("2 photographs and 3 lamps", abc[:2], (lamps, camera), {}),
         ("2 masks for 3 photographs", abc, (lamps, camera), {"masks": [mask, mask]}),
         ("is undistorted and", [*abc[:2], laboratory / "d.exr"], (lamps, camera), {}),
-        ("8 bits, seldom linear ones", [*abc[:2], laboratory / "e.png"], (lamps, camera), {"undistorted": True}),
+        ("8 bits, which are rarely linear", [*abc[:2], laboratory / "e.png"], (lamps, camera), {"undistorted": True}),
         ("11 × 7 px and its camera 12 × 7", abc, (lamps, laboratory / "other.json"), {}),
-        ("every lamp stands behind the object", abc, (lamps,), {}),
+        ("every lamp is behind the object", abc, (lamps,), {}),
         ("lacks the key 'lamps'", abc, (camera, camera), {}),
     ]:
         with pytest.raises(hg.InputError, match=said):

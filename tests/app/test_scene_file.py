@@ -124,7 +124,7 @@ def test_a_box_is_built_from_its_recipe(scene_path):
         ("scale = 0.15", "scale = [1, 2]", "3 finite numbers"),
         ("scale = 0.15", "scale = 0.0", "invertible"),
         ("[0.0, 0.2, 0.0]", "[0.0, -3.0, 0.0]", "looks at nothing"),
-        ('"cie1931"', '"../secret.csv"', "leads out"),
+        ('"cie1931"', '"../secret.csv"', "points outside"),
         ('shape = "sphere"', 'mesh = "absent.ply"', "does not exist"),
         ("seed = 7", 'shadows = "soft"', "one of map, march, none"),
         ("[render]", "[rendering]", "unknown key 'rendering': known are camera, lamp"),

@@ -129,7 +129,7 @@ def test_a_fault_is_named_in_one_line(box, name):
 def test_a_pipe_among_the_chunks_is_refused_and_not_waited_for(box):
     (box / "density/c/0/0/0").unlink()
     os.mkfifo(box / "density/c/0/0/0")
-    with pytest.raises(InputError, match="no plain file"):
+    with pytest.raises(InputError, match="not a regular file"):
         load_box(box)
 
 

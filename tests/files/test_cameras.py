@@ -117,7 +117,7 @@ def test_a_binary_model_cut_anywhere_is_refused(tmp_path, name):
         ("a_par.txt", "2\na.png 1 2 3\n", "number of its 1 other lines"),
         ("a_par.txt", "1\na.png 1 2 3\n", "K, R and t are 21"),
         ("a_par.txt", "1\na.png" + " nan" * 21 + "\n", "finite"),
-        ("a_par.txt", "1\n../a.png" + " 1" * 21 + "\n", "leads out"),
+        ("a_par.txt", "1\n../a.png" + " 1" * 21 + "\n", "points outside"),
         ("cameras.txt", "1 OPENCV_FISHEYE 3 5 1 1 1 1 0 0 0 0\n", "model OPENCV_FISHEYE: read are SIMPLE_PINHOLE"),
         ("cameras.txt", "1 PINHOLE 3 5 1 1\n", "takes others"),
         ("cameras.txt", "1 PINHOLE 3 x 1 1 1 1\n", "invalid literal"),

@@ -104,7 +104,7 @@ def test_a_known_shape_reads_back(tmp_path):
     np.testing.assert_array_equal(read.normals, normals)
     with pytest.raises(InputError, match="one view"):
         Capture((shots[0], photograph(PLAIN, 6)), points=points)
-    with pytest.raises(InputError, match="make them fit"):
+    with pytest.raises(InputError, match="resize them"):
         Capture(shots, normals=normals[:-1])
 
 

@@ -162,7 +162,7 @@ def test_eight_bits_need_a_curve_and_come_back_linear_through_it(tmp_path):
     """Stated (srgb, or a CSV of it): the rounding variance covers; within three of its standard deviations."""
     light = RANDOM.uniform(0.01, 0.9, (31, 47, 3))
     write_png(tmp_path / "a.png", srgb_photograph(light, 1.0))
-    with pytest.raises(InputError, match="8 bits, seldom linear ones: state --transfer"):
+    with pytest.raises(InputError, match="8 bits, which are rarely linear: state --transfer"):
         read_exposure(tmp_path / "a.png")
     level = np.arange(256.0)
     write_table(tmp_path / "curve.csv", {"number": level, "light": Transfer.load("srgb", 255).table[:, 0]})
@@ -238,7 +238,7 @@ def test_sixteen_bits_and_float_are_linear_as_they_are(tmp_path):
     for path, given, said in [
         ("m.png", StatedExposure(mosaic="XTRANS"), "mosaic 'XTRANS' is unknown"),
         ("m.png", StatedExposure(black=7.0, white=3.0), "below white"),
-        ("a.toml", StatedExposure(), "does not exist|no photograph"),
+        ("a.toml", StatedExposure(), "does not exist|not a photograph"),
     ]:
         with pytest.raises(InputError, match=said):
             read_exposure(Path(tmp_path / path), given)

@@ -145,11 +145,11 @@ def test_photographs_that_show_no_chart_are_refused(tmp_path, capsys):
         (photograph.astype(np.uint8), CORNERS, "linear photograph of 16 bits"),
         (photograph[..., 0], CORNERS, "three channels"),
         (0 * photograph, None, "is black"),
-        (np.full((300, 400, 3), 1000, np.uint16), None, "no chart is found"),
+        (np.full((300, 400, 3), 1000, np.uint16), None, "no chart is detected"),
         (photograph, CORNERS[:3], "four corners"),
         (photograph, CORNERS + 500.0, "outside the photograph"),
         (photograph, CORNERS[[1, 2, 3, 0]], "does not match the chart"),
-        (photograph, CORNERS[0] + np.array([[0, 0], [20, 0], [20, 15], [0, 15]]), "from nearer"),
+        (photograph, CORNERS[0] + np.array([[0, 0], [20, 0], [20, 15], [0, 15]]), "from closer"),
         (np.full_like(photograph, 65535), CORNERS, "24 of 24 patches are clipped"),
     ]:
         with pytest.raises(InputError, match=said):

@@ -191,9 +191,9 @@ def test_exposures_that_do_not_go_together_are_refused():
     small = shot(light[:-2], 0.8, 2)
     coarse = Sensor(1.0, 30_000.0, 6.0, 2.1, 512.0, 14, "")
     for shots, said in [
-        ([], "nothing to develop"),
-        ([one, small], "different kinds"),
-        ([one, shot(light, 0.8, 2, coarse)], "different kinds"),
+        ([], "no photograph is given"),
+        ([one, small], "different size or mosaic"),
+        ([one, shot(light, 0.8, 2, coarse)], "different size or mosaic"),
         ([one, replace(two, exif=Exif(0.8, 200.0))], "different ISO"),
         ([replace(one, exif=Exif(0.2, None, 4.0)), replace(two, exif=Exif(0.8, None, 8.0))], "different apertures"),
         ([one, replace(two, exif=Exif())], "state --exposures"),
@@ -202,15 +202,15 @@ def test_exposures_that_do_not_go_together_are_refused():
             develop_exposures(shots)
         assert "\n" not in str(refused.value)
     even = np.full((HEIGHT, WIDTH, 3), 100.0)
-    with pytest.warns(UserWarning, match="--gain and --read-noise; a usual sensor's noise stands in"):
+    with pytest.warns(UserWarning, match="--gain and --read-noise; the noise of a typical sensor is assumed"):
         assert develop_exposures([shot(even, 1.0, 1)]).noise.source.endswith("assumed")
     with pytest.raises(InputError, match="--gain"):
         noise_from_pairs([(shot(0 * light, 1.0, 1), shot(0 * light, 1.0, 2))])
-    with pytest.warns(UserWarning, match="stands in"):
+    with pytest.warns(UserWarning, match="is used"):
         dark_master([shot(0 * light, 1.0, 1)], 5.0, KNOWN)
     with pytest.raises(InputError, match=r"100 % of the samples are clipped.*shorter"):
         develop_exposures([shot(light + 1e9, 0.2, 1)], CalibrationFrames(noise=KNOWN))
-    with pytest.raises(InputError, match="of ISO 400, the photographs of 100"):
+    with pytest.raises(InputError, match="has ISO 400 and the photographs 100"):
         develop_exposures([one], CalibrationFrames(darks=[replace(two, exif=Exif(0.2, 400.0))], noise=KNOWN))
     with pytest.raises(InputError, match="is clipped or dark"):
         develop_exposures([one], CalibrationFrames(flats=[shot(light + 1e9, 1.0, 1)], noise=KNOWN))

@@ -74,7 +74,7 @@ def test_spectrum_loads_from_everything_a_record_may_hold(tmp_path):
     np.testing.assert_array_equal(Spectrum.load(spectrum.record()).values, spectrum.values)
     for source, said in [
         ("D64", "nearest names are .*D6"),
-        ("../lamp.csv", "leads out"),
+        ("../lamp.csv", "points outside"),
         ({"wavelengths": [400, 500]}, "lacks the key 'values'"),
         ("two.csv", "beside wavelength_nm it has a, b"),
         (None, "a spectrum is"),

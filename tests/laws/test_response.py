@@ -99,7 +99,7 @@ def test_a_response_reads_from_any_table_with_wavelengths(tmp_path):
     [
         ("wavelength_nm\n400\n500\n", "one column per channel"),
         ("wavelength_nm,R\n500,1\n400,1\n", "must increase"),
-        ("wavelength_nm,R\n500,1\n600,x\n", "no finite number"),
+        ("wavelength_nm,R\n500,1\n600,x\n", "not a finite number"),
         (None, "does not exist"),
     ],
 )

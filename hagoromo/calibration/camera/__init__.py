@@ -1,1 +1,1 @@
-"""Calibrate a camera: its lens from photographs of a board."""
+"""Calibration of a camera's intrinsics and lens distortion from photographs of a board."""

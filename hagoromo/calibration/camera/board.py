@@ -1,7 +1,6 @@
-"""The board that a camera is calibrated with, chessboard or ChArUco, and its corners in a photograph.
+"""Calibration board (chessboard or ChArUco) and the detection of its corners in a photograph by OpenCV.
 
-OpenCV finds the corners. It counts image points from the centre of the first pixel and so does everything here; see
-`calibrate` for ours.
+Image points in this module follow OpenCV's convention: (0, 0) is the centre of the first pixel.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from hagoromo.calibration.camera.corner_window import corner_windows
 from hagoromo.errors import InputError
 
 CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
-WHITE_QUANTILE = 0.995  # quantile of a linear photograph that is shown white
-FEWEST_CORNERS = 8  # of a ChArUco board seen in part: a pose takes 4, and the fit needs some over
+WHITE_QUANTILE = 0.995  # quantile of a linear photograph that becomes white in 8 bits
+FEWEST_CORNERS = 8  # least number of corners of a partly visible ChArUco board: a pose needs 4
 
 
 class Corners(NamedTuple):
-    """Corners found: points (n, 3) on the board [m], image (n, 2) (x, y) [px, OpenCV's count], both float32."""
+    """Detected corners: points (n, 3) on the board [m], image (n, 2) (x, y) [px, OpenCV's convention], float32."""
 
     points: NDArray[np.float32]
     image: NDArray[np.float32]
@@ -29,11 +28,11 @@ class Corners(NamedTuple):
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board of squares; `InputError` when its figures make none.
+    """A flat board of squares; `InputError` if its dimensions are impossible.
 
     columns, rows: inner corners (one less than squares). square: side of a square [m]. marker: side of a ChArUco marker
-    [m], 0 for a chessboard. dictionary: OpenCV's name of the markers, such as "5X5_100". window: half side [px] of the
-    sub-pixel search of chessboard corners; None takes that of `corner_windows`, a corner at a time.
+    [m], 0 for a chessboard. dictionary: OpenCV's name of the marker dictionary, such as "5X5_100". window: half side
+    [px] of the window of the sub-pixel search for chessboard corners; None: per corner, by `corner_windows`.
 
     >>> hg.Board(9, 6, square=0.025).columns
     9
@@ -66,7 +65,7 @@ class Board:
                 raise InputError(f"{self.dictionary} has {markers} markers and the board {needed}: name its dictionary")
 
     def find(self, photograph: NDArray) -> Corners | None:
-        """The board's corners in a photograph (height, width[, 3]), 8 or 16 bits or float; None when it is not seen."""
+        """The board's corners in a photograph (height, width[, 3]), 8 or 16 bits or float; None if none is detected."""
         import cv2
 
         photograph = _as_shown(photograph)
@@ -98,19 +97,19 @@ class Board:
         import cv2
 
         squares = (self.columns + 1, self.rows + 1)
-        for legacy in (False, True):  # boards drawn before OpenCV 4.6 begin with a white square where rows are even
+        for legacy in (False, True):  # before OpenCV 4.6, boards with an even number of rows began with a white square
             board = cv2.aruco.CharucoBoard(squares, self.square, self.marker, _dictionary(self.dictionary))
             board.setLegacyPattern(legacy)
             image, index, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
             if index is not None and len(index) >= FEWEST_CORNERS and not board.checkCharucoCornersCollinear(index):
                 points = np.asarray(board.getChessboardCorners(), np.float32)[np.asarray(index, np.intp).ravel()]
-                points[:, :2] -= self.square  # from the first inner corner, not from the edge
+                points[:, :2] -= self.square  # origin at the first inner corner instead of the board's edge
                 return Corners(points, np.asarray(image, np.float32).reshape(-1, 2))
         return None
 
 
 def _as_shown(photograph: NDArray) -> NDArray[np.uint8]:
-    """8 bits of a linear photograph, its square root from black to nearly its brightest; 8 bits as they are."""
+    """8-bit version of a linear photograph (square root, scaled to WHITE_QUANTILE); 8 bits are returned unchanged."""
     if photograph.dtype == np.uint8:
         return photograph
     bright = max(float(np.quantile(photograph, WHITE_QUANTILE)), 1e-30)

@@ -1,8 +1,7 @@
-"""Calibrate a camera: photographs of a board → focal length, principal point, distortion, each with its standard
-deviation.
+"""Calibrate a camera: photographs of a board → focal length, principal point, distortion with standard deviations.
 
-OpenCV finds the corners and fits the lens (Zhang 2000, "A flexible new technique for camera calibration"); OpenCV
-counts from the centre of the first pixel and we from the image's corner, so all image points move by ½ px.
+OpenCV detects the corners and fits the lens (Zhang 2000, "A flexible new technique for camera calibration"). OpenCV's
+origin is the centre of the first pixel, ours the corner of the image, so all image points are shifted by ½ px.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from hagoromo.files.whole import whole_file
 from hagoromo.least_squares import robust_scale
 from hagoromo.progress import Progress, silent
 
-Model = Literal[0, 2, 4, 5, 8]  # number of the lens' coefficients that are fitted, the first ones of OpenCV's order
+Model = Literal[0, 2, 4, 5, 8]  # number of fitted distortion coefficients, in OpenCV's order
 NAMES = ("fl_x", "fl_y", "cx", "cy", *COEFFICIENTS)
-FEWEST_BOARDS = 3  # below it the focal length and principal point are not determined by planes (Zhang 2000)
-OTHER_FOCAL = 1.2  # a focal length longer or shorter by this factor must fit worse,
-WORSE_FIT = 1.1  # by this factor of the rms; where boards are parallel to one another it does not (Zhang 2000)
+FEWEST_BOARDS = 3  # least number of planes that determine focal length and principal point (Zhang 2000)
+OTHER_FOCAL = 1.2  # a focal length longer or shorter by this factor must increase the rms
+WORSE_FIT = 1.1  # by this factor; it does not if all boards are parallel (Zhang 2000)
 OUTLIER_SIGNIFICANCE = 3.5  # robust standard deviations of a view's log rms above the median (Iglewicz & Hoaglin 1993)
 
 
@@ -38,10 +37,10 @@ OUTLIER_SIGNIFICANCE = 3.5  # robust standard deviations of a view's log rms abo
 class CameraCalibration:
     """A calibrated camera and how well it is known.
 
-    standard_deviation: of each of `NAMES` that was fitted [px, or 1 for the distortion]. rms: of the corners' residuals
-    [px], each corner's two coordinates taken together. boards: rms per photograph used [px]. skipped: photographs in
-    which no board was found. outliers: photographs used that fit much worse than the others. corners, residuals: per
-    photograph used, (n, 2) image points (x, y) and measured minus predicted [px].
+    standard_deviation: of each fitted parameter of `NAMES` [px; distortion: dimensionless]. rms: root mean square
+    length of the corners' residuals [px]. boards: rms per used photograph [px]. skipped: photographs in which no board
+    was detected. outliers: used photographs that fit much worse than the others. corners, residuals: per used
+    photograph, (n, 2) image points (x, y), and measured minus predicted points [px].
     """
 
     camera: Camera
@@ -62,7 +61,7 @@ class CameraCalibration:
         )
 
     def record(self) -> dict[str, Any]:
-        """The JSON record: keys of nerfstudio's `transforms.json`, then what is known about them."""
+        """The JSON record: keys of nerfstudio's `transforms.json`, then their uncertainty."""
         camera = self.camera
         values = (*camera.focal, *camera.principal, *camera.distortion)
         return {
@@ -104,11 +103,10 @@ def calibrate_camera(
 ) -> CameraCalibration:
     """Fit a camera to photographs of a board.
 
-    photographs: files (PNG, JPEG or TIFF), or name → (height, width) or (height, width, 3), 8 or 16 bits or float. All
-    are of one size, three or more. coefficients: how many of the lens
-    are fitted, the others are 0: none; k1 k2; p1 p2 too; k3 too; k4 k5 k6 too. square_pixels: one focal length.
-    `InputError` for photographs of different sizes, fewer than three boards found, boards all parallel to one another
-    or a camera that they do not determine.
+    photographs: three or more files (PNG, JPEG or TIFF), or name → (height, width) or (height, width, 3), 8 or 16 bits
+    or float; all of one size. coefficients: number of fitted distortion coefficients, the others are 0: none; k1 k2;
+    also p1 p2; also k3; also k4 k5 k6. square_pixels: fit one focal length. `InputError` for photographs of different
+    sizes, fewer than three detected boards, or boards (such as parallel ones) that do not determine the camera.
     """
     if not isinstance(photographs, Mapping):
         photographs = {name: read_picture(path) for name, path in by_name([Path(p) for p in photographs]).items()}
@@ -166,7 +164,7 @@ def _fit(
     )
     deviation = dict(zip(NAMES, map(float, deviations.ravel()), strict=False))
     if flags & cv2.CALIB_FIX_ASPECT_RATIO:
-        deviation["fl_x"] = deviation["fl_y"]  # OpenCV fits y's and lets x's follow
+        deviation["fl_x"] = deviation["fl_y"]  # OpenCV fits fl_y only and derives fl_x
     best, *others = (_rms_at(focal, points, image, size, matrix) for focal in (1.0, OTHER_FOCAL, 1.0 / OTHER_FOCAL))
     if not (np.isfinite([rms, *deviation.values()]).all() and min(others) > WORSE_FIT * best):
         raise InputError(
@@ -205,7 +203,7 @@ def _fit(
 def _rms_at(factor: float, points: list, image: list, size: tuple[int, int], matrix: NDArray) -> float:
     """The rms [px] of the best fit of k1 and k2 with `factor` times the focal length of `matrix`.
 
-    Two coefficients, as eight can imitate any focal length.
+    Only two coefficients, because eight can compensate any focal length.
     """
     import cv2
 
@@ -221,6 +219,8 @@ def _outliers(boards: Mapping[str, float], counts: NDArray) -> tuple[str, ...]:
     """
     logs = np.log(np.maximum(list(boards.values()), 1e-12))
     above = logs - np.median(logs)
-    chance = 1.0 / np.sqrt(2.0 * (2.0 * counts - 6.0))  # of the log of an rms over 2n residuals less 6 of the pose
+    chance = 1.0 / np.sqrt(
+        2.0 * (2.0 * counts - 6.0)
+    )  # of the log of an rms of 2n residuals with 6 fitted pose parameters
     spread = np.maximum(robust_scale(above), chance)
     return tuple(name for name, far in zip(boards, above / spread, strict=True) if far > OUTLIER_SIGNIFICANCE)

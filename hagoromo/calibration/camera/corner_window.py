@@ -1,8 +1,8 @@
-"""Corner window: how far around a chessboard corner its edges may be looked at, before others come into view.
+"""Corner window: size of the window of the sub-pixel search around a chessboard corner.
 
-The sub-pixel search takes every edge in its window for one that passes through the corner, and is drawn to those that
-do not: to the sides of the next squares and, where the outer squares of a board are cut, to the edge of the board. On
-simulated boards with blur and noise a window that keeps away from them finds corners better the wider it is.
+The search assumes that every edge in its window passes through the corner. Other edges bias it: the sides of the next
+squares and, if the outer squares are cut, the edge of the board. On simulated boards with blur and noise, the accuracy
+grows with the window as long as it contains no other edges.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-INNER_SHARE, OUTER_SHARE = 1.0 / 2.0, 1.0 / 3.0  # of the way to the next edge; outer squares may be cut to half
-LEAST_HALF_SIDE_PX, LARGEST_HALF_SIDE_PX = 2, 15  # px: of half sides; wider ones gain nothing and see edges bend
-SIDE_SAMPLES = 17  # places along the side of a square
+INNER_SHARE, OUTER_SHARE = 1.0 / 2.0, 1.0 / 3.0  # of the distance to the next edge; outer squares may be cut in half
+LEAST_HALF_SIDE_PX, LARGEST_HALF_SIDE_PX = 2, 15  # [px] larger windows gain nothing, as distorted edges are curved
+SIDE_SAMPLES = 17  # points along the side of a square
 # corners of the four squares around a corner, in order, as steps of rows and columns
 SQUARE_CORNERS = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))
 
@@ -29,8 +29,8 @@ def corner_windows(corners: NDArray[Any]) -> NDArray[np.intp]:
 def next_edge(corners: NDArray[Any]) -> NDArray[np.float64]:
     """(rows, columns) distance [px] to the nearest side of a square that does not pass through the corner.
 
-    Along the picture's rows or columns, whichever is longer, as windows are square. Squares beyond the outer corners
-    are taken for as large as their neighbours.
+    The distance is the larger of those along rows and columns, because windows are square. Squares beyond the outer
+    corners are assumed as large as their neighbours.
     """
     rows, columns = corners.shape[:2]
     whole = np.pad(corners.astype(np.float64), ((1, 1), (1, 1), (0, 0)))

@@ -1,1 +1,1 @@
-"""Calibrate the spectral response of a camera: from known spectra, or from photographs of a colour chart."""
+"""Calibration of a camera's spectral response from known spectra, or from photographs of a colour chart."""

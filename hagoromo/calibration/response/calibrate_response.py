@@ -1,7 +1,7 @@
-"""Calibrate a camera's response: known spectra and what the camera read of them → spectral sensitivities R_c(λ).
+"""Calibrate a camera's response: known spectra and the camera's readings of them → spectral sensitivities R_c(λ).
 
-Eq. 10 is linear in R_c, and exact for spectra and curves that are linear between wavelengths. R_c is positive and
-smooth; how smooth, and how noisy the readings are, the readings themselves tell (see `positive_curve`).
+Eq. (10) is linear in R_c, and exact for spectra and curves that are linear between wavelengths. R_c is positive and
+smooth; its smoothness and the noise are estimated from the readings (see `positive_curve`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_file
 from hagoromo.least_squares import FitStatus
 
-FEWEST_PAIRS = 5
+FEWEST_PAIRS = 5  # least number of pairs: smoothness and noise are estimated, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class ResponseCalibration:
 
     interval_95: (wavelengths, channels, 2), lower and upper bound of each value. standard_error: (wavelengths,
     channels), to first order. residual: (channels,) root mean square of the residuals, relative to the channel's mean
-    reading. noise: (channels,) that the readings seem to have, likewise relative. length: (channels,) [nm] over which
-    the logarithm of a curve is correlated. statuses: (channels,) how the fits ended.
+    reading. noise: (channels,) estimated noise of the readings, also relative. length: (channels,) correlation length
+    of the curve [nm]. statuses: (channels,) how the fits ended.
     """
 
     response: Response
@@ -54,7 +54,7 @@ class ResponseCalibration:
     def save(self, path: str | Path, force: bool = False) -> tuple[Path, Path]:
         """Write the curves to the CSV `path`, which `Response.load` reads, and their 95 % intervals beside it.
 
-        Both paths. `InputError` for a name that does not end in .csv, or a file that exists without `force`.
+        Returns both paths. `InputError` for a name that does not end in .csv, or an existing file without `force`.
         """
         curves, bounds = self.paths(path)
         wavelength = {"wavelength_nm": self.response.wavelengths}
@@ -71,17 +71,17 @@ class ResponseCalibration:
 
     @staticmethod
     def paths(path: str | Path) -> tuple[Path, Path]:
-        """The files of the curves and of their intervals; `InputError` where `path` does not end in .csv."""
+        """The files of the curves and of their intervals; `InputError` if `path` does not end in .csv."""
         path = Path(path)
         if path.suffix.lower() != ".csv":
-            raise InputError(f"{path} is to be a table: give a name that ends in .csv")
+            raise InputError(f"{path} is not the name of a CSV table: give a name that ends in .csv")
         return path, path.with_name(f"{path.stem}_interval.csv")
 
 
 class Pairs(NamedTuple):
-    """Known spectra and what the camera read of them.
+    """Known spectra and the camera's readings of them.
 
-    wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in any one unit.
+    wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in one arbitrary unit.
     """
 
     wavelengths: NDArray[np.float64]
@@ -90,7 +90,7 @@ class Pairs(NamedTuple):
 
 
 def read_pairs(path: str | Path) -> Pairs:
-    """Pairs in a CSV file, a row per spectrum: columns named by wavelength [nm] hold it, the others the readings.
+    """Pairs in a CSV file, one row per spectrum: columns named by wavelength [nm] hold the spectrum, others readings.
 
     `InputError` for other tables.
     """
@@ -107,7 +107,7 @@ def calibrate_response(pairs: Pairs | str | Path) -> ResponseCalibration:
     """Fit R_c(λ) > 0 to ρ_c = ∫ C_i(λ) R_c(λ) dλ.
 
     pairs: known spectra and the camera's readings of them, or a CSV file of them, see `read_pairs`.
-    `InputError` when there are fewer than five pairs, or a channel reads nothing.
+    `InputError` for fewer than five pairs, or a channel whose mean reading is not above 0.
     """
     wavelengths, spectra, readings = pairs if isinstance(pairs, Pairs) else read_pairs(pairs)
     # eq. (10) for piecewise linear C and R: ρ = C M R
@@ -119,11 +119,11 @@ def solve_response(
 ) -> ResponseCalibration:
     """As `calibrate_response`, from the matrix (pairs, n) of the integrals: ρ = matrix R."""
     if len(matrix) < FEWEST_PAIRS:
-        raise InputError(f"{len(matrix)} pairs are given and {FEWEST_PAIRS} are the fewest: add known spectra")
+        raise InputError(f"{len(matrix)} pairs are given and {FEWEST_PAIRS} are needed: add known spectra")
     curves, residuals = [], []
     for name, reading in readings.items():
         if not reading.mean() > 0:
-            raise InputError(f"channel {name} reads nothing above 0: leave the column out")
+            raise InputError(f"the mean reading of channel {name} is not above 0: leave the column out")
         curve = fit_positive_curve(wavelengths, matrix, reading)
         curves.append(curve)
         residuals.append(np.sqrt(np.mean((matrix @ curve.values - reading) ** 2)) / reading.mean())

@@ -1,4 +1,4 @@
-"""Chart: a ColorChecker of 24 patches in a linear photograph, found by OpenCV or by four given corners, and read.
+"""Chart: readings of a ColorChecker of 24 patches in a linear photograph, detected by OpenCV or by four given corners.
 
 Patches are in reading order, from dark skin to black. A corner of the chart is an image point (x, y) [px].
 """
@@ -19,19 +19,19 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.light.spectrum import WAVELENGTH_COLUMNS, Spectrum
 
 PATCHES = 24
-# Width [px] and brightness of the copies in which OpenCV looks: it misses a chart in one and finds it in another.
+# Width [px] and brightness of the copies that are searched: OpenCV detects a chart in some of them only.
 DETECTION_COPIES = tuple((width, bright) for width in (1000, 2000, 700, 1400) for bright in (1.0, 0.7, 1.6))
-MOST_ENLARGED = 2.0
-WHITE_PERCENTILE = 99.5  # of the photograph's values; shown as white in the copies
+MOST_ENLARGED = 2.0  # largest magnification of such a copy
+WHITE_PERCENTILE = 99.5  # percentile of the photograph's values that is white in the copies
 CHART_CORRELATION = 0.9  # least correlation of the patches' brightness with that of the known chart
-FEWEST_PATCH_PIXELS = 25  # of a patch
-USABLE_PATCH_SHARE = 0.98  # least share of a patch's pixels neither clipped nor invalid; clipping lowers a mean
+FEWEST_PATCH_PIXELS = 25  # least number of pixels of a patch
+USABLE_PATCH_SHARE = 0.98  # least share of valid, unclipped pixels of a patch; clipping biases the mean
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class ChartReading:
-    """What a camera read of a chart.
+    """Readings of a chart in one photograph.
 
     values: (24, 3), in the photograph's unit; NaN where a patch is clipped or invalid. standard_error: (24, 3), of the
     means. corners: (4, 2) [px], clockwise from the outer corner of the first patch.
@@ -55,11 +55,11 @@ def chart_spectra(source: str | Path = "BabelColor Average") -> tuple[Spectrum, 
 
 
 def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike | None = None) -> ChartReading:
-    """Means of the middles of the patches of the chart in `photograph` (h, w, 3), linear; NaN where it is invalid.
+    """Mean values of the central areas of the patches of a chart in the linear `photograph` (h, w, 3).
 
-    expected: (24,) mean reflectance of the patches; tells which way up the chart lies. corners: (4, 2) [px],
-    clockwise from that of the first patch; found by OpenCV when not given. Raises `InputError` when no chart is found,
-    it does not look as expected, or its patches are too small.
+    photograph: NaN where invalid. expected: (24,) mean reflectance of the patches, which determines the orientation of
+    the chart. corners: (4, 2) [px], clockwise from that of the first patch; detected by OpenCV if not given.
+    `InputError` if no chart is detected, its brightness is not as expected, or its patches are too small.
     """
     if photograph.ndim != 3 or photograph.shape[2] != 3 or photograph.dtype == np.uint8:
         description = f"{photograph.dtype} of shape {photograph.shape}"
@@ -101,7 +101,7 @@ def _find(photograph: NDArray[Any]) -> Array:
     shown = np.nan_to_num(photograph.astype(np.float32))
     top = float(np.percentile(shown, WHITE_PERCENTILE))
     if not top > 0.0:
-        raise InputError("the photograph is black: there is no chart in it")
+        raise InputError("the photograph is black: give a photograph of the chart")
     shown /= top
     for width, bright in DETECTION_COPIES:
         scale = width / photograph.shape[1]
@@ -111,14 +111,14 @@ def _find(photograph: NDArray[Any]) -> Array:
         detector = cv2.mcc.CCheckerDetector.create()
         if detector.process(np.ascontiguousarray(srgb_encode(bright * copy)[..., ::-1]), 1):
             return np.array(detector.getBestColorChecker().getBox(), np.float64) / scale
-    raise InputError("no chart is found in the photograph: fill more of it with the chart, or give its four corners")
+    raise InputError("no chart is detected in the photograph: fill more of it with the chart, or give its four corners")
 
 
 def _given(corners: ArrayLike, photograph: NDArray[Any]) -> Array:
     box = np.asarray(corners, np.float64)
     height, width = photograph.shape[:2]
     if box.shape != (4, 2) or not np.isfinite(box).all():
-        raise InputError(f"a chart has four corners x, y: given {box.size} numbers")
+        raise InputError(f"a chart has four corners x, y: {box.size} numbers are given, give 8")
     if (box < 0).any() or (box > (width, height)).any():
         raise InputError(f"a corner lies outside the photograph of {width}x{height} px: {box.tolist()}")
     return box
@@ -138,8 +138,8 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
         cv2.fillConvexPoly(mask, np.rint(middle).astype(np.int32), 1)
         pixels = photograph[mask > 0].astype(np.float64)
         if len(pixels) < FEWEST_PATCH_PIXELS:
-            raise InputError(f"the chart's patches have {len(pixels)} pixels: photograph it from nearer")
-        usable = pixels[(pixels < clipped).all(axis=1)]  # not NaN either
+            raise InputError(f"the chart's patches have {len(pixels)} pixels only: photograph it from closer")
+        usable = pixels[(pixels < clipped).all(axis=1)]  # also excludes NaN
         if len(usable) >= USABLE_PATCH_SHARE * len(pixels):
             values[patch] = usable.mean(axis=0)
             errors[patch] = usable.std(axis=0, ddof=1) / np.sqrt(len(usable))
@@ -147,7 +147,7 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
 
 
 def _correlation(values: Array, known: Array) -> float:
-    """Of the patches' brightness, the mean of the channels relative to their brightest: the lamp's colour is out."""
+    """Correlation of the patches' brightness with `known`; each channel is normalised, so the lamp's colour cancels."""
     usable = np.isfinite(values).all(axis=1)
     if usable.sum() < PATCHES / 2:
         raise InputError(f"{PATCHES - usable.sum()} of {PATCHES} patches are clipped or invalid: expose less")

@@ -1,4 +1,4 @@
-"""Calibrate a camera's response from photographs of a chart: the lamps' and the patches' spectra are known."""
+"""Calibrate a camera's response from photographs of a chart, with known spectra of the lamps and the patches."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def response_from_chart(
     chart: str | Path | Sequence[Spectrum] = "BabelColor Average",
     corners: Sequence[ArrayLike] | None = None,
 ) -> ResponseCalibration:
-    """The response that explains what linear photographs show of a chart of 24 patches under `lamps`, one each.
+    """The response estimated from linear photographs of a chart of 24 patches under `lamps`, one photograph per lamp.
 
     photographs: developed EXR or 16-bit files of one exposure, or arrays (height, width, 3), NaN where invalid. lamps:
     spectra in one unit, names or CSV files. chart: name of a chart of colour-science, a CSV with a column per patch,
-    or the patches' spectra. corners: of the chart in each photograph (4, 2) [px]; found when not given. Clipped
-    patches are left out.
+    or the patches' spectra. corners: of the chart in each photograph (4, 2) [px]; detected if not given. Clipped
+    patches are ignored.
 
-    One lamp measures only the product of its spectrum and the response: an error in the lamp's spectrum is not noticed.
+    One lamp measures only the product of its spectrum and the response, so an error of the spectrum is not detected.
     """
     pictures = [_linear(one) if isinstance(one, (str, Path)) else np.asarray(one) for one in photographs]
     spectra = [Spectrum.load(str(lamp) if isinstance(lamp, Path) else lamp) for lamp in lamps]
@@ -46,11 +46,13 @@ def read_response(
     chart: Sequence[Spectrum],
     corners: Sequence[ArrayLike] | None = None,
 ) -> tuple[ResponseCalibration, tuple[ChartReading, ...]]:
-    """As `response_from_chart`, from arrays and spectra; with what was read of the chart in each photograph."""
+    """As `response_from_chart`, from arrays and spectra; also returns the readings of the chart in each photograph."""
     if len(photographs) != len(lamps) or not photographs:
         raise InputError(f"{len(photographs)} photographs and {len(lamps)} lamps are given: give one lamp for each")
     if corners is not None and len(corners) != len(photographs):
-        raise InputError(f"{len(photographs)} photographs and corners of {len(corners)} charts are given")
+        raise InputError(
+            f"{len(photographs)} photographs and corners of {len(corners)} charts are given: give one set for each"
+        )
     every = (*lamps, *chart)
     first, last = max(s.wavelengths[0] for s in every), min(s.wavelengths[-1] for s in every)
     wavelengths = np.arange(
@@ -74,7 +76,7 @@ def read_response(
 
 
 def _linear(path: str | Path) -> NDArray:
-    """(h, w, 3) of a developed EXR, NaN where it is invalid, or of a 16-bit picture."""
+    """(h, w, 3) values of a developed EXR, NaN where invalid, or of a 16-bit picture."""
     if Path(path).suffix.lower() != ".exr":
         return read_picture(path)[..., :3]
     channels, _ = read_exr(path)

@@ -1,8 +1,8 @@
-"""Positive curves: a smooth curve R(λ) > 0 from weighted integrals of it, its smoothness and the noise from the data.
+"""Positive curve: a smooth curve R(λ) > 0 from weighted integrals of it, with smoothness and noise from the data.
 
-R = κ log(1 + exp(z/κ)) of a Gaussian process z(λ): R is never negative, its tails are as smooth as its peaks, and large
-values move freely. The process' mean, deviation and length, and the noise, are those of the greatest marginal
-likelihood (Laplace's approximation). R is in units in which R = 1 everywhere gives the mean reading.
+R = κ log(1 + exp(z/κ)) with a Gaussian process z(λ), so R is positive, and linear in z where it is large. The mean,
+standard deviation and correlation length of the process and the noise maximise the marginal likelihood (Laplace's
+approximation). In the unit of R, R = 1 everywhere gives the mean reading.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, scipy_status
 
-# Log-normal priors of the deviation of z, its length [nm], the relative noise and its floor (in units of the mean
-# reading): middle, and standard deviation in logarithms. They are wide; they hold what few readings leave open.
+# Wide log-normal priors (median, standard deviation of the logarithm) of the standard deviation of z, its correlation
+# length [nm], the relative noise and its floor (in units of the mean reading), for data that do not determine them.
 DEVIATION, LENGTH, NOISE, FLOOR = (1.0, 0.7), (50.0, 0.7), (0.01, 1.5), (0.002, 1.5)
-MIDDLE = (0.0, 1.0)  # of the process' mean: mean and standard deviation
-# Both chosen over the 28 measured cameras of camspec, and as good for rawtoaces' 11, which others measured.
-KNEE = 0.3  # κ: below it R falls off as an exponential of z, above it R is z
-ROUGHNESS = 0.1  # of z, from one wavelength to the next: measured curves are not smoother
-LEAST_NOISE = 1e-5  # relative, of any reading
-JITTER = 1e-6  # relative, keeps the kernel invertible in double precision
-CURVE_STEPS = 200  # of Gauss and Newton, to the mode of one curve
+MIDDLE = (0.0, 1.0)  # prior of the mean of the process: mean and standard deviation
+# KNEE and ROUGHNESS were chosen on the 28 measured cameras of camspec; they serve rawtoaces' 11 cameras as well.
+KNEE = 0.3  # κ: below it R is an exponential of z, above it R ≈ z
+ROUGHNESS = 0.1  # independent standard deviation of z per wavelength: measured curves are not smoother
+LEAST_NOISE = 1e-5  # least relative noise of a reading
+JITTER = 1e-6  # relative addition to the diagonal that keeps the kernel invertible in double precision
+CURVE_STEPS = 200  # most Gauss–Newton steps to the mode of one curve
 EVIDENCE_STEPS = 600  # evaluations of the evidence, in the search for smoothness and noise
 CURVE_DECREASE = 1e-6
 Array = NDArray[np.float64]
@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 class PositiveCurve:
     """R > 0 and how well it is known.
 
-    values: (n,). standard_error: (n,), to first order. interval_95: (n, 2). length: [nm] over which the curve is
-    correlated. noise: of a mean reading, relative. status: how the search for length and noise ended.
+    values: (n,). standard_error: (n,), to first order. interval_95: (n, 2). length: correlation length [nm]. noise:
+    relative noise of a mean reading. status: how the search for length and noise ended.
     """
 
     values: Array
@@ -58,7 +58,7 @@ class _Problem:
 def fit_positive_curve(wavelengths: Array, matrix: Array, readings: Array) -> PositiveCurve:
     """R > 0 at `wavelengths` (n,) [nm] from `readings` (m,) = matrix (m, n) R + noise; `readings` have a mean above 0.
 
-    The noise's variance is (relative · reading)² + floor². Raises `InputError` when the fit does not settle.
+    The variance of the noise is (relative · reading)² + floor². Raises `InputError` if the fit does not converge.
     Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", §3.4 (Laplace) and §5.4 (evidence).
     """
     from scipy.optimize import minimize
@@ -82,11 +82,11 @@ def fit_positive_curve(wavelengths: Array, matrix: Array, readings: Array) -> Po
     parameters = search.x
     mode = _laplace(problem, parameters, last[0])
     if mode is None:
-        raise InputError("the fit of the response does not settle: add spectra that differ more")
+        raise InputError("the fit of the response does not converge: add spectra that differ more")
     z, _, covariance = mode
     deviation, unit = np.sqrt(np.diag(covariance)), level / size
     values, error = _positive(z), _slope(z) * deviation
-    # R is convex in z: its tangent bounds it from below, and reaches 0 where the readings do not tell R from 0
+    # R is convex in z: its tangent is a lower bound, which is 0 where R is not significantly above 0
     interval = np.stack([np.maximum(values - 1.96 * error, 0.0), _positive(z + 1.96 * deviation)], axis=1)
     noise = float(np.sqrt(np.sum(np.exp(2.0 * parameters[2:4])) + 2.0 * LEAST_NOISE**2))
     return PositiveCurve(
@@ -104,7 +104,7 @@ def _slope(z: Array) -> Array:
 
 
 def _laplace(problem: _Problem, parameters: Array, start: Array) -> tuple[Array, float, NDArray] | None:
-    """Mode of z (n,), −log evidence and the covariance at the mode; None where Newton's steps do not settle."""
+    """Mode of z (n,), −log evidence and the covariance at the mode; None if the Newton steps do not converge."""
     deviation, length, relative, floor = np.exp(parameters[:4])
     apart = np.sqrt(3.0) * problem.apart / length
     kernel = deviation**2 * (1.0 + apart) * np.exp(-apart)  # Matérn 3/2

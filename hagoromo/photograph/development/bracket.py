@@ -1,7 +1,7 @@
-"""Bracket: several exposures of one scene → one, each sample weighted by its variance.
+"""Bracket: several exposures of one scene are merged, each sample weighted by its variance.
 
-Which exposure counts where is decided by the shorter ones, never by a sample's own noise, so that the result has no
-bias: its expectation is the scene, its variance the stated one.
+Whether a sample is used depends on the shorter exposures, never on its own noise. So the result is unbiased, and its
+variance is the stated one.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from hagoromo.photograph.development.exposure import planes
 from hagoromo.photograph.development.noise import Noise
 
-CEILING = 0.9  # of white: where shorter exposures predict more, a sample's noise would decide whether it is clipped
+CEILING = 0.9  # share of white; samples predicted to be brighter are not used, because noise may clip them
 
 
 class Shot(NamedTuple):
-    """One exposure of a bracket, its dark frame subtracted.
+    """One exposure of a bracket after subtraction of its dark frame.
 
-    signal, dark: (height, width[, channels]) [DN], dark a number where there is none. dark_variance: of `dark` [DN²].
-    rounding [DN²]; full: where it is clipped; white [DN]; seconds: its exposure, in units of one of them.
-    curve: variance by an estimated transfer [DN²], whose error samples and shots have in common.
+    signal, dark: (height, width[, channels]) [DN]; dark is a number if there is no dark frame. dark_variance: of `dark`
+    [DN²]. rounding: variance of quantisation [DN²]. full: where the signal is clipped. white [DN]. seconds: exposure
+    time, in one unit for all exposures. curve: variance by an estimated transfer curve [DN²]; this error is common to
+    samples and exposures.
     """
 
     signal: NDArray[np.float32]
@@ -36,13 +37,13 @@ class Shot(NamedTuple):
     curve: NDArray[np.float32] | float = 0.0
 
     def variance(self, rate: NDArray, noise: Noise) -> NDArray[np.float64]:
-        """Variance [DN²] of the signal of a scene of `rate` [DN/s], but for the curve's."""
+        """Variance [DN²] of the signal of a scene of `rate` [DN/s], without that of the transfer curve."""
         expected = np.maximum(rate, 0.0) * self.seconds + np.maximum(self.dark, 0.0)
         return noise.variance(expected, self.rounding) + self.dark_variance
 
 
 class Merged(NamedTuple):
-    """rate [DN/s], its variance, and where any exposure was not clipped."""
+    """rate [DN/s]; its variance [(DN/s)²]; valid: true where at least one exposure was not clipped."""
 
     rate: NDArray[np.float32]
     variance: NDArray[np.float32]
@@ -50,10 +51,10 @@ class Merged(NamedTuple):
 
 
 def merge(shots: Sequence[Shot], noise: Noise, mosaic: str) -> Merged:
-    """Maximum likelihood of the exposures (for nearly normal noise): weights seconds²/variance, of the expected signal.
+    """Maximum-likelihood merge of the exposures (for nearly normal noise), with weights seconds²/variance.
 
-    The expectation is that of all electrons over all seconds, averaged with its neighbours of one colour, so that a
-    weight does not follow the noise of what it weighs.
+    The variance is that of the expected signal: the total signal over the total time, averaged over neighbours of the
+    same colour. So a weight is not correlated with the noise of the sample that it weights.
     """
     shots = sorted(shots, key=lambda shot: shot.seconds)
     uses, total, seconds = [], np.zeros(shots[0].signal.shape), np.zeros(shots[0].signal.shape)
@@ -75,7 +76,7 @@ def merge(shots: Sequence[Shot], noise: Noise, mosaic: str) -> Merged:
 
 
 def _smoothed(total: NDArray, seconds: NDArray, mosaic: str) -> NDArray[np.float64]:
-    """Mean rate [DN/s] of a sample and its eight neighbours of one colour."""
+    """Mean rate [DN/s] of a sample and its eight neighbours of the same colour."""
     from scipy.ndimage import uniform_filter
 
     rate = np.empty_like(total)

@@ -1,4 +1,4 @@
-"""Develop: photographs of one view, from their files → linear camera colours with their variance."""
+"""Develop: files of photographs of one view → linear camera colours with their variance."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def develop(
 ) -> Development:
     """One photograph from the file of one exposure, or from a bracket of exposures of one view, which is merged.
 
-    Values are light per second at ISO 100, with the white level as 1. What the files state (RAW files state all of it)
-    need not be given:
+    Values are light per second at ISO 100, with the white level as 1. Arguments override what the files state (RAW
+    files state all of it):
 
-    photographs: RAW, TIFF, PNG, JPEG or EXR. darks: frames without light, of the same exposures. flats: frames of an
-    evenly lit white field. transfer: of 8-bit files: "linear", "srgb", "estimate" (from the bracket), a CSV, or a
-    curve. exposures_s: of the photographs, in their order [s]. black, white: [DN]. mosaic: of files with one channel,
-    such as "RGGB". gain [e⁻/DN] and read_noise [e⁻]: both or neither; without them they are estimated from the frames.
-    undistort: camera whose lens distortion is removed.
+    photographs: RAW, TIFF, PNG, JPEG or EXR. darks: frames without light, of the same exposure times. flats: frames of
+    an evenly lit white field. transfer: of 8-bit files: "linear", "srgb", "estimate" (from the bracket), a CSV, or a
+    curve. exposures_s: exposure times of the photographs, in their order [s]. black, white: levels [DN]. mosaic: of
+    files with one channel, such as "RGGB". gain [e⁻/DN] and read_noise [e⁻]: both or neither; without them they are
+    estimated from the frames. undistort: camera whose lens distortion is removed.
 
     `InputError` for files that cannot be developed together; see `develop_exposures`.
     """
@@ -72,9 +72,9 @@ def develop(
 
 
 def _estimated(paths: Sequence[Path], exposures_s: Sequence[float]) -> Transfer:
-    """The transfer curve that explains a bracket; `InputError` where its exposure times are not known."""
+    """The transfer curve estimated from a bracket; `InputError` if its exposure times are unknown."""
     times = list(exposures_s) or [read_exif(path).exposure_s for path in paths]
     known = [time for time in times if time is not None]
     if len(known) < len(times):
-        raise InputError("the exposures of the bracket are not in its files: state --exposures")
+        raise InputError("the files of the bracket do not state their exposure times: state --exposures")
     return estimate_transfer([read_picture(path) for path in paths], known)

@@ -1,8 +1,8 @@
 """Development: exposures of one view → linear camera colours with their variance (MODEL §7.1).
 
-Black level and dark frames are subtracted, exposures merged by their variance, the flat field divided out, clipped and
-hot samples masked, the mosaic filled in. Values are light per second at ISO 100, white level as 1, as in a capture (EXR
-and float TIFF keep their own unit); the aperture is not divided out.
+Black level and dark frames are subtracted, exposures are merged by their variance, the flat field is divided out,
+clipped and hot samples are masked, and the mosaic is interpolated. Values are light per second at ISO 100 with the
+white level as 1, as in a capture (EXR and float TIFF keep their own unit); they are not divided by the aperture.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import ALPHA, NATIVE, VARIANCE, default_channels
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
-STILL_PX = 0.25  # px: a larger shift between exposures of a bracket smears its edges
-BYTES_PER_SAMPLE = 40.0  # of each exposure, while it is merged
+STILL_PX = 0.25  # [px] largest shift between exposures of a bracket; a larger one blurs edges
+BYTES_PER_SAMPLE = 40.0  # memory per sample of each exposure during the merge
 RECORD = (
     "gain", "read_noise", "gain_standard_error", "read_noise_standard_error", "noise_from", "exposures_s", "ratios",
     "shifts_px", "clipped", "hot",
 )  # fmt: skip
-SAME_SETTING = 1e-3  # relative difference of two apertures or ISO that are one
+SAME_SETTING = 1e-3  # largest relative difference of equal apertures or ISO speeds
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFrames:
-    """Frames that calibrate the sensor: darks, flats (evenly lit white); noise where it is known."""
+    """Frames that calibrate the sensor: darks, flats (evenly lit white field); noise, if it is known."""
 
     darks: Sequence[Exposure] = ()
     flats: Sequence[Exposure] = ()
@@ -53,11 +53,12 @@ class CalibrationFrames:
 
 @dataclass(frozen=True, eq=False)
 class Development:
-    """values, variance: (height, width, channels) float32; valid (height, width); native: as `Photograph`.
+    """A developed photograph.
 
-    noise: of the sensor. exposures: name → seconds as measured. ratios: of neighbouring exposures. shifts: name →
-    (x, y) [px] against the first. clipped, hot: share of samples that no exposure holds, and of hot ones. focal_px: of
-    the lens, where the files state it. undistorted: whether the lens's distortion was taken out.
+    values, variance: (height, width, channels) float32; valid: (height, width); native: as `Photograph`. noise: of the
+    sensor. exposures: name → measured exposure time [s]. ratios: of successive exposures. shifts: name → (x, y) [px]
+    relative to the first. clipped: share of samples that are clipped in all exposures; hot: share of hot samples.
+    focal_px: focal length [px], if the files state it. undistorted: whether the lens distortion has been removed.
     """
 
     values: NDArray[np.float32]
@@ -83,7 +84,7 @@ class Development:
         return Photograph(self.values, self.variance, self.valid, camera, (), name, self.native)
 
     def record(self) -> dict[str, Any]:
-        """What is known beside the pixels, in plain figures."""
+        """Plain values of all results except the pixels."""
         return {
             "gain": self.noise.gain,
             "gain_standard_error": self.noise.gain_error,
@@ -99,9 +100,9 @@ class Development:
         }
 
     def save(self, path: str | Path, force: bool = False) -> Path:
-        """Write an EXR: R, G, B, their `variance.`, `native.` where interpolated, A (1 where valid); its path.
+        """Write an EXR and return its path: R, G, B, their `variance.`, `native.` after interpolation, A (valid).
 
-        `InputError` for a name that does not end in .exr, or a file that exists without `force`.
+        `InputError` for a name that does not end in .exr, or an existing file without `force`.
         """
         names = default_channels(self.values.shape[2])
         layers = {"": self.values, VARIANCE: self.variance}
@@ -142,9 +143,9 @@ class Development:
 
 
 def check_exr_name(path: str | Path) -> Path:
-    """`path`; `InputError` where its suffix is not .exr."""
+    """`path`; `InputError` if its suffix is not .exr."""
     if Path(path).suffix.lower() != ".exr":
-        raise InputError(f"{path} must be an EXR: give a name that ends in .exr")
+        raise InputError(f"{path} is not the name of an EXR: give a name that ends in .exr")
     return Path(path)
 
 
@@ -153,12 +154,12 @@ def develop_exposures(
 ) -> Development:
     """One photograph from one or more exposures of one view.
 
-    `InputError` for exposures of different kind, aperture or ISO, a bracket without times, a response that is not
-    linear, or frames that moved.
+    `InputError` for exposures of different type, aperture or ISO, a bracket without exposure times, a non-linear
+    response, or frames that moved.
     """
     calibration = calibration or CalibrationFrames()
     if not exposures:
-        raise InputError("there is nothing to develop: give a photograph")
+        raise InputError("no photograph is given: give at least one")
     exposures = sorted(exposures, key=lambda one: one.seconds)
     alike([*exposures, *calibration.darks, *calibration.flats], "photographs and frames")
     _check_settings(exposures, calibration)
@@ -168,7 +169,7 @@ def develop_exposures(
     shots = _shots(exposures, calibration, calibration.noise or usual)[0]
     shifts = {names[i]: shift_between(shots[0], shots[i], usual, mosaic) for i in range(1, len(shots))}
     _check_still(shifts, names[0])
-    measured_seconds(shots, names, calibration.noise or usual)  # a bent response would bend the noise as well
+    measured_seconds(shots, names, calibration.noise or usual)  # a non-linear response would bias the noise as well
     noise = calibration.noise or _noise(exposures, calibration, usual)
     shots, dark_hot = _shots(exposures, calibration, noise)
     seconds, ratios = measured_seconds(shots, names, noise)
@@ -201,14 +202,16 @@ def _check_settings(exposures: Sequence[Exposure], calibration: CalibrationFrame
     frames = [*calibration.darks, *calibration.flats]
     odd = next((one for one in frames if abs(one.iso / exposures[0].iso - 1.0) > SAME_SETTING), None)
     if odd is not None:
-        raise InputError(f"{odd.name} is of ISO {odd.iso:g}, the photographs of {exposures[0].iso:g}: take both alike")
+        raise InputError(
+            f"{odd.name} has ISO {odd.iso:g} and the photographs {exposures[0].iso:g}: take both at one ISO"
+        )
     if len(exposures) > 1 and any(one.exif.exposure_s is None for one in exposures):
-        raise InputError("the exposures of a bracket are not in its files: state --exposures")
+        raise InputError("the files of the bracket do not state their exposure times: state --exposures")
     for what, key in (("ISO", "iso"), ("apertures", "f_number")):
         figures = [figure for one in exposures if (figure := getattr(one.exif, key)) is not None]
         if figures and max(figures) > (1.0 + SAME_SETTING) * min(figures):
             raise InputError(
-                f"a bracket of different {what} ({min(figures):g} and {max(figures):g}): bracket by time alone"
+                f"the bracket has different {what} ({min(figures):g} and {max(figures):g}): vary the exposure time only"
             )
 
 
@@ -216,21 +219,21 @@ def _check_still(shifts: dict[str, tuple[float, float]], first: str) -> None:
     for name, (x, y) in shifts.items():
         if np.hypot(x, y) > STILL_PX:
             raise InputError(
-                f"{name} has moved by ({x:.2f}, {y:.2f}) px against {first}: fix camera and object, or leave it out"
+                f"{name} has moved by ({x:.2f}, {y:.2f}) px relative to {first}: fix camera and object, or leave it out"
             )
 
 
 def _noise(exposures: Sequence[Exposure], calibration: CalibrationFrames, usual: Noise) -> Noise:
-    """From pairs of flats, of the bracket and of darks, each frame once; from single frames where no lit two are.
+    """Noise from pairs of flats, of the bracket and of darks, each frame used once; without pairs, from single frames.
 
-    Where they do not tell, as the JPEGs of a camera that smooths them, `usual` with a warning.
+    If it cannot be estimated, as from JPEGs that the camera smoothed, `usual` with a warning.
     """
     lit = [*_pairs(calibration.flats), *_pairs(exposures)]
     dark = [(one, other) for one, other in _pairs(calibration.darks) if one.seconds == other.seconds]
     try:
         return noise_from_pairs([*lit, *dark]) if lit else noise_from_frames([*calibration.flats, *exposures])
     except InputError as error:
-        warnings.warn(f"{error}; a usual sensor's noise stands in", stacklevel=3)
+        warnings.warn(f"{error}; the noise of a typical sensor is assumed", stacklevel=3)
         return usual
 
 
@@ -242,7 +245,7 @@ def _pairs(frames: Sequence[Exposure]) -> list[tuple[Exposure, Exposure]]:
 def _shots(
     exposures: Sequence[Exposure], calibration: CalibrationFrames, noise: Noise
 ) -> tuple[list[Shot], NDArray[np.bool_]]:
-    """The exposures less their dark frames, and where these are hot."""
+    """The exposures minus their dark frames, and the hot samples of these."""
     hot = np.zeros(exposures[0].signal.shape, np.bool_)
     shots = []
     for one in exposures:
@@ -266,7 +269,7 @@ def _flattened(merged: Merged, calibration: CalibrationFrames, noise: Noise) -> 
 def _filled(
     merged: Merged, mosaic: str, demosaic: Demosaic
 ) -> tuple[NDArray, NDArray, NDArray, NDArray[np.bool_] | None]:
-    """Values, variance (height, width, channels), valid (height, width) and native, whatever the mosaic."""
+    """Values, variance (height, width, channels), valid (height, width) and native, with or without a mosaic."""
     if not mosaic:
         return merged.rate, merged.variance, np.all(merged.valid, axis=2), None
     rate, variance = merged.rate.astype(np.float64), merged.variance.astype(np.float64)

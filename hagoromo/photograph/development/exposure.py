@@ -1,4 +1,4 @@
-"""Exposure: one shot as linear numbers of the sensor above black, read from RAW, TIFF, PNG, EXR or JPEG."""
+"""Exposure: linear sensor numbers above black of one photograph, read from RAW, TIFF, PNG, EXR or JPEG."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.development.transfer import Transfer
 
 PICTURES, TIFFS, EXRS = (".png", ".jpg", ".jpeg"), (".tif", ".tiff"), (".exr",)
-LINEAR_ROUNDING = 1.0 / 12.0  # DN²: variance of rounding to whole numbers
+LINEAR_ROUNDING = 1.0 / 12.0  # [DN²] variance of rounding to whole numbers
 
 
 class StatedExposure(NamedTuple):
-    """What a user states of files that do not tell it themselves; None where the file is to tell.
+    """Values that the user states and that override those of the file; None: as in the file.
 
     black, white [DN]; mosaic of a one-channel image; transfer: "linear", "srgb", a CSV or a curve; exposure_s [s]; iso.
     """
@@ -38,13 +38,13 @@ class StatedExposure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """One shot.
+    """One exposure.
 
-    signal: (height, width) behind a mosaic, else (height, width, channels), float32: DN above black, linear in light.
-    rounding: its variance by rounding [DN²], a number or one per sample. full: of the same shape, where the sensor (or
-    the file) is clipped. white: signal of the brightest light [DN]. mosaic: as `Sensor`. exif: with the stated figures.
-    unit: signal of the value 1 after a second at ISO 100 [DN]; white where it is None. curve: variance of the signal by
-    an estimated transfer [DN²], as `rounding`, but common to all frames.
+    signal: (height, width) with a mosaic, else (height, width, channels), float32: DN above black, linear in light.
+    rounding: variance of the signal by rounding [DN²], a number or one per sample. full: same shape as signal, true
+    where the sensor (or the file) is clipped. white: signal of the brightest light [DN]. mosaic: as `Sensor`. exif: the
+    settings, including stated ones. unit: signal of the value 1 after one second at ISO 100 [DN]; None: white. curve:
+    variance of the signal by an estimated transfer curve [DN²], as `rounding`, but common to all frames.
     """
 
     signal: NDArray[np.float32]
@@ -60,25 +60,27 @@ class Exposure:
     def __post_init__(self) -> None:
         """Check the parts once."""
         if self.signal.ndim != (2 if self.mosaic else 3):
-            raise InputError(f"{self.name} of shape {self.signal.shape} has no mosaic {self.mosaic!r}: state another")
+            raise InputError(
+                f"{self.name} has shape {self.signal.shape}, which mosaic {self.mosaic!r} does not fit: state another"
+            )
         if not np.isfinite(self.signal).all():
-            raise InputError(f"{self.name} holds numbers that are not finite: mend them")
+            raise InputError(f"{self.name} holds values that are not finite: replace them")
         if not self.white > 0.0:
             raise InputError(f"{self.name}: white is {self.white:g} DN above black: state --black below --white")
 
     @property
     def seconds(self) -> float:
-        """Exposure time [s]; 1 where nothing tells it."""
+        """Exposure time [s]; 1 if it is unknown."""
         return self.exif.exposure_s or 1.0
 
     @property
     def iso(self) -> float:
-        """ISO speed; 100 where nothing tells it."""
+        """ISO speed; 100 if it is unknown."""
         return self.exif.iso or 100.0
 
 
 def read_exposure(path: str | Path, stated: StatedExposure = StatedExposure()) -> Exposure:  # noqa: B008 - a tuple of None
-    """The shot at `path`. `InputError` for a file of no known kind, or 8 bits without a stated transfer."""
+    """The exposure at `path`. `InputError` for an unknown file format, or 8 bits without a stated transfer."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in raw.RAW_SUFFIXES:
@@ -90,7 +92,7 @@ def read_exposure(path: str | Path, stated: StatedExposure = StatedExposure()) -
         exposure = (_from_light if image.dtype.kind == "f" else _from_numbers)(image, path, stated)
     else:
         known = ", ".join((*raw.RAW_SUFFIXES[:2], *TIFFS, *PICTURES, *EXRS))
-        raise InputError(f"{path} is no photograph of a known kind: give RAW or one of {known}")
+        raise InputError(f"{path} is not a photograph of a known format: give RAW or one of {known}")
     exif = exposure.exif
     return replace(
         exposure,
@@ -100,7 +102,7 @@ def read_exposure(path: str | Path, stated: StatedExposure = StatedExposure()) -
 
 
 def planes(samples: NDArray, mosaic: str) -> list[NDArray]:
-    """The samples of one colour (of one of both greens) as (rows, columns) views: four of a mosaic, else channels."""
+    """Views (rows, columns) of the samples of one colour: the four positions of a mosaic, else the channels."""
     if mosaic:
         return [samples[row::2, column::2] for row in (0, 1) for column in (0, 1)]
     return [samples[..., channel] for channel in range(samples.shape[2])]
@@ -117,7 +119,7 @@ def _from_raw(path: Path, stated: StatedExposure) -> Exposure:
 
 
 def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
-    """8 or 16 bits; alpha is left out."""
+    """Exposure from 8 or 16 bits; alpha is ignored."""
     largest = int(np.iinfo(image.dtype).max)
     mosaic = stated.mosaic or ""
     if mosaic not in MOSAICS:
@@ -125,13 +127,15 @@ def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposur
     numbers = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     transfer = stated.transfer if stated.transfer is not None else "linear" if largest > 255 else None
     if transfer is None:
-        raise InputError(f"{path} has 8 bits, seldom linear ones: state --transfer linear, srgb, estimate or a CSV")
+        raise InputError(
+            f"{path} has 8 bits, which are rarely linear: state --transfer linear, srgb, estimate or a CSV"
+        )
     curve = transfer if isinstance(transfer, Transfer) else Transfer.load(transfer, largest)
     if curve.table.shape[1] not in (1, numbers.shape[2] if numbers.ndim == 3 else 1):
-        raise InputError(f"{path} has one channel and its transfer three: give a curve of one")
+        raise InputError(f"{path} has one channel and its transfer curve three: give a curve with one")
     black, white = stated.black or 0.0, largest if stated.white is None else stated.white
     if not 0.0 <= black < white <= largest:
-        raise InputError(f"{path}: black {black:g} is to be below white {white:g}, both within 0–{largest} DN")
+        raise InputError(f"{path}: black {black:g} must be below white {white:g}, both within 0–{largest} DN")
     light, rounding, spread = curve.light(numbers)
     floor, ceiling = (float(curve.table[round(level)].mean()) for level in (black, white))
     signal, full = light - np.float32(floor), numbers >= white
@@ -139,7 +143,7 @@ def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposur
 
 
 def _from_light(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
-    """Linear values without rounding, which keep their unit; nothing is clipped unless `white` is stated."""
+    """Exposure from linear values, which keep their unit; nothing is clipped unless `white` is stated."""
     mosaic = stated.mosaic or ""
     values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     black = stated.black or 0.0
@@ -155,7 +159,7 @@ def _exr(path: Path) -> NDArray[np.float32]:
     for names in (("R", "G", "B"), ("Y",)):
         if set(names) <= set(layers):
             return np.stack([layers[name] for name in names], axis=2)[..., : len(names)]
-    raise InputError(f"{path} has the channels {', '.join(layers)}: R, G and B, or Y, are developed")
+    raise InputError(f"{path} has the channels {', '.join(layers)}: give R, G and B, or Y")
 
 
 def alike(exposures: Any, what: str) -> None:
@@ -164,6 +168,6 @@ def alike(exposures: Any, what: str) -> None:
     for other in exposures[1:]:
         if other.signal.shape != first.signal.shape or other.mosaic != first.mosaic:
             raise InputError(
-                f"{what} of different kinds: {first.name} is {first.signal.shape} {first.mosaic}, {other.name} "
-                f"{other.signal.shape} {other.mosaic}"
+                f"{what} of different size or mosaic: {first.name} is {first.signal.shape} {first.mosaic}, "
+                f"{other.name} {other.signal.shape} {other.mosaic}: give frames of one camera and format"
             )

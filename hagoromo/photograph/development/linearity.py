@@ -1,4 +1,7 @@
-"""Linearity: does the signal grow as the exposure does? And how exactly: shutters keep time to some percent only."""
+"""Linearity: test that the signal is proportional to the exposure, and measure ratios of exposure times.
+
+The measured ratios are needed because shutters are accurate to a few percent only.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,17 @@ from hagoromo.errors import InputError
 from hagoromo.photograph.development.bracket import CEILING, Shot
 from hagoromo.photograph.development.noise import Noise
 
-SHUTTER_TOLERANCE = 0.12  # a shutter's "1/60" is 1/64 s, and may miss that by some percent more
-CONTRADICTED = 4.0  # standard errors by which a measured ratio must differ to stand in for the stated one
-LARGEST_BEND = 0.03  # by which the ratio of two exposures may change from dark to bright samples
-CERTAIN_BEND = 5.0  # standard errors from which a change is no chance
-FAINT_SIGNAL = 0.05  # of white, from which a sample of the longer exposure tells a ratio
-SIGNAL_LEVELS = 5  # of the signal, of equally many samples
-FEWEST_PER_LEVEL = 100  # samples of a level
+SHUTTER_TOLERANCE = 0.12  # largest relative error of a stated time: "1/60" is 1/64 s, plus a few percent
+CONTRADICTED = 4.0  # standard errors by which a measured ratio must differ to replace the stated one
+LARGEST_BEND = 0.03  # largest relative change of the ratio of two exposures from dark to bright samples
+CERTAIN_BEND = 5.0  # standard errors from which such a change is significant
+FAINT_SIGNAL = 0.05  # least signal of the longer exposure, as a share of white, of samples that are compared
+SIGNAL_LEVELS = 5  # number of levels of the signal, of equally many samples
+FEWEST_PER_LEVEL = 100  # least number of samples of a level
 
 
 class Ratio(NamedTuple):
-    """Of two exposures: signal over signal, its standard error, and bend: (largest − smallest)/mean over the levels."""
+    """Ratio of the signals of two exposures; its standard error; bend: (largest − smallest)/mean over the levels."""
 
     signal: float
     error: float
@@ -29,10 +32,10 @@ class Ratio(NamedTuple):
 
 
 def measured_seconds(shots: Sequence[Shot], names: Sequence[str], noise: Noise) -> tuple[list[float], list[Ratio]]:
-    """Exposures [s], the shortest as stated, and the ratios of signal between neighbours.
+    """Exposure times [s], the shortest as stated, and the ratios of signals of successive exposures.
 
-    shots and names from the shortest to the longest. A stated time stands where the signals do not contradict it, or
-    two exposures share too few samples to tell. `InputError` where the response is not linear.
+    shots, names: from the shortest to the longest. A stated time is kept unless the signals contradict it, or if two
+    exposures share too few samples. `InputError` if the response is not linear.
     """
     seconds, ratios = [shots[0].seconds], []
     for i in range(1, len(shots)):
@@ -48,7 +51,7 @@ def measured_seconds(shots: Sequence[Shot], names: Sequence[str], noise: Noise) 
 
 def _ratio(short: Shot, long: Shot, noise: Noise) -> Ratio | None:
     stated = long.seconds / short.seconds
-    # of both together, so that no sample is chosen or ranked by the noise of their ratio
+    # from the sum of both, so that samples are not selected or sorted by the noise of their ratio
     level = (short.signal + long.signal) * (stated / (1.0 + stated))
     usable = ~(short.full | long.full) & (level < CEILING * long.white) & (level > FAINT_SIGNAL * long.white)
     low, high = short.signal[usable].astype(np.float64), long.signal[usable].astype(np.float64)

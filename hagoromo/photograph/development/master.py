@@ -1,4 +1,4 @@
-"""Masters: dark frames → the dark signal of every sample and the hot ones; flat frames → the share of light it gets."""
+"""Master frames: mean dark signal and hot samples from dark frames; relative illumination from flat-field frames."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from hagoromo.least_squares import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, alike, planes
 from hagoromo.photograph.development.noise import Noise
 
-HOT_SIGNIFICANCE = 8.0  # robust standard deviations of the dark signal over the median of its colour
-SAME_TIME = 1.1  # factor between exposures up to which a dark frame is of one's own
-LEAST_SHARE = 0.2  # of the light, below which a flat field tells nothing
+HOT_SIGNIFICANCE = 8.0  # a sample is hot beyond so many robust standard deviations above the median of its colour
+SAME_TIME = 1.1  # largest factor between the exposure times of a photograph and its dark frames
+LEAST_SHARE = 0.2  # least relative illumination of a usable sample of a flat field
 
 
 class Dark(NamedTuple):
-    """signal [DN] of no light and the variance of its mean, hot where it stands out, all of a sample's shape."""
+    """Dark signal [DN], the variance of its mean [DN²], and hot samples; all of the shape of a frame."""
 
     signal: NDArray[np.float32]
     variance: NDArray[np.float32]
@@ -28,7 +28,7 @@ class Dark(NamedTuple):
 
 
 class Flat(NamedTuple):
-    """share of light of every sample over the mean of its colour, its variance, and where it is usable."""
+    """Illumination of every sample relative to the mean of its colour, its variance, and where it is usable."""
 
     share: NDArray[np.float32]
     variance: NDArray[np.float32]
@@ -36,13 +36,13 @@ class Flat(NamedTuple):
 
 
 def dark_master(frames: Sequence[Exposure], seconds: float, noise: Noise) -> Dark:
-    """The mean of those dark frames that are exposed as long as the photograph, `seconds`, or most nearly so."""
+    """The mean of the dark frames whose exposure time is closest to `seconds`, that of the photograph."""
     alike(frames, "dark frames")
     off = [abs(np.log(frame.seconds / seconds)) for frame in frames]
     chosen = [frame for frame, far in zip(frames, off, strict=True) if far <= min(off) + np.log(SAME_TIME)]
     if min(off) > np.log(SAME_TIME):
         warnings.warn(
-            f"no dark frame is exposed {seconds:g} s: {chosen[0].name} ({chosen[0].seconds:g} s) stands in",
+            f"no dark frame has the exposure time {seconds:g} s: {chosen[0].name} ({chosen[0].seconds:g} s) is used",
             stacklevel=2,
         )
     signal = np.mean([frame.signal for frame in chosen], axis=0)
@@ -55,7 +55,7 @@ def dark_master(frames: Sequence[Exposure], seconds: float, noise: Noise) -> Dar
 
 
 def flat_master(frames: Sequence[Exposure], darks: Sequence[Exposure], noise: Noise) -> Flat:
-    """The mean of photographs of an evenly lit white field, dark frames (any or none) subtracted, colour by colour."""
+    """The mean of flat-field frames (an evenly lit white field) minus dark frames, if any; normalised per colour."""
     alike(frames, "flat fields")
     dark = dark_master(darks, frames[0].seconds, noise).signal if darks else np.float32(0.0)
     signal = np.mean([frame.signal for frame in frames], axis=0) - dark
@@ -66,16 +66,17 @@ def flat_master(frames: Sequence[Exposure], darks: Sequence[Exposure], noise: No
         light, noisy, fine, out, error = parts
         level = float(light[fine].mean()) if fine.any() else 0.0
         if level <= 0.0:
-            raise InputError(f"the flat field {frames[0].name} is clipped or dark: expose it for half of white")
+            raise InputError(f"the flat field {frames[0].name} is clipped or dark: expose it to half of white")
         out[:], error[:] = light / level, noisy / level**2
     usable &= share > LEAST_SHARE
     return Flat(share.astype(np.float32), np.asarray(spread, np.float32), usable)
 
 
 def odd_samples(signal: NDArray, variance: NDArray, valid: NDArray[np.bool_], mosaic: str) -> NDArray[np.bool_]:
-    """Samples that stand alone above all their neighbours of one colour: hot, though no dark frame tells.
+    """Isolated bright samples: hot samples that are detected without dark frames.
 
-    Four times the brightest neighbour and ten standard deviations above it; a lens spreads even a star wider.
+    They exceed four times the brightest neighbour of the same colour, and exceed it by ten standard deviations; the
+    image of a point light covers more samples than one.
     """
     from scipy.ndimage import maximum_filter
 

@@ -1,4 +1,4 @@
-"""Movement: did camera or scene move between two exposures? By phase correlation (scikit-image)."""
+"""Movement: shift of the image between two exposures, by phase correlation (scikit-image)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from hagoromo.photograph.development.bracket import CEILING, Shot
 from hagoromo.photograph.development.exposure import planes
 from hagoromo.photograph.development.noise import Noise
 
-SHIFT_STEPS_PER_PIXEL = 20  # of a pixel that a shift is told to
-SHIFT_PASSES = 2  # the second sees the same part of the scene through the window as the first picture
-SHARE_LEFT = 0.9  # a shift is one if it leaves less than this share of the squared difference
-BORDER_PX = 4  # pixels beside the border that a shifted picture lacks
+SHIFT_STEPS_PER_PIXEL = 20  # resolution of an estimated shift
+SHIFT_PASSES = 2  # in the second, the window shows the same part of the scene in both pictures
+SHARE_LEFT = 0.9  # a shift is accepted if it reduces the squared difference below this share
+BORDER_PX = 4  # [px] border that is ignored, because a shifted picture lacks it
 
 
 def shift_between(one: Shot, other: Shot, noise: Noise, mosaic: str) -> tuple[float, float]:
-    """How far the content of `other` stands from that of `one`: (x, y) [px], (0, 0) where no shift explains more.
+    """Shift (x, y) [px] of the image of `other` relative to that of `one`; (0, 0) if no shift improves the match.
 
-    Both are cut at the brightest light that neither has clipped, and weighted by their noise.
+    Both are limited to the brightest light that neither has clipped, and scaled to uniform noise.
     """
     from scipy.ndimage import shift
     from skimage.registration import phase_cross_correlation
@@ -42,9 +42,9 @@ def shift_between(one: Shot, other: Shot, noise: Noise, mosaic: str) -> tuple[fl
 
 
 def _grey(shot: Shot, ceiling: float, gain: float, floor: float, mosaic: str) -> NDArray[np.float64]:
-    """Mean of the colours, as the square root of electrons a second: of one noise everywhere (Anscombe 1948).
+    """Mean of the colours as the square root of electrons per second, which has uniform noise (Anscombe 1948).
 
-    Smoothed by a pixel, so that what interpolates it later takes no more noise away.
+    Smoothed by one pixel, so that later interpolation does not reduce the noise further.
     """
     from scipy.ndimage import gaussian_filter
 

@@ -1,8 +1,8 @@
-"""Noise of a sensor from its own frames: the photon transfer curve.
+"""Noise of a sensor, estimated from frames by the photon transfer curve.
 
 The variance of a linear signal S [DN] is S/g + (r/g)² + rounding, with the gain g [e⁻/DN] and the read noise r [e⁻]
-(Janesick 2007, "Photon Transfer"). Differences of two frames of one exposure measure it without the scene; a frame by
-itself measures it between neighbours of one colour, where texture can only add to it.
+(Janesick 2007, "Photon Transfer"). The difference of two frames of one exposure does not contain the scene. In a single
+frame the noise is measured between neighbours of the same colour, where texture adds to it.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, planes
 
-SIGNAL_BINS = 24  # of the signal, per pair and colour
-FEWEST_PER_BIN = 200  # samples of a bin
-CLIPPING_DISTANCE = 5.0  # standard deviations that a bin keeps away from the clipped end
-LEAST_SIGNIFICANCE = 3.0  # standard errors above 0 from which a gain counts as told
+SIGNAL_BINS = 24  # number of bins of the signal, per pair and colour
+FEWEST_PER_BIN = 200  # least number of samples of a bin
+CLIPPING_DISTANCE = 5.0  # least distance of a bin from the clipping level [standard deviations]
+LEAST_SIGNIFICANCE = 3.0  # standard errors by which 1/gain must exceed 0
 NOISE_REWEIGHTINGS = 5
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0]) / 6.0  # of unit variance
-SMOOTH_SHARE = 0.25  # share of the samples of a level, those where the scene changes least
-SAMPLES_PER_INDEPENDENT = 2.0  # samples per independent one where neighbours are shared
+SMOOTH_SHARE = 0.25  # share of the samples of a level that is used: those where the scene varies least
+SAMPLES_PER_INDEPENDENT = 2.0  # samples per independent sample, because differences share neighbours
 
 
 @dataclass(frozen=True)
 class Noise:
-    """gain [e⁻/DN] and read_noise [e⁻] with their standard errors (0 where stated by the user); where they are from."""
+    """gain [e⁻/DN] and read_noise [e⁻] with standard errors (0 if the user stated them); source: their origin."""
 
     gain: float
     read_noise: float
@@ -40,18 +40,21 @@ class Noise:
     def __post_init__(self) -> None:
         """Check the figures once."""
         if not (np.isfinite(self.gain) and self.gain > 0.0 and np.isfinite(self.read_noise) and self.read_noise >= 0.0):
-            raise InputError(f"gain {self.gain} e⁻/DN and read noise {self.read_noise} e⁻: the first must be above 0")
+            raise InputError(
+                f"gain {self.gain} e⁻/DN and read noise {self.read_noise} e⁻: the gain must be above 0, "
+                "the read noise 0 or more"
+            )
 
     def variance(self, signal: NDArray, rounding: NDArray | float) -> NDArray[np.float64]:
-        """Variance [DN²] of a signal [DN] of this expectation; one electron more, so that no dark pixel has none."""
+        """Variance [DN²] of a signal with expectation `signal` [DN]; one electron² is added, so that it is never 0."""
         return (np.maximum(signal, 0.0) + (1.0 + self.read_noise**2) / self.gain) / self.gain + rounding
 
 
 def noise_from_pairs(pairs: Sequence[tuple[Exposure, Exposure]]) -> Noise:
-    """Gain and read noise from pairs of frames of one scene, of one exposure or two: flats, darks, a bracket.
+    """Gain and read noise from pairs of frames of one scene, of equal or different exposure: flats, darks, a bracket.
 
-    Of exposures 1 : r the difference S₁ − S₂/r has no scene in it, and (1 + 1/r²) times the variance of a signal
-    S₁ (1 + 1/r)/(1 + 1/r²). `InputError` where their signals do not tell the gain.
+    For exposures 1 : r the difference S₁ − S₂/r does not contain the scene; it has (1 + 1/r²) times the variance of a
+    signal S₁ (1 + 1/r)/(1 + 1/r²). `InputError` if the signals do not determine the gain.
     """
     rows = []
     for one, other in pairs:
@@ -69,10 +72,10 @@ def noise_from_pairs(pairs: Sequence[tuple[Exposure, Exposure]]) -> Noise:
 
 
 def noise_from_frames(frames: Sequence[Exposure]) -> Noise:
-    """Gain and read noise from single frames, between neighbours of one colour where they are smooth.
+    """Gain and read noise from smooth regions of single frames, between neighbours of the same colour.
 
-    By the second difference of rows and columns (Immerkær 1996, "Fast noise variance estimation"), which sees least of
-    a scene; what texture it does see adds to the noise.
+    Uses the second difference of rows and columns (Immerkær 1996, "Fast noise variance estimation"), which suppresses
+    the scene; remaining texture adds to the noise.
     """
     rows = []
     for frame in frames:
@@ -81,7 +84,7 @@ def noise_from_frames(frames: Sequence[Exposure]) -> Noise:
         for samples, full, coarse in zip(*parts, strict=True):
             around = _neighbours(samples)
             rough = np.tensordot(SECOND_DIFFERENCE, np.stack(around), axes=1)
-            # opposite neighbours differ independently of the second difference where there is noise only
+            # without texture, differences of opposite neighbours are independent of the second difference
             across = np.max([np.abs(around[k] - around[8 - k]) for k in range(4)], axis=0)
             level = np.mean(around, axis=0)
             smooth = ~np.any(_neighbours(full), axis=0) & (across <= _local_quantile(level, across))
@@ -96,7 +99,7 @@ def _ratio(one: float, other: float) -> float:
 
 
 def _neighbours(samples: NDArray) -> list[NDArray]:
-    """The nine samples around each inner one, by rows."""
+    """The 3 × 3 neighbourhood of each inner sample, by rows."""
     rows, columns = samples.shape
     return [samples[i : rows - 2 + i, j : columns - 2 + j] for i in range(3) for j in range(3)]
 
@@ -129,7 +132,9 @@ def _binned(
 
 def _fit(rows: list[tuple[float, float, float]], source: str) -> Noise:
     if len(rows) < 2:
-        raise InputError("the frames have too few unclipped pixels to tell their noise: state --gain and --read-noise")
+        raise InputError(
+            "the frames have too few unclipped pixels to estimate their noise: state --gain and --read-noise"
+        )
     level, variance, count = np.array(rows, np.float64).T
     design, model = np.stack([level, np.ones_like(level)], axis=1), np.maximum(variance, np.median(variance) * 1e-3)
     slope, floor, covariance = 0.0, 0.0, np.eye(2)
@@ -144,7 +149,7 @@ def _fit(rows: list[tuple[float, float, float]], source: str) -> Noise:
     if not slope > LEAST_SIGNIFICANCE * error:
         raise InputError("the frames' noise does not grow with their signal: state --gain and --read-noise")
     gain, read = 1.0 / slope, np.sqrt(max(floor, 0.0)) / slope
-    # r = √floor / slope; where the floor is 0 or less, the read noise is below what its error tells
+    # r = √floor / slope; if the floor is 0 or less, the read noise is below its standard error
     gradient = np.array([-read / slope, 0.5 / (slope * np.sqrt(floor)) if floor > 0.0 else 0.0])
     spread = np.sqrt(gradient @ covariance @ gradient) if floor > 0.0 else np.sqrt(np.sqrt(covariance[1, 1])) / slope
     return Noise(float(gain), float(read), float(error / slope**2), float(spread), source)

@@ -1,7 +1,7 @@
-"""Transfer: the numbers of a display picture → light, from a stated curve or one estimated from a bracket.
+"""Transfer curve: numbers of a display-encoded picture → linear light, stated or estimated from a bracket.
 
-A table gives for every number the light that makes it, per channel, scaled so that the largest number keeps its value.
-Its slope tells how coarse the rounding of a number is in light; an estimated one has an error of its own.
+A table holds the light of every number, per channel, scaled so that the largest number keeps its value. The slope
+determines the quantisation error in light; an estimated curve also has a standard error.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from hagoromo.files.table import read_table
 from hagoromo.light.colour import srgb_decode
 
 SMOOTHNESS = 50.0  # weight of the curve's second difference (Debevec and Malik's λ), for 8-bit noise of about 1 DN
-CURVE_PIXELS = 300  # pixels per photograph that a curve is fitted to
-CURVE_DRAWS = 6  # of such pixels; the curve is the mean of theirs
-SMOOTHER = 4.0  # times SMOOTHNESS: how much the curve then moves tells how much its smoothness has moved it
-RIDGE = 1e-6  # of the normal equations, whose other entries are 1 to 4e7
-FEWEST_SHOTS = 3  # of a bracket; two leave most of the curve to its smoothness
+CURVE_PIXELS = 300  # pixels per photograph in one fit
+CURVE_DRAWS = 6  # random draws of such pixels; the curve is the mean of their fits
+SMOOTHER = 4.0  # factor on SMOOTHNESS of a second fit, whose difference estimates the bias by smoothing
+RIDGE = 1e-6  # added to the diagonal of the normal equations, whose other entries are 1 to 4e7
+FEWEST_SHOTS = 3  # least number of exposures; with two, the smoothness determines most of the curve
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """table: (levels, 1 or 3), light of every number, never falling, the last as large as its number.
+    """table: (levels, 1 or 3), light of every number, not decreasing; the last entry equals its number.
 
-    error: (levels, 1 or 3), standard error of that light; None where the curve is exact.
+    error: (levels, 1 or 3), standard error of that light; None if the curve is exact.
     """
 
     table: NDArray[np.float64]
@@ -39,9 +39,9 @@ class Transfer:
         """Check the tables once."""
         rises = np.diff(self.table, axis=0)
         if self.table.ndim != 2 or not np.isfinite(self.table).all() or (rises < 0.0).any() or not rises.any():
-            raise InputError("a transfer curve must rise from its first number to its last: mend it")
+            raise InputError("a transfer curve must rise from its first number to its last: correct it")
         if self.error is not None and (self.error.shape != self.table.shape or not (self.error >= 0.0).all()):
-            raise InputError("a transfer curve has an error of 0 or more for every number: mend it")
+            raise InputError("the error of a transfer curve must be 0 or more for every number: correct it")
 
     @staticmethod
     def load(source: str | Path, largest: int) -> Transfer:
@@ -56,14 +56,16 @@ class Transfer:
         table = read_table(source)
         names = [name for name in (("light",), ("R", "G", "B")) if set(name) <= set(table)]
         if "number" not in table or not names or (np.diff(table["number"]) <= 0.0).any():
-            raise InputError(f"{source} must have increasing numbers in `number` and their light in `light` or R, G, B")
+            raise InputError(
+                f"{source} must have increasing numbers in the column `number` and their light in `light` or R, G, B"
+            )
         light = np.stack([np.interp(number, table["number"], table[name]) for name in names[0]], axis=1)
         return Transfer(_scaled(light))
 
     def light(self, numbers: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32] | float]:
-        """Light of `numbers` (height, width[, channels]), its variance by rounding and by the curve, of the same shape.
+        """Light of `numbers` (height, width[, channels]), and its variances by rounding and by the curve, same shape.
 
-        The curve's part is common to all samples of one number: it does not shrink where they are averaged.
+        The error of the curve is common to all samples of one number: averaging does not reduce it.
         """
         bounds = np.arange(len(self.table) + 1.0) - 0.5
         place = np.clip(bounds, 0.0, len(self.table) - 1.0)
@@ -78,16 +80,16 @@ class Transfer:
 def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[float], seed: int = 0) -> Transfer:
     """The curve of 8-bit photographs (height, width, 3) of one scene at several exposures [s], with its error.
 
-    Debevec and Malik (1997), "Recovering high dynamic range radiance maps from photographs" (doi
-    10.1145/258734.258884), for several draws of pixels: how they differ is the error by chance, how a smoother fit
-    differs from them that by smoothness.
-    `InputError` for fewer than three exposures or pictures of other shape.
+    Method of Debevec and Malik (1997), "Recovering high dynamic range radiance maps from photographs" (doi
+    10.1145/258734.258884), for several random draws of pixels. Their scatter is the random error; the difference to a
+    smoother fit estimates the error by smoothing.
+    `InputError` for fewer than three exposures or pictures of different shapes.
     """
     different = len(set(exposures_s))
     if different < FEWEST_SHOTS:
         raise InputError(f"a response is estimated from {FEWEST_SHOTS} exposures or more: given {different} different")
     if any(p.dtype != np.uint8 or p.ndim != 3 or p.shape != photographs[0].shape for p in photographs):
-        raise InputError("a response is estimated from 8-bit colour photographs of one size: state it instead")
+        raise InputError("a response is estimated from 8-bit colour photographs of one size only: state it instead")
     random, times = np.random.default_rng(seed), np.asarray(exposures_s, np.float64)
     fits: list[NDArray[np.float64]] = []
     smoother: list[NDArray[np.float64]] = []
@@ -102,17 +104,17 @@ def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[floa
 
 
 def _fitted(photographs: Sequence[NDArray], times: NDArray[np.float64], smoothness: float) -> NDArray[np.float64]:
-    """(256, 3) light of every number, from all pixels (pixels, 3) of the photographs: Debevec and Malik's eq. (3)."""
+    """(256, 3) light of every number, fitted to all pixels (pixels, 3) of the photographs: Debevec & Malik, eq. (3)."""
     curves = [_debevec(np.stack([p[:, c] for p in photographs], axis=1), times, smoothness) for c in range(3)]
     return _scaled(np.maximum.accumulate(np.exp(np.stack(curves, axis=1)), axis=0))
 
 
 def _debevec(numbers: NDArray, times: NDArray[np.float64], smoothness: float) -> NDArray[np.float64]:
-    """g (256), the logarithm of the light of every number, of one channel's numbers (pixels, photographs).
+    """g (256,), the logarithm of the light of every number, from the numbers (pixels, photographs) of one channel.
 
     Minimises Σ (w(Z) (g(Z) − ln E − ln t))² + Σ (λ w(z) g''(z))² with g(128) = 0 over g and the pixels' ln E, with the
     triangle of weights w, 0 at both ends, by the sparse normal equations. OpenCV solves the same by a dense SVD in
-    single precision, which takes ten times as long; RIDGE stands for its least norm where no pixel has weight.
+    single precision, which takes ten times as long; RIDGE replaces its minimum norm where no pixel has weight.
     """
     from scipy.sparse import coo_array, eye_array
     from scipy.sparse.linalg import spsolve
@@ -136,5 +138,5 @@ def _debevec(numbers: NDArray, times: NDArray[np.float64], smoothness: float) ->
 def _scaled(light: NDArray[np.float64]) -> NDArray[np.float64]:
     last = light[-1:]
     if not (np.isfinite(last) & (last > 0.0)).all():
-        raise InputError("a transfer curve must end above 0: mend it")
+        raise InputError("a transfer curve must end above 0: correct it")
     return light / last * (len(light) - 1.0)

@@ -1,4 +1,4 @@
-"""Undistort: a developed photograph through a distorted lens → as a pinhole of the same matrix would have taken it."""
+"""Undistort: resample a developed photograph as a pinhole camera of the same matrix would have taken it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.photograph.development.development import Development
 
-LEAST_VALID_SHARE = 0.999  # least share of valid samples of which a pixel is made
+LEAST_VALID_SHARE = 0.999  # least weight of valid samples in a valid resampled pixel
 
 
 def undistorted(development: Development, camera: Camera) -> Development:
-    """`found`, taken by `camera`, resampled bilinearly; pixels that the photograph does not reach are invalid.
+    """`development`, taken by `camera`, resampled bilinearly; pixels outside the photograph are invalid.
 
-    The variance is the mean of its neighbours': a bound, as the mean of samples varies less. Where channels were
-    interpolated behind a mosaic, a pixel is native where the sample nearest to it was. `InputError` for another size.
+    The variance is the mean of the neighbours' variances, an upper bound. With a mosaic, a pixel is native if the
+    nearest sample was. `InputError` if the sizes differ.
     """
     import cv2
 
