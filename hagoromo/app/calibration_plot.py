@@ -1,4 +1,4 @@
-"""The residuals of a camera's calibration as a picture: where they lie, how they spread, and each photograph's."""
+"""Plot of the residuals of a camera calibration: over the image, their distribution, and per photograph."""
 
 from __future__ import annotations
 

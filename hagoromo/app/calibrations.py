@@ -1,4 +1,4 @@
-"""The verbs under `hagoromo calibrate`: a camera, its lamps, its spectral response."""
+"""The commands `hagoromo calibrate camera`, `lamps` and `response`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hagoromo.app.verb import Force, Out, verb, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, whole_file
 
-DOUBTFUL_NOISE = 0.03  # relative noise of a reading beyond which it is rather the spectra or the light that are wrong
+DOUBTFUL_NOISE = 0.03  # relative noise of a reading beyond which spectra or illumination are probably wrong
 
 calibrations = tyro.extras.SubcommandApp()
 
@@ -35,23 +35,23 @@ def calibrate_camera(
     window: int | None = None,
     force: Force = False,
 ) -> None:
-    """Photographs of a board → intrinsics, distortion, their standard deviations, rms, a plot of the residuals beside.
+    """Photographs of a board → intrinsics and distortion with standard deviations, and a plot of the residuals.
 
     Args:
         photographs: PNG, JPEG or TIFF, all of one size, three or more.
         board: inner corners, columns x rows, such as 9x6.
         square: side of a square [m].
         marker: side of a marker [m] of a ChArUco board; 0 for a chessboard.
-        dictionary: OpenCV's name of the markers.
-        coefficients: of the lens, fitted: none, k1 k2, p1 p2 too, k3 too, k4 k5 k6 too.
+        dictionary: OpenCV's name of the marker dictionary.
+        coefficients: number of fitted distortion coefficients: none; k1 k2; also p1 p2; also k3; also k4 k5 k6.
         square_pixels: one focal length for both axes.
-        window: half side [px] of the search for a corner (default: as far as no other edge comes in).
+        window: half side [px] of the search window of a corner (default: the largest without other edges).
     """
     from hagoromo.app.calibration_plot import residual_plot
 
     plot = out.with_suffix(".png")
     if plot == out:
-        raise InputError(f"{out} is to be a record: give a name that ends in .json")
+        raise InputError(f"{out} is the name of a picture: give a name that ends in .json")
     target = _board(board, square, marker, dictionary, window)
     replaceable_file(out, force)
     with whole_file(plot, force) as picture, progress_bar("calibrate camera") as progress:
@@ -65,7 +65,7 @@ def calibrate_camera(
     for axis, value in zip("xy", calibration.camera.focal, strict=True):
         print(f"focal length {axis} {value:.2f} ± {calibration.standard_deviation[f'fl_{axis}']:.2f} px")
     for name in calibration.outliers:
-        print(f"{name}: rms {calibration.boards[name]:.3f} px, far above the others: look at it, or leave it out")
+        print(f"{name}: rms {calibration.boards[name]:.3f} px, far above the others: check it, or leave it out")
     wrote(out, plot)
 
 
@@ -86,38 +86,38 @@ def calibrate_lamps(
     transfer: Literal["linear", "srgb"] | None = None,
     force: Force = False,
 ) -> None:
-    """Photographs of chrome balls, one lamp on in each → where the lamps stand, one each, and how strong they are.
+    """Photographs of chrome balls, one lamp on in each → direction or position, and intensity, of every lamp.
 
-    One ball tells directions (far lamps). Several balls, or one in several places, tell positions (near lamps), and
-    which lamps are too far for that. A matte reference, or a highlight that is not clipped, tells strength and colour.
-    Where there is no ball, a matte object tells far lamps to some degrees, and their strengths relative to each other.
+    One ball determines the directions of far lamps. Several balls, or one in several places, determine the positions of
+    near lamps, and which lamps are far. A matte reference, or highlights that are not clipped, determine intensity and
+    colour. Without a ball, a matte object determines the directions of far lamps to a few degrees, and their relative
+    intensities.
 
     Args:
         photographs: one per lamp, all from one place: PNG, JPEG, TIFF, RAW or developed EXR.
-        mask: picture that is white on the chrome ball and black elsewhere; once per ball that the photographs show.
-        moved: one ball in several places: a --mask for each place, and the photographs of the first place, then as many
-            of the second in the same order of lamps, and so on.
-        radius: of the chrome balls [m]; needed with several masks, with --camera.
-        camera: camera.json of `calibrate camera`, or OpenCV's YAML; without it the view is taken for orthographic.
+        mask: picture that is white on a chrome ball and black elsewhere; give one per ball.
+        moved: one ball in several places: give a --mask for each place, and all photographs of the first place, then
+            those of the second in the same order of lamps, and so on.
+        radius: radius of the chrome balls [m]; needed with several masks and --camera.
+        camera: camera.json of `calibrate camera`, or OpenCV's YAML; without it the view is assumed orthographic.
             Directions are in its axes (x right, y down, z forward); without it x right, y up, z to the camera.
         reference: mask of a matte ball in the photographs (of the first place), or of a matte card.
-        reflectance: of the reference, below 1: one number, or one per channel; the lamps' intensity is then absolute,
-            in pi times the unit of the photographs' values (per channel), times m2 for near lamps.
-        reference_normal: direction that a card faces, in the axes above; without it the reference is a ball.
-        reference_radius: of a matte ball [m], where lamps are near.
-        mirror: reflectance of the chrome balls, one number or one per channel: strength from the light of highlights
-            that are not clipped. Where it is unknown give 1: the lamps' ratios are right.
-        object: mask of the object itself, in place of a chrome ball: five lamps or more, directions and relative
-            strengths by self-calibration, with errors; gloss and roughness of the object are found on the way. The
-            object is taken for convex at its outline.
-        transfer: of 8-bit photographs, where strength or an object is asked for; 16 bits are taken for linear.
+        reflectance: reflectance of the reference, below 1: one number, or one per channel; the lamps' intensity is
+            then absolute, in pi times the unit of the photographs' values (per channel), times m2 for near lamps.
+        reference_normal: normal of a matte card, in the axes above; without it the reference is a ball.
+        reference_radius: radius of a matte ball [m], needed for near lamps.
+        mirror: reflectance of the chrome balls, one number or one per channel: intensities from highlights that are
+            not clipped. If it is unknown give 1: the ratios of intensities are still right.
+        object: mask of the object itself, instead of a chrome ball: directions and relative intensities of five or more
+            lamps by self-calibration, with standard errors. The object is assumed convex at its outline.
+        transfer: transfer curve of 8-bit photographs, for intensities or an object; 16 bits are assumed linear.
     """
     from hagoromo.app.lamp_summary import lamp_summary, object_summary
 
     if object is not None and (mask or moved or mirror or reference):
-        raise InputError("--object stands for itself, without --mask, --moved, --mirror, --reference: leave one out")
+        raise InputError("--object replaces --mask, --moved, --mirror and --reference: give either it or those")
     if bool(reference) != bool(reflectance):
-        raise InputError("--reference, the mask, and --reflectance go together: give both")
+        raise InputError("--reference (a mask) and --reflectance go together: give both or none")
     replaceable_file(out, force)
     with progress_bar("calibrate lamps") as progress:
         if object is not None:
@@ -145,14 +145,14 @@ def calibrate_response(
     corners: tuple[float, ...] = (),
     force: Force = False,
 ) -> None:
-    """Known spectra and what the camera read of them, or photographs of a chart → spectral sensitivities.
+    """Known spectra and the camera's readings of them, or photographs of a chart → spectral sensitivities.
 
     Args:
-        sources: CSV of pairs, a row per spectrum: its values in columns named by wavelength [nm], the readings in the
-            others; or linear photographs of a chart of 24 patches: developed EXR, or 16-bit PNG of one exposure.
+        sources: CSV with a row per spectrum: its values in columns named by wavelength [nm], the readings in the other
+            columns; or linear photographs of a chart of 24 patches: developed EXR, or 16-bit PNG of one exposure.
         lamp: spectrum of the lamp of each photograph, a name or CSV, all in one unit.
         chart: spectra of the patches: a chart of colour-science, or a CSV with a column per patch.
-        corners: x y of the chart's corners [px], clockwise from the first patch's, where the chart is not found.
+        corners: x y of the chart's corners [px], clockwise from that of the first patch, if it is not detected.
     """
     from hagoromo.app.response_plot import response_plot
 
@@ -195,7 +195,7 @@ def _response(
         return hg.calibrate_response(sources[0])
     if corners and len(corners) != 8 * len(sources):
         asked = f"{len(sources)} photographs have {8 * len(sources)}"
-        raise InputError(f"--corners has {len(corners)} numbers: {asked}, x and y of four corners each")
+        raise InputError(f"--corners has {len(corners)} numbers: {asked}, give x and y of four corners for each")
     import numpy as np
 
     places = list(np.reshape(corners, (len(sources), 4, 2))) if corners else None

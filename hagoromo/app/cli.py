@@ -1,7 +1,7 @@
-"""The command line: `hagoromo VERB`, one verb of the package each; every result names the files it wrote.
+"""The command line `hagoromo COMMAND`: each command parses its arguments, calls the package and prints what it wrote.
 
-Exit status: 0 done; 2 wrong use or bad input, with one line on standard error; 130 interrupted; 1 a bug.
-Verbs import what they need when they run, so that `--help` answers at once.
+Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 interrupted; 1 a bug.
+Commands import modules when they run, so that `--help` is fast.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its resp
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the verb that `arguments` (default: those of the process) name; gives the exit status."""
+    """Run the command in `arguments` (default: those of the process); returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
         print(f"hagoromo {hg.__version__}")
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parsed(arguments: list[str]) -> Callable[[], None]:
-    """The verb with its arguments, ready to run; wrong use is an `InputError`."""
+    """The command with its arguments, ready to run; `InputError` for wrong use."""
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
@@ -70,7 +70,7 @@ def _parsed(arguments: list[str]) -> Callable[[], None]:
 
 
 def _from_box(text: str) -> str:
-    """Tyro's box of an error as one line: its rows joined, its rules (─, or - where that cannot be shown) as stops."""
+    """Tyro's error box as one line: rows are joined, horizontal rules (─ or -) become semicolons."""
     rows = [ANSI.sub("", row).strip("│|╭╮╰╯+ ") for row in text.splitlines()[1:-1]]
     clauses = " ".join("\n" if set(row) in ({"─"}, {"-"}) else row for row in rows).split("\n")
     return "; ".join(_one_line(clause) for clause in clauses if clause.strip())
@@ -85,7 +85,7 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
     """The paper end to end: simulated photographs, measurement, volume boxes, figures 6–8, report.html.
 
     Args:
-        size: small takes minutes on two cores; full draws larger pictures.
+        size: small takes minutes on two cores; full makes larger pictures.
     """
     with progress_bar("demo") as progress:
         report = hg.demo(out, size=size, force=force, progress=progress)
@@ -94,7 +94,7 @@ def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = Fals
 
 @verb(verbs)
 def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
-    """Scene → photographs as its camera would take them (noise, mosaic, bits), one per lamp, the truth beside them.
+    """Scene → photographs as its camera would take them (noise, mosaic, bits), one per lamp, with the ground truth.
 
     Args:
         scene: scene TOML.
@@ -126,18 +126,19 @@ def develop(
 
     Args:
         photographs: one, or a bracket, which is merged.
-        dark: frames without light, of the same exposures.
+        dark: frames without light, of the same exposure times.
         flat: frames of an evenly lit white field.
-        transfer: of 8-bit files: linear, srgb, estimate (from the bracket), or a CSV of number and light (or R, G, B).
-        exposures: of the photographs [s], where their files do not tell.
-        iso: where their files do not tell.
-        black: DN of no light, where the files do not tell.
-        white: DN of the brightest light.
-        mosaic: of one-channel files, such as RGGB.
-        gain: of the sensor [electrons per DN]; with read_noise; without, both are estimated from the frames.
-        read_noise: of the sensor [electrons].
-        demosaic: how the mosaic is filled in.
-        undistort: camera.json of `calibrate camera`, or OpenCV's YAML: the result is as a lens without distortion sees.
+        transfer: transfer curve of 8-bit files: linear, srgb, estimate (from the bracket), or a CSV with the columns
+            number and light (or R, G, B).
+        exposures: exposure times of the photographs [s], if their files do not state them.
+        iso: ISO speed, if the files do not state it.
+        black: black level [DN], if the files do not state it.
+        white: saturation level [DN].
+        mosaic: mosaic of one-channel files, such as RGGB.
+        gain: gain of the sensor [electrons per DN], with read_noise; by default both are estimated from the frames.
+        read_noise: read noise of the sensor [electrons].
+        demosaic: method of interpolating the mosaic.
+        undistort: camera.json of `calibrate camera`, or OpenCV's YAML, whose lens distortion is removed.
     """
     from hagoromo.app.development_summary import development_summary
     from hagoromo.photograph.development.development import check_exr_name
@@ -166,21 +167,21 @@ def capture(
     transfer: Literal["linear", "srgb"] | None = None,
     force: Force = False,
 ) -> None:
-    """Developed photographs of one view, one lamp on in each → a capture, which `measure` reads.
+    """Developed photographs of one view, one lamp on in each → a capture for `measure`.
 
     Args:
-        photographs: EXR of `develop`, or linear PNG or TIFF, all from one place.
-        lamps: lamps.json of `calibrate lamps`: a photograph has the lamp of its name, or else of its place in the
-            order.
-        camera: camera.json of `calibrate camera`, or OpenCV's YAML: the one given to `calibrate lamps`; without it the
-            view is taken for orthographic.
+        photographs: EXR of `develop`, or linear PNG or TIFF, all from one viewpoint.
+        lamps: lamps.json of `calibrate lamps`. A photograph gets the lamp with its name; if names do not match, lamps
+            are assigned in order.
+        camera: camera.json of `calibrate camera`, or OpenCV's YAML, as given to `calibrate lamps`; without it the view
+            is assumed orthographic.
         response: CSV of `calibrate response`, or the name of a known camera.
         mask: PNG that is white on the object: one for all photographs, or one each.
-        spectrum: of the lamps: a name such as A or D65, or a CSV.
-        intensity: of the lamps, in place of that of lamps.json: one number, or one per channel. A far lamp of intensity
-            3.1416 makes a white patch that faces it read 1.
+        spectrum: spectrum of the lamps: a name such as A or D65, or a CSV.
+        intensity: intensity of the lamps, instead of that in lamps.json: one number, or one per channel. Under a far
+            lamp of intensity 3.1416 a white patch that faces it has the value 1.
         undistorted: the photographs have no lens distortion (those of `develop --undistort` state it themselves).
-        transfer: of 8-bit photographs.
+        transfer: transfer curve of 8-bit photographs.
     """
     with whole_folder(out, force) as partial:
         result = hg.capture(
@@ -201,11 +202,11 @@ def convert(
     images: Path | None = None,
     force: Force = False,
 ) -> None:
-    """Cameras of one program's file → another's, or with their images → a capture.
+    """Cameras in the format of one program → the format of another, or with their images → a capture.
 
     Args:
         cameras: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, Middlebury's _par.txt.
-        to: format (default: that of the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
+        to: format (default: by the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
         images: folder of the images; the result is then a capture.
     """
     result = hg.convert(cameras, out, to, images, force)
@@ -243,7 +244,7 @@ def measure(
 def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
     """Recipe of matter (shape, micro-structure, material) → volume box, which may be larger than the memory.
 
-    A build that was interrupted, or found the disk full, goes on where it stopped when the same command is given again.
+    The same command resumes a build that was interrupted or stopped because the disk was full.
 
     Args:
         recipe: matter TOML.
@@ -264,12 +265,13 @@ def render(
     tolerance: float | None = None,
     force: Force = False,
 ) -> None:
-    """Scene → EXR (linear, with its weights) and PNG (sRGB) beside it.
+    """Scene → EXR (linear, with its weights) and PNG (sRGB).
 
     Args:
         scene: scene TOML.
-        mode: march sees one scattering event and has no noise.
-        tolerance: of the picture, root mean square over its mean where there is matter (default: the scene's, or 0.04).
+        mode: march computes single scattering, without noise.
+        tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
+            0.04).
     """
     for path in (out, out.with_suffix(".png")):
         replaceable_file(path, force)
@@ -324,15 +326,15 @@ def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None, 
     Args:
         a: image, PNG or EXR.
         b: its reference, of the same kind.
-        mask: PNG, not black where to compare.
-        peak: of EXR files, the value that is white (default: the largest of the reference).
+        mask: PNG that is not black where the images are compared.
+        peak: value of white in EXR files (default: the largest of the reference).
     """
     print(json.dumps(hg.compare(a, b, mask, peak).record()))
 
 
 @verb(verbs)
 def info(file: Positional[Path]) -> None:
-    """What is in a file or folder.
+    """Print the contents of a file or folder.
 
     Args:
         file: capture, box.zarr, EXR, PNG, JPEG, scene or matter TOML, materials.json, spectrum CSV, cameras (JSON,
@@ -347,8 +349,8 @@ def schema(kind: Positional[str | None] = None, out: Path | None = None) -> None
     """JSON Schemas of the files: for editors, and for programs that write them.
 
     Args:
-        kind: file, such as scene, materials or recipe-cloth; printed. Without it the kinds are listed.
-        out: folder for the schemas of all kinds, in place of printing.
+        kind: file type, such as scene, materials or recipe-cloth, whose schema is printed (default: list all types).
+        out: folder to which the schemas of all types are written instead.
     """
     from hagoromo.app.schemas import json_schema, schema_names, write_schemas
 

@@ -1,4 +1,4 @@
-"""Display: what a camera recorded, as people see it, and pictures as text that fits into an HTML page."""
+"""Display: camera values as sRGB pictures, and pictures as text for an HTML page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is in a file or folder of any kind that the package reads."""
+"""Contents of a file or folder of any type that the package reads."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ MATERIAL_FIELDS = ("element", "alpha", "beta", "gamma", "n", "body_colour", "ide
 
 
 def info(path: str | Path) -> Facts:
-    """Facts about `path`, name → text or plain numbers, the kind first.
+    """Facts about `path`, name → text or plain numbers, its type first.
 
-    `InputError` when it does not exist, is of no known kind, or cannot be read as the kind that its name says.
+    `InputError` if it does not exist, is of unknown type, or cannot be read as the type that its name states.
     """
     path = Path(path)
     if path.is_dir():
         return _folder(path)
     kind = KIND_READERS.get(existing_file(path).suffix.lower())
     if kind is None:
-        raise InputError(f"{path} is of no kind known here: give a folder or one of {', '.join(KIND_READERS)}")
+        raise InputError(f"{path} is of unknown type: give a folder or one of {', '.join(KIND_READERS)}")
     return kind(path)
 
 
@@ -56,7 +56,7 @@ def _transforms(path: Path) -> Facts:
     record = read_json(path)
     frames = record.get("frames") if isinstance(record, dict) else None
     if not isinstance(frames, list):
-        raise InputError(f"{path} has no list of frames: it is no capture")
+        raise InputError(f"{path} has no list of frames: give the transforms.json of a capture")
     return {
         "kind": "capture",
         "frames": len(frames),
@@ -125,7 +125,7 @@ def _tiff(path: Path) -> Facts:
 
 
 def _exposure_facts(path: Path) -> Facts:
-    """What EXIF tells of the exposure."""
+    """The EXIF settings of the exposure."""
     return {key: value for key, value in asdict(read_exif(path)).items() if value}
 
 
@@ -159,7 +159,7 @@ def _json(path: Path) -> Facts:
         return _cameras(path)
     if isinstance(record, dict) and isinstance(record.get("lamps"), list):
         return {"kind": "lamps", **{str(k): _short(lamp) for k, lamp in enumerate(record["lamps"])}}
-    raise InputError(f"{path} is JSON of no kind known here: materials, camera, lamps or capture")
+    raise InputError(f"{path} is JSON of unknown type: give materials, camera, lamps or a capture")
 
 
 def _cameras(path: Path) -> Facts:
@@ -183,7 +183,7 @@ def _csv(path: Path) -> Facts:
 
 
 def _short(value: Any) -> Any:
-    """Long lists, tables and texts by their size only."""
+    """A value for printing: of long lists and texts only the size."""
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} entries"
     if isinstance(value, dict):

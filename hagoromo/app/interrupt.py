@@ -1,7 +1,7 @@
-"""Interrupt: Ctrl-C or a polite kill ends a verb, so that what it had begun to write is removed.
+"""Interrupt: Ctrl-C (SIGINT) or SIGTERM ends a command such that its unfinished output is removed.
 
-The signal raises `KeyboardInterrupt` wherever the verb is. Foreign code may swallow that, or make another error of it
-(an import within a compiled module does): so it is remembered, and told again by the next error or step of progress.
+The signal raises `KeyboardInterrupt`. Other code may suppress it or turn it into another error (imports in compiled
+modules do). So the signal is recorded, and the next error or progress report raises `KeyboardInterrupt` again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _heard = threading.Event()
 def signals_as_interrupt() -> Iterator[None]:
     """SIGTERM, and SIGINT unless it is ignored, raise `KeyboardInterrupt` while the block runs, as do later errors."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # signals are heard in the main thread only
+        yield  # signals arrive in the main thread only
         return
     _heard.clear()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -38,7 +38,7 @@ def signals_as_interrupt() -> Iterator[None]:
 
 
 def heed() -> None:
-    """Raise `KeyboardInterrupt` if a signal was heard, in case the first was swallowed."""
+    """Raise `KeyboardInterrupt` if a signal was received, in case the first exception was suppressed."""
     if _heard.is_set():
         raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""What `hagoromo calibrate lamps` prints: the balls, each lamp with its errors, and how well the lamps are spread."""
+"""Summary that `hagoromo calibrate lamps` prints: balls, lamps with standard errors, and spread of the directions."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def lamp_summary(calibration: LampCalibration) -> list[str]:
 
 
 def object_summary(calibration: SelfCalibration) -> list[str]:
-    """Lines of text on lamps that the object itself gave."""
+    """Lines of text on lamps that were calibrated from the object itself."""
     entries = zip(calibration.names, calibration.to_lamp, calibration.standard_error_deg, strict=True)
     lines = [
         f"{name}: to_lamp ({x:.4f}, {y:.4f}, {z:.4f}), standard error {error:.1f}°"
         for name, (x, y, z), error in entries
     ]
-    convex = f"the object is taken for convex: {100 * calibration.convex:.0f} % of its outline turns away"
+    convex = f"the object is assumed convex: {100 * calibration.convex:.0f} % of its outline turns away from the camera"
     count = f"{len(lines)} lamps, condition number of their directions {calibration.condition:.2f}"
     convex = convex if calibration.perspective else f"{convex}; {MIRRORED}"
     return [*lines, convex, count, *calibration.remarks()]
@@ -58,5 +58,5 @@ def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
         if strength.shading is not None:
             to_lamp, error = strength.shading
             off = np.degrees(np.arccos(np.clip(to_lamp @ lamp.to_lamp, -1.0, 1.0)))
-            text += f", whose shading tells a direction {off:.2f}° from the ball's (± {error:.2f}°)"
+            text += f", whose shading gives a direction {off:.2f}° from that by the ball (± {error:.2f}°)"
     return text

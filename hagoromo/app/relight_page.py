@@ -1,4 +1,4 @@
-"""The page of a relit object: photograph, predictions, differences and ΔE00 maps with their scales, figures."""
+"""The page of a relit object: photographs, predictions, maps of differences and ΔE00 with scales, and a table."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _photograph(one: Prediction) -> dict[str, Any]:
 
 
 def _enlarged(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """As people see it, each pixel repeated until the picture is PHOTOGRAPH_WIDTH_PX pixels wide or nearly so."""
+    """sRGB picture, enlarged by a whole number to about PHOTOGRAPH_WIDTH_PX pixels of width."""
     times = max(round(PHOTOGRAPH_WIDTH_PX / linear.shape[1]), 1)
     return srgb_encode(linear).repeat(times, axis=0).repeat(times, axis=1)
 

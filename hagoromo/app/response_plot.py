@@ -1,4 +1,4 @@
-"""The curves of a calibrated response with their 95 % intervals, as a picture."""
+"""Plot of the curves of a calibrated response with their 95 % intervals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CHANNEL_COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
 
 
 def response_plot(calibration: ResponseCalibration) -> bytes:
-    """PNG."""
+    """PNG of the curves, relative to the greatest value."""
     figure, (axis,) = panels(1, 6.4, 3.6)
     response = calibration.response
     top = response.values.max()

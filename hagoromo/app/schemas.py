@@ -14,7 +14,7 @@ RECIPE_PREFIX = "recipe-"
 
 
 def schema_names() -> tuple[str, ...]:
-    """The kinds of files that have a schema; recipes of every kind of matter that is installed among them."""
+    """The file types that have a schema, including the recipes of all installed kinds of matter."""
     return (*_files(), *(RECIPE_PREFIX + name for name in kind_names()))
 
 

@@ -1,4 +1,4 @@
-"""Sweep: a photographer's background, a floor that bends up into a wall without an edge."""
+"""Sweep: a photographic background, a floor that curves up into a wall without an edge."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 from hagoromo.image.surface import Surface
 from hagoromo.reflectance.reflectance import Reflectance
 
-BEND_FACETS = 48  # facets of the bend
+BEND_FACETS = 48  # facets of the curved part
 
 
 def sweep(
     reflectance: Reflectance, floor: tuple[float, float], wall: tuple[float, float], radius: float, half: float
 ) -> Surface:
-    """A floor from y = floor[0] at the height floor[1], bent by `radius` into a wall at y = wall[0] up to z = wall[1].
+    """A floor from y = floor[0] at height floor[1], curved by `radius` into a wall at y = wall[0] up to z = wall[1].
 
-    It reaches from −half to half along x. All in metres.
+    It extends from −half to half along x. All lengths in metres.
     """
     turn = np.linspace(0.0, np.pi / 2, BEND_FACETS + 1)
     y = np.concatenate([[floor[0]], wall[0] - radius + radius * np.sin(turn), [wall[0]]])

@@ -1,4 +1,4 @@
-"""A verb of the command line: a function whose arguments are the command's, run after all of them were read."""
+"""Registration of commands: a function becomes a command with its arguments, and runs after they have been parsed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ verbs = tyro.extras.SubcommandApp()
 
 
 def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a verb of `group`; parsing gives it back with its arguments, not yet run."""
+    """Register a function as a command of `group`; parsing returns it with its arguments, without running it."""
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(function)
@@ -31,6 +31,6 @@ def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., None]],
 
 
 def wrote(*paths: Path) -> None:
-    """Say which files a verb wrote."""
+    """Print the files that a command wrote."""
     for path in paths:
         print(f"wrote {path}")

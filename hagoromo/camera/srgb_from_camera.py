@@ -18,7 +18,7 @@ WHITE_XYZ = np.array([0.95047, 1.0, 1.08883])  # XYZ of D65, the display's white
 def srgb_from_camera(response: Response, lamp: Spectrum) -> NDArray[np.float64]:
     """(3, 3): camera values ρ of eq. (10) under `lamp` → linear sRGB with the lamp as white (1, 1, 1).
 
-    Least squares over the 24 spectra of a ColorChecker, with the lamp's own colour kept exact.
+    Least squares over the 24 spectra of a ColorChecker; the lamp's own colour is exact.
     """
     import colour
 

@@ -110,7 +110,7 @@ def _with_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measu
 def _warn_of_motion(capture: Capture) -> None:
     for name, (x, y) in moved(capture.photographs).items():
         warnings.warn(
-            f"{name} stands ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
+            f"{name} is shifted by ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
             stacklevel=3,
         )
 

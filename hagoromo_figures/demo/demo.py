@@ -29,13 +29,13 @@ from hagoromo_figures.demo.relit import relit
 from hagoromo_figures.demo.report import Report, write_report
 from hagoromo_figures.demo.samples import FOCAL_MM, LAMP_SPECTRUM, PRESET, bench, bench_camera, true_reflectances
 
-LAMPS_MEASURED = 3  # of the bench's lamps; the last is kept aside
+LAMPS_MEASURED = 3  # number of lamps for the measurement; the photograph under the last is held out
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
 
 
 @dataclass(frozen=True)
 class Size:
-    """How large the demo is: binning and rays a pixel of capture and figures; resolution of the figures, and which."""
+    """Size of the demo: binning and rays per pixel of capture and figures; resolution and names of the figures."""
 
     capture_binning: int
     capture_samples: int
@@ -63,7 +63,7 @@ SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.
 
 @dataclass
 class Stages:
-    """Reports progress by stage and keeps how long each took [s]."""
+    """Report progress by stage, and record the duration of each stage [s]."""
 
     progress: Progress
     seconds: dict[str, float] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Stages:
 
 
 def demo(out: str | Path, size: str = "small", force: bool = False, progress: Progress = silent) -> Path:
-    """Run the paper into the folder `out`, whole or not at all; the path of its report.html.
+    """Run the demo into the folder `out`, completely or not at all; returns the path of its report.html.
 
     size: small (minutes on two cores) or full (larger pictures, finer boxes). The same size gives the same numbers.
     `InputError` for an unknown size or an existing folder without `force`.
@@ -135,7 +135,7 @@ def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
 
 
 def _figures(home: Path, reflectances: dict[str, Any], size: Size, progress: Progress) -> dict[str, Image]:
-    """Render every figure to EXR and PNG; they are given back as read from their files."""
+    """Render every figure to EXR and PNG; returns the images as read from their files."""
     camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
     (home / "figures").mkdir()
     cast = Cast(reflectances, size.resolution, size.seed)

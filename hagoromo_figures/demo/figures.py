@@ -23,11 +23,11 @@ MM = 1e-3  # m
 
 
 class Shot(NamedTuple):
-    """How a figure of the paper is taken.
+    """View of a figure of the paper.
 
-    figures: who is seen, with the place (x, y) [mm] and turn about z [°] of each. upright: of the camera. towards: from
-    the matter to the camera. filled: how much of the picture the boxes span. seen: middle (x, y, z) and height [mm] of
-    what is taken of the first figure, instead of all; parts of it that are left out.
+    figures: the persons, with the place (x, y) [mm] and rotation about z [°] of each. upright: whether the camera is
+    upright. towards: direction from the matter to the camera. filled: share of the picture that the boxes span. seen:
+    centre (x, y, z) and height [mm] of a close-up of the first figure; None: all. without: parts that are left out.
     """
 
     caption: str
@@ -69,7 +69,7 @@ PAPER_FIGURES = {
 
 
 class Cast:
-    """The parts of the figures, each built when it is first wanted and kept for the next picture.
+    """The parts of the figures; each is built at its first use and reused in later pictures.
 
     measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter.
     """
@@ -103,9 +103,9 @@ class Cast:
 
 
 def wardrobe(measured: Mapping[str, Reflectance]) -> dict[str, Reflectance]:
-    """Materials of the figures: measured skin, cloth and feather; what else they wear is that cloth in other dyes.
+    """Materials of the figures: measured skin, cloth and feather; other garments are the same cloth in other dyes.
 
-    Hair has the measured interface of the feather, keratin too, and a colour of its own.
+    Hair has the measured interface of the feather, which is keratin as well, and its own colour.
     """
     cloth = measured["cloth"]
     return {
@@ -123,7 +123,7 @@ def wardrobe(measured: Mapping[str, Reflectance]) -> dict[str, Reflectance]:
 def close_up(
     camera: Camera, towards: tuple[float, float, float], middle: tuple[float, float, float], height: float
 ) -> Camera:
-    """The camera so near that `height` [mm] around `middle` [mm] fills the picture."""
+    """The camera at the distance where `height` [mm] around `middle` [mm] fills the picture."""
     aim, direction = MM * np.array(middle), np.array(towards) / np.linalg.norm(towards)
     return camera.look_at(aim + direction * (MM * height * camera.focal[1] / camera.height), aim)
 
@@ -134,7 +134,7 @@ def _dyed(cloth: Reflectance, reflectance: tuple[float, ...], name: str) -> Refl
 
 
 def _placed(x: float, y: float, turn: float) -> NDArray[np.float64]:
-    """Pose of a figure: moved by x, y [mm] and turned about z [°]."""
+    """Pose of a figure: translated by x, y [mm] and rotated about z [°]."""
     pose, (cosine, sine) = np.eye(4), (np.cos(np.radians(turn)), np.sin(np.radians(turn)))
     pose[:2, :2] = [[cosine, -sine], [sine, cosine]]
     pose[:2, 3] = MM * x, MM * y

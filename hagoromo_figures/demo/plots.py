@@ -18,7 +18,7 @@ PLOT_WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
 
 
 def measured_against_true(rows: Sequence[Row]) -> str:
-    """One panel a parameter: (estimate − true)/true [%] with the 95 % interval, per material."""
+    """One panel per parameter: (estimate − true)/true [%] with the 95 % interval, per material."""
     figure, axes = panels(len(SYMBOLS), 10.0, 2.7)
     for axis, (key, label) in zip(axes, SYMBOLS.items(), strict=True):
         shown = [row for row in rows if row.parameter == key]
@@ -81,7 +81,7 @@ def residual_histogram(residuals: NDArray) -> str:
 
 
 def panels(count: int, width: float, height: float):
-    """A figure of its own, apart from pyplot's global state, with `count` axes side by side [inch]."""
+    """A figure, independent of pyplot's global state, with `count` axes of the given size [inch] side by side."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -93,7 +93,7 @@ def panels(count: int, width: float, height: float):
 
 
 def svg_text(figure) -> str:
-    """The figure as an <svg> element, the same text every time."""
+    """The figure as an <svg> element; the text is reproducible."""
     import matplotlib
 
     with matplotlib.rc_context({"svg.hashsalt": "hagoromo", "svg.fonttype": "none"}):

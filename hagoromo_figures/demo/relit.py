@@ -1,4 +1,4 @@
-"""The relit view: the samples rendered with what was measured under a lamp kept aside, beside their photograph."""
+"""Relit view: the samples rendered with the measured reflectances under a held-out lamp, and their photograph."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ RIM_PX = 3  # pixels
 class Relit:
     """Linear sRGB (height, width, 3) of prediction and photograph, 1 being a white diffuser that faces the lamp.
 
-    mask: what is compared. measured, ideal: differences from the photograph of the prediction, and of a rendering
-    with the true reflectances: what remains there is noise, demosaicing and the spectra's truth.
+    mask: pixels that are compared. measured, ideal: differences from the photograph, of the prediction and of a
+    rendering with the true reflectances; the latter come from noise, demosaicing and the RGB approximation of spectra.
     """
 
     predicted: NDArray[np.float64]
@@ -69,10 +69,10 @@ def relit(
     mask: NDArray[np.bool_],
     settings: Settings,
 ) -> Relit:
-    """`photograph` of the `scene` (its surfaces named as `reflectances`) predicted from those reflectances.
+    """Prediction of `photograph` of the `scene` from `reflectances`, which have the names of its surfaces.
 
-    mask: (height, width), true where the samples are; RIM_PX pixels along its edge, where a pixel holds both sample and
-    background, are not compared.
+    mask: (height, width), true on the samples; RIM_PX pixels along its edge are not compared, because they contain both
+    sample and background.
     """
     from scipy.ndimage import binary_erosion
 

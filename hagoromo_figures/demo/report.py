@@ -1,4 +1,4 @@
-"""Report: what the demo did, as one self-contained HTML page."""
+"""Report of the demo as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ OTHER_CAMERA, OTHER_LAMP = "Nikon 5100 (NPL)", "A"
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What the demo made. record: results.json; capture: the photographs measured; aside: the one kept aside."""
+    """Results of the demo. record: results.json; capture: the measured photographs; aside: the held-out one."""
 
     record: Mapping[str, Any]
     capture: Capture
@@ -157,7 +157,7 @@ def _times(record: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _table_row(row: Row) -> list[Any]:
-    """Cells of Table 1, with as many digits as the interval makes sense of."""
+    """Cells of Table 1, with as many digits as the interval justifies."""
     symbol = SYMBOLS.get(row.parameter, Markup("c<sub>{}</sub>").format(row.parameter[-1]))
     closed = math.isfinite(row.high) and row.high > row.low
     digits = min(max(1 - math.floor(math.log10(0.5 * (row.high - row.low))), 2), 6) if closed else 3

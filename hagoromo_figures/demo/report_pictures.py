@@ -1,4 +1,4 @@
-"""Pictures of the report: photographs as people see them, labels, residuals, and the residuals that were fitted."""
+"""Pictures of the report: photographs in sRGB, labels and residuals; and the residuals of the fit."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ UNKNOWN = (235, 235, 232)
 
 
 def response_of(photograph: Photograph) -> Response:
-    """The response of its camera, which the demo's captures always know."""
+    """The response of the camera, which is known for all captures of the demo."""
     assert photograph.camera.response is not None
     return photograph.camera.response
 
 
 def developed(photograph: Photograph, values: NDArray | None = None) -> NDArray[np.uint8]:
-    """sRGB of the photograph, or of other `values` that are shown at the photograph's exposure."""
+    """sRGB picture of the photograph, or of other `values` at the photograph's exposure."""
     matrix = srgb_from_camera(response_of(photograph), photograph.lamps[0].spectrum)
     scale = exposure(photograph.values @ matrix.T)
     return shown(photograph.values if values is None else np.nan_to_num(values), matrix, scale)
 
 
 def around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Rows and columns of what is true, with a twelfth of its height around it."""
+    """Rows and columns of the true pixels, with a margin of a twelfth of their height."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     edge = (rows[-1] - rows[0]) // 12 + 1
     return slice(max(rows[0] - edge, 0), rows[-1] + edge), slice(max(columns[0] - edge, 0), columns[-1] + edge)
 
 
 def labels(measurement: Measurement) -> NDArray[np.uint8]:
-    """Labels in the colours of the plots."""
+    """Picture of the labels in the colours of the plots."""
     colours = [MATERIAL_COLOURS.get(material.name, "#000000") for material in measurement.materials]
     table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours] + [UNKNOWN], np.uint8)
     return table[measurement.labels]

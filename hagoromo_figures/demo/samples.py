@@ -43,7 +43,7 @@ INTERFACE = {
 
 
 def bench_camera(binning: int) -> Camera:
-    """The paper's camera and lens at ISO: 100 / ISO of the electrons fill a pixel, and of those that make a DN."""
+    """The paper's camera and lens at an ISO speed; full well and electrons per DN are scaled by 100 / ISO."""
     camera = Camera.preset(PRESET, FOCAL_MM, binning)
     assert camera.sensor is not None
     share = 100.0 / ISO
@@ -64,11 +64,11 @@ def true_reflectances(camera: Camera) -> dict[str, Reflectance]:
 
 
 def bench(reflectances: dict[str, Reflectance], camera: Camera) -> Scene:
-    """A row of balls before the camera, and four white point lamps, each to be lit alone.
+    """A row of balls before the camera, and four white point lamps, of which one is on at a time.
 
-    The first three make the capture: beside the camera, high, and from behind below, so that light is deviated by
-    θ_Q = 10°, 35° and 60°: the Fresnel factor tells n. The fourth is kept aside for the relit view. All four stand on
-    the plane that halves the row, or near it, so that no ball throws its shadow on another.
+    The first three lamps make the capture: beside the camera, high, and low from behind, with phase angles θ_Q = 10°,
+    35° and 60°, so that the Fresnel factor determines n. The fourth is held out for the relit view. All are on or near
+    the symmetry plane of the row, so that no ball casts a shadow on another.
     """
     row = BALL_SPACING * (np.arange(len(reflectances)) - (len(reflectances) - 1) / 2)
     balls = [
@@ -79,7 +79,7 @@ def bench(reflectances: dict[str, Reflectance], camera: Camera) -> Scene:
 
 
 def _lamp(name: str, turn: float, aside: float = 0.0, distance: float = 0.9) -> Lamp:
-    """A lamp `turn`° above the line of sight as the balls see it (180: behind), moved `aside` [m] along the row."""
+    """A lamp `turn`° above the line of sight seen from the balls (180: behind), shifted `aside` [m] along the row."""
     angle = np.radians(turn)
     place = (aside, -distance * np.cos(angle), distance * np.sin(angle))
     return Lamp(position=place, intensity=distance**2, spectrum=Spectrum.named(LAMP_SPECTRUM), name=name)

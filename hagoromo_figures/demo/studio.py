@@ -1,4 +1,4 @@
-"""Studio: how matter is photographed: the camera's place, three lamps and a plain ground."""
+"""Studio: arrangement for photographs of matter: position of the camera, three lamps and a plain background."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def turned_upright(camera: Camera) -> Camera:
 
 
 def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float], filled: float) -> Camera:
-    """The camera in the direction `towards` from the boxes, so near that their corners span `filled` of the picture."""
+    """The camera in direction `towards` from the boxes, where their corners span `filled` of the image."""
     corners = np.concatenate([box.corners() for box in boxes])
     aim, extent = ball_around(boxes)
     direction, distance = np.asarray(towards, float) / np.linalg.norm(towards), 5.0 * extent
@@ -59,12 +59,12 @@ def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
 
 
 def background(extent: float, reflectance: Reflectance) -> Surface:
-    """A sweep on z = 0 whose wall is far behind what has the size `extent` [m]."""
+    """A sweep on z = 0 whose wall is far behind an object of size `extent` [m]."""
     return sweep(reflectance, (-40.0 * extent, 0.0), (13.0 * extent, 40.0 * extent), 4.0 * extent, 40.0 * extent)
 
 
 def ball_around(boxes: Sequence[VolumeBox]) -> tuple[NDArray, float]:
-    """Middle [m] and half diagonal [m] of what the boxes span."""
+    """Centre [m] and half diagonal [m] of the bounds of the boxes."""
     corners = np.concatenate([box.corners() for box in boxes])
     low, high = corners.min(axis=0), corners.max(axis=0)
     return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))

@@ -1,7 +1,7 @@
-"""Body: what a standing figure may show of its skin, as one solid after the joints of a pose. All in mm.
+"""Body: the visible skin of a standing figure as one solid, by the joints of a pose. Lengths in mm.
 
-Head, neck and collar, forearms with hands, and bare feet with their shins. What clothes cover lies a little inside the
-`mannequin` that they were draped over.
+Head, neck and collar, forearms with hands, and bare feet with their shins. Covered parts lie a little inside the
+`mannequin` on which the clothes were draped.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class Hold(NamedTuple):
 
 HOLDS: Mapping[Pose, Hold] = {PRAYER: Hold(FOLDED, (-1.0, 0.0, 0.0), 3.3), WELCOME: Hold(OPEN, (-0.3, -0.6, 0.7))}
 FOOT_STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
-CHEST_CUT_Z = 196.0  # height below which a chest is never seen
-BARE = 60.0  # height above which legs are never seen
+CHEST_CUT_Z = 196.0  # height below which the chest is always covered
+BARE = 60.0  # height above which the legs are always covered
 
 
 def body(point: Any, pose: Pose = PRAYER) -> Any:
-    """All the skin that may be seen."""
+    """All skin that may be visible."""
     solid = dr.fmin(bust(point, pose), arms(point, pose))
     return dr.fmin(solid, feet(point, pose))
 

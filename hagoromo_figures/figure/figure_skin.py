@@ -28,7 +28,7 @@ LARGEST_SLOPE = 2.5  # slope of the shapes, at nails and at the line between the
 
 
 class Place(NamedTuple):
-    """A part of the body that is seen, and the corners of its box [mm]."""
+    """A visible part of the body, and the corners of its box [mm]."""
 
     shape: Any  # a function of point and pose
     low: tuple[float, float, float]
@@ -63,13 +63,13 @@ def figure_skin(figure: str, place: str, material: Reflectance, resolution: floa
 
 
 def lips_of(figure: str) -> Shape:
-    """How much a point [mm] is of the lips, 0…1."""
+    """Membership of a point [mm] in the lips, 0…1."""
     pose = POSES[figure]
     return lambda point: lips(mirrored(placed(point, pose.head, pose.nod)))
 
 
 def reddened(material: Reflectance) -> Reflectance:
-    """Skin with as much more blood as lips have."""
+    """Skin with the higher blood content of lips."""
     lips_, usual = skin_colour(LIPS), skin_colour(Pigment())
     colour = material.body_colour * Spectrum(usual.wavelengths, lips_.values / usual.values)
     return replace(material, body_colour=colour, name=f"{material.name} lips".strip())

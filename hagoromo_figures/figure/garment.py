@@ -1,4 +1,4 @@
-"""Garment: what the two standing figures wear, draped on them: the robe of an angel, the habit of a nun."""
+"""Garments of the two standing figures, draped on them: the robe of an angel, the habit of a nun."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hagoromo.matter.drape.sheet import Sheet
 from hagoromo_figures.figure.gown import gown
 from hagoromo_figures.figure.habit import habit
 
-CLOTH_SPACING_MM = 1.6  # mm between the points of the cloth at resolution 1
-WIDEST_SPACING_MM = 4.2  # mm between them on the coarsest grid: a knee or a foot would slip between wider ones
+CLOTH_SPACING_MM = 1.6  # [mm] between the points of the cloth at resolution 1
+WIDEST_SPACING_MM = 4.2  # [mm] on the coarsest grid: a knee or a foot would pass between points farther apart
 RESOLUTIONS = 0.4, 2.0
 GARMENTS = {
     "angel": lambda fall: {"robe": gown(fall)},

@@ -1,7 +1,7 @@
 """Locks: how long hair falls from a parted head over neck and shoulders, as guide curves. All in mm.
 
-Every lock leaves the scalp, is combed away from the parting, turns down under its weight, slides on what it meets, and
-waves more the farther it is from the scalp.
+Every lock leaves the scalp, is combed away from the parting, bends down under its weight, slides along surfaces, and
+its waves grow with the distance from the scalp.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
 
 
 def _wanted(point: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: NDArray, pose: Pose) -> NDArray:
-    """Where a lock would go at its points: from the parting to the side, and down; over the shoulders as it lies."""
+    """Preferred direction of a lock: from the parting to the side, and down; along the surface on the shoulders."""
     z = point[:, 2] - pose.head[2]
     top = np.clip(z / 9.0, 0.0, 1.0)
     low = np.clip(-(z + 12.0) / 12.0, 0.0, 1.0)  # under the jaw
@@ -84,7 +84,7 @@ def _drawn(point: NDArray, front: NDArray) -> NDArray:
 
 
 def _waved(points: NDArray, roots: NDArray, draw: np.random.Generator) -> NDArray:
-    """Locks that wave to both sides of their way, neighbours nearly together."""
+    """Locks with waves to both sides of their path; neighbours have nearly the same phase."""
     way = np.gradient(points, axis=1)
     way /= np.maximum(np.linalg.norm(way, axis=2, keepdims=True), 1e-9)
     across = np.cross(way, (0.0, 1.0, 0.0))
@@ -100,7 +100,7 @@ def _waved(points: NDArray, roots: NDArray, draw: np.random.Generator) -> NDArra
 
 
 def _roots(count: int, pose: Pose, draw: np.random.Generator) -> tuple[NDArray, NDArray]:
-    """Places on the scalp, spread evenly, and the way out of it, in the world."""
+    """Evenly distributed points on the scalp, and the normals there, in world axes."""
     middle, radii = np.array(SCALP)
     index = np.arange(4 * count) + 0.5
     polar, turn = np.arccos(1.0 - 2.0 * index / (4 * count)), np.pi * (1.0 + 5.0**0.5) * index  # Fibonacci's sphere

@@ -1,4 +1,4 @@
-"""Pose: where the joints of a standing figure are. All in mm; it stands on z = 0, looks towards −y, and is 270 mm high.
+"""Pose: positions of the joints of a standing figure [mm], which stands on z = 0, faces −y, and is 270 mm high.
 
 Joints are those of its left side, x ≥ 0; the right side mirrors them.
 """

@@ -1,4 +1,4 @@
-"""Splat: many thin strands → the box of a lattice that holds their mass and mean tangent. Lengths in mm."""
+"""Splat: many thin strands → a volume box with their mass and mean tangent per voxel. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hagoromo.matter.fill import CORE, Fineness, fill
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
-CELL_VOXELS = 8  # voxels a side that are kept together
+CELL_VOXELS = 8  # voxels along an edge of a cell, the unit of storage
 MOST_CELLS = 1 << 24
 
 
@@ -32,7 +32,7 @@ class Strands(NamedTuple):
 def along(paths: NDArray[np.float64], area: NDArray[np.float64] | float, step: float, kind: int = 0) -> Strands:
     """Strands along `paths` (strands, points, 3) of a cross-section `area` [mm²], (strands, points) or one for all.
 
-    Points of a path are joined by straight lines and told again every `step`.
+    Points of a path are joined by straight lines, which are sampled every `step`.
     """
     ways = np.diff(paths, axis=1)
     lengths = np.linalg.norm(ways, axis=2)
@@ -67,7 +67,7 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
     for part in tangent:
         part /= size
     kind = second > 0.5 * mass
-    # voxels without matter are of the kind of those around: light is met between them and full ones too
+    # voxels without matter get the kind of their neighbours, because lookups between both interpolate
     around = np.repeat(
         second.reshape(-1, CELL_VOXELS**3).sum(axis=1) > 0.5 * mass.reshape(-1, CELL_VOXELS**3).sum(axis=1),
         CELL_VOXELS**3,

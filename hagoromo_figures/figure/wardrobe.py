@@ -1,4 +1,4 @@
-"""Wardrobe: the garments of a figure as volume boxes: their sheets, and the cloth that they are made of. In mm."""
+"""Wardrobe: the garments of a figure as volume boxes: their draped sheets and their cloth. Lengths in mm."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ FINE_YARN = Yarn(0.30, 1.12, 2, 5.0, "S", 8.0, 40, 18.0, hairs_per_cm=6.0, hair_
 FULL_YARN = Yarn(0.34, 1.12, 2, 4.0, "S", 7.0, 45, 18.0, hairs_per_cm=14.0, hair_mm=0.5)
 PATH = 0.035  # mean free path of light in fibres
 HEM = 3.0  # voxels of the chart over which presence falls at a hem
-NARROW = 3.0  # voxels of the chart, of cloth: folds that are narrower cannot be told in it
+NARROW = 3.0  # [voxels of the chart] width of the narrowest fold that the chart resolves
 CHART_MARGIN = 2.0  # voxels of the chart around the cloth
-COARSEST = 0.75  # resolution of the drape: wider points fold the cloth so sharply that its chart shows tears
+COARSEST = 0.75  # least resolution of the drape: a coarser grid folds the cloth so sharply that its chart has gaps
 
 
 class Garment(NamedTuple):

@@ -79,7 +79,7 @@ def test_a_photograph_that_moved_is_told_by_how_much(tmp_path, capsys):
     shots = [lit(k) for k in range(6)]
     save_capture(capture_of(*shots[:5], moved_by(shots[5], *BY)), tmp_path / "capture")
     assert main(["measure", str(tmp_path / "capture"), "--out", str(tmp_path / "out"), "--distance", "1"]) == 0
-    (said,) = [line for line in capsys.readouterr().err.splitlines() if "stands" in line]
-    assert said.startswith("hagoromo: warning: 5 stands (")
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if "is shifted by" in line]
+    assert said.startswith("hagoromo: warning: 5 is shifted by (")
     x, y = (float(number) for number in said.split("(")[1].split(")")[0].split(","))
     assert abs(x - BY[0]) < 0.5 and abs(y - BY[1]) < 0.5

@@ -116,9 +116,9 @@ def test_an_object_tells_its_lamps_without_a_ball(tmp_path, capsys, refused):
     paths = [str(tmp_path / f"{k}.png") for k in range(6)]
     out, mask = str(tmp_path / "lamps.json"), str(tmp_path / "object.png")
     assert main(["calibrate", "lamps", *paths, "--object", mask, "--out", out]) == 0
-    assert "taken for convex" in capsys.readouterr().out
+    assert "assumed convex" in capsys.readouterr().out
     found = [lamp_from_record(lamp, tmp_path, "lamps.json") for lamp in read_json(out)["lamps"]]
     assert degrees_between([lamp.to_lamp for lamp in found], lamps).max() < 4
     again = ("--out", tmp_path / "b.json", "--object", mask)
-    assert "--object stands for itself" in refused("calibrate", "lamps", *paths, *again, "--mask", mask)
+    assert "--object replaces" in refused("calibrate", "lamps", *paths, *again, "--mask", mask)
     assert "3 photographs do not calibrate" in refused("calibrate", "lamps", *paths[:3], *again)

@@ -136,7 +136,7 @@ def test_a_photograph_that_is_not_linear_is_told(tmp_path, capsys):
     corners = [str(number) for number in CORNERS.ravel()]
     command = ["calibrate", "response", str(tmp_path / "chart.png"), "--lamp", "D65", "--corners", *corners]
     assert main([*command, "--out", str(tmp_path / "response.csv")]) == 0
-    assert "are they linear in light" in capsys.readouterr().err
+    assert "linear in light and free of glare" in capsys.readouterr().err
 
 
 def test_photographs_that_show_no_chart_are_refused(tmp_path, capsys):

@@ -1,8 +1,8 @@
 """Page: a Jinja2 template and values → one self-contained HTML file.
 
-Every value is escaped, because names of files, lamps and materials come from strangers. Only pictures, and the few
-pieces of text that this package writes as `Markup`, enter as HTML. Templates extend base.html.j2, which holds the look,
-and number their figures and tables by the macros of parts.html.j2.
+All values are escaped, because names of files, lamps and materials may come from untrusted sources. Only pictures and
+texts that this package marks as `Markup` are inserted as HTML. Templates extend base.html.j2, which defines the layout,
+and number figures and tables by the macros of parts.html.j2.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ def page_text(template: str, package: str = TEMPLATES_PACKAGE, **values: Any) ->
 
 
 def page_picture(picture: NDArray[np.uint8], alt: str, title: str = "", lossless: bool = False) -> Markup:
-    """An <img> that carries its `picture` (height, width[, 3]). alt: what it shows. title: stands under it."""
+    """An <img> with embedded `picture` (height, width[, 3]). alt: description. title: text below it."""
     label = Markup('<span class="label">{}</span>').format(title) if title else Markup("")
     return Markup('<img alt="{}" src="{}">').format(alt, data_uri(picture, lossless)) + label
 
 
 def page_drawing(svg: str, alt: str) -> Markup:
-    """An <svg> of this package's own plots. alt: what it shows, for those who do not see it."""
+    """An <svg> of one of this package's plots. alt: description for screen readers."""
     return Markup('<svg role="img" aria-label="{}"').format(alt) + Markup(svg.removeprefix("<svg"))
 
 

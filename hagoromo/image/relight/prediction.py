@@ -30,7 +30,7 @@ from hagoromo.measurement.sight import sight
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
 
-RELIEF_RIM_PX = 1  # px along the edge of the relief, whose skin a ray may miss there
+RELIEF_RIM_PX = 1  # [px] ignored along the edge of the relief, where rays may miss its thin layer
 PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel that is the white of the pictures
 LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def predict(stage: Stage, photograph: Photograph, number: int, home: Path) -> Pr
     or one that shows nothing of the surface.
     """
     if not photograph.lamps:
-        raise InputError(f"photograph {photograph.name!r} has no lamp: it cannot be predicted")
+        raise InputError(f"photograph {photograph.name!r} has no lamp: add its lamp, or do not hold it out")
     scene, settings = load_scene(stage.write_scene(photograph, number, home))
     image = render(scene, settings)
     response = scene.camera.response
@@ -145,7 +145,7 @@ def _to_srgb(photograph: Photograph) -> Array:
 
 
 def _on_normals(stage: Stage, photograph: Photograph) -> Array:
-    """(h, w, 3) values by the reflectance on the normals; 0 where the surface is not known."""
+    """(h, w, 3) values from the reflectance on the normals; 0 where the surface is unknown."""
     relief, known = stage.relief, stage.relief.known()
     values, matrix = np.zeros(photograph.values.shape), np.eye(3)
     response, lamp = photograph.camera.response, photograph.lamps[0].spectrum

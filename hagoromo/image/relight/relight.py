@@ -19,7 +19,7 @@ from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 
-MEASURING_SHARE = 0.3  # share of the work, about
+MEASURING_SHARE = 0.3  # approximate share of the time
 
 
 def relight(

@@ -109,7 +109,7 @@ def make_stage(capture: Capture, measured: Path) -> Stage:
     camera = capture.photographs[0].camera
     channels = capture.photographs[0].values.shape[2]
     if channels != 3:
-        raise InputError(f"the photographs have {channels} channels: a body colour in a box needs three")
+        raise InputError(f"the photographs have {channels} channels: give photographs with three")
     spectrum = _spectrum(capture)
     relief, materials = read_relief(measured)
     basis = smooth_rgb_basis() if spectrum is None else body_basis(camera.response, spectrum)
@@ -130,7 +130,7 @@ def basis_camera() -> Response:
 
 
 def _spectrum(capture: Capture) -> Spectrum | None:
-    """The one spectrum of all lamps, where that and the camera's response are known."""
+    """The common spectrum of all lamps; None if there is none, or the camera's response is unknown."""
     lamps = [lamp for photograph in capture.photographs for lamp in photograph.lamps]
     first = lamps[0].spectrum
     alike = all(

@@ -11,11 +11,11 @@ from hagoromo.photograph.capture import TRANSFORMS, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 
-LARGEST_CAPTURE_BYTES = 4 * 2**30  # bytes that the photographs of a capture may need for it to be solved as one
+LARGEST_CAPTURE_BYTES = 4 * 2**30  # largest memory of a capture that is solved without tiles
 SOLVE_BYTES_PER_VALUE = (
     100  # of a value: value, variance, light, model and weights in double precision, and their copies
 )
-STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the work
+STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the time: writing tiles, solving the reduced capture
 
 
 def large_source(folder: str | Path) -> FolderSource | None:
