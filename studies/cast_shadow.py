@@ -1,4 +1,4 @@
-"""Cast shadows of a surface on itself, seen as a height field from the camera: what a far lamp reaches."""
+"""Cast shadows of a surface on itself under a far lamp, with the surface as a height field seen from the camera."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 
-NEAR_PX = 40  # pixels walked one by one; beyond, strides grow by a twentieth
-CLEARANCE_PX = 1.0  # pixels of depth by which a ray must miss the surface, half of it to full shadow
-FAR_AWAY = 1e9  # depth where nothing is known to stand
+NEAR_PX = 40  # distance [px] sampled in steps of one pixel; beyond, steps grow by a twentieth
+CLEARANCE_PX = 1.0  # depth [px] by which a ray must clear the surface, half of it to full shadow
+FAR_AWAY = 1e9  # depth where there is no surface
 
 
 def lit_share(points: NDArray[np.floating], camera: hg.Camera, to_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
     """Share (h, w) of a far lamp's light that its own surface lets pass, 1 lit to 0 in cast shadow; 1 where unknown.
 
-    points: (h, w, 3) [m], world, 0 where unknown. to_lamp: (3,) unit, world. Taken from afar: one pixel has one size
-    and one line of sight. What stands outside the picture or behind the visible surface casts no shadow.
+    points: (h, w, 3) [m], world, 0 where unknown. to_lamp: (3,) unit, world. The view is assumed orthographic. Surfaces
+    outside the picture or behind the visible surface cast no shadow.
     """
     from scipy.ndimage import map_coordinates
 
@@ -49,7 +49,7 @@ def lit_share(points: NDArray[np.floating], camera: hg.Camera, to_lamp: NDArray[
 
 
 def _strides(reach: float) -> NDArray[np.float64]:
-    """Distances [px] walked along a ray: 1, 2, … NEAR_PX, then growing steps up to `reach`."""
+    """Distances [px] of the samples along a ray: 1, 2, … NEAR_PX, then growing steps up to `reach`."""
     near = np.arange(1.0, min(NEAR_PX, reach) + 1.0)
     if reach <= NEAR_PX:
         return near

@@ -1,4 +1,4 @@
-"""The study of coverage: how often the 95 % intervals of a material's parameters hold the truth.
+"""The study of coverage: how often the 95 % intervals of a material's parameters contain the true value.
 
     python -m studies.coverage --out out/coverage
 
@@ -48,9 +48,9 @@ def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tu
 
 
 def table(results: list[tuple[Truth, MaterialEstimate]]) -> list[dict[str, Any]]:
-    """Per quantity: how many intervals there are and hold the truth, lie above and below it, and are told.
+    """Per quantity: number of intervals, of those that contain the truth, lie above and below it, and are identifiable.
 
-    told_width: median width of the intervals of those that are told, relative to the truth.
+    told_width: median width, relative to the truth, of the intervals of identifiable quantities.
     """
     rows = []
     for key in QUANTITIES:

@@ -1,6 +1,6 @@
-"""The bench of the coverage study: materials drawn at random, and what a camera reads off a ball made of them.
+"""The bench of the coverage study: random materials, and the readings of a camera from a ball made of each.
 
-No picture is rendered: the ball's visible places are drawn as a camera far away sees them, each under each lamp alone.
+No picture is rendered: points of the ball are sampled as a far camera sees them, under each lamp alone.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from hagoromo.measurement.material.quantity import theta_of
 from studies.goniometer import Directions, cosines_of
 
 Array = NDArray[np.float64]
-BALL_PIXELS = 400  # of the ball that the camera sees
-METERED = 0.8  # of the full well, the brightest value
-READ_NOISE = 10.0  # electrons
+BALL_PIXELS = 400  # number of visible pixels of the ball
+METERED = 0.8  # brightest value as a share of the full well
+READ_NOISE = 10.0  # [electrons]
 FULL_WELLS = {"45,000 electrons": 45_000.0, "6,000 electrons": 6_000.0, "1,000 electrons": 1_000.0}
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What is drawn and how it is lit. betas: range of β [1/sr], log-uniform. azimuths: of the lamps [°], from the eye.
+    """Range of materials and lamps. betas: range of β [1/sr], log-uniform. azimuths: of the lamps [°], from the eye.
 
-    Three lamps at phase angles of 35° to 130° tell n, as the Fresnel term grows 2 to 5 times over them; one lamp beside
-    the camera does not; faint gloss is below the noise for many of the materials.
+    Three lamps at phase angles of 35° to 130° determine n, because the Fresnel term grows 2 to 5 times over them; one
+    lamp beside the camera does not; faint gloss is below the noise for many of the materials.
     """
 
     betas: tuple[float, float]
@@ -81,7 +81,7 @@ def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Gen
 
 
 def exposed(sight: hg.Sight, clean: Array, full_well: float, random: np.random.Generator) -> hg.Observations:
-    """What a sensor makes of values `clean` (N, C), the brightest of which fills METERED of its well."""
+    """Sensor readings of the values `clean` (N, C), the brightest of which fills METERED of the full well."""
     per_unit = METERED * full_well / clean.max()
     electrons = random.poisson(clean * per_unit) + random.normal(0.0, READ_NOISE, clean.shape)
     variance = np.maximum(electrons, 0.0) + 1.0 + READ_NOISE**2

@@ -1,8 +1,8 @@
-"""Encoding: are photographs of unknown response linear in light? Which exponent explains them best, and sRGB.
+"""Encoding: test whether photographs of unknown response are linear in light, follow a power law, or sRGB.
 
-Each hypothesis decodes the recorded values; normals, gloss and lamps are then fitted, and the fit is encoded again and
-compared with what was recorded. A body that is flatter than Lambert's law looks like an exponent of its own, so one
-object says little: the response is what all of them share.
+Each hypothesis decodes the recorded values. Normals, gloss and lamps are then fitted, and the fit is encoded again and
+compared with the recorded values. A body flatter than Lambert's law resembles an exponent, so a single object is not
+conclusive: the response is common to all objects.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hagoromo.measurement.normals.photometric_prior import Prior
 
 Array = NDArray[np.float64]
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
-PIXELS = 2000  # of each object that are fitted
+PIXELS = 2000  # number of pixels of each object in the fit
 LAMBERT = Prior(roughness=1e-3, exponent=1e-3)
 
 

@@ -1,10 +1,10 @@
-"""A small laboratory, simulated: what one camera, one lamp, a board, a chart and a chrome ball give to calibrate with.
+"""A small simulated laboratory: photographs of a board, a chart and a chrome ball by one camera, with one lamp.
 
     python -m studies.lab --out lab
 
-Leaves: board/ and ball/ (8-bit pictures out of the camera), chart.png and object/ (raw numbers behind the mosaic, as
-16-bit PNG), ball_mask.png, lamp.csv (spectrum of the lamp), and truth/, which a real laboratory has not. In the
-photographs of one number in ball/ and object/ the lamp stands in one place.
+Output: board/ and ball/ (8-bit pictures of the camera), chart.png and object/ (raw mosaic numbers as 16-bit PNG),
+ball_mask.png, lamp.csv (spectrum of the lamp), and truth/, the ground truth. Photographs with the same number in ball/
+and object/ have the same position of the lamp.
 """
 
 from __future__ import annotations

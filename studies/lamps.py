@@ -1,4 +1,4 @@
-"""The study of lamps on real photographs: how far independent readings of the same lamps agree.
+"""The study of lamps on real photographs: agreement of independent calibrations of the same lamps.
 
     python -m studies.lamps ../shared/data/uw_psm --out lamps_study.json
 

@@ -1,7 +1,7 @@
-"""Leave one lamp out: everything solved anew without one photograph, which is then predicted and compared.
+"""Leave one lamp out: everything is solved again without one photograph, which is then predicted and compared.
 
-Plain least squares of Lambert's law runs through the same protocol, and once more with the lamps evened out and with
-the neighbours' disagreement added, to show what each step is worth.
+Ordinary least squares of Lambert's law follows the same protocol. It is repeated with the flat-field correction of the
+lamps, and with interpolated residuals of neighbouring lamps, to show the effect of each step.
 """
 
 from __future__ import annotations

@@ -32,9 +32,9 @@ MERL_MODELS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
 
 @dataclass(frozen=True)
 class Row:
-    """One material: median relative error over directions and channels of each method, and what our result says.
+    """One material: median relative error over directions and channels of each method, and the statements of our fit.
 
-    rejected: lack of fit told. p_value: of that test. model_error: relative, that the fit itself states.
+    rejected: whether the test reports lack of fit. p_value: of that test. model_error: relative, stated by the fit.
     """
 
     truth: str

@@ -20,7 +20,7 @@ from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, si
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
 SURFACES = {"ball": sphere, "waves and a step": waves}
-GUESS = 1.04  # of the true distance: what the search begins from
+GUESS = 1.04  # start of the search, as a multiple of the true distance
 
 
 def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:

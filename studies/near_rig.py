@@ -1,4 +1,4 @@
-"""A near rig, simulated: one camera in perspective, a surface that is known exactly, a lamp per photograph.
+"""A simulated rig with near lamps: a perspective camera, an exactly known surface, one lamp per photograph.
 
 Enters: lamps and camera, a depth of the camera's (x/z, y/z) as a formula, a material. Leaves: the photographs as a
 sensor would take them (attached and cast shadows, highlights, light between the parts of the surface, photon noise,
@@ -180,7 +180,7 @@ def _weights(normals: Array, to_lamp: Array, points: Array, look: Look) -> tuple
 
 
 def _shadowed(points: Array, lamp: hg.Lamp, depth: Depth) -> NDArray[np.bool_]:
-    """(P,) whether the surface, as far as it is seen, stands between its points and the lamp."""
+    """(P,) whether the visible surface blocks the lamp at its points."""
     assert lamp.position is not None
     hidden = np.zeros(len(points), np.bool_)
     for share in ON_THE_WAY[:-1]:
@@ -193,9 +193,9 @@ def _shadowed(points: Array, lamp: hg.Lamp, depth: Depth) -> NDArray[np.bool_]:
 
 
 def _between(points: Array, normals: Array, body: Array, known: NDArray[np.bool_]) -> Callable[[Array], Array]:
-    """Light that comes back from the other parts of the surface, over π, for what they send: two bounces on patches.
+    """Interreflected light over π: two bounces between patches of the surface.
 
-    Patches see each other where they face each other; what stands between them is left out.
+    Patches exchange light if they face each other; occlusion between them is ignored.
     """
     rows, columns = np.nonzero(known)
     _, patch = np.unique((rows // PATCH) * 10_000 + columns // PATCH, return_inverse=True)

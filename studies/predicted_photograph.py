@@ -1,4 +1,4 @@
-"""Relight: what a lamp kept aside will show, from the fit to the photographs under the others.
+"""Prediction of a photograph under a held-out lamp from the fit to the photographs under the other lamps.
 
 Three forecasts, each on top of the one before: the reflectance on the normals; cast shadows of the integrated surface;
 and what model and photographs disagreed on under the neighbouring lamps, interpolated over the lamps' directions

@@ -1,4 +1,4 @@
-"""The study of real photographs: lamps, normals, materials, and every photograph predicted from the eleven others.
+"""The study of real photographs: lamps, normals, materials, and the prediction of every photograph from the others.
 
     python -m studies.real ../shared/data/uw_psm --out out/real
 

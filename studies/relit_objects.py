@@ -21,7 +21,7 @@ from hagoromo.app.relight_page import write_relight_page
 from hagoromo.image.relight.prediction import PREDICTIONS
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
-HELD = (0, 4, 8)  # lamps kept aside, of twelve
+HELD = (0, 4, 8)  # numbers of the held-out lamps, of twelve
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
 
 

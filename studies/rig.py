@@ -1,7 +1,7 @@
-"""Rig: how unevenly fixed lamps light the camera's field of view and where they stand, told by the objects in it.
+"""Rig: unevenness of the illumination by fixed lamps, and corrections of their directions, from several objects.
 
-Each object tells it where it stood (evenness and shifts of its photometric fit); a flat field and lamps for another
-object are the mean of what the others tell, carried on to where that one stands.
+The photometric fit of each object estimates both where the object is. The flat field and lamps for another object are
+the means over the other objects, extrapolated to its position.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import hagoromo as hg
 
 Array = NDArray[np.float64]
-LEAST_EVENNESS = 0.3  # evenness below which a linear fall-off has been carried on too far
+LEAST_EVENNESS = 0.3  # least evenness, which limits the extrapolation of a linear fall-off
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Table: what a study found, for a terminal."""
+"""Table of the results of a study, for a terminal."""
 
 from __future__ import annotations
 

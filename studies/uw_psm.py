@@ -1,8 +1,8 @@
 """The photometric-stereo set of the University of Washington as captures: six objects, twelve lamps, a chrome ball.
 
-What the set does not say is assumed, and said here: the camera looks on from afar (a stand-in at 1e5 px focal length),
-a pixel is half a millimetre, the 8 bits are linear in light (`app/studies/encoding.py` tests it), and white is what a
-diffuser of albedo ASSUMED_ALBEDO that faces a lamp would give. World axes: x right, y up, z to the camera.
+Assumptions where the set gives no data: the view is nearly orthographic (focal length 1e5 px), a pixel is half a
+millimetre, the 8 bits are linear in light (`studies/encoding.py` tests it), and white is the value of a diffuser of
+albedo ASSUMED_ALBEDO that faces a lamp. World axes: x right, y up, z to the camera.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Gallery: every recipe in pictures, and what it costs."""
+"""Gallery: pictures of every recipe, with time and memory of build and rendering."""
