@@ -56,7 +56,7 @@ def replaceable_file(path: str | Path, force: bool = False) -> Path:
     if target.is_dir():
         raise InputError(f"{target} is a folder: give a file name")
     if target.exists() and not force:
-        raise InputError(f"{target} exists: choose another name or add --force")
+        raise InputError(f"{target} exists: choose another name or add force (--force)")
     return target
 
 
@@ -67,7 +67,7 @@ def replaceable_folder(path: str | Path, force: bool = False) -> Path:
         raise InputError(f"{target} is a file: give a folder name")
     if target.exists() and any(target.iterdir()):
         if not force:
-            raise InputError(f"{target} exists: choose another name or add --force")
+            raise InputError(f"{target} exists: choose another name or add force (--force)")
         if not (target / MARK).exists():
             raise InputError(f"{target} holds files that Hagoromo did not write: choose another name")
     return target

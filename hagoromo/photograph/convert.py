@@ -28,7 +28,9 @@ def convert(
         write_views(out, views, to, force)
         return views
     if to is not None:
-        raise InputError(f"--to {to} and --images contradict each other: with images the result is a capture")
+        raise InputError(
+            f"to (--to) {to} and images (--images) contradict each other: with images the result is a capture"
+        )
     capture = gather(read_views(cameras, size_of_images(images)), images)
     capture.save(out, force)
     return capture

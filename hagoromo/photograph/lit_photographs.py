@@ -123,7 +123,9 @@ def _check_readable(path: Path, transfer: str | None) -> None:
     if suffix not in SUFFIXES:
         raise InputError(f"{path} is not an image of a known format: give one of {', '.join(SUFFIXES)}")
     if suffix in PICTURES and transfer is None and read_picture(path).dtype == np.uint8:
-        raise InputError(f"{path} has 8 bits, which are rarely linear: develop it first, or state --transfer")
+        raise InputError(
+            f"{path} has 8 bits, which are rarely linear: develop it first, or state transfer (--transfer)"
+        )
 
 
 def _undistorted(paths: dict[str, Path], stated: bool) -> bool:
@@ -132,7 +134,9 @@ def _undistorted(paths: dict[str, Path], stated: bool) -> bool:
     marked = [name for name, path in exr.items() if "undistorted" in read_header(path)]
     if marked and len(marked) < len(paths) and not stated:
         other = next(name for name in paths if name not in marked)
-        raise InputError(f"{marked[0]} is undistorted and {other} is not: develop all with --undistort, or none")
+        raise InputError(
+            f"{marked[0]} is undistorted and {other} is not: develop all with undistort (--undistort), or none"
+        )
     return stated or bool(marked)
 
 
@@ -151,6 +155,6 @@ def _check_lamps(lamps: Sequence[Lamp], camera: Camera) -> None:
     forward = camera.world_to_camera[2, :3]
     if all(lamp.to_lamp is not None and lamp.to_lamp @ forward >= 0.0 for lamp in lamps):
         raise InputError(
-            "every lamp is behind the object as seen from this camera: give --camera if, and only if, it was given to "
-            "`hagoromo calibrate lamps`"
+            "every lamp is behind the object as seen from this camera: give camera (--camera) if, and only if, it was "
+            "given to `hagoromo calibrate lamps`"
         )

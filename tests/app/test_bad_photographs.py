@@ -15,9 +15,9 @@ def test_develop_refuses_what_it_cannot_develop(refused, tmp_path):
     (tmp_path / "a.cr2").write_bytes(b"II*\0\x10\0\0\0CR\x02\0 and no more")
     out = ("--out", tmp_path / "o.exr")
     for arguments, said in [
-        ((tmp_path / "a.png", *out), "rarely linear: state --transfer"),
+        ((tmp_path / "a.png", *out), "rarely linear: state transfer (--transfer)"),
         ((tmp_path / "a.png", *out, "--transfer", "log"), "no transfer curve is called 'log'"),
-        ((tmp_path / "a.png", *out, "--transfer", "estimate"), "state --exposures"),
+        ((tmp_path / "a.png", *out, "--transfer", "estimate"), "state exposures_s (--exposures)"),
         ((tmp_path / "a.dng", "--out", tmp_path / "o.png"), "is not the name of an EXR"),
         ((tmp_path / "a.dng", *out, "--exposures", "1", "2"), "2 exposures for 1 photographs"),
         ((tmp_path / "a.dng", *out, "--gain", "2"), "go together"),

@@ -85,7 +85,11 @@ def test_what_tells_no_lamp_is_refused_in_a_line(shot, refused, tmp_path):
     for photographs, options, said in [
         (["both0.png"], (), "no --mask of a chrome ball"),
         (["both0.png"], two, "give their --radius [m] and a calibrated --camera"),
-        (["both0.png"], ("--mask", shot / "masks.png"), "the mask shows 2 white parts: give one --mask per ball"),
+        (
+            ["both0.png"],
+            ("--mask", shot / "masks.png"),
+            "the mask shows 2 white parts: give one mask (--mask) per ball",
+        ),
         (["both0.png"], ("--mask", shot / "mask0.png", "--mask", shot / "mask0.png", *near), "two masks show one ball"),
         (["both0.png", "both1.png", "place0.0.png"], (*two, *near, "--moved"), "given 2 masks and 3 photographs"),
         (["both0.png", "both0.png"], (*two, *near), "a photograph is given twice"),

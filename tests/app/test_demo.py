@@ -120,7 +120,7 @@ def test_progress_is_told_by_stage_and_only_rises(told, out):
 
 
 def test_an_existing_folder_is_refused_before_any_work(out):
-    with pytest.raises(InputError, match=r"out exists: choose another name or add --force"):
+    with pytest.raises(InputError, match=r"out exists: choose another name or add force"):
         demo(out, size="tiny", progress=lambda *_: pytest.fail("work was begun"))
 
 

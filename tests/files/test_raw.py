@@ -162,7 +162,7 @@ def test_eight_bits_need_a_curve_and_come_back_linear_through_it(tmp_path):
     """Stated (srgb, or a CSV of it): the rounding variance covers; within three of its standard deviations."""
     light = RANDOM.uniform(0.01, 0.9, (31, 47, 3))
     write_png(tmp_path / "a.png", srgb_photograph(light, 1.0))
-    with pytest.raises(InputError, match="8 bits, which are rarely linear: state --transfer"):
+    with pytest.raises(InputError, match="8 bits, which are rarely linear: state transfer"):
         read_exposure(tmp_path / "a.png")
     level = np.arange(256.0)
     write_table(tmp_path / "curve.csv", {"number": level, "light": Transfer.load("srgb", 255).table[:, 0]})

@@ -121,7 +121,7 @@ def calibrate_camera(
     if len(corners) < FEWEST_BOARDS:
         raise InputError(
             f"a {board} was found in {len(corners)} of {len(photographs)} photographs and {FEWEST_BOARDS} are needed: "
-            "check --board, or take more photographs"
+            "check board (--board), or take more photographs"
         )
     height, width = next(iter(photographs.values())).shape[:2]
     return _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
@@ -179,7 +179,9 @@ def _fit(
     )
     within = camera.unproject(np.concatenate([one.image for one in corners.values()]) + 0.5)
     if np.isnan(within).any():
-        raise InputError("the fitted lens folds the image over itself within the boards: fit fewer --coefficients")
+        raise InputError(
+            "the fitted lens folds the image over itself within the boards: fit fewer coefficients (--coefficients)"
+        )
     predicted = [
         cv2.projectPoints(p, r, t, matrix, distortion)[0].reshape(-1, 2)
         for p, r, t in zip(points, rotations, shifts, strict=True)

@@ -128,7 +128,7 @@ def find_ball(mask: NDArray, camera: Camera | None = None) -> Ball:
     areas = np.sort(np.bincount(np.asarray(label(inside)).ravel())[1:])[::-1]
     balls = int(np.sum(areas > SECOND * areas[0]))
     if balls > 1:
-        raise InputError(f"the mask shows {balls} white parts: give one --mask per ball, with that ball alone")
+        raise InputError(f"the mask shows {balls} white parts: give one mask (--mask) per ball, with that ball alone")
     contours: list[NDArray] = find_contours(level, half)
     edge = max(contours, key=len)[:, ::-1] + 0.5
     if len(edge) < FEWEST_EDGE_POINTS:
@@ -160,7 +160,9 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
     else:
         grazing = camera.unproject(edge)
         if not np.isfinite(grazing).all():
-            raise InputError("the ball's edge lies outside the field of the camera's lens: is it the right --camera?")
+            raise InputError(
+                "the ball's edge lies outside the field of the camera's lens: is it the right camera (--camera)?"
+            )
         # the rays D that graze the ball make one angle ω with the direction A of its centre: D·A/cos ω = 1
         start = np.linalg.lstsq(grazing, np.ones(len(grazing)), rcond=None)[0]
         start = np.asarray(start / np.linalg.norm(start), np.float64)

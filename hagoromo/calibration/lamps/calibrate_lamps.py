@@ -71,7 +71,7 @@ def calibrate_lamps(
     """
     shapes = [masks] if isinstance(masks, (str, Path, np.ndarray)) else list(masks)
     if not shapes:
-        raise InputError("no --mask of a chrome ball is given: give one per ball")
+        raise InputError("no mask (--mask) of a chrome ball is given: give one per ball")
     lens = camera if isinstance(camera, Camera) or camera is None else read_camera(camera)
     sets = _photograph_sets(photographs, len(shapes), moved, transfer, bool(reference or len(mirror)))
     balls, readings = _readings(sets, shapes, radius, lens, progress)
@@ -97,7 +97,7 @@ def _photograph_sets(
         return [lamp_photographs(photographs, transfer, linear)] * masks
     if masks < 2 or len(photographs) % masks:
         raise InputError(
-            f"a moved ball has a --mask for each place and as many photographs in each: given {masks} masks and "
+            f"a moved ball has a mask (--mask) for each place and as many photographs in each: given {masks} masks and "
             f"{len(photographs)} photographs"
         )
     each = len(photographs) // masks
@@ -118,7 +118,9 @@ def _readings(
     """The balls, and the lamps: far ones from one ball, near ones from several."""
     several = len(masks) > 1
     if several and (camera is None or radius is None):
-        raise InputError("several balls place near lamps: give their --radius [m] and a calibrated --camera")
+        raise InputError(
+            "several balls place near lamps: give their radius (--radius) [m] and a calibrated camera (--camera)"
+        )
     balls, readings = [], []
     for i, (mask, photographs) in enumerate(zip(masks, sets, strict=True)):
         of_ball = part_of(progress, i / len(masks), 1.0 / len(masks))
@@ -131,7 +133,9 @@ def _readings(
     for one, other in combinations(balls, 2):
         apart = float(np.hypot(*np.subtract(one.centre, other.centre)))
         if apart < 0.5 * one.radius:
-            raise InputError(f"two masks show one ball ({apart:.1f} px apart): give one --mask for each ball or place")
+            raise InputError(
+                f"two masks show one ball ({apart:.1f} px apart): give one mask (--mask) for each ball or place"
+            )
     if not several:
         return balls, list(readings[0])
     assert radius is not None

@@ -46,7 +46,9 @@ class LampPhotographs(Mapping[str, NDArray]):
             if not self.linear:
                 return numbers
             if numbers.dtype == np.uint8:
-                raise InputError(f"{path} has 8 bits, which are rarely linear, as are needed here: state --transfer")
+                raise InputError(
+                    f"{path} has 8 bits, which are rarely linear, as are needed here: state transfer (--transfer)"
+                )
         frame = ImageSettings(transfer=self.transfer or "linear")
         pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
         return np.where(pixels.valid[..., None], pixels.values, np.float32(np.nan))

@@ -76,7 +76,9 @@ def locate_lamp(readings: Sequence[LampReading], radius: float) -> LampPlace:
     if not (np.isfinite(radius) and radius > 0.0):
         raise InputError(f"the radius of the ball is {radius} m: give a length above 0")
     if len(readings) < 2 or any(reading.ball.camera is None for reading in readings):
-        raise InputError("the place of a near lamp needs two balls, or one in two places, and a calibrated --camera")
+        raise InputError(
+            "the place of a near lamp needs two balls, or one in two places, and a calibrated camera (--camera)"
+        )
     rays = [_Ray(reading, radius) for reading in readings]
     middle = np.mean([ray.origin for ray in rays], axis=0)
     near, misfit, covariance, status = _fit(rays, middle, True)

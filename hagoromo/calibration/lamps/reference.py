@@ -139,8 +139,8 @@ def _incident(
         return np.broadcast_to(np.asarray(to_lamp, np.float64), reference.normal.shape), 1.0
     if reference.place is None:
         raise InputError(
-            "the strength of a near lamp needs the place of the reference: give a matte ball, its --reference-radius, "
-            "and a --camera"
+            "the strength of a near lamp needs the place of the reference: give a matte ball, its radius "
+            "(--reference-radius), and a camera (--camera)"
         )
     offset = np.asarray(position, np.float64) - reference.place
     distance = np.linalg.norm(offset, axis=1)

@@ -78,7 +78,7 @@ def highlight_strength(
     if clipped:
         raise InputError(
             f"the highlight is clipped in {clipped} pixels: its strength is not told: expose shorter, or photograph a "
-            "matte --reference too"
+            "matte reference (--reference) too"
         )
     told = values[ring][np.isfinite(values[ring]).all(axis=1)]
     if len(told) < FEWEST:

@@ -54,7 +54,7 @@ def develop(
     if exposures_s and len(exposures_s) != len(paths):
         raise InputError(f"{len(exposures_s)} exposures for {len(paths)} photographs: give one each")
     if (gain is None) != (read_noise is None):
-        raise InputError("--gain and --read-noise go together: give both or none")
+        raise InputError("gain and read_noise (--gain, --read-noise) go together: give both or none")
     noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
     if transfer == "estimate":
         transfer = _estimated(paths, exposures_s)
@@ -76,5 +76,5 @@ def _estimated(paths: Sequence[Path], exposures_s: Sequence[float]) -> Transfer:
     times = list(exposures_s) or [read_exif(path).exposure_s for path in paths]
     known = [time for time in times if time is not None]
     if len(known) < len(times):
-        raise InputError("the files of the bracket do not state their exposure times: state --exposures")
+        raise InputError("the files of the bracket do not state their exposure times: state exposures_s (--exposures)")
     return estimate_transfer([read_picture(path) for path in paths], known)

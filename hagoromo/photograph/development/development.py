@@ -206,7 +206,7 @@ def _check_settings(exposures: Sequence[Exposure], calibration: CalibrationFrame
             f"{odd.name} has ISO {odd.iso:g} and the photographs {exposures[0].iso:g}: take both at one ISO"
         )
     if len(exposures) > 1 and any(one.exif.exposure_s is None for one in exposures):
-        raise InputError("the files of the bracket do not state their exposure times: state --exposures")
+        raise InputError("the files of the bracket do not state their exposure times: state exposures_s (--exposures)")
     for what, key in (("ISO", "iso"), ("apertures", "f_number")):
         figures = [figure for one in exposures if (figure := getattr(one.exif, key)) is not None]
         if figures and max(figures) > (1.0 + SAME_SETTING) * min(figures):

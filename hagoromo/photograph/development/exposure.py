@@ -66,7 +66,9 @@ class Exposure:
         if not np.isfinite(self.signal).all():
             raise InputError(f"{self.name} holds values that are not finite: replace them")
         if not self.white > 0.0:
-            raise InputError(f"{self.name}: white is {self.white:g} DN above black: state --black below --white")
+            raise InputError(
+                f"{self.name}: white is {self.white:g} DN above black: state black (--black) below white (--white)"
+            )
 
     @property
     def seconds(self) -> float:
@@ -128,7 +130,7 @@ def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposur
     transfer = stated.transfer if stated.transfer is not None else "linear" if largest > 255 else None
     if transfer is None:
         raise InputError(
-            f"{path} has 8 bits, which are rarely linear: state --transfer linear, srgb, estimate or a CSV"
+            f"{path} has 8 bits, which are rarely linear: state transfer (--transfer): linear, srgb, estimate or a CSV"
         )
     curve = transfer if isinstance(transfer, Transfer) else Transfer.load(transfer, largest)
     if curve.table.shape[1] not in (1, numbers.shape[2] if numbers.ndim == 3 else 1):

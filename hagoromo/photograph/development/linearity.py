@@ -80,11 +80,11 @@ def _check(ratio: Ratio, stated: float, short: str, long: str) -> None:
         power = np.log(max(ratio.signal, 1e-9)) / np.log(stated)
         raise InputError(
             f"the response is not linear, or the times are wrong: {long} is exposed {stated:.3g} times as long as "
-            f"{short} and its signal is {ratio.signal:.3g} times as large (power {power:.2f}): state --transfer or "
-            "--exposures"
+            f"{short} and its signal is {ratio.signal:.3g} times as large (power {power:.2f}): state transfer "
+            "(--transfer) or exposures_s (--exposures)"
         )
     if ratio.bend > LARGEST_BEND:
         raise InputError(
             f"the response is not linear: the signal of {long} over that of {short} changes by "
-            f"{100 * ratio.bend:.1f} % from dark to bright: state --transfer, or the right --black"
+            f"{100 * ratio.bend:.1f} % from dark to bright: state transfer (--transfer), or the right black (--black)"
         )

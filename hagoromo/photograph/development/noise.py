@@ -94,7 +94,7 @@ def noise_from_frames(frames: Sequence[Exposure]) -> Noise:
 
 def _ratio(one: float, other: float) -> float:
     if not (one > 0.0 and other > 0.0):
-        raise InputError("two exposures share no signal above black: state --gain and --read-noise")
+        raise InputError("two exposures share no signal above black: state gain and read_noise (--gain, --read-noise)")
     return other / one
 
 
@@ -133,7 +133,8 @@ def _binned(
 def _fit(rows: list[tuple[float, float, float]], source: str) -> Noise:
     if len(rows) < 2:
         raise InputError(
-            "the frames have too few unclipped pixels to estimate their noise: state --gain and --read-noise"
+            "the frames have too few unclipped pixels to estimate their noise: state gain and read_noise (--gain, "
+            "--read-noise)"
         )
     level, variance, count = np.array(rows, np.float64).T
     design, model = np.stack([level, np.ones_like(level)], axis=1), np.maximum(variance, np.median(variance) * 1e-3)
@@ -147,7 +148,9 @@ def _fit(rows: list[tuple[float, float, float]], source: str) -> Noise:
     covariance = covariance * max(misfit, 1.0)
     error = float(np.sqrt(covariance[0, 0]))
     if not slope > LEAST_SIGNIFICANCE * error:
-        raise InputError("the frames' noise does not grow with their signal: state --gain and --read-noise")
+        raise InputError(
+            "the frames' noise does not grow with their signal: state gain and read_noise (--gain, --read-noise)"
+        )
     gain, read = 1.0 / slope, np.sqrt(max(floor, 0.0)) / slope
     # r = √floor / slope; if the floor is 0 or less, the read noise is below its standard error
     gradient = np.array([-read / slope, 0.5 / (slope * np.sqrt(floor)) if floor > 0.0 else 0.0])
