@@ -7,7 +7,7 @@ lowers the cost any more) or out of steps. Damping, tolerances and steps are arg
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple, Protocol, TypeVar
@@ -63,6 +63,14 @@ class FitStatus:
         numbers = {"cost": self.cost, "gradient": self.gradient, "last_step": self.last_step}
         known = {key: value if np.isfinite(value) else None for key, value in numbers.items()}
         return {"status": self.status.words, "steps": self.steps, **known}
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> FitStatus:
+        """The inverse of `record`."""
+        status = next(one for one in Status if one.words == record["status"])
+        keys = ("cost", "gradient", "last_step")
+        numbers = (float("nan") if record.get(key) is None else float(record[key]) for key in keys)
+        return FitStatus(status, int(record["steps"]), *numbers)
 
     def remark(self, name: str) -> str:
         """One line for people about the fit of `name`."""

@@ -83,6 +83,21 @@ class Response:
             return _from_csv(Path(source) if folder is None else inside(folder, str(source)))
         return _named(str(source))
 
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write the curves to a CSV, `wavelength_nm` and a column per channel, which `load` reads.
+
+        `InputError` for a name that does not end in .csv, or a file that exists without `force`.
+        """
+        from hagoromo.files.table import write_table
+        from hagoromo.files.whole import whole_file
+
+        if Path(path).suffix.lower() != ".csv":
+            raise InputError(f"{path} is to be a table: give a name that ends in .csv")
+        with whole_file(path, force) as partial:
+            columns = dict(zip(self.channels, self.values.T, strict=True))
+            write_table(partial, {"wavelength_nm": self.wavelengths, **columns})
+        return Path(path)
+
     def curve(self, channel: int) -> Spectrum:
         """R_c(λ) of one channel."""
         return Spectrum(self.wavelengths, self.values[:, channel])

@@ -88,9 +88,17 @@ class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
     seed: Annotated[Count | None, about("seed of the random numbers that the result was made with")] = None
 
 
-def written_by(format_version: int = 1, **more: Any) -> dict[str, Any]:
-    """The table `hagoromo` of a file that this package writes; more: further fields (`settings`, `seed`)."""
-    return {"format_version": format_version, "version": __version__, **more}
+def written_by(
+    settings: Mapping[str, Any] | None = None, seed: int | None = None, format_version: int = 1
+) -> dict[str, Any]:
+    """The table `hagoromo` of a file that this package writes; settings and seed: those the result was made with.
+
+    Settings that are None were left to the package and are omitted.
+    """
+    stated = {key: value for key, value in (settings or {}).items() if value is not None}
+    more = {"settings": stated or None, "seed": seed}
+    known = {key: value for key, value in more.items() if value is not None}
+    return {"format_version": format_version, "version": __version__, **known}
 
 
 def decode(data: Any, record: type[R], where: str) -> R:

@@ -6,7 +6,7 @@ of each pixel meets (0 where it meets none, or matter in a volume box first).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,7 +61,9 @@ def simulate(
         photographs.append(photograph(image, lit, settings.seed + k, lamp.name or f"lamp {k + 1}", percentile))
     shape = visible_shape(scene) if scene.surfaces else None
     points, normals = (None, None) if shape is None else shape[:2]
-    return Capture(tuple(photographs), name, None, scene.record(), points, normals)
+    stated = {key: value for key, value in asdict(settings).items() if value is not None and key != "seed"}
+    stated["percentile"] = percentile
+    return Capture(tuple(photographs), name, None, scene.record(), points, normals, stated, settings.seed)
 
 
 def visible_shape(scene: Scene) -> Shape:

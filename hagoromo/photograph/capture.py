@@ -10,7 +10,7 @@ import json
 import re
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,7 @@ class Capture:
     folder: where it was read from. truth: ground truth of a simulation, as in its file. points: (height, width, 3) [m]
     and normals: (height, width, 3), unit vectors, world axes, 0 where unknown: the shape, if it is known; all
     photographs then share one camera and view. Raises `InputError` without a photograph, or if the parts do not match.
+    settings, seed: those that a simulation was made with.
     """
 
     photographs: tuple[Photograph, ...]
@@ -65,6 +66,8 @@ class Capture:
     truth: dict[str, Any] | None = None
     points: NDArray[np.float32] | None = None
     normals: NDArray[np.float32] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts match."""
@@ -142,6 +145,8 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
         top.truth,
         _read_vectors(home, top.points_path, "points"),
         _read_vectors(home, top.normals_path, "normals"),
+        top.hagoromo.settings,
+        top.hagoromo.seed,
     )
 
 
@@ -174,7 +179,7 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             shared["truth"] = capture.truth
         own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
         listed = [json.loads(lamp) for lamp in lamps]
-        top = {"hagoromo": written_by(), "name": capture.name, **shared}
+        top = {"hagoromo": written_by(capture.settings, capture.seed), "name": capture.name, **shared}
         write_json(home / TRANSFORMS, {**top, "lamps": listed, "frames": own})
     return Path(folder)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -172,6 +173,26 @@ class VolumeBox:
         """Whether a world point [m] is inside the box."""
         inside = np.linalg.inv(self.pose)[:3] @ np.append(point, 1.0)
         return bool((inside > 0).all() and (inside < self.size).all())
+
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write the box as a Zarr v3 group, whole or not at all; loaded again it has the same bits.
+
+        `InputError` where `path` exists without `force`.
+        """
+        from hagoromo.volume.store.box_store import save_box
+
+        save_box(self, path, force)
+        return Path(path)
+
+    @staticmethod
+    def load(path: str | Path) -> VolumeBox:
+        """The volume box at `path`, as `save` and `hagoromo build` write it; `load_box` is the same.
+
+        `InputError` when it is missing, damaged, of another program or too large for the memory.
+        """
+        from hagoromo.volume.store.box_store import load_box
+
+        return load_box(path)
 
     def with_pose(self, pose: np.ndarray) -> VolumeBox:
         """The same box elsewhere."""

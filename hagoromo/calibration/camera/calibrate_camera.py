@@ -7,7 +7,7 @@ origin is the centre of the first pixel, ours the corner of the image, so all im
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -41,6 +41,7 @@ class CameraCalibration:
     length of the corners' residuals [px]. boards: rms per used photograph [px]. skipped: photographs in which no board
     was detected. outliers: used photographs that fit much worse than the others. corners, residuals: per used
     photograph, (n, 2) image points (x, y), and measured minus predicted points [px].
+    settings: those of `calibrate_camera`.
     """
 
     camera: Camera
@@ -51,6 +52,7 @@ class CameraCalibration:
     outliers: tuple[str, ...]
     corners: dict[str, NDArray[np.float64]]
     residuals: dict[str, NDArray[np.float64]]
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """The residual and the focal length."""
@@ -73,7 +75,7 @@ class CameraCalibration:
             "boards_rms_px": self.boards,
             "skipped": list(self.skipped),
             "outliers": list(self.outliers),
-            "hagoromo": written_by(),
+            "hagoromo": written_by(self.settings),
         }
 
     def save(self, path: str | Path, force: bool = False) -> Path:
@@ -90,8 +92,9 @@ class CameraCalibration:
             raise InputError(f"{path} lacks the key 'rms_px': give a camera.json of `calibrate camera`")
         errors, boards = record.standard_deviation, record.boards_rms_px
         return CameraCalibration(
-            read_camera(path), errors, record.rms_px, boards, record.skipped, record.outliers, {}, {}
-        )
+            read_camera(path), errors, record.rms_px, boards, record.skipped, record.outliers, {}, {},
+            record.hagoromo.settings,
+        )  # fmt: skip
 
 
 def calibrate_camera(
@@ -124,7 +127,9 @@ def calibrate_camera(
             "check board (--board), or take more photographs"
         )
     height, width = next(iter(photographs.values())).shape[:2]
-    return _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
+    calibration = _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
+    stated = {"board": asdict(board), "coefficients": coefficients, "square_pixels": square_pixels}
+    return replace(calibration, settings=stated)
 
 
 def _check(photographs: Mapping[str, NDArray]) -> None:

@@ -82,7 +82,14 @@ def calibrate_lamps(
     else:
         strengths = (None,) * len(readings)
     spread, remark = _spread(readings)
-    return LampCalibration(tuple(readings), tuple(strengths), tuple(balls), spread, remark)
+    stated = {"moved": moved, "radius_m": radius, "mirror": [float(share) for share in mirror], "transfer": transfer}
+    if reference is not None:
+        stated |= {
+            "reference_reflectance": np.ravel(reference.reflectance).tolist(),
+            "reference_normal": None if reference.normal is None else list(reference.normal),
+            "reference_radius_m": reference.radius,
+        }
+    return LampCalibration(tuple(readings), tuple(strengths), tuple(balls), spread, remark, stated)
 
 
 def _photograph_sets(

@@ -70,6 +70,23 @@ class ResponseCalibration:
         return curves, bounds
 
     @staticmethod
+    def load(path: str | Path) -> ResponseCalibration:
+        """The calibration whose curves `save` wrote to `path`, with the intervals beside it.
+
+        The files hold no standard errors, residuals, noise and lengths: these are NaN. `InputError` where a file is
+        missing or the two do not belong together.
+        """
+        curves, bounds = ResponseCalibration.paths(path)
+        response, table = Response.load(curves), read_table(bounds)
+        ends = [[f"{name}_{end}" for end in ("low", "high")] for name in response.channels]
+        missing = [name for pair in ends for name in pair if name not in table]
+        if missing or len(next(iter(table.values()))) != len(response.wavelengths):
+            raise InputError(f"{bounds} does not hold the intervals of {curves}: give files written together")
+        interval = np.stack([np.stack([table[name] for name in pair], axis=1) for pair in ends], axis=1)
+        errors, unknown = np.full(response.values.shape, np.nan), np.full(len(response.channels), np.nan)
+        return ResponseCalibration(response, interval, errors, unknown, unknown, unknown)
+
+    @staticmethod
     def paths(path: str | Path) -> tuple[Path, Path]:
         """The files of the curves and of their intervals; `InputError` if `path` does not end in .csv."""
         path = Path(path)

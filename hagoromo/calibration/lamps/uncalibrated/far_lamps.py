@@ -23,10 +23,12 @@ from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
 from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
 from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
-from hagoromo.files.record import write_json, written_by
+from hagoromo.errors import InputError
+from hagoromo.files.record import decode, read_json, write_json, written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.least_squares import FitStatus
 from hagoromo.light.lamp import Lamp
+from hagoromo.photograph.lamps_file import LampsRecord
 from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
@@ -60,6 +62,8 @@ class SelfCalibration:
     condition: float
     perspective: bool = False
     statuses: Mapping[str, FitStatus] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
 
     def __repr__(self) -> str:
         """The number of lamps and their standard errors."""
@@ -76,7 +80,7 @@ class SelfCalibration:
         """The content of lamps.json."""
         readings = self.records()
         return {
-            "hagoromo": written_by(),
+            "hagoromo": written_by(self.settings, self.seed),
             "lamps": [{key: one[key] for key in ("name", "to_lamp", "intensity")} for one in readings],
             "object": {
                 "convex": self.convex,
@@ -93,6 +97,17 @@ class SelfCalibration:
         with whole_file(path, force) as partial:
             write_json(partial, self.record())
         return Path(path)
+
+    @staticmethod
+    def load(path: str | Path) -> SelfCalibration:
+        """The calibration that `save` wrote; `load_lamps` gives its lamps alone. `InputError` for another file."""
+        record = decode(read_json(path), LampsRecord, str(path))
+        try:
+            return _from_record(record)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{path} is no lamps.json of an object ({error!r}): read its lamps by load_lamps"
+            ) from error
 
     def remarks(self) -> list[str]:
         """One line for each fit that did not converge."""
@@ -111,6 +126,26 @@ class SelfCalibration:
             }
             for k, name in enumerate(self.names)
         ]
+
+
+def _from_record(record: LampsRecord) -> SelfCalibration:
+    known, readings = record.object, record.readings
+    if known is None or not readings:
+        raise ValueError("no object")
+    return SelfCalibration(
+        tuple(one["name"] for one in readings),
+        np.array([one["to_lamp"] for one in readings]),
+        np.array([one["intensity"] for one in readings]),
+        np.array([one["standard_error_deg"] for one in readings]),
+        np.array([one["intensity_relative_error"] for one in readings]),
+        known["convex"],
+        known["integrability"],
+        known["condition"],
+        known["ambiguity"] != MIRRORED,
+        {name: FitStatus.from_record(one) for name, one in known.get("convergence", {}).items()},
+        record.hagoromo.settings,
+        record.hagoromo.seed or 0,
+    )
 
 
 def self_calibrate(
@@ -161,6 +196,7 @@ def self_calibrate(
             "integrability": best.status,
             "the bas-relief": found.status,
         },
+        seed=seed,
     )
 
 
