@@ -131,7 +131,11 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
 
 @lru_cache(maxsize=256)
 def interface_albedo(gamma: float, n: float, angles: int = 48) -> np.ndarray:
-    """∫ D F G / cosθ_r dL for each of VIEWS, by quadrature over the half vector Q (dL = 4 cosθ_Q dQ): (len(VIEWS),)."""
+    """Albedo of the interface for β = 1, ∫ D F G / cosθ_r dL [sr], from 13 directions of view: (13,).
+
+    gamma: width γ of the facets [rad]. n: refractive index. The first view is along the normal, the last at 89.7°.
+    Quadrature over the half vector Q, dL = 4 cosθ_Q dQ.
+    """
     Array3, Float64 = arrays().Array3f64, arrays().Float64
     nodes, weights = np.polynomial.legendre.leggauss(angles)
     reach = min(math.pi / 2, gamma * math.sqrt(math.log(1e6) / LN2))  # D below 1e-6 is left out
