@@ -121,10 +121,12 @@ from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight
 
-# The paper end to end, and what studies of one's own need
+# The paper end to end, reports, and what studies of one's own need
 from .app.demo import demo as demo
 from .app.progress_bar import progress_bar as progress_bar
 from .app.sweep import sweep as sweep
+from .app.measure_report import write_measure_report as write_measure_report
+from .app.relight_page import write_relight_report as write_relight_report
 from .app.report.page import (
     page_drawing as page_drawing,
     page_picture as page_picture,

@@ -14,7 +14,6 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
-from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
 
@@ -41,13 +40,13 @@ def coverage_study(
     return record
 
 
-def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tuple[Truth, MaterialEstimate]:
+def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tuple[Truth, hg.MaterialEstimate]:
     """One material drawn, observed and estimated."""
     truth = drawn(bench, random)
     return truth, hg.estimate_material(observed(bench, truth, full_well, random), "material", 1)
 
 
-def table(results: list[tuple[Truth, MaterialEstimate]]) -> list[dict[str, Any]]:
+def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, Any]]:
     """Per quantity: number of intervals, of those that contain the truth, lie above and below it, and are identifiable.
 
     told_width: median width, relative to the truth, of the intervals of identifiable quantities.

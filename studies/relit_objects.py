@@ -17,11 +17,10 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.relight_page import write_relight_page
-from hagoromo.image.relight.prediction import PREDICTIONS
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
 HELD = (0, 4, 8)  # numbers of the held-out lamps, of twelve
+PREDICTIONS = {"boxes": "volume boxes, rendered", "normals": "reflectance on the normals, no shadows"}
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
 
 
@@ -43,7 +42,7 @@ def relit_objects(
             held = [f"{name} {k}" for k in HELD]
             relighting = hg.relight(home / name / "capture", hold=held)
             relighting.save(home / name / "relit")
-            write_relight_page(home / name / "relit" / "report.html", relighting)
+            hg.write_relight_report(home / name / "relit" / "report.html", relighting)
             results[name] = relighting.predictions
         record = {name: [one.record() for one in relit] for name, relit in results.items()}
         hg.write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})

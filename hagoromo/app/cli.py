@@ -228,12 +228,10 @@ def measure(
         n: refractive index, where it is known.
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
     """
-    from hagoromo.app.measure_report import write_measure_report
-
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(capture, n=n, distance=distance, scratch=home, progress=progress)
         measurement.write_into(home)
-        write_measure_report(home / "report.html", measurement)
+        hg.write_measure_report(home / "report.html", measurement)
     for material in measurement.materials:
         names = [name for name, identifiable in material.identifiable.items() if identifiable]
         print(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}")
@@ -302,14 +300,11 @@ def relight(
         n: refractive index, where it is known.
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
     """
-    from hagoromo.app.measure_report import write_measure_report
-    from hagoromo.app.relight_page import write_relight_page
-
     with whole_folder(out, force) as home, progress_bar("relight") as progress:
         relighting = hg.relight(capture, hold=hold, against=against, n=n, distance=distance, progress=progress)
         relighting.write_into(home)
-        write_measure_report(home / "measured" / "report.html", relighting.measurement)
-        write_relight_page(home / "report.html", relighting)
+        hg.write_measure_report(home / "measured" / "report.html", relighting.measurement)
+        hg.write_relight_report(home / "report.html", relighting)
     for prediction in relighting.predictions:
         figures = prediction.compared["boxes"]
         print(

@@ -23,7 +23,7 @@ SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
 PHOTOGRAPH_WIDTH_PX = 320  # px, of a small photograph on the page
 
 
-def write_relight_page(path: Path, relighting: Relighting) -> None:
+def write_relight_report(path: Path, relighting: Relighting) -> None:
     """Write the page to `path`: one self-contained HTML file."""
     capture = relighting.measurement.capture
     assert capture is not None  # `relight` measured it

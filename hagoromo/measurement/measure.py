@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.measurement.known_shape import measure_known_shape, with_separation
+from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
 from hagoromo.measurement.measurement import Measurement
@@ -57,6 +57,22 @@ def measure(
 
     Warns of photographs that moved. Raises `InputError` for a capture that can be measured in no way.
     """
+    settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
+    measurement = _measured(capture, n, distance, labels, colour_from_highlights, scratch, progress)
+    stated = {key: value for key, value in settings.items() if value is not None}
+    return replace(measurement, settings=stated, seed=SEED)
+
+
+def _measured(
+    capture: Capture | str | Path,
+    n: float | None,
+    distance: float | None,
+    labels: NDArray[np.integer] | None,
+    colour_from_highlights: bool,
+    scratch: str | Path | None,
+    progress: Progress,
+) -> Measurement:
+    """`measure`, without its settings."""
     of_known_shape = labels is not None or colour_from_highlights
     if not isinstance(capture, Capture):
         source = large_source(capture)
@@ -111,7 +127,7 @@ def _warn_of_motion(capture: Capture) -> None:
     for name, (x, y) in moved(capture.photographs).items():
         warnings.warn(
             f"{name} is shifted by ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ class Measurement:
     the camera to solved points [m²]. Both are inf where unknown, and None where the shape was given.
     capture: the photographs that were measured, with their shape. fine: full-size maps of photographs that were solved
     in tiles; all else is then of a small capture of means over squares of pixels.
+    settings: those of `measure`, and seed: of its random numbers.
     A measurement that `load` read has no lamp_colour, capture and fine (None), and no predicted and residuals (empty).
     """
 
@@ -62,6 +63,8 @@ class Measurement:
     distance_variance: NDArray[np.float32] | None = None
     capture: Capture | None = None
     fine: Fine | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seed: int | None = None
 
     @property
     def gloss(self) -> GlossMap | None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
+from hagoromo.files.record import decode, read_json
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
@@ -17,7 +18,7 @@ from hagoromo.measurement.material.separation import Separation, write_separatio
 from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.pixels import default_channels
-from hagoromo.reflectance.material.materials_file import write_materials
+from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
 GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
@@ -27,7 +28,7 @@ Map = NDArray[np.floating]
 def write_measurement(measurement: Measurement, home: Path) -> None:
     """Write the files that `Measurement.write_into` lists."""
     channels = len(measurement.materials[0].body_colour)
-    write_materials(measurement.materials, home / "materials.json", force=True)
+    write_materials(measurement.materials, home / "materials.json", True, measurement.settings, measurement.seed)
     if measurement.fine is None:
         variances = measurement.normal_variance, measurement.distance_variance
         _write_surface(home, measurement.labels, measurement.normals, measurement.points, variances)
@@ -52,6 +53,7 @@ def read_measurement(home: Path) -> Measurement:
     surface = read_surface(home)
     variances = _read_maps(home / "variance.exr", ("normal", "distance"), surface) or (None, None)
     spectra = home / "body_spectra.json"
+    writer = decode(read_json(home / "materials.json")[0], MaterialRecord, "materials.json").hagoromo
     return Measurement(
         surface.materials,
         surface.labels,
@@ -64,6 +66,8 @@ def read_measurement(home: Path) -> Measurement:
         read_body_spectra(spectra) if spectra.is_file() else {},
         normal_variance=variances[0],
         distance_variance=variances[1],
+        settings=writer.settings,
+        seed=writer.seed,
     )
 
 

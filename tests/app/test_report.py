@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.measure_report import write_measure_report
-from hagoromo.app.relight_page import write_relight_page
+from hagoromo.app.relight_page import write_relight_report
 from hagoromo.app.report.page import number_columns, page_drawing, page_picture, page_text
 from hagoromo.image.compare import Comparison
 from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
@@ -76,7 +76,7 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
         number=0,
         white=1.0,
     )
-    write_relight_page(tmp_path / "report.html", Relighting(measure(capture), cast(Any, None), (one,)))
+    write_relight_report(tmp_path / "report.html", Relighting(measure(capture), cast(Any, None), (one,)))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert_harmless(text)
     assert text.count("<img") == 7

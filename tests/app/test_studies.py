@@ -18,9 +18,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     },
     "leave_one_out.py": {"measurement.normals.normals"},
     "predicted_photograph.py": {"measurement.normals.photometric_model"},
-    "object_study.py": {"measurement.known_shape", "measurement.normals.gloss_estimate"},
-    "coverage.py": {"reflectance.material.material_estimate"},
-    "relit_objects.py": {"app.relight.relight", "app.relight.relit"},
+    # the materials of normals that were solved before, many times over
+    "object_study.py": {"measurement.normals.gloss_estimate"},
     # stages of one calibration, each judged by itself
     "lamps.py": {
         "calibration.lamps",

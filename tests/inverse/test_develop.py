@@ -202,7 +202,7 @@ def test_exposures_that_do_not_go_together_are_refused():
             develop_exposures(shots)
         assert "\n" not in str(refused.value)
     even = np.full((HEIGHT, WIDTH, 3), 100.0)
-    with pytest.warns(UserWarning, match="--gain and --read-noise; the noise of a typical sensor is assumed"):
+    with pytest.warns(UserWarning, match=r"--gain, --read-noise\); the noise of a typical sensor is assumed"):
         assert develop_exposures([shot(even, 1.0, 1)]).noise.source.endswith("assumed")
     with pytest.raises(InputError, match="--gain"):
         noise_from_pairs([(shot(0 * light, 1.0, 1), shot(0 * light, 1.0, 2))])

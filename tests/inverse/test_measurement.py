@@ -77,6 +77,7 @@ def test_the_call_is_the_command_for_far_lamps_and_the_camera_at_the_origin(far)
     command = ["measure", str(far / "capture"), "--distance", "1.0", "--out", str(far / "command")]
     assert main(command) == 0
     same_files(measurement.save(far / "call"), far / "command")
+    assert measurement.settings == {"distance_m": 1.0}
     assert {"points.exr", "variance.exr", "body_spectra.json"} <= contents(far / "call").keys()
     with pytest.raises(InputError, match="give the distance of the object"):
         hg.measure(capture)
@@ -111,6 +112,7 @@ def test_a_measurement_reads_back(known, tmp_path):
     assert loaded.separation.number == measurement.separation.number
     assert loaded.capture is None and loaded.lamp_colour is None and loaded.fine is None
     assert loaded.predicted == () and loaded.residuals == ()
+    assert loaded.settings == measurement.settings and loaded.seed == measurement.seed == 0
     again = contents(loaded.save(tmp_path / "again"))
     once = contents(tmp_path / "once")
     maps = [name for name in once if name.endswith((".exr", ".json")) or name == "labels.png"]

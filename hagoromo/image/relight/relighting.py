@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hagoromo.files.png import png_data_uri
-from hagoromo.files.record import write_json
+from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_folder
 from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
 from hagoromo.image.relight.stage import Stage
@@ -56,7 +56,9 @@ class Relighting:
         for one in self.predictions:
             self.stage.write_scene(one.source, one.number, home)
             one.write_into(home)
-        write_json(home / "relit.json", [one.record() for one in self.predictions])
+        held = [one.name for one in self.predictions]
+        stated = written_by({**self.measurement.settings, "held_out": held}, self.measurement.seed)
+        write_json(home / "relit.json", [one.record() | {"hagoromo": stated} for one in self.predictions])
 
     def __repr__(self) -> str:
         shown = ", ".join(map(repr, self.predictions[:3]))

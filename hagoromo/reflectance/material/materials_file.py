@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,10 +88,20 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
 FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hagoromo")
 
 
-def write_materials(materials: Sequence[MaterialEstimate], path: str | Path, force: bool = False) -> Path:
-    """Write materials.json, whole or not at all: the fields of `MaterialEstimate`, null for None and for no bound."""
+def write_materials(
+    materials: Sequence[MaterialEstimate],
+    path: str | Path,
+    force: bool = False,
+    settings: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+) -> Path:
+    """Write materials.json, whole or not at all: the fields of `MaterialEstimate`, null for None and for no bound.
+
+    settings, seed: those that the materials were estimated with.
+    """
     records = [
-        {name: getattr(material, name) for name in FIELDS} | {"hagoromo": written_by()} for material in materials
+        {name: getattr(material, name) for name in FIELDS} | {"hagoromo": written_by(settings, seed)}
+        for material in materials
     ]
     with whole_file(path, force) as partial:
         write_json(partial, _plain(records))
