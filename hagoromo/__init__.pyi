@@ -86,7 +86,7 @@ from .measurement.observations import Observations as Observations
 from .measurement.material.material_fit import fit_material as fit_material
 from .measurement.material.lack_of_fit import LackOfFit as LackOfFit, lack_of_fit as lack_of_fit
 from .measurement.material.estimate import estimate_material as estimate_material
-from .measurement.normals.views import Views as Views, views as views
+from .measurement.normals.views import Views as Views, views_from_capture as views_from_capture
 from .measurement.normals.normals import (
     NormalMap as NormalMap,
     least_squares_lambert as least_squares_lambert,

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 State = TypeVar("State")
 
 ROBUST_SCALE = 1.4826  # standard deviation of a normal error over its median absolute value (Hampel 1974)
+NORMAL_95 = 1.959964  # 0.975 quantile of the standard normal distribution: half a 95 % interval
 NORMAL_MEDIAN = 0.4549364  # median of r² for a standard normal r: χ² of one degree of freedom
 CAUCHY_SCALE = 2.385  # standard deviations: 95 % efficient under normal noise (Holland & Welsch 1977)
 HUBER_SCALE = 1.345  # 95 % efficient under normal noise (Huber 1981)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.measurement.material.material_objective import expected
-from hagoromo.measurement.material.quantity import theta_of
+from hagoromo.measurement.material.quantity import pack_theta
 from studies.goniometer import Directions, cosines_of
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def drawn(bench: Bench, random: np.random.Generator) -> Truth:
 def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> hg.Observations:
     """Noisy values with shot and read noise; the variance that they state is that of the noisy electrons."""
     sight = ball(bench.azimuths)
-    clean = expected(sight, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
+    clean = expected(sight, pack_theta(truth.alpha_body, truth.beta, truth.gamma, truth.n))
     return exposed(sight, clean, full_well, random)
 
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.measurement.normals.normals import solve_fit
-from hagoromo.measurement.normals.photometric_model import predicted
-from hagoromo.measurement.normals.photometric_prior import Prior
+from hagoromo.measurement.normals.photometric_model import Prior, predicted
 
 Array = NDArray[np.float64]
 EXPONENTS = (0.75, 0.87, 1.0, 1.15, 1.32)  # light = recorded^exponent
@@ -34,7 +33,7 @@ def encoding_study(captures: Mapping[str, hg.Capture], progress: hg.Progress = h
     residuals: dict[str, dict[str, float]] = {}
     for i, (name, capture) in enumerate(captures.items()):
         progress(i / len(captures), name)
-        pixels = hg.views(capture)
+        pixels = hg.views_from_capture(capture)
         count = len(pixels.rows)
         pixels = pixels.pixels(np.sort(np.random.default_rng(0).choice(count, min(PIXELS, count), replace=False)))
         recorded = pixels.values * pixels.light

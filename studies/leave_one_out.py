@@ -57,12 +57,12 @@ def keep_aside(capture: hg.Capture, even: hg.Capture, field: Array, lamp: int) -
     """
     photograph, camera = capture.photographs[lamp], capture.photographs[lamp].camera
     stated, to_lamp = (np.asarray(one.photographs[lamp].lamps[0].to_lamp) for one in (capture, even))
-    plain, others = hg.views(_without(capture, lamp)), hg.views(_without(even, lamp))
+    plain, others = hg.views_from_capture(_without(capture, lamp)), hg.views_from_capture(_without(even, lamp))
     distance = float(np.linalg.norm(camera.position))
     fitted = hg.solve_normals(_without(even, lamp))
     points = hg.points_from_normals(fitted.normals, camera, distance, fitted.variance)
     lambert, lambert_even = least_squares_fit(plain), least_squares_fit(others)
-    own, pixels = forecast(fitted.fit, fitted.seen, to_lamp), fitted.seen
+    own, pixels = forecast(fitted.fit, fitted.views, to_lamp), fitted.views
     lit = lit_share(points, camera, to_lamp)[pixels.rows, pixels.columns]
     flat = field[lamp][pixels.rows, pixels.columns]
     yardstick = forecast(lambert_even, others, to_lamp)

@@ -27,7 +27,7 @@ def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     """One case: errors of normals [°] and depth [mm], and the median of error² over variance, 1 where it is honest."""
     capture, truth = simulate(rig, SURFACES[surface], look, bits)
     shape = hg.solve_shape(capture, GUESS * SURFACE_DISTANCE)
-    pixels, fit = shape.found.seen, shape.found.fit
+    pixels, fit = shape.normal_map.views, shape.normal_map.fit
     true = truth.normals[pixels.rows, pixels.columns]
 
     def error(normals: np.ndarray) -> np.ndarray:

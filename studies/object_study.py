@@ -111,7 +111,7 @@ def _basis_camera() -> hg.Response:
 
 def _normal_errors(folder: str | Path, capture: hg.Capture, solved: hg.NormalMap) -> dict[str, dict[str, float]]:
     """Errors of the sphere's normals [°]: mean and median over its pixels, mean in its inner INNER_RADIUS_SHARE."""
-    true, pixels = sphere_normals(folder, capture.name), hg.views(capture)
+    true, pixels = sphere_normals(folder, capture.name), hg.views_from_capture(capture)
     maps = {
         "Lambert, plain least squares": pixels.image(hg.least_squares_lambert(pixels)[0]),
         "ours, from this object alone": hg.solve_normals(capture).normals,

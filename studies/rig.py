@@ -41,7 +41,7 @@ class Unevenness:
 
 def unevenness(solved: hg.NormalMap) -> Unevenness:
     """What the lamps' unevenness was over the object of `found`."""
-    fit, pixels = solved.fit, solved.seen
+    fit, pixels = solved.fit, solved.views
     radius = np.sqrt(len(pixels.rows) / np.pi)
     middle = np.array([pixels.columns.mean(), pixels.rows.mean()])
     slope = (fit.slope - fit.slope.mean(axis=0)) / radius

@@ -16,13 +16,13 @@ from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
 from hagoromo.measurement.material.body_map import BodyMap, body_map
-from hagoromo.measurement.material.clipped import clipped, with_gloss_untold, without_plateaus
+from hagoromo.measurement.material.clipped import clipped, without_clipped_gloss, without_plateaus
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lamp_colour import LampColour, lamp_colour
 from hagoromo.measurement.material.segment import interior, segment
 from hagoromo.measurement.material.separation import Separation, separated
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.observations import known_shape, observations, shape
+from hagoromo.measurement.observations import known_shape, observe, shape
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -118,16 +118,16 @@ def _material(
     capture: Capture, labels: NDArray[np.integer], number: int, n: float | None, colour: LampColour | None
 ) -> MaterialEstimate:
     region = known_shape(capture) & interior(labels, number)
-    values = observations(capture, region, None if colour is None else colour.value, SEED)
+    samples = observe(capture, region, None if colour is None else colour.value, SEED)
     error = None if colour is None else colour.relative_covariance
     cut = clipped(capture, region)
     try:
-        estimate = estimate_material(values, f"material {number + 1}", int(np.sum(labels == number)), n, error)
+        estimate = estimate_material(samples, f"material {number + 1}", int(np.sum(labels == number)), n, error)
     except InputError as wrong:
-        if cut.hidden > np.sum(values.used.any(axis=1)):
+        if cut.hidden > np.sum(samples.used.any(axis=1)):
             raise InputError(f"{wrong}; {cut.hidden} of its values are clipped: expose shorter") from wrong
         raise
-    return with_gloss_untold(estimate, cut)
+    return without_clipped_gloss(estimate, cut)
 
 
 def _separated(capture: Capture, body: BodyMap) -> tuple[tuple[NDArray[np.float32], ...], Separation]:

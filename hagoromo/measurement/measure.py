@@ -95,7 +95,7 @@ def _measured(
 
 def _measure_tiles(source: FolderSource, scratch: Path, distance: float, progress: Progress) -> Measurement:
     coarse, fine = solve_large(source, scratch, distance, progress)
-    measurement = _with_shape(coarse.capture, coarse.found, coarse.surface)
+    measurement = _with_shape(coarse.capture, coarse.normal_map, coarse.surface)
     materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
 
@@ -104,7 +104,7 @@ def _solve(capture: Capture, distance: float, progress: Progress) -> tuple[Norma
     """Normals and points of a capture of unknown shape."""
     if has_near_lamps(capture):
         shape = solve_shape(capture, distance, progress=progress)
-        return shape.found, shape.surface
+        return shape.normal_map, shape.surface
     normals = solve_normals(capture, progress=progress)
     camera = capture.photographs[0].camera
     return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)

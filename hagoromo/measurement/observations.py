@@ -1,7 +1,7 @@
-"""Observations: what the photographs of a known shape say about the reflectance of some of its pixels.
+"""Observations: the values of some pixels of a known shape in all photographs, from which reflectance is estimated.
 
 Enters: a Capture with points [m] and normals (unit, world). Leaves: values with their variance and the geometry of
-every place, and which of them may be fitted.
+each sample, and a mask of those that may be fitted.
 """
 
 from __future__ import annotations
@@ -12,25 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.measurement.sight import NO_LAMP, Array, Sight, sight
+from hagoromo.measurement.sight import NO_LAMP, Array, Sight, sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.torrance_sparrow import Cosines
 
-MOST_VALUES = 120_000  # of one material that are fitted; what more would add is smaller than any error of the shape
-STRATA = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8, np.pi])  # [rad] of the least φ of a pixel, equally represented
-TILE = 16  # pixels, side of the tiles within which residuals of a lacking model are taken to be alike
-UNIT = 1e-3  # departure of a normal's length from 1 up to which it is one
+MOST_VALUES = 120_000  # values of one material that are fitted; more would add less than any error of the shape
+STRATA = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8, np.pi])  # [rad] of the smallest φ of a pixel, equally represented
+TILE = 16  # pixels, side of the image tiles within which residuals of an incomplete model are correlated
+UNIT_LENGTH_TOLERANCE = 1e-3  # largest difference from 1 of the length of a unit normal
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Values seen in N places, in C channels, each place under up to L lamps.
+    """Values of N samples in C channels; a sample is one pixel in one photograph, lit by up to L lamps.
 
-    values: (N, C) linear, in units of ρ of eq. (10). noise: (N, C) their variance, as the sensor states it from the
-    noisy value itself. gain: (N, C) slope of that variance against the value. used: (N, C) what may be fitted.
-    sight: geometry and light of the places. ceiling: (N, C) where the sensor saturates, inf where unknown. tile: (N,)
-    number of the tile of the image that the place is in; pixel: (N,) number of its pixel, the same in all photographs.
+    values: (N, C) linear, in units of ρ of eq. (10). noise: (N, C) variance that the sensor states for the noisy value.
+    gain: (N, C) slope of that variance against the value. used: (N, C) true where a value may be fitted.
+    sight: geometry and irradiance of the samples. ceiling: (N, C) where the sensor saturates, inf where unknown.
+    tile: (N,) number of the image tile of the sample; pixel: (N,) number of its pixel, the same in all photographs.
     """
 
     values: Array
@@ -48,9 +48,9 @@ class Observations:
         return self.values.shape[1]
 
     def variance_at(self, model: Array, model_error: float = 0.0) -> Array:
-        """Variance of a value whose expectation is `model` (…, N, C), plus that of a relative error of the model.
+        """Variance of a value of expectation `model` (…, N, C), and of a relative error `model_error` of the model.
 
-        The stated variance follows the noisy value; taking it as it is would give low values too much weight.
+        The variance is stated for the noisy value. Used as it is, it would give low values too large a weight.
         """
         shot = self.noise + self.gain * (model - np.maximum(self.values, 0.0))
         return np.maximum(shot, 0.2 * self.noise) + (model_error * model) ** 2
@@ -90,24 +90,26 @@ def known_shape(capture: Capture) -> NDArray[np.bool_]:
     """(h, w) where point and normal are known."""
     points, normals = shape(capture)
     finite = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(normals).all(axis=2))
-    return finite & (np.abs(np.linalg.norm(np.where(finite[..., None], normals, 0.0), axis=2) - 1.0) < UNIT)
+    return finite & (
+        np.abs(np.linalg.norm(np.where(finite[..., None], normals, 0.0), axis=2) - 1.0) < UNIT_LENGTH_TOLERANCE
+    )
 
 
-def observations(capture: Capture, region: NDArray[np.bool_], lamp_colour: Array | None, seed: int) -> Observations:
-    """What is fitted for the pixels of `region` (h, w): of all photographs, places lit and seen beyond grazing, valid.
+def observe(capture: Capture, region: NDArray[np.bool_], lamp_colour: Array | None, seed: int) -> Observations:
+    """The samples of the pixels `region` (h, w) in all photographs: valid, lit and viewed above the grazing limit.
 
-    When there is more than MOST_VALUES, pixels are drawn so that every range of φ (STRATA) is equally represented:
-    that keeps the highlights. The draw depends on the geometry and `seed` only, never on the values.
+    Where there are more than MOST_VALUES, pixels are drawn so that each range of φ (STRATA) is equally represented,
+    which retains the highlights. The draw depends on the geometry and `seed` alone, never on the values.
     """
     pixels = Pixels.where(capture, region)
     per_pixel = len(capture.photographs) * capture.photographs[0].values.shape[2]
     if len(pixels) * per_pixel > MOST_VALUES:
         pixels = pixels[stratified(capture, pixels, MOST_VALUES // per_pixel, seed)]
-    return observed(capture, pixels, lamp_colour)
+    return observe_pixels(capture, pixels, lamp_colour)
 
 
-def observed(capture: Capture, pixels: Pixels, lamp_colour: Array | None) -> Observations:
-    """What all photographs say of `pixels`: places lit and seen beyond grazing, valid."""
+def observe_pixels(capture: Capture, pixels: Pixels, lamp_colour: Array | None) -> Observations:
+    """The samples of `pixels` in all photographs: valid, lit and viewed above the grazing limit."""
     most_lamps = max(len(photograph.lamps) for photograph in capture.photographs)
     parts = [_observe(photograph, pixels, most_lamps, lamp_colour) for photograph in capture.photographs]
     values, noise, gain, used, ceiling, tile, pixel, irradiance, *cosines = (
@@ -118,25 +120,25 @@ def observed(capture: Capture, pixels: Pixels, lamp_colour: Array | None) -> Obs
 
 def _observe(photograph: Photograph, pixels: Pixels, lamps: int, lamp_colour: Array | None) -> tuple[NDArray, ...]:
     """Fields of `Observations` for one photograph, `lamps` wide."""
-    at = pixels.rows, pixels.columns
-    seen = sight(photograph, pixels.points, pixels.normals, lamp_colour)
+    index = pixels.rows, pixels.columns
+    geometry = sight_of(photograph, pixels.points, pixels.normals, lamp_colour)
     measured = native(photograph)
-    used = seen.fit_to_use & photograph.mask[at]
-    pixels, at = pixels[used], (pixels.rows[used], pixels.columns[used])
+    used = geometry.fit_to_use & photograph.mask[index]
+    pixels, index = pixels[used], (pixels.rows[used], pixels.columns[used])
     missing = ((0, 0), (0, lamps - len(photograph.lamps)))
     cosines = [
         np.pad(cosine[used], missing, constant_values=empty)
-        for cosine, empty in zip(seen.cosines, NO_LAMP, strict=True)
+        for cosine, empty in zip(geometry.cosines, NO_LAMP, strict=True)
     ]
-    values = photograph.values[at].astype(np.float64)
+    values = photograph.values[index].astype(np.float64)
     gain, ceiling = (
         np.broadcast_to(per_channel, values.shape) for per_channel in (noise_gain(photograph), _ceiling(photograph))
     )
     tile = (pixels.rows // TILE) * (photograph.values.shape[1] // TILE + 1) + pixels.columns // TILE
     pixel = pixels.rows * photograph.values.shape[1] + pixels.columns
-    irradiance = np.pad(seen.irradiance[used], (*missing, (0, 0)))
-    noise = photograph.variance[at].astype(np.float64)
-    return values, noise, gain, measured[at], ceiling, tile, pixel, irradiance, *cosines
+    irradiance = np.pad(geometry.irradiance[used], (*missing, (0, 0)))
+    noise = photograph.variance[index].astype(np.float64)
+    return values, noise, gain, measured[index], ceiling, tile, pixel, irradiance, *cosines
 
 
 def native(photograph: Photograph) -> NDArray[np.bool_]:
@@ -160,7 +162,7 @@ def noise_gain(photograph: Photograph) -> Array:
 
 
 def _ceiling(photograph: Photograph) -> Array:
-    """(C,) largest valid value, where masked pixels are brighter still (saturated); else inf."""
+    """(C,) largest valid value where masked pixels are as bright or brighter (saturated); else inf."""
     ceilings = np.full(photograph.values.shape[2], np.inf)
     for channel, values in enumerate(np.moveaxis(photograph.values, 2, 0)):
         largest = np.max(values, where=photograph.mask, initial=-np.inf)
@@ -170,10 +172,10 @@ def _ceiling(photograph: Photograph) -> Array:
 
 
 def stratified(capture: Capture, pixels: Pixels, limit: int, seed: int) -> NDArray[np.intp]:
-    """`limit` of the pixels, the strata of their least φ as equal as they can be."""
+    """`limit` of the pixels, so that the strata of their smallest φ have sizes as equal as possible."""
     angle = np.full(len(pixels), np.pi)
     for photograph in capture.photographs:
-        angle = np.minimum(angle, sight(photograph, pixels.points, pixels.normals).least_half_angle)
+        angle = np.minimum(angle, sight_of(photograph, pixels.points, pixels.normals).least_half_angle)
     stratum = np.digitize(angle, STRATA[1:-1])
     random = np.random.default_rng(seed)
     members = sorted((random.permutation(np.flatnonzero(stratum == s)) for s in range(len(STRATA) - 1)), key=len)

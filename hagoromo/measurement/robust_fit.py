@@ -1,8 +1,8 @@
 """Robust least squares of eq. (2)–(6) on observed values: Levenberg–Marquardt for many starting points at once.
 
-Enters: `Observations` of one material and rows of coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), with
-F₀ = F(0, n): β alone would have to follow n along a bent valley. Leaves: rows at their minimum. Each row is an own
-fit, so starts and points of a profile share every kernel.
+Enters: `Observations` of one material and rows of parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), with
+F₀ = F(0, n), since β itself is strongly correlated with n. Leaves: rows at their minimum. Each row is a fit of its
+own, so that all starts, and all points of a profile, share every kernel.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from hagoromo.least_squares import Damping, FitStatuses, Loss, RowsProblem, Tole
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.sight import Array
 
-GAMMA_RANGE = (0.01, 1.2)  # [rad] admissible: narrower than a pixel of a sphere sees, wider than a second Lambert lobe
+GAMMA_RANGE = (0.01, 1.2)  # [rad] admissible: below, a sphere's pixel is wider than the lobe; above, it is diffuse
 N_RANGE = (1.05, 3.0)  # admissible refractive index: above a gas, up to the densest dielectrics
-SMALLEST_DECREMENT = 1e-6  # a row has converged when one more step would lower Σρ by less: 0.1 % of a standard error
-MATERIAL_FIT_STEPS = 60  # of one row
+SMALLEST_DECREMENT = 1e-6  # of Σρ: a row whose next step would lower it by less has converged (0.1 % of an error)
+MATERIAL_FIT_STEPS = 60  # largest number of steps of one row
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """K fits: coordinates theta (K, C+3), cost (K,) = Σρ, curvature (K, C+3, C+3) = JᵀWJ, and how each ended."""
+    """K fits: parameters theta (K, C+3), cost (K,) = Σρ, curvature (K, C+3, C+3) = JᵀWJ, and how each ended."""
 
     theta: Array
     cost: Array
@@ -34,25 +34,25 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """What is minimised: Σρ of the residuals of `seen` over √variance, or with `weights` Σ w r²/2, frozen.
+    """The cost: Σρ of the residuals of `observations` over √variance, or with frozen `weights` Σ w r²/2.
 
     variance: (N, C) of the values. weights: (N, C) or None.
     """
 
-    seen: Observations
+    observations: Observations
     variance: Array
     loss: Loss
     weights: Array | None = None
 
-    def at(self, theta: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
         """Cost (K,), gradient (K, P) and Gauss–Newton curvature (K, P, P) at rows theta (K, P)."""
-        c = self.seen.channels
-        body = self.seen.sight.body
-        s, by_gamma, by_n = self.seen.sight.interface(theta[:, -2], theta[:, -1])
+        c = self.observations.channels
+        body = self.observations.sight.body
+        s, by_gamma, by_n = self.observations.sight.interface(theta[:, -2], theta[:, -1])
         strength = theta[:, c, None, None]
-        deviation = self.seen.values - theta[:, None, :c] * body - strength * s
+        deviation = self.observations.values - theta[:, None, :c] * body - strength * s
         r = deviation / np.sqrt(self.variance)
-        known = self.seen.used
+        known = self.observations.used
         if self.weights is None:
             cost = np.sum(np.where(known, self.loss.value(r), 0.0), axis=(1, 2))
             weight = np.where(known, self.loss.weight(r), 0.0) / self.variance
@@ -74,19 +74,19 @@ class Objective:
 
 
 def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps: int = MATERIAL_FIT_STEPS) -> Rows:
-    """Rows theta (K, P) moved to their nearest minimum; coordinates where `free` (P,) is false stay.
+    """Rows theta (K, P) moved to their nearest minimum; parameters where `free` (P,) is false stay fixed.
 
-    β F₀ stays 0 or more, ln γ and ln(n − 1) in their admissible range. A row that has not converged after `steps` steps
-    says so in `Rows.statuses`.
+    β F₀ stays 0 or more, ln γ and ln(n − 1) in their admissible range. `Rows.statuses` states which rows had not
+    converged after `steps` steps.
     """
-    problem = RowsProblem(objective.at, *_bounds(theta.shape[1]), free)
+    problem = RowsProblem(objective.evaluate, *_bounds(theta.shape[1]), free)
     tolerance = Tolerance(decrement=SMALLEST_DECREMENT)
-    found = levenberg_marquardt(problem, problem.start(theta), Damping(), tolerance, steps)
-    return Rows(found.state.theta, found.state.cost, found.state.curvature, found.statuses)
+    solution = levenberg_marquardt(problem, problem.start(theta), Damping(), tolerance, steps)
+    return Rows(solution.state.theta, solution.state.cost, solution.state.curvature, solution.statuses)
 
 
 def at_bound(theta: Array) -> NDArray[np.bool_]:
-    """(P,) where a coordinate has come to the end of its admissible range."""
+    """(P,) where a parameter is at a limit of its admissible range."""
     low, high = _bounds(theta.shape[-1])
     return (theta <= low) | (theta >= high)
 

@@ -1,7 +1,7 @@
-"""Sight: where lamps, eye and surface stand to each other at places of known shape, and what light arrives there.
+"""Sight: the geometry of lamps, eye and surface at points of known shape, and the irradiance there.
 
 Enters: points [m], normals (unit, world), the lamps and the camera of a photograph. Leaves: the value per unit of
-α c_b and of β F₀ at each place, for any γ and n, with its derivatives; F₀ = F(0, n) = ((n − 1)/(n + 1))².
+α c_b and of β F₀ at each point, for any γ and n, with its derivatives; F₀ = F(0, n) = ((n − 1)/(n + 1))².
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ from hagoromo.reflectance.torrance_sparrow import Cosines, fresnel, weights_at
 
 Array = NDArray[np.float64]
 
-GRAZING = 0.17  # cos 80°: beyond it an error of 1° in the normal changes the cosine, and so the value, by over 10 %
-NO_LAMP = Cosines(-1.0, -1.0, 1.0, 1.0)  # stands for a lamp that is not on: it gives nothing
+GRAZING_COSINE = 0.17  # cos 80°: there an error of 1° in the normal changes the cosine, and so the value, by 10 %
+NO_LAMP = Cosines(-1.0, -1.0, 1.0, 1.0)  # fills the place of an absent lamp: its irradiance is 0
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """N places, each under up to L lamps, seen in C channels.
+    """N points, each lit by up to L lamps, measured in C channels.
 
-    cosines: four (N, L), see `Cosines`. irradiance: (N, L, C) facing the lamp, times its white; 0 where no lamp is.
+    cosines: four (N, L), see `Cosines`. irradiance: (N, L, C) on a plane that faces the lamp, times its white; 0 where
+    there is no lamp.
     """
 
     cosines: Cosines
@@ -37,31 +38,31 @@ class Sight:
 
     @property
     def body(self) -> Array:
-        """Value per unit of α c_b: (N, C), Σ over the lamps of E cosθ_i where the surface faces lamp and eye."""
-        seen = (self.cosines.incidence > 0.0) & (self.cosines.view > 0.0)
-        return np.einsum("nlc,nl->nc", self.irradiance, np.where(seen, self.cosines.incidence, 0.0))
+        """Value per unit of α c_b: (N, C), Σ over the lamps of E cosθ_i, 0 where the surface faces away."""
+        facing = (self.cosines.incidence > 0.0) & (self.cosines.view > 0.0)
+        return np.einsum("nlc,nl->nc", self.irradiance, np.where(facing, self.cosines.incidence, 0.0))
 
     def interface(self, log_gamma: Array, log_n1: Array) -> tuple[Array, Array, Array]:
         """Value per unit of β F₀ at K pairs (ln γ, ln(n − 1)), and its derivatives by the two: three (K, N, C).
 
-        Forward-mode derivatives of the one implementation of eq. (3), in double precision.
+        Forward-mode derivatives of the package's one implementation of eq. (3), in double precision.
         """
         k, shape = len(log_gamma), self.cosines.half.shape
         real: Any = arrays().Float64
-        at = Cosines(*(dr.tile(real(cosine.ravel()), k) for cosine in self.cosines))
+        cosines = Cosines(*(dr.tile(real(cosine.ravel()), k) for cosine in self.cosines))
         rows = [dr.repeat(real(row), shape[0] * shape[1]) for row in (log_gamma, log_n1)]
-        found = []
+        parts = []
         for row in rows:
             dr.enable_grad(row)
             dr.set_grad(row, 1.0)
             n = 1.0 + dr.exp(rows[1])
-            value = weights_at(at, 0.0, 1.0 / fresnel(1.0, n), dr.exp(rows[0]), n).interface
+            value = weights_at(cosines, 0.0, 1.0 / fresnel(1.0, n), dr.exp(rows[0]), n).interface
             slope = dr.forward_to(value)
-            found = found or [dr.detach(value)]
-            found.append(slope)
+            parts = parts or [dr.detach(value)]
+            parts.append(slope)
             dr.disable_grad(row)
-        dr.eval(found)
-        s, by_gamma, by_n = (self._sum_of_lamps(np.asarray(f).reshape(k, *shape)) for f in found)
+        dr.eval(parts)
+        s, by_gamma, by_n = (self._sum_of_lamps(np.asarray(part).reshape(k, *shape)) for part in parts)
         return s, by_gamma, by_n
 
     def _sum_of_lamps(self, weights: Array) -> Array:
@@ -72,22 +73,24 @@ class Sight:
 
     @property
     def fit_to_use(self) -> NDArray[np.bool_]:
-        """(N,) seen and lit beyond grazing by one lamp at least, and no lamp within grazing of the terminator."""
+        """(N,) viewed and lit above the grazing limit, and no lamp closer to the terminator than that limit."""
         incidence = self.cosines.incidence
-        lit = (incidence > GRAZING).any(axis=1) & ~((incidence > -GRAZING) & (incidence <= GRAZING)).any(axis=1)
-        return lit & (self.cosines.view[:, 0] > GRAZING)
+        lit = (incidence > GRAZING_COSINE).any(axis=1) & ~(
+            (incidence > -GRAZING_COSINE) & (incidence <= GRAZING_COSINE)
+        ).any(axis=1)
+        return lit & (self.cosines.view[:, 0] > GRAZING_COSINE)
 
     @property
     def least_half_angle(self) -> Array:
-        """(N,) smallest φ [rad] over the lamps that light the pixel, π where none does."""
+        """(N,) smallest φ [rad] over the lamps that light the point, π where none does."""
         angle = np.arccos(np.clip(self.cosines.half, -1.0, 1.0))
         return np.where(self.cosines.incidence > 0, angle, np.pi).min(axis=1)
 
 
-def sight(photograph: Photograph, points: Array, normals: Array, lamp_colour: Array | None = None) -> Sight:
+def sight_of(photograph: Photograph, points: Array, normals: Array, lamp_colour: Array | None = None) -> Sight:
     """Geometry of `photograph` at points (N, 3) [m] with unit normals (N, 3).
 
-    lamp_colour: (C,) white to use for every lamp; without it ∫E R dλ of its spectrum, or 1 where no response is known.
+    lamp_colour: (C,) white of every lamp; if absent, ∫E R dλ of the lamp's spectrum, or 1 without a camera response.
     """
     to_eye = _unit(photograph.camera.position - points)
     view = np.einsum("ni,ni->n", normals, to_eye)

@@ -1,6 +1,6 @@
-"""Pigment: the body colour of skin from its melanin and blood, by two layers.
+"""Pigment: the body colour of skin from its melanin and blood, with a model of two layers.
 
-Enters: a `Pigment`, volume fractions; leaves: a Spectrum, the diffuse reflectance of skin without its surface's sheen.
+Enters: a `Pigment`, volume fractions; leaves: a Spectrum, the diffuse reflectance of skin without surface reflection.
 The epidermis absorbs only (Claridge et al. 2003); the dermis under it is thick and scatters (Kubelka & Munk 1931).
 """
 
@@ -35,8 +35,8 @@ HAEMOGLOBIN = (
 
 
 class Pigment(NamedTuple):
-    """What colours skin: volume fractions of melanosomes in the epidermis and of blood in the dermis, and the share of
-    haemoglobin that carries oxygen; the defaults are those of fair skin.
+    """Pigments of skin: volume fractions of melanosomes in the epidermis and of blood in the dermis, and the oxygenated
+    share of haemoglobin; the defaults are those of fair skin.
 
     Melanosomes: 0.013–0.06 in fair, 0.11–0.16 in brown and 0.18–0.43 in dark skin (Jacques 1998).
     """
@@ -55,7 +55,7 @@ class PigmentRecord(Record, frozen=True):
 
 
 def skin_colour(pigment: Pigment) -> Spectrum:
-    """Diffuse reflectance of skin at 380–730 nm, 0…1, from below the surface: the sheen is the interface's.
+    """Diffuse reflectance of skin at 380–730 nm, 0…1, from below the surface, without the interface reflection.
 
     R = T² R∞, T = exp(−2 μ_e d), R∞ = 1 + K/S − √(K²/S² + 2 K/S), K = 2 μ_d, S = ¾ μ_s′ − ¼ μ_d (Star et al. 1988),
     inside a surface by Saunderson 1942. Values at 380, 390 … 730 nm and at the peaks of haemoglobin.
@@ -78,18 +78,21 @@ def skin_colour(pigment: Pigment) -> Spectrum:
 
 
 def pigment_from_record(record: Mapping[str, Any], where: str = "pigment") -> Pigment:
-    """A Pigment from a table of some of its fields; `InputError` for what is no share, or too much blood."""
+    """A Pigment from a table of some of its fields; `InputError` for fractions outside their range."""
     pigments = decode(record, PigmentRecord, where)
     return Pigment(pigments.melanin, pigments.blood, pigments.oxygenation)
 
 
 def _packed(depth: Any) -> Any:
-    """How much less blood absorbs in vessels of an optical depth than spread evenly: (1 − e^−x) / x (Svaasand 1995)."""
+    """Absorption of blood in vessels of an optical depth x, relative to evenly spread blood: (1 − e^−x) / x.
+
+    Svaasand 1995.
+    """
     return -np.expm1(-depth) / depth
 
 
 def _through_surface(inside: Any) -> Any:
-    """Reflectance seen through the surface: what it lets in, and turns back from inside (Saunderson 1942)."""
+    """Reflectance through the surface: transmission into the skin and internal reflection (Saunderson 1942)."""
     outer = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2
     inner = 0.668 + 0.0636 * INDEX + 0.710 / INDEX - 1.440 / INDEX**2  # diffuse; Egan & Hilgeman 1979
     return (1.0 - outer) * (1.0 - inner) * inside / (1.0 - inner * inside)

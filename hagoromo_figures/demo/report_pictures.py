@@ -11,7 +11,7 @@ from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Pixels, known_shape, native
-from hagoromo.measurement.sight import sight
+from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo_figures.demo.plots import MATERIAL_COLOURS
@@ -61,7 +61,7 @@ def fitted_residuals(capture: Capture, measurement: Measurement) -> NDArray:
     inside = [interior(measurement.labels, number) for number in range(len(measurement.materials))]
     pixels, residuals = Pixels.where(capture, known_shape(capture) & np.any(inside, axis=0)), []
     for photograph, standardised in zip(capture.photographs, measurement.residuals, strict=True):
-        used = sight(photograph, pixels.points, pixels.normals).fit_to_use
+        used = sight_of(photograph, pixels.points, pixels.normals).fit_to_use
         place = pixels.rows[used], pixels.columns[used]
         values, own = standardised[place], native(photograph)[place]
         residuals.append(values[own & np.isfinite(values)])

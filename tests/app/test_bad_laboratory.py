@@ -63,7 +63,7 @@ def test_too_few_lamps_are_refused(refused, tmp_path, verb):
     count = 3 if verb == "measure" else 4
     save_capture(capture_of(*(lit(k) for k in range(count))), tmp_path / "capture")
     said = refused(verb, tmp_path / "capture", "--out", tmp_path / "out", "--distance", "1")
-    assert "3 photographs cannot tell normals: give 4 lamps or more" in said
+    assert "3 photographs do not determine normals: give 4 lamps or more" in said
 
 
 def test_lamps_in_one_plane_with_the_scene_are_refused(refused, tmp_path):

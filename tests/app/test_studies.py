@@ -11,11 +11,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # the models that the fits minimise, to predict readings from parameters that no fit has found
     "coverage_bench.py": {"measurement.material.material_objective", "measurement.material.quantity"},
     "merl.py": {"measurement.material.material_objective", "measurement.material.lack_of_fit"},
-    "encoding.py": {
-        "measurement.normals.normals",
-        "measurement.normals.photometric_model",
-        "measurement.normals.photometric_prior",
-    },
+    "encoding.py": {"measurement.normals.normals", "measurement.normals.photometric_model"},
     "leave_one_out.py": {"measurement.normals.normals"},
     "predicted_photograph.py": {"measurement.normals.photometric_model"},
     # the materials of normals that were solved before, many times over

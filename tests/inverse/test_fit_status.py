@@ -65,7 +65,7 @@ def test_a_texture_whose_fit_fails_is_remarked(monkeypatch):
     paint = (1.0 + 0.3 * np.sin(rows) * np.cos(columns))[..., None]
     painted = [replace(p, values=(p.values * paint).astype(np.float32)) for p in capture.photographs]
     capture = replace(capture, photographs=tuple(painted))
-    monkeypatch.setattr(albedo_variation, "TEXTURE_FIT_ROUNDS", 1)
+    monkeypatch.setattr(albedo_variation, "ALBEDO_FIT_ROUNDS", 1)
     material = measure_known_shape(capture, labels=ALL, n=N).materials[0]
     assert (material.texture or {})["per_pixel"] is False
     assert any("one colour was fitted to all: the fit of each pixel's body still moves" in r for r in material.remarks)
@@ -110,7 +110,7 @@ def test_a_surface_under_near_lamps_that_still_moves_is_remarked(monkeypatch):
     capture, _ = near_capture(ring_rig(31, 29, 5), sphere, Look(0.2), bits=10)
     found = near_shape.solve_shape(replace(capture, points=None, normals=None), SURFACE_DISTANCE)
     assert found.status.status == Status.OUT_OF_STEPS and found.rounds == 1
-    remarks = measurement_of(capture, found.found).materials[0].remarks
+    remarks = measurement_of(capture, found.normal_map).materials[0].remarks
     assert any("the surface under near lamps did not converge after 1 steps" in remark for remark in remarks)
 
 

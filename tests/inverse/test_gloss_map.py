@@ -12,7 +12,7 @@ from hagoromo.measurement.gloss.gloss_spread import gloss_spread
 from hagoromo.measurement.gloss.lobes import Lobes
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit
 from hagoromo.measurement.known_shape import measure_known_shape
-from hagoromo.measurement.observations import Pixels, known_shape, observed
+from hagoromo.measurement.observations import Pixels, known_shape, observe_pixels
 from hagoromo.reflectance.material.materials_file import read_materials
 from tests.inverse.simulated_ball import FULL_WELL, Truth, simulate
 
@@ -49,7 +49,7 @@ def worn():
 
 
 def all_of(capture):
-    return observed(capture, Pixels.where(capture, known_shape(capture)), None)
+    return observe_pixels(capture, Pixels.where(capture, known_shape(capture)), None)
 
 
 def test_lobes_are_the_interface_of_eq_3_and_their_slope_is_its_derivative():
@@ -57,22 +57,22 @@ def test_lobes_are_the_interface_of_eq_3_and_their_slope_is_its_derivative():
     lobes, random = Lobes(sight, N), np.random.default_rng(2)
     for log_gamma in np.log([0.07, 0.3]):
         value, by_gamma, _ = sight.interface(np.array([log_gamma]), np.log([N - 1.0]))
-        got = lobes.at(np.full(len(value[0]), log_gamma))
+        got = lobes.evaluate(np.full(len(value[0]), log_gamma))
         np.testing.assert_allclose(got[0], value[0], rtol=1e-5, atol=1e-9)  # facets that count as flat: γ = 1000 rad
         np.testing.assert_allclose(got[1], by_gamma[0], rtol=1e-5, atol=1e-8)
     own = np.log(random.uniform(0.1, 0.4, len(sight.body)))
-    up, down = (lobes.at(own + step)[0] for step in (1e-5, -1e-5))
-    np.testing.assert_allclose(lobes.at(own)[1], (up - down) / 2e-5, rtol=1e-5, atol=1e-8)
+    up, down = (lobes.evaluate(own + step)[0] for step in (1e-5, -1e-5))
+    np.testing.assert_allclose(lobes.evaluate(own)[1], (up - down) / 2e-5, rtol=1e-5, atol=1e-8)
 
 
 def test_pull_is_the_slope_of_chi_square_with_the_bodies_following():
     """Oracle: central differences. Information is that of the columns less what the bodies take up: no more of it."""
     fit = PixelFit(all_of(even(3, 6)), N)
     gloss = np.log([0.4 / 25, 0.25]) + 0.1 * np.random.default_rng(4).standard_normal((len(fit), 2))
-    found = fit.at(gloss)
+    found = fit.evaluate(gloss)
     for k, step in enumerate(1e-5 * np.eye(2)):
-        slope = (fit.at(gloss + step).chi_square - fit.at(gloss - step).chi_square) / 2e-5
-        np.testing.assert_allclose(found.pull[:, k], -0.5 * slope, rtol=1e-4, atol=1e-3)
+        slope = (fit.evaluate(gloss + step).chi_square - fit.evaluate(gloss - step).chi_square) / 2e-5
+        np.testing.assert_allclose(found.score[:, k], -0.5 * slope, rtol=1e-4, atol=1e-3)
     assert (np.linalg.eigvalsh(found.information) > -1e-6).all()
 
 

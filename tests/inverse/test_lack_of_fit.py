@@ -10,7 +10,7 @@ from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.material_objective import expected
-from hagoromo.measurement.material.quantity import theta_of
+from hagoromo.measurement.material.quantity import pack_theta
 from studies.coverage_bench import BALL_PIXELS, BENCHES, Truth, ball, drawn, exposed, observed
 from studies.goniometer import goniometer, readings
 from tests.judges import alarms_are_rare
@@ -28,7 +28,7 @@ def right(full_well, misjudged=1.0, texture=0.0):
 
     def simulated(random):
         truth, seen = drawn(BENCH, random), ball(BENCH.azimuths)
-        clean = expected(seen, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
+        clean = expected(seen, pack_theta(truth.alpha_body, truth.beta, truth.gamma, truth.n))
         shade = 1.0 + texture * random.standard_normal((BALL_PIXELS, 1))
         of = exposed(seen, clean * np.tile(shade, (len(BENCH.azimuths), 1)), full_well, random)
         return replace(of, noise=misjudged * of.noise, gain=misjudged * of.gain)
@@ -40,7 +40,7 @@ def ggx(random, truth=None):
     """A material but for its facets, which are those of GGX, of the same half width in tan φ."""
     truth, seen = truth or drawn(BENCH, random), ball(BENCH.azimuths)
     at, c = seen.cosines, 3
-    flat = expected(seen, theta_of(np.zeros(c), truth.beta, 1e3, truth.n))
+    flat = expected(seen, pack_theta(np.zeros(c), truth.beta, 1e3, truth.n))
     width = truth.gamma / 0.644  # D falls to half where tan φ is 0.644 of its α
     tan2 = 1.0 / at.half**2 - 1.0
     clean = truth.alpha_body * seen.body + flat * (1.0 + tan2 / width**2) ** -2 / at.half**4
@@ -76,7 +76,7 @@ def test_goniometer_reads_what_the_model_gives():
     at, random = goniometer(), np.random.default_rng(8)
     truth = replace(drawn(BENCH, random), gamma=0.2, beta=0.5)
     blank = readings(at, np.ones((len(at.to_lamp), 3)), np.ones((len(at.to_lamp), 3)))
-    clean = expected(blank.sight, theta_of(truth.alpha_body, truth.beta, truth.gamma, truth.n))
+    clean = expected(blank.sight, pack_theta(truth.alpha_body, truth.beta, truth.gamma, truth.n))
     noisy = clean * (1.0 + 0.01 * random.standard_normal(clean.shape))
     found = estimate_material(readings(at, noisy, (0.01 * noisy) ** 2), "tile", len(noisy))
     for key, value in (("alpha", truth.alpha_body.mean()), ("beta", 0.5), ("gamma", 0.2), ("n", truth.n)):

@@ -105,7 +105,7 @@ def test_strength_is_refused_where_it_cannot_be_told():
     clipped = mirror_photograph([ball], lamp, 7, 0.06)
     light = np.where(clipped[..., None] == 255, np.nan, clipped[..., None] / 255.0).repeat(3, axis=2)
     mirror = lamps_from_ball({"a": clipped}, mask_of(ball))[0]
-    with pytest.raises(InputError, match="its strength is not told"):
+    with pytest.raises(InputError, match="it gives no strength"):
         highlight_strength(light, mirror, find_highlight(clipped, mirror), 0.6)
     matte = find_matte_ball(mask_of(ball), None, 0.9)
     bright = matte_photograph(ball, 4 * STRENGTH * cosine(ball, lamp), 8)

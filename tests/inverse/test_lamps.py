@@ -121,9 +121,9 @@ def test_photographs_that_show_no_lamp_are_refused():
         ),
         ({"a": speck}, np.roll(disc, 90, axis=1), "cut by the edge"),
         ({"a": speck}, dark, "mask is black"),
-        ({"a": speck}, square, "no disc"),
+        ({"a": speck}, square, "not a disc"),
         ({"a": speck}, speck, "move closer"),
-        ({"a": speck[1:]}, disc, "make them fit"),
+        ({"a": speck[1:]}, disc, "give them one size"),
         ({}, disc, "no photograph"),
     ]:
         with pytest.raises(InputError, match=said):

@@ -10,8 +10,8 @@ from hagoromo.files.exr import read_exr
 from hagoromo.least_squares import HUBER
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.material_fit import fit_material
-from hagoromo.measurement.material.textured_objective import TexturedObjective
-from hagoromo.measurement.observations import known_shape, observations
+from hagoromo.measurement.material.material_objective import AlbedoVariationObjective
+from hagoromo.measurement.observations import known_shape, observe
 from hagoromo.reflectance.material.materials_file import read_materials
 from tests.inverse.simulated_ball import FULL_WELL, READ_NOISE, Truth, simulate
 
@@ -45,12 +45,12 @@ def measured():
 
 def test_elimination_of_the_bodies_has_the_gradient_of_its_cost():
     """Oracle: central differences; JᵀWJ of the stated Jacobian is the stated curvature."""
-    seen = observations(dappled(2, 0.1)[0], known_shape(dappled(2, 0.1)[0]), None, 0)
-    objective = TexturedObjective(seen, seen.noise, HUBER, np.ones_like(seen.values))
+    seen = observe(dappled(2, 0.1)[0], known_shape(dappled(2, 0.1)[0]), None, 0)
+    objective = AlbedoVariationObjective(seen, seen.noise, HUBER, np.ones_like(seen.values))
     theta = fit_material(seen).theta * 1.01
-    (gradient,), (curvature,) = objective.at(theta[None])[1:]
+    (gradient,), (curvature,) = objective.evaluate(theta[None])[1:]
     for i, step in enumerate(1e-6 * np.eye(len(theta))):
-        cost = objective.at(np.stack([theta + step, theta - step]))[0]
+        cost = objective.evaluate(np.stack([theta + step, theta - step]))[0]
         assert gradient[i] == pytest.approx((cost[0] - cost[1]) / 2e-6, rel=1e-3)
     j = objective.jacobian(theta)
     by_jacobian = np.einsum("nc,ncp,ncq->pq", np.where(seen.used, 1.0 / seen.noise, 0.0), j, j)

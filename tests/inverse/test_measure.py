@@ -16,11 +16,11 @@ from hagoromo.files.record import read_json, write_json
 from hagoromo.least_squares import TUKEY
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import measure_known_shape
-from hagoromo.measurement.material.quantity import theta_of
+from hagoromo.measurement.material.quantity import pack_theta
 from hagoromo.measurement.material.segment import segment
-from hagoromo.measurement.observations import Pixels, known_shape, observations
+from hagoromo.measurement.observations import Pixels, known_shape, observe
 from hagoromo.measurement.robust_fit import Objective
-from hagoromo.measurement.sight import sight
+from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
@@ -49,12 +49,12 @@ def two_balls_in_one():
 
 def test_gradient_of_the_fit_is_that_of_its_cost(ball):
     """Oracle: central differences of Σρ; their error is of the order step² and rounding/step, each below 1e-5 here."""
-    seen = observations(ball, known_shape(ball), None, 0)
+    seen = observe(ball, known_shape(ball), None, 0)
     objective = Objective(seen, seen.noise, TUKEY)
-    theta = theta_of(np.array(RED.alpha_body), RED.beta, RED.gamma, RED.n) * 1.01
-    gradient = objective.at(theta[None])[1][0]
+    theta = pack_theta(np.array(RED.alpha_body), RED.beta, RED.gamma, RED.n) * 1.01
+    gradient = objective.evaluate(theta[None])[1][0]
     for i, step in enumerate(1e-6 * np.eye(len(theta))):
-        cost = objective.at(np.stack([theta + step, theta - step]))[0]
+        cost = objective.evaluate(np.stack([theta + step, theta - step]))[0]
         assert gradient[i] == pytest.approx((cost[0] - cost[1]) / 2e-6, rel=1e-3)
 
 
@@ -101,7 +101,7 @@ def test_one_lamp_does_not_tell_n_and_the_interval_of_beta_says_so(ball):
     one = replace(ball, photographs=ball.photographs[:1])
     (free,), (given,) = measure_known_shape(one).materials, measure_known_shape(one, n=1.5).materials
     assert free.identifiable == {"alpha": True, "beta": False, "gamma": True, "n": False}
-    assert free.n == 1.5 and "n is not told" in free.remarks[0]
+    assert free.n == 1.5 and "n is not identifiable" in free.remarks[0]
     assert free.interval_95["beta"][0] < RED.beta / 2 and free.interval_95["beta"][1] > RED.beta * 2
     assert given.identifiable["beta"] and not given.identifiable["n"] and given.interval_95["n"] == (1.5, 1.5)
     assert close(given, RED, ["alpha", "beta", "gamma"])
@@ -170,15 +170,15 @@ def test_only_samples_that_the_mosaic_measured_are_fitted(ball):
 def test_pixels_are_drawn_by_their_geometry_and_keep_the_highlights():
     """Of 80,000 pixels 13,000 are fitted; the middle of the highlights, the rarest of the strata, is there in full."""
     capture = simulate([RED], 11, size=361, angles=((-60, 15), (10, 15), (80, 15)))
-    seen = observations(capture, known_shape(capture), None, 0)
+    seen = observe(capture, known_shape(capture), None, 0)
     every = Pixels.where(capture, known_shape(capture))
     middle = 0
     for photograph in capture.photographs:
-        view = sight(photograph, every.points, every.normals)
+        view = sight_of(photograph, every.points, every.normals)
         middle += np.sum((view.least_half_angle < 0.05) & view.fit_to_use)
     angle = np.arccos(seen.sight.cosines.half[:, 0])
     assert seen.values.size <= 120_000 and np.sum(angle < 0.05) == middle
-    np.testing.assert_array_equal(seen.values, observations(capture, known_shape(capture), None, 0).values)
+    np.testing.assert_array_equal(seen.values, observe(capture, known_shape(capture), None, 0).values)
 
 
 def test_shades_of_one_colour_are_one_material():
@@ -221,7 +221,7 @@ def test_materials_are_read_as_they_were_written(tmp_path, two_balls_in_one):
         ({"alpha": "0.1"}, "alpha must be a finite number"),
         ({"interval_95": {"alpha": [0.1]}}, "interval_95.alpha must be a list of 2 finite numbers"),
         ({"identifiable": {"alpha": True}}, "lacks the key 'beta'"),
-        ({"interface_colour": [1.0]}, "one number a channel"),
+        ({"interface_colour": [1.0]}, "one number per channel"),
     ],
 )
 def test_broken_materials_are_refused(tmp_path, ball, change, message):

@@ -16,9 +16,9 @@ GOAL = 1.5  # ° mean error: the goal of the project for this setting
 
 def errors(shape: Shape, truth) -> np.ndarray:
     """Angles [°] to the exact normals, of every pixel solved."""
-    seen = shape.found.seen
+    seen = shape.normal_map.views
     true = truth.normals[seen.rows, seen.columns]
-    return np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", shape.found.fit.normals, true), -1.0, 1.0)))
+    return np.degrees(np.arccos(np.clip(np.einsum("pi,pi->p", shape.normal_map.fit.normals, true), -1.0, 1.0)))
 
 
 def test_simulated_normals_are_perpendicular_to_the_surface():
@@ -36,13 +36,13 @@ def test_a_step_that_no_normal_shows_is_told_by_near_lamps():
     """
     capture, truth = simulate(ring_rig(96, 80), waves, Look(0.2), bits=10)
     shape = solve_shape(capture, 1.04 * SURFACE_DISTANCE)
-    seen, off = shape.found.seen, errors(shape, truth)
+    seen, off = shape.normal_map.views, errors(shape, truth)
     assert off.mean() < GOAL
     missed = (shape.surface.points - truth.points)[seen.rows, seen.columns, 2]
     assert np.median(np.abs(missed)) < 0.001 * SURFACE_DISTANCE
     assert np.mean(np.abs(missed) < 0.01 * SURFACE_DISTANCE) > 0.95
     # turns of a normal are two, so error²/variance is 1 on average where the variance is true, and its median ln 2
-    told = np.median(np.radians(off) ** 2 / shape.found.fit.variance) / np.log(2.0)
+    told = np.median(np.radians(off) ** 2 / shape.normal_map.fit.variance) / np.log(2.0)
     assert 0.5 < told < 2.0
 
 

@@ -25,11 +25,11 @@ def test_normals_of_a_ball_are_nearer_than_least_squares():
     goal set before this was built.
     """
     found = solve_normals(read_object(UW_PSM, "gray", read_lamps(UW_PSM)[1]))
-    truth = sphere_normals(UW_PSM)[found.seen.rows, found.seen.columns]
+    truth = sphere_normals(UW_PSM)[found.views.rows, found.views.columns]
 
     def errors(normals):
         return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1, 1)))
 
-    plain, ours = errors(least_squares_lambert(found.seen)[0]), errors(found.fit.normals)
+    plain, ours = errors(least_squares_lambert(found.views)[0]), errors(found.fit.normals)
     assert ours.mean() < plain.mean()
     assert ours[np.hypot(truth[:, 0], truth[:, 1]) < 0.95].mean() < 3.5

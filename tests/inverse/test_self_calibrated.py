@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.lamps.uncalibrated import self_calibrate
-from hagoromo.calibration.lamps.uncalibrated.entropy import entropy
+from hagoromo.calibration.lamps.uncalibrated.bas_relief import entropy
 from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
 from hagoromo.measurement.surface.height_field import height_field
 from tests.inverse.simulated_mirror import degrees_between, unit

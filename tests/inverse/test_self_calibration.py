@@ -86,9 +86,9 @@ def test_objects_that_tell_no_lamps_are_refused():
     for pictures, where, said in [
         (few, mask, "4 photographs do not calibrate their lamps"),
         (shown, small, "1500 are needed"),
-        ({**shown, "x": np.zeros((3, 5, 3))}, mask, "make them fit"),
+        ({**shown, "x": np.zeros((3, 5, 3))}, mask, "give them one size"),
         (photographs(mask, normal, albedo, plane), mask, "differ in fewer than three ways|one plane"),
-        (photographs(mask, flat, albedo, LAMPS), mask, "differ in fewer than three ways|does not tell the lamps"),
+        (photographs(mask, flat, albedo, LAMPS), mask, "differ in fewer than three ways|does not determine the lamps"),
     ]:
         with pytest.raises(InputError, match=said):
             self_calibrate(pictures, where)

@@ -122,7 +122,7 @@ def test_readings_that_tell_no_spectrum_are_refused():
     camera = Response.load("canon_eos_300d")
     with pytest.raises(InputError, match="none is given"):
         reflectance_spectrum([])
-    with pytest.raises(InputError, match="tell no spectrum"):
+    with pytest.raises(InputError, match="give no spectrum"):
         reflectance_spectrum([Reading([0.0, 0.01, -0.01], [0.01] * 3, DAYLIGHT, camera)])
     with pytest.raises(InputError, match="no prior of reflectance"):
         ReflectancePrior.load("leather")

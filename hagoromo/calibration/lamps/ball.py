@@ -1,4 +1,4 @@
-"""The ball in the picture: its outline from a mask, made finer by the photographs, and what a mirror ball shows where.
+"""The ball in the picture: its outline, from a mask or the photographs, and its normals and mirrored directions.
 
 Without a camera the view is orthographic, with directions x right, y up, z to the camera; with one the outline is that
 of a cone of rays, and directions are in its world. Lengths on the ball are in its radii.
@@ -19,15 +19,15 @@ from hagoromo.least_squares import scipy_status
 
 Array = NDArray[np.float64]
 
-FEWEST_EDGE_POINTS = 40  # of the mask: a circle through fewer is too coarse for a tenth of a degree
-ROUND = 0.02  # rms deviation of the mask's edge from the outline of a ball, over its radius, up to which it is one
-MASK_ERROR = 0.5 / np.sqrt(3.0)  # px: masks follow pixel edges, all around off by up to half a pixel
-SECOND = 0.2  # of the area of a mask's largest part, from which another part is no speck
-EDGE_OUTLIER = 0.5  # px: deviations beyond count less (Huber)
+FEWEST_EDGE_POINTS = 40  # of the mask: fewer are too coarse for a tenth of a degree
+ROUND = 0.02  # largest rms deviation of the mask's edge from the outline of a ball, over its radius
+MASK_ERROR = 0.5 / np.sqrt(3.0)  # [px] masks follow pixel edges, with a common error of up to half a pixel
+SECOND = 0.2  # of the area of a mask's largest part: another part of more is a second ball
+EDGE_OUTLIER = 0.5  # [px] deviations above have less weight (Huber)
 
 
 class Mirrored(NamedTuple):
-    """normal: (n, 3) of the ball; to_lamp: (n, 3) where the mirrored ray leads; centre: (3,) of the ball from the eye
+    """normal: (n, 3) of the ball; to_lamp: (n, 3) direction of the mirrored ray; centre: (3,) of the ball from the eye
     [radii], world axes (0 for an orthographic view).
     """
 
@@ -42,7 +42,7 @@ class Ball:
 
     edge: (n, 2) points (x, y) the outline was fitted to [px]. camera: None for an orthographic view. axis: (3,) unit,
     world, to the ball's centre, and angle: half the cone's [rad]; for an orthographic view (0, 0, 1) and 0. source:
-    "mask" or "photographs"; from_mask: how far the latter's centre stands from the mask's [px]. softness: standard
+    "mask" or "photographs"; from_mask: offset of the latter's centre from the mask's [px]. softness: standard
     deviation of the edge's blur [px], None where the photographs do not show the edge.
     """
 
@@ -59,7 +59,7 @@ class Ball:
     from_mask: tuple[float, float] = (0.0, 0.0)
 
     def record(self) -> dict[str, Any]:
-        """What lamps.json says of the ball."""
+        """The entry of the ball in lamps.json."""
         return {
             "centre_px": list(self.centre),
             "radius_px": self.radius,
@@ -89,9 +89,9 @@ class Ball:
         return np.asarray(polygon2mask(shape[:2], self.outline(360)[:, ::-1] - 0.5), np.bool_)
 
     def mirrored(self, points: ArrayLike, off: ArrayLike = (0.0, 0.0, 0.0)) -> Mirrored:
-        """What the mirror shows at image points (n, 2) [px]; `off`: x, y of the centre and radius, their errors [px].
+        """Normals and mirrored rays at image points (n, 2) [px]; `off`: errors [px] of x, y of the centre and radius.
 
-        Points beside the ball are taken for its edge.
+        Points outside the ball are moved to its edge.
         """
         points, off = np.asarray(points, np.float64), np.asarray(off, np.float64)
         if self.camera is None:
@@ -114,7 +114,7 @@ class Ball:
 def find_ball(mask: NDArray, camera: Camera | None = None) -> Ball:
     """The ball in `mask` (height, width[, channels]), robustly fitted to its edge at half brightness.
 
-    `InputError` when it is cut by the frame, too small, no disc, or not alone.
+    `InputError` when it is cut by the frame, too small, not a disc, or not alone.
     """
     from skimage.measure import find_contours, label
 
@@ -135,15 +135,15 @@ def find_ball(mask: NDArray, camera: Camera | None = None) -> Ball:
         raise InputError(f"the ball's edge has {len(edge)} points and {FEWEST_EDGE_POINTS} are needed: move closer")
     ball = fit_ball(edge, camera, MASK_ERROR)
     if not ball.rms < ROUND * ball.radius:
-        raise InputError(f"the mask is no disc: its edge is {ball.rms:.3g} px rms off that of a ball {ball.radius:.4g}"
-                         " px in radius: paint the ball, and nothing else, white")  # fmt: skip
+        raise InputError(f"the mask is not a disc: its edge deviates by {ball.rms:.3g} px rms from that of a ball"
+                         f" {ball.radius:.4g} px in radius: paint the ball, and nothing else, white")  # fmt: skip
     return ball
 
 
 def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: str = "mask") -> Ball:
-    """The ball whose outline is nearest to `edge` (n, 2) [px]; Huber's loss at half a pixel.
+    """The ball whose outline fits best to `edge` (n, 2) [px]; Huber's loss at half a pixel.
 
-    radius_error: how far all of the edge may be off [px].
+    radius_error: systematic error of the whole edge [px]. `InputError` where the fit does not converge.
     """
     from scipy.optimize import least_squares
 
@@ -151,8 +151,8 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
     size = float(np.mean(np.hypot(*(edge - middle).T)))
     if camera is None:
 
-        def deviation(found: Array) -> Array:
-            return np.hypot(edge[:, 0] - found[0], edge[:, 1] - found[1]) - found[2]
+        def deviation(parameters: Array) -> Array:
+            return np.hypot(edge[:, 0] - parameters[0], edge[:, 1] - parameters[1]) - parameters[2]
 
         solved = least_squares(deviation, np.r_[middle, size], loss="huber", f_scale=EDGE_OUTLIER)
         fit = solved.x
@@ -168,13 +168,13 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
         start = np.asarray(start / np.linalg.norm(start), np.float64)
         across, down = _frame(start)
 
-        def turned(found: Array) -> Array:
-            axis = start + found[0] * across + found[1] * down
+        def turned(parameters: Array) -> Array:
+            axis = start + parameters[0] * across + parameters[1] * down
             return axis / np.linalg.norm(axis)
 
-        def deviation(found: Array) -> Array:
-            away = np.linalg.norm(np.cross(grazing, turned(found)), axis=1)
-            return (np.arctan2(away, grazing @ turned(found)) / found[2] - 1.0) * size
+        def deviation(parameters: Array) -> Array:
+            away = np.linalg.norm(np.cross(grazing, turned(parameters)), axis=1)
+            return (np.arctan2(away, grazing @ turned(parameters)) / parameters[2] - 1.0) * size
 
         width = float(np.mean(np.arccos(np.clip(grazing @ start, -1.0, 1.0))))
         start_of_turn, scale = [0.0, 0.0, width], width / size
@@ -186,14 +186,14 @@ def fit_ball(edge: Array, camera: Camera | None, radius_error: float, source: st
     if not status.converged:
         raise InputError(f"{status.remark('the ball')}: paint the mask anew, the ball white and nothing else")
     rms = float(np.sqrt(np.mean(deviation(fit) ** 2)))
-    scatter = rms * math.sqrt(3.0 / len(edge))  # neighbouring points of an edge follow each other: every third counts
+    scatter = rms * math.sqrt(3.0 / len(edge))  # neighbouring points of an edge are correlated: every third counts
     errors = (1.414 * scatter, 1.414 * scatter, float(np.hypot(scatter, radius_error)))
     x, y, z = axis.tolist()
     return Ball((float(centre[0]), float(centre[1])), radius, errors, rms, edge, camera, (x, y, z), angle, source)
 
 
 def grey(image: NDArray) -> Array:
-    """Mean of the colour channels (height, width); alpha does not count."""
+    """Mean of the colour channels (height, width); alpha is ignored."""
     values = image.astype(np.float64)
     return values if values.ndim == 2 else values[..., :3].mean(axis=2)
 

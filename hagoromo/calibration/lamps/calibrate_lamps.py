@@ -1,4 +1,4 @@
-"""Calibrate lamps: photographs of chrome balls, one lamp on in each → where the lamps stand and how strong they are."""
+"""Calibration of lamps from photographs of chrome balls, one lamp on in each: direction or position, and strength."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Highlight: the lamp's mirror image on the ball, and the direction that it tells.
+"""Highlight: the lamp's mirror image on the ball, and the direction to the lamp.
 
-A mirror ball shows a lamp where its normal halves the angle between eye and lamp (MODEL §7.2). The centre of a lamp as
-wide as a few degrees is not at the centre of its image, so directions are averaged, not pixels.
+A mirror ball shows a lamp where its normal bisects the angle between eye and lamp (MODEL §7.2). The centre of a lamp
+several degrees wide is not at the centre of its image, so directions are averaged, not pixels.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from hagoromo.calibration.lamps.ball import Array, Ball, grey
 from hagoromo.calibration.lamps.speck import ellipse_centre
 from hagoromo.errors import InputError
 
-LEVELS = (0.3, 0.5, 0.7)  # of the highlight's peak: its centroid is taken at each, the middle one counts
-LARGEST_SHARE = 0.05  # of the ball's disc that a highlight may cover; a wider one has no centre worth the name
-CONTRAST = 3.0  # a highlight is this many times brighter than the 90th percentile of the ball
-DIMMEST = 0.25  # of white: peak of a highlight
-STANDS_OUT = 8.0  # times the 90th percentile, above the median: no highlight in noise does
-PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # px: standard deviation of a place known to the pixel
-TILT = 0.01  # px: of differences
+LEVELS = (0.3, 0.5, 0.7)  # of the highlight's peak: thresholds of centroids; the middle one is used
+LARGEST_SHARE = 0.05  # of the ball's disc that a highlight may cover; a wider one has no accurate centre
+CONTRAST = 3.0  # smallest ratio of a highlight's peak to the 90th percentile of the ball
+DIMMEST = 0.25  # of white: smallest peak of a highlight
+STANDS_OUT = 8.0  # smallest ratio of peak to 90th percentile, both above the median: noise does not reach it
+PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # [px] standard deviation of a position known to the pixel
+TILT = 0.01  # [px] step of the finite differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Highlight:
 
 @dataclass(frozen=True, eq=False)
 class LampReading:
-    """A lamp read off a ball: to_lamp (3,) unit, standard error [°] of the direction, what it was read from."""
+    """A lamp and one ball: to_lamp (3,) unit, standard error [°] of the direction, and the highlight and ball."""
 
     name: str
     to_lamp: Array
@@ -51,11 +51,11 @@ class LampReading:
     ball: Ball
 
     def record(self) -> dict[str, Any]:
-        """An entry of lamps.json: the keys of a capture's lamp, then what is known about it."""
+        """An entry of lamps.json: the keys of a capture's lamp, then its errors and readings."""
         return {
             "name": self.name,
             "to_lamp": self.to_lamp.tolist(),
-            "intensity": 1.0,  # a saturated highlight does not tell
+            "intensity": 1.0,  # not identifiable from a saturated highlight
             "standard_error_deg": self.standard_error_deg,
             "highlight_px": list(self.highlight.centre),
             "highlight_standard_error_px": self.highlight.standard_error,
@@ -64,7 +64,7 @@ class LampReading:
 
 
 def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
-    """The lamp's mirror image on the ball: the speck above half the peak that holds most light, by its centroid.
+    """The lamp's mirror image on the ball: the speck above half the peak with most light, located by its centroid.
 
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
     """
@@ -106,7 +106,7 @@ def read_lamp(name: str, highlight: Highlight, ball: Ball) -> LampReading:
 
 
 def centre_of_lamp(highlight: Highlight, ball: Ball, off: tuple[float, ...] = (0.0,) * 5) -> Array:
-    """(3,) unit direction of the middle of the lamp: the mean over the solid angle of its image.
+    """(3,) unit direction to the centre of the lamp: the mean over the solid angle of its image.
 
     off: errors [px] of the highlight's x, y, the ball's x, y, and its radius.
     """
@@ -116,16 +116,16 @@ def centre_of_lamp(highlight: Highlight, ball: Ball, off: tuple[float, ...] = (0
 
 
 def solid_angles(ball: Ball, points: Array, off: tuple[float, ...] = (0.0,) * 3) -> Array:
-    """(n,) [sr] that the mirrored rays of the pixels at `points` (n, 2) span; 4/radius² each in a view from afar."""
-    seen = ball.mirrored(points, off).to_lamp
-    right, down = (ball.mirrored(points + step, off).to_lamp - seen for step in TILT * np.eye(2))
+    """(n,) [sr] of the mirrored rays of the pixels at `points` (n, 2); 4/radius² each in an orthographic view."""
+    directions = ball.mirrored(points, off).to_lamp
+    right, down = (ball.mirrored(points + step, off).to_lamp - directions for step in TILT * np.eye(2))
     return np.linalg.norm(np.cross(right, down), axis=1) / TILT**2
 
 
 def slopes(highlight: Highlight, ball: Ball) -> tuple[Array, Array]:
-    """Slopes (5, 3) per pixel of the place on the ball that shows the lamp [radii], and of the direction to the lamp.
+    """Slopes (5, 3) per pixel of the point of the ball that mirrors the lamp [radii], and of the direction to the lamp.
 
-    Of the five figures of `figure_errors`.
+    By the five coordinates of `figure_errors`.
     """
 
     def place(off: Array) -> Array:
@@ -151,7 +151,7 @@ def _weight(light: Array, level: float) -> Array:
 
 
 def _brightest_speck(light: Array, level: float) -> tuple[NDArray[np.bool_], float]:
-    """Where the connected speck above `level` is that holds most light, and the next one's light over its own."""
+    """Mask of the connected speck above `level` with most light, and the light of the next one over its own."""
     from skimage.measure import label
 
     specks = np.asarray(label(light > level, connectivity=1))

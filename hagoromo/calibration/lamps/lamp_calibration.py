@@ -1,4 +1,4 @@
-"""LampCalibration: the lamps that chrome balls show, how well each is known, and their file, lamps.json."""
+"""LampCalibration: the lamps calibrated with chrome balls, their errors, and their file, lamps.json."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LAMP = ("name", "to_lamp", "position", "intensity")  # keys of a lamp in a captu
 
 @dataclass(frozen=True, eq=False)
 class LampCalibration:
-    """readings: of each lamp, its place and errors. strengths: of each lamp; None where none was asked for.
+    """readings: of each lamp, its position and errors. strengths: of each lamp; None if it was not estimated.
 
     balls: the chrome balls. spread: of the directions; None for lamps from which normals cannot be solved, `remark`
     then says why. settings: those of `calibrate_lamps`.

@@ -1,4 +1,4 @@
-"""Lamps from a chrome ball: photographs with one lamp each, and a mask of the ball → where the lamps stand."""
+"""Lamps from a chrome ball: photographs with one lamp each, and a mask of the ball → directions to the lamps."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ def lamps_from_ball(
     """One far lamp per photograph of a chrome ball, and the ball.
 
     photographs: name → (height, width[, channels]) integers, or light as floats (NaN where clipped); a mapping that
-    reads them one by one needs memory for one. mask: (height,
-    width[, channels]), bright on the ball. `InputError` for sizes that differ, a mask that is no whole disc, a ball
-    out of focus, or a photograph without a highlight.
+    reads them one by one needs memory for one. mask: (height, width[, channels]), bright on the ball. `InputError` for
+    sizes that differ, a mask that is not a whole disc, a ball out of focus, or a photograph without a highlight.
     """
     if not photographs:
         raise InputError("no photograph of the chrome ball: give one per lamp")
@@ -36,7 +35,7 @@ def lamps_from_ball(
         for name, photograph in photographs.items():
             size = photograph.shape[:2]
             if size != mask.shape[:2]:
-                raise InputError(f"{name} is {size} pixels and the mask {mask.shape[:2]}: make them fit")
+                raise InputError(f"{name} is {size} pixels and the mask {mask.shape[:2]}: give them one size")
             yield photograph
 
     ball = refined(find_ball(mask, camera), of_one_size())

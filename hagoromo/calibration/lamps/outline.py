@@ -1,7 +1,7 @@
-"""Outline: the ball's edge as the photographs show it, finer than a mask, and how sharp it is.
+"""Outline: the ball's edge from the photographs, more accurate than a mask, and its sharpness.
 
-Along rays from the ball's centre the light changes at the edge, for the better or the worse, in one photograph or
-another. Where the change stands out all around, its place replaces the mask's edge; else the mask stays.
+Along rays from the ball's centre the light changes at the edge, to brighter or darker, in some of the photographs.
+Where the change is significant all around, its position replaces the mask's edge; else the mask's edge is used.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball, fit_ball, grey
 from hagoromo.errors import InputError
 
-SECTORS, RAYS = 90, 5  # of the circle, each with the mean of so many profiles
-STEP = 0.25  # px between samples of a profile
-NEAR = 2.5  # px beside the mask's edge within which the photographs' edge is looked for
-FAR = 0.12  # of the radius, beside the edge, that its softness is looked for
-SMOOTH = 0.7  # px: standard deviation of the smoothing of profiles
-NARROWEST = 0.8  # px: standard deviation of the edge of a sharp disc, so sampled and smoothed
-FOOT = 0.2  # of the change at the edge: where its bump ends
-CLEAR = 6.0  # times the usual change of light beside the ball that its edge stands out by
-ENOUGH = 0.6  # of the sectors must show the edge
-CONSISTENT = 0.5  # px rms off a ball's outline up to which the places found are those of the ball's edge
-EDGE_ERROR = 0.2  # px: systematic error of the radius, of reflections that crowd at the edge
-DISPUTED = 0.5  # of the distance to the mask's circle, beyond its pixels' size, that is a standard error
-STRONG = 0.05  # of the strongest change near the edge: the outermost change as strong is the edge
-BLURRED = 0.04  # of the radius: standard deviation of the edge's blur from which the ball is out of focus
+SECTORS, RAYS = 90, 5  # sectors of the circle, and profiles that are averaged in each
+STEP = 0.25  # [px] between samples of a profile
+NEAR = 2.5  # [px] search range on either side of the mask's edge
+FAR = 0.12  # of the radius: range on either side of the edge in which its blur is measured
+SMOOTH = 0.7  # [px] standard deviation of the smoothing of profiles
+NARROWEST = 0.8  # [px] standard deviation of the edge of a sharp disc, after sampling and smoothing
+FOOT = 0.2  # of the change at the edge: where its peak ends
+CLEAR = 6.0  # ratio of the change at the edge to the usual change beside the ball, above which it is significant
+ENOUGH = 0.6  # smallest share of the sectors with a significant edge
+CONSISTENT = 0.5  # [px] rms deviation from a ball's outline up to which the edge is the ball's
+EDGE_ERROR = 0.2  # [px] systematic error of the radius, due to reflections that crowd at the edge
+DISPUTED = 0.5  # standard error per difference from the mask's circle, beyond the size of its pixels
+STRONG = 0.05  # of the strongest change near the edge: the outermost change above this is the edge
+BLURRED = 0.04  # of the radius: standard deviation of the blur above which the ball is out of focus
 
 
 def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
-    """The ball with its softness and, where they show it better, its outline from `photographs`.
+    """The ball with the blur of its edge and, where they show it better, its outline from `photographs`.
 
     photographs: (height, width[, channels]) each.
     """
@@ -42,22 +42,22 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     usual = np.median(np.abs(change[..., steps > reach]), axis=2, keepdims=True)  # beside the ball
     usual = usual + 1e-12 + 1e-3 * np.abs(change).max()
     energy = np.sum((change / usual) ** 2, axis=0)
-    found, clear = _edges(energy, steps, CLEAR**2 + len(change))
-    softness = _softness(change[:, clear], found[clear], steps) if clear.mean() >= ENOUGH else None
+    offsets, clear = _edges(energy, steps, CLEAR**2 + len(change))
+    softness = _softness(change[:, clear], offsets[clear], steps) if clear.mean() >= ENOUGH else None
     if clear.mean() < ENOUGH:
         return replace(ball, softness=softness)
-    at = np.flatnonzero(clear)
-    edge = np.stack([ball.outline(SECTORS, 1.0 + found[i] / ball.radius)[i] for i in at])
+    sectors = np.flatnonzero(clear)
+    edge = np.stack([ball.outline(SECTORS, 1.0 + offsets[i] / ball.radius)[i] for i in sectors])
     finer = fit_ball(edge, ball.camera, EDGE_ERROR, "photographs")
-    kept = np.hypot(*(edge - finer.outline(SECTORS)[at]).T) < 3.0 * CONSISTENT
-    if kept.mean() < ENOUGH or not _all_around(at[kept]):
+    consistent = np.hypot(*(edge - finer.outline(SECTORS)[sectors]).T) < 3.0 * CONSISTENT
+    if consistent.mean() < ENOUGH or not _all_around(sectors[consistent]):
         return replace(ball, softness=softness)
-    finer = fit_ball(edge[kept], ball.camera, EDGE_ERROR, "photographs")
+    finer = fit_ball(edge[consistent], ball.camera, EDGE_ERROR, "photographs")
     better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
     if not better:
         return replace(ball, softness=softness)
     (x, y), (u, v) = finer.centre, ball.centre
-    # which of the two is wrong is not known: one edge of a reflection may look like another of the ball
+    # mask and photographs disagree and either may be wrong: an edge of a reflection can look like the ball's
     centre = DISPUTED * float(np.hypot(x - u, y - v))
     radius = DISPUTED * max(abs(finer.radius - ball.radius) - 0.5, 0.0)
     errors = np.hypot(finer.standard_error, (centre, centre, radius)).tolist()
@@ -74,7 +74,7 @@ def check_focus(ball: Ball) -> None:
 
 
 def _all_around(sectors: NDArray[np.intp]) -> bool:
-    """Whether half the sectors of every eighth of the circle are among them: the centre is not told by one side."""
+    """Whether half the sectors of every eighth of the circle are present: one side does not determine the centre."""
     return bool((np.bincount(sectors * 8 // SECTORS, minlength=8) >= 0.5 * SECTORS / 8).all())
 
 
@@ -90,7 +90,7 @@ def _changes(ball: Ball, photograph: NDArray, steps: Array) -> Array:
 
 
 def _edges(energy: Array, steps: Array, least: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Place [px] of the outermost strong change near the mask's edge in each sector, and whether there is one."""
+    """Position [px] of the outermost strong change near the mask's edge in each sector, and whether there is one."""
     near = np.flatnonzero(np.abs(steps) <= NEAR)
     part = energy[:, near]
     peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] >= part[:, 2:])
@@ -102,15 +102,15 @@ def _edges(energy: Array, steps: Array, least: float) -> tuple[Array, NDArray[np
     return np.sum(weight * steps[beside], axis=1) / np.maximum(weight.sum(axis=1), 1e-30), clear
 
 
-def _softness(change: Array, found: Array, steps: Array) -> float:
-    """Standard deviation [px] of the blur of the edge: that of the mean change across it, beyond a sharp edge's.
+def _softness(change: Array, offsets: Array, steps: Array) -> float:
+    """Standard deviation [px] of the blur of the edge: that of the mean change across it, less that of a sharp edge.
 
-    change: (K, sectors, T), found: (sectors,) the edge's place in each.
+    change: (K, sectors, T), found: (sectors,) position of the edge in each.
     """
     aligned = np.stack(
         [
-            [np.interp(steps + place, steps, line, left=0.0, right=0.0) for line in lines]
-            for lines, place in zip(np.moveaxis(change, 1, 0), found, strict=True)
+            [np.interp(steps + offset, steps, line, left=0.0, right=0.0) for line in lines]
+            for lines, offset in zip(np.moveaxis(change, 1, 0), offsets, strict=True)
         ]
     )
     middle = np.argmin(np.abs(steps))
@@ -118,5 +118,7 @@ def _softness(change: Array, found: Array, steps: Array) -> float:
     below = np.flatnonzero(mean < FOOT * mean[middle])
     low = below[below < middle].max(initial=-1)
     high = below[below > middle].min(initial=len(steps))
-    bump, at = mean[low + 1 : high], steps[low + 1 : high]
-    return float(np.sqrt(max(np.average((at - np.average(at, weights=bump)) ** 2, weights=bump) - NARROWEST**2, 0.0)))
+    bump, places = mean[low + 1 : high], steps[low + 1 : high]
+    return float(
+        np.sqrt(max(np.average((places - np.average(places, weights=bump)) ** 2, weights=bump) - NARROWEST**2, 0.0))
+    )

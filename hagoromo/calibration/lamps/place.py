@@ -1,8 +1,8 @@
-"""Place: where a near lamp stands, from its mirror images on balls in several places, or that it is far.
+"""Place: the position of a near lamp from its mirror images on balls in several places, or that the lamp is far.
 
-Every ball tells a ray: from the point P of its surface that shows the lamp, in the direction L. With M the middle of
-the points, the lamp is sought as the direction d from M and the inverse q of its distance, X = M + d/q, because q is
-well told of a far lamp too, where it is 0 within its error.
+Every ball gives a ray: from the point P of its surface that mirrors the lamp, in the direction L. With M the mean of
+the points, the lamp is parametrised by the direction d from M and the inverse q of its distance, X = M + d/q, since q
+is well determined for a far lamp too, where it is 0 within its error.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from hagoromo.calibration.lamps.highlight import LampReading, figure_errors, slo
 from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, Status
 
-NEAR = 3.0  # standard errors from which 1/distance differs from 0
-ASTRAY = 12.0  # standard errors (rms) by which rays of one lamp may miss it; more are of two lamps or a wrong radius
-LAMP_PLACE_STEPS = 12  # of Gauss and Newton: q starts at 0, and each step about squares its error
-LAMP_PLACE_STANDSTILL = 1e-3  # of a standard error: a last step beyond it has not converged
+NEAR = 3.0  # standard errors above which 1/distance differs from 0
+ASTRAY = 12.0  # standard errors (rms) between rays and lamp: more indicate two lamps or a wrong radius
+LAMP_PLACE_STEPS = 12  # of Gauss and Newton: q starts at 0, and each step roughly squares its error
+LAMP_PLACE_STANDSTILL = 1e-3  # [standard error] largest last step of a fit that has converged
 
 
 @dataclass(frozen=True, eq=False)
 class LampPlace:
-    """A lamp read off several balls.
+    """A lamp located by several balls.
 
-    middle: (3,) [m], world, of the points that show it. to_lamp: (3,) unit, from there, and its standard error [°].
-    position: (3,) [m] and covariance (3, 3) [m²]; None for a lamp so far that the rays are parallel within errors.
+    middle: (3,) [m], world, mean of the points that mirror it. to_lamp: (3,) unit, from there, and its standard error
+    [°]. position: (3,) [m] and covariance (3, 3) [m²]; None for a lamp whose rays are parallel within errors.
     inverse_distance [1/m] from the middle and its standard error. misfit: rms of the rays' misses over their errors.
     """
 
@@ -51,7 +51,7 @@ class LampPlace:
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
 
     def record(self) -> dict[str, Any]:
-        """An entry of lamps.json: the keys of a capture's lamp, then what is known about it."""
+        """An entry of lamps.json: the keys of a capture's lamp, then its errors and readings."""
         far = self.position is None or self.covariance is None
         place = {"to_lamp": self.to_lamp.tolist()} if far else {"position": self.position.tolist()}  # type: ignore
         known = {} if far else {"covariance_m2": self.covariance.tolist()}  # type: ignore
@@ -71,7 +71,7 @@ class LampPlace:
 def locate_lamp(readings: Sequence[LampReading], radius: float) -> LampPlace:
     """The lamp that all `readings` show, each on a ball of `radius` [m] seen through one calibrated camera.
 
-    `InputError` for one ball, balls without a camera, or rays that no lamp explains.
+    `InputError` for one ball, balls without a camera, or rays that do not meet in one lamp.
     """
     if not (np.isfinite(radius) and radius > 0.0):
         raise InputError(f"the radius of the ball is {radius} m: give a length above 0")
@@ -86,7 +86,7 @@ def locate_lamp(readings: Sequence[LampReading], radius: float) -> LampPlace:
     name = readings[0].name
     if misfit > ASTRAY or q < -2.0 * NEAR * error:
         raise InputError(
-            f"{name}: the rays that {len(rays)} balls tell miss each other by {misfit:.0f} times their errors "
+            f"{name}: the rays of {len(rays)} balls miss each other by {misfit:.0f} times their errors "
             f"(1/distance {q:.3g} ± {error:.2g} per m): is the radius right, and one lamp on in each photograph?"
         )
     if q < NEAR * error:
@@ -103,7 +103,7 @@ def locate_lamp(readings: Sequence[LampReading], radius: float) -> LampPlace:
 
 
 class _Ray:
-    """origin (3,) [m], direction (3,), and their slopes (5, 3) by the figures read off the picture, errors (5,)."""
+    """origin (3,) [m], direction (3,), and their slopes (5, 3) by the measured coordinates, with errors (5,)."""
 
     def __init__(self, reading: LampReading, radius: float) -> None:
         ball, camera = reading.ball, reading.ball.camera
@@ -116,7 +116,7 @@ class _Ray:
         self.errors = figure_errors(reading.highlight, ball)
 
     def miss(self, towards: Array, q: float, middle: Array) -> tuple[Array, Array]:
-        """How far (2,) the ray passes the lamp, and the covariance (2, 2) of that."""
+        """Distance (2,) by which the ray misses the lamp, and its covariance (2, 2)."""
         wanted = towards + q * (middle - self.origin)
         length = np.linalg.norm(wanted)
         wanted = wanted / length

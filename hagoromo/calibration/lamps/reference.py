@@ -1,8 +1,8 @@
-"""Reference: a matte ball or card of known reflectance beside the chrome ball, and the strength of lamps from it.
+"""Reference: a matte ball or card of known reflectance next to the chrome ball, and the strength of lamps from it.
 
-A Lambertian surface of albedo ρ shows v = (ρ/π) E max(N·L, 0) + a, with E the irradiance that faces the lamp and `a`
-the room's light. E, per channel, is in π times the unit of the photographs' values: a lamp of intensity E then explains
-photographs that are read alike.
+A Lambertian surface of albedo ρ has the value v = (ρ/π) E max(N·L, 0) + a, with E the irradiance that faces the lamp
+and `a` the ambient light. E, per channel, is in π times the unit of the photographs' values, so that a lamp of
+intensity E explains photographs that are developed in the same way.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 
-INNER = 0.96  # of the radius: pixels further out are half background, and steep
-LIT, DARK = 0.15, -0.15  # N·L from which the ball is wholly lit, and below which in its own shadow, by a broad lamp too
-SHADED = 0.3  # N·L from which shading tells the direction: nearer the shadow no matte surface is Lambertian
+INNER = 0.96  # of the radius: pixels outside are steep and half background
+LIT, DARK = 0.15, -0.15  # N·L above which the ball is fully lit, and below which it is dark, also under a broad lamp
+SHADED = 0.3  # smallest N·L of pixels whose shading gives a direction: near the shadow no surface is Lambertian
 FEWEST = 60  # pixels
-CLIPPED = 0.3  # of the lit pixels that may be clipped
-TILES = 8  # across the reference: its faults (stains, grain) are alike within one
+CLIPPED = 0.3  # largest share of the lit pixels that may be clipped
+TILES = 8  # across the reference: residuals (stains, grain) are correlated within one
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
     """points (n, 2) [px] and pixels (rows, columns) of a matte surface, normal (n, 3), place (n, 3) [m] or None.
 
-    place: world; of a ball of known radius seen through a camera. tiles: (n,). reflectance: one number, or one per
-    channel. is_ball: of a card all normals are one.
+    place: world; None unless of a ball of known radius and a camera. tiles: (n,). reflectance: one number, or one per
+    channel. is_ball: the normals of a card are all equal.
     """
 
     rows: NDArray[np.intp]
@@ -84,8 +84,9 @@ def reference_strength(
 ) -> Strength:
     """Strength of the lamp at `position` [m], or in the direction `to_lamp`, by its light on the reference.
 
-    light: (height, width, channels) linear, NaN where clipped or unknown. For a far lamp a matte ball also tells the
-    direction, by its shading. `InputError` where the reference does not tell: clipped, in the dark, its place unknown.
+    light: (height, width, channels) linear, NaN where clipped or unknown. For a far lamp a matte ball also gives the
+    direction, by its shading. `InputError` where the reference is clipped, dark, or its position unknown. Whether the
+    regressions converged is stated in `Strength.statuses`; a shading fit that did not converge is left out.
     """
     towards, falloff = _incident(reference, to_lamp, position)
     cosine = np.sum(reference.normal * towards, axis=1)
@@ -93,7 +94,7 @@ def reference_strength(
     known = np.asarray(np.isfinite(values).all(axis=1))
     lit = cosine > LIT
     if lit.sum() < FEWEST:
-        raise InputError("the lamp does not light the reference, as far as is seen: turn or move it")
+        raise InputError("no visible pixel of the reference is lit by this lamp: turn the reference or move it")
     if np.mean(~known[lit]) > CLIPPED:
         raise InputError(
             f"the reference is clipped in {100 * np.mean(~known[lit]):.0f} % of its lit pixels: expose shorter"
@@ -103,12 +104,12 @@ def reference_strength(
     design = np.c_[bright, np.ones(len(bright))] if reference.is_ball else bright
     fits = [robust_regression(design, values[used, c], reference.tiles[used]) for c in range(values.shape[1])]
     scale = np.pi / np.broadcast_to(reference.reflectance, len(fits))
-    found = scale * np.array([fit.coefficients[0] for fit in fits])
-    if not (found > 0.0).all():
+    intensity = scale * np.array([fit.coefficients[0] for fit in fits])
+    if not (intensity > 0.0).all():
         raise InputError("the reference does not brighten towards the lamp: is it the mask of the matte reference?")
     shading = _shading(reference, values.mean(axis=1), known & (cosine > SHADED)) if position is None else None
     return Strength(
-        found,
+        intensity,
         scale * np.sqrt([fit.covariance[0, 0] for fit in fits]),
         "reference",
         float(np.mean([fit.scatter / (fit.coefficients[0] * bright.max()) for fit in fits])),
@@ -152,8 +153,8 @@ def _tiles(rows: NDArray, columns: NDArray) -> NDArray[np.intp]:
     return ((rows - rows.min()) // side * (TILES + 64) + (columns - columns.min()) // side).astype(np.intp)
 
 
-def _reflectance(given: ArrayLike) -> tuple[float, ...]:
-    values = np.atleast_1d(np.asarray(given, np.float64))
+def _reflectance(reflectance: ArrayLike) -> tuple[float, ...]:
+    values = np.atleast_1d(np.asarray(reflectance, np.float64))
     if values.ndim != 1 or len(values) not in (1, 3) or not ((values > 0.0) & (values <= 1.0)).all():
         raise InputError(f"the reflectance is {values.tolist()}: give one number above 0, up to 1, or one per channel")
     return tuple(values.tolist())

@@ -1,4 +1,4 @@
-"""Regression of pixels: robust to some that are wrong, with errors that know that neighbours are wrong together."""
+"""Regression over pixels: robust against outliers, with a covariance for residuals that are correlated in tiles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hagoromo.calibration.lamps.ball import Array
 from hagoromo.least_squares import CAUCHY_SCALE, FitStatus, reweighted, robust_scale
 
 REGRESSION_REWEIGHTINGS = 15
-STANDSTILL = 1e-3  # relative change of the coefficients in the last of them, beyond which they have not converged
+LARGEST_CHANGE = 1e-3  # relative change of the coefficients in the last reweighting of a fit that has converged
 
 
 class Fitted(NamedTuple):
@@ -27,27 +27,27 @@ class Fitted(NamedTuple):
 
 
 def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) -> Fitted:
-    """values (n,) = design (n, p) · coefficients, by Cauchy's weights; errors by tiles that are independent.
+    """values (n,) = design (n, p) · coefficients, with Cauchy's weights.
 
-    tiles: (n,) number of the tile that each value is in; the covariance is the clustered one (Liang and Zeger 1986).
+    tiles: (n,) number of the tile of each value; the covariance is clustered by them (Liang and Zeger 1986).
     """
     smallest = 1e-12 * np.abs(values).max() + 1e-30
 
     def solve(weight: Array) -> tuple[Array, Array]:
         root = np.sqrt(weight)
-        found = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
-        return np.asarray(found, np.float64), values - design @ found
+        coefficients = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
+        return np.asarray(coefficients, np.float64), values - design @ coefficients
 
-    def reweigh(off: Array) -> Array:
-        return 1.0 / (1.0 + (off / max(CAUCHY_SCALE * robust_scale(off), smallest)) ** 2)
+    def reweigh(residuals: Array) -> Array:
+        return 1.0 / (1.0 + (residuals / max(CAUCHY_SCALE * robust_scale(residuals), smallest)) ** 2)
 
     start = np.ones(len(values))
-    found, weight, status = reweighted(solve, reweigh, start, REGRESSION_REWEIGHTINGS, STANDSTILL)
-    off = values - design @ found
-    scatter = robust_scale(off)
+    coefficients, weight, status = reweighted(solve, reweigh, start, REGRESSION_REWEIGHTINGS, LARGEST_CHANGE)
+    residuals = values - design @ coefficients
+    scatter = robust_scale(residuals)
     inverse = np.linalg.pinv(design.T @ (design * weight[:, None]))
-    push = np.zeros((int(tiles.max()) + 1, design.shape[1]))
-    np.add.at(push, tiles, design * (weight * off)[:, None])
-    push = push[np.bincount(tiles, minlength=len(push)) > 0]
-    few = len(push) / max(len(push) - design.shape[1], 1)
-    return Fitted(np.asarray(found, np.float64), few * inverse @ (push.T @ push) @ inverse, scatter, status)
+    score = np.zeros((int(tiles.max()) + 1, design.shape[1]))
+    np.add.at(score, tiles, design * (weight * residuals)[:, None])
+    score = score[np.bincount(tiles, minlength=len(score)) > 0]
+    few = len(score) / max(len(score) - design.shape[1], 1)
+    return Fitted(np.asarray(coefficients, np.float64), few * inverse @ (score.T @ score) @ inverse, scatter, status)

@@ -1,7 +1,7 @@
-"""Strength: how strong a lamp is in each channel, and from its mirror image if that is not clipped.
+"""Strength: the strength of a lamp per channel, and its estimate from a mirror image that is not clipped.
 
 The mirror shows the lamp's radiance L times the ball's reflectance ρ; E = ∫ L dΩ over the lamp is the irradiance that
-faces it. A pixel of a mirror ball sees the solid angle that its mirrored rays span.
+faces it. A pixel of a mirror ball covers the solid angle of its mirrored rays.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from hagoromo.calibration.lamps.highlight import Highlight, solid_angles
 from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus
 
-APERTURE, BORDER = 2.0, 3.0  # times the highlight's radius, and px beside: where its light is summed
-RING = 1.6  # times the aperture: out to there the light of the room is taken
+APERTURE, BORDER = 2.0, 3.0  # times the highlight's radius, and [px] beyond: radius over which light is summed
+RING = 1.6  # times the aperture: outer radius of the ring in which ambient light is measured
 FEWEST = 12  # pixels of the ring
 
 
@@ -26,7 +26,7 @@ FEWEST = 12  # pixels of the ring
 class Strength:
     """intensity (C,) per channel and its standard error: of a far lamp the irradiance that faces it, of a near one that
     times its distance squared [m²]. source: "reference" or "highlight". scatter: standard deviation of the residuals
-    over the brightest value. shading: direction (3,) and standard error [°] that a matte ball tells, None where none.
+    over the brightest value. shading: direction (3,) and standard error [°] from a matte ball, None without one.
     statuses: how the fits of the reference ended, one per channel.
     """
 
@@ -42,7 +42,7 @@ class Strength:
         return [one.remark("the lamp's strength") for one in self.statuses if not one.converged]
 
     def record(self) -> dict[str, Any]:
-        """What lamps.json says of it, beside `intensity`."""
+        """The keys of lamps.json about the strength, beside `intensity`."""
         known: dict[str, Any] = {
             "intensity_standard_error": self.standard_error.tolist(),
             "intensity_from": self.source,
@@ -58,10 +58,10 @@ class Strength:
 def highlight_strength(
     light: NDArray, ball: Ball, highlight: Highlight, reflectance: ArrayLike, distance: float = 1.0
 ) -> Strength:
-    """Strength of the lamp that the mirror ball of `reflectance` (one number, or one per channel) shows at `highlight`.
+    """Strength of the lamp from its `highlight` on a mirror ball of `reflectance` (one number, or one per channel).
 
     light: (height, width, channels) linear, NaN where clipped or unknown. distance: of a near lamp from its image [m].
-    `InputError` for a clipped highlight, or none that stands free on the ball.
+    `InputError` for a clipped highlight, or one that reaches the ball's edge.
     """
     mirror = np.asarray(reflectance, np.float64)
     if mirror.size not in (1, light.shape[2]) or not ((mirror > 0.0) & (mirror <= 1.0)).all():
@@ -77,17 +77,17 @@ def highlight_strength(
     clipped = int(np.sum(~np.isfinite(values[core]).all(axis=1)))
     if clipped:
         raise InputError(
-            f"the highlight is clipped in {clipped} pixels: its strength is not told: expose shorter, or photograph a "
+            f"the highlight is clipped in {clipped} pixels, so it gives no strength: expose shorter, or photograph a "
             "matte reference (--reference) too"
         )
-    told = values[ring][np.isfinite(values[ring]).all(axis=1)]
-    if len(told) < FEWEST:
-        raise InputError("the highlight reaches the ball's edge: its light is not all seen: move the ball")
+    ambient = values[ring][np.isfinite(values[ring]).all(axis=1)]
+    if len(ambient) < FEWEST:
+        raise InputError("the highlight reaches the ball's edge, so part of its light is missing: move the ball")
     angle = solid_angles(ball, points[core])
-    room, spread = np.median(told, axis=0), np.std(told, axis=0)
+    room, spread = np.median(ambient, axis=0), np.std(ambient, axis=0)
     whole = angle @ (values[core] - room)
     half = angle[away[core] < 0.75 * reach] @ (values[core] - room)[away[core] < 0.75 * reach]
-    noise = angle.sum() * spread / np.sqrt(len(told))
-    error = np.hypot(noise, whole - half)  # light that still comes in further out is not all in yet
+    noise = angle.sum() * spread / np.sqrt(len(ambient))
+    error = np.hypot(noise, whole - half)  # light that is still added farther out shows that not all is summed yet
     scale = distance**2 / mirror
     return Strength(scale * whole, scale * error, "highlight", float(np.mean(spread / values[core].max())))

@@ -1,8 +1,8 @@
-"""Intervals where no interface reflection was detected: of what the noise may still hide.
+"""Intervals where no interface reflection was detected: bounds on a lobe that the noise may still hide.
 
-A lobe below the noise is not no lobe: a wide one looks like a brighter body. So body and lobe are swept together over
-facet widths, refractive indices and strengths βF₀ ≥ 0; a value of any quantity q belongs to the 95 % interval when for
-some of them Δχ² + (q − q̂)²/var(q) ≤ 3.84 κ, as in `interval`.
+A wide lobe below the noise looks like a brighter body. So body and lobe are evaluated together on a grid of facet
+widths, refractive indices and strengths βF₀ ≥ 0; a value of a quantity q belongs to the 95 % interval when for some of
+them Δχ² + (q − q̂)²/var(q) ≤ 3.84 κ, as in `interval`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from hagoromo.measurement.material.sandwich import MaterialFit
 from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.measurement.sight import Array
 
-WIDTHS = np.geomspace(*GAMMA_RANGE, 16)  # [rad]
-INDICES = (N_RANGE[0], 1.3, 1.5, 1.9, N_RANGE[1])
-STRENGTHS = 24  # from 0 to the largest that is allowed
-FARTHEST = 3.0  # standard errors beyond the best strength
+WIDTHS = np.geomspace(*GAMMA_RANGE, 16)  # γ [rad] of the grid
+INDICES = (N_RANGE[0], 1.3, 1.5, 1.9, N_RANGE[1])  # n of the grid
+STRENGTHS = 24  # β F₀ of the grid, from 0 to the largest possible
+FARTHEST = 3.0  # standard errors above the best strength
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """K lobes with the body that goes best with each: theta (K, P), rest (K,) Δχ², covariance (K, P, P) of the body."""
+    """K lobes, each with its best body: theta (K, P), rest (K,) Δχ², covariance (K, P, P) of the body."""
 
     fit: MaterialFit
     theta: Array
@@ -34,20 +34,20 @@ class Sweep:
 
 
 def sweep_of_gloss(fit: MaterialFit, n: float | None = None) -> Sweep:
-    """Every lobe that the noise allows beside the matte `fit`; n: refractive index where it is known."""
+    """All lobes that the noise allows in addition to the matte `fit`; n: refractive index, if known."""
     c = len(fit.theta) - 3
     grid = np.array([(width, index) for width in WIDTHS for index in (INDICES if n is None else (n,))])
     start = np.tile(fit.theta, (len(grid), 1))
     start[:, c] = 0.0
     start[:, -2], start[:, -1] = np.log(grid[:, 0]), np.log(grid[:, 1] - 1.0)
-    cost, gradient, curvature = fit.objective.at(start)  # quadratic in body and strength: the weights are frozen
+    cost, gradient, curvature = fit.objective.evaluate(start)  # quadratic in body and strength: the weights are frozen
     body, across, along = curvature[:, :c, :c], curvature[:, :c, c], curvature[:, c, c]
     inverse = np.linalg.inv(body)
-    tilt = np.einsum("kpq,kq->kp", inverse, across)  # what the body gives up per unit of strength
+    tilt = np.einsum("kpq,kq->kp", inverse, across)  # fall of the body per unit of strength
     own = np.maximum(along - np.einsum("kp,kp->k", across, tilt), 1e-12 * np.maximum(along, 1e-300))
-    pull = gradient[:, c] - np.einsum("kp,kp->k", tilt, gradient[:, :c])
-    best, spread = -pull / own, 1.0 / np.sqrt(own)
-    # a lobe that gives back more than it receives is none
+    rhs = gradient[:, c] - np.einsum("kp,kp->k", tilt, gradient[:, :c])
+    best, spread = -rhs / own, 1.0 / np.sqrt(own)
+    # no lobe may reflect more than it receives
     ceiling = 1.0 / albedo_per_strength(start)[0]
     most = np.minimum(np.maximum(best, 0.0) + FARTHEST * np.sqrt(inflation(fit, alpha)) * spread, ceiling)
     strength = np.linspace(0.0, 1.0, STRENGTHS)[:, None] * most
@@ -74,5 +74,5 @@ def swept_interval(sweep: Sweep, quantity: Quantity) -> tuple[float, float]:
 
 
 def albedo(theta: Array) -> tuple[Array, Array]:
-    """The specular albedo, for lobes of any strength from 0 on: its gradient by the body is 0."""
+    """The specular albedo, for lobes of any strength from 0 on; it does not depend on the body."""
     return theta[:, -3] * albedo_per_strength(theta)[0], np.zeros_like(theta)

@@ -1,9 +1,10 @@
-"""What patches of neighbouring pixels say of their gloss, and the lobes that go best with all of them.
+"""Gloss patches: the lobes that best explain patches of neighbouring pixels of one colour.
 
 For a facet width γ the interface part of a pixel is linear in its strength, and its own body is eliminated as in
-`textured_objective`, so three sums per pixel and width (A, B, D: χ² = A − 2 s B + s² D) hold all that its photographs
-say of its gloss. Sums of neighbours stand for a patch. Patches and lobes (γ, s) are fitted to each other by turns; a
-further lobe is taken as long as it lowers Σ over the patches of the least χ² by more than chance.
+`AlbedoVariationObjective`. Three sums per pixel and width (A, B, D: χ² = A − 2 s B + s² D) are therefore sufficient
+statistics of its gloss, and sums over neighbours describe a patch. Patches are assigned to lobes (γ, s) and lobes
+fitted to patches by turns; a further lobe is accepted while it lowers Σ over the patches of the smallest χ²
+significantly.
 """
 
 from __future__ import annotations
@@ -14,25 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.gloss.gloss_difference import WIDTHS, Lobe
-from hagoromo.measurement.material.quantity import theta_of
+from hagoromo.measurement.material.quantity import pack_theta
 from hagoromo.measurement.observations import Pixels
-from hagoromo.measurement.sight import Array, sight
+from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
 
-STARTS = 8  # patches that a further material is tried from
-PATCH_TURNS = 20
-FAINTEST = 1e-7  # of the most that a patch says of a lobe: less is rounding
+STARTS = 8  # patches from which a further material is started
+PATCH_TURNS = 20  # largest number of turns; the best assignment so far is used if they do not converge
+FAINTEST = 1e-7  # of the largest sum D: smaller ones are rounding errors
 MOST_MATERIALS = 4  # of one colour
-CHANCE = 30.0  # fall of χ² beyond which a further material is none by chance: 3 numbers and the choice among the grid's
-SMALLEST_SHARE = 0.03  # of the patches that tell gloss
-DISTINCT_WIDTH, DISTINCT_STRENGTH = 1.25, 1.4  # ratios, of two steps of WIDTHS, that materials differ by at least
-SEES_MIDDLE = 0.7  # of γ: a material must be seen this near to the middle of its lobe, or it may be another's tail
-FEWEST_MIDDLES = 3  # patches that see it
+CHANCE = 30.0  # fall of χ² that a further material reaches by chance: 3 parameters and the choice on the grid
+SMALLEST_SHARE = 0.03  # of the patches with significant gloss
+DISTINCT_WIDTH, DISTINCT_STRENGTH = 1.25, 1.4  # smallest ratios between two materials, two steps of WIDTHS
+SEES_MIDDLE = 0.7  # φ/γ: a material must be measured this near to its peak, or it may be the tail of another lobe
+FEWEST_MIDDLES = 3  # patches measured that near to the peak
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Of each pixel (M,) and width (K,): a (M,) and b, d (K, M) of χ², freedom (M,), nearest (M,) least φ [rad]."""
+    """Per pixel (M,) and width (K,): a (M,) and b, d (K, M) of χ², freedom (M,), nearest (M,) smallest φ [rad]."""
 
     a: Array
     b: Array
@@ -42,27 +43,30 @@ class Sums:
 
 
 class Patches:
-    """Sums over the size × size pixels around each pixel, and what they say of gloss."""
+    """Sums over the size × size pixels around each pixel, and the lobe of each patch."""
 
     def __init__(self, pixels: Pixels, shape: tuple[int, ...], sums: Sums, size: int) -> None:
         from scipy.ndimage import minimum_filter, uniform_filter
 
-        self.at, self.shape, self.size = (pixels.rows, pixels.columns), shape, size
+        self.index, self.shape, self.size = (pixels.rows, pixels.columns), shape, size
         image = np.zeros(shape)
 
         def around(values: Array) -> Array:
-            image[self.at] = values
-            return size**2 * uniform_filter(image, size, mode="constant")[self.at]
+            image[self.index] = values
+            return size**2 * uniform_filter(image, size, mode="constant")[self.index]
 
         self.d = np.stack([around(row) for row in sums.d])
-        told = self.d > FAINTEST * self.d.max()
-        self.b, self.d = np.where(told, np.stack([around(row) for row in sums.b]), 0.0), np.where(told, self.d, 0.0)
+        significant = self.d > FAINTEST * self.d.max()
+        self.b, self.d = (
+            np.where(significant, np.stack([around(row) for row in sums.b]), 0.0),
+            np.where(significant, self.d, 0.0),
+        )
         a, freedom = around(sums.a), around(sums.freedom)
         self.a = a
         image[:] = np.pi
-        image[self.at] = sums.nearest
-        self.nearest = minimum_filter(image, size, mode="nearest")[self.at]
-        best = np.divide(self.b, self.d, out=np.zeros_like(self.b), where=told)
+        image[self.index] = sums.nearest
+        self.nearest = minimum_filter(image, size, mode="nearest")[self.index]
+        best = np.divide(self.b, self.d, out=np.zeros_like(self.b), where=significant)
         least = a - np.max(np.maximum(best, 0.0) ** 2 * self.d, axis=0)
         # patches that share no pixel
         self.apart = (pixels.rows % size == size // 2) & (pixels.columns % size == size // 2) & (freedom > 0.0)
@@ -70,7 +74,7 @@ class Patches:
         self.best = best
 
     def cost(self, width: int, strength: float) -> Array:
-        """χ² (M,) of a lobe, over the noise, less that of no lobe."""
+        """χ² (M,) of a lobe over the noise, relative to no lobe."""
         fall = strength * (2.0 * self.b[width] - strength * self.d[width])
         return -fall / max(self.noise, 1.0)
 
@@ -80,7 +84,7 @@ class Patches:
         return float(np.sum(self.a[self.apart] + max(self.noise, 1.0) * fall))
 
     def lobes(self) -> list[Lobe]:
-        """The glosses; one, or none, where a second is no better than chance."""
+        """The glosses; one, or none, where a second is not significant."""
         one, cost = self._settled([self._alone(np.flatnonzero(self.apart))])
         lobes = one
         while len(lobes) < MOST_MATERIALS:
@@ -94,24 +98,24 @@ class Patches:
         return lobes
 
     def _alone(self, patches: NDArray[np.intp]) -> Lobe:
-        """The lobe that goes best with all of `patches`."""
-        pull, weight = self.b[:, patches].sum(axis=1), self.d[:, patches].sum(axis=1)
-        strength = np.maximum(np.divide(pull, weight, out=np.zeros_like(pull), where=weight > 0.0), 0.0)
-        width = int(np.argmax(strength * (2.0 * pull - strength * weight)))
+        """The lobe that fits all of `patches` best."""
+        rhs, weight = self.b[:, patches].sum(axis=1), self.d[:, patches].sum(axis=1)
+        strength = np.maximum(np.divide(rhs, weight, out=np.zeros_like(rhs), where=weight > 0.0), 0.0)
+        width = int(np.argmax(strength * (2.0 * rhs - strength * weight)))
         return Lobe(width, float(strength[width]))
 
     def _starts(self, lobes: list[Lobe]) -> list[Lobe]:
-        """Lobes to start a further material from: what single patches say that go badly with `lobes`, and no gloss."""
-        held = np.min([self.cost(*lobe) for lobe in lobes], axis=0)
+        """Starts for a further lobe: the best lobes of patches that fit `lobes` badly, and no gloss."""
+        explained = np.min([self.cost(*lobe) for lobe in lobes], axis=0)
         own = np.argmax(self.b * self.best, axis=0)
-        at = np.arange(len(held))
-        missed = held + np.maximum(self.best[own, at], 0.0) * self.b[own, at] / max(self.noise, 1.0)
+        index = np.arange(len(explained))
+        missed = explained + np.maximum(self.best[own, index], 0.0) * self.b[own, index] / max(self.noise, 1.0)
         worst = np.flatnonzero(self.apart & (missed > CHANCE))
         order = worst[np.argsort(-missed[worst])][: STARTS**2 : STARTS]
         return [Lobe(int(own[i]), float(max(self.best[own[i], i], 0.0))) for i in order] + [Lobe(0, 0.0)]
 
     def _settled(self, lobes: list[Lobe]) -> tuple[list[Lobe], float]:
-        """`lobes` after patches and lobes were fitted to each other by turns, and Σ of the patches' least χ²."""
+        """`lobes` after assignment and fit by turns, and Σ of the smallest χ² of the patches."""
         patches = np.flatnonzero(self.apart)
         for _ in range(PATCH_TURNS):
             costs = np.stack([self.cost(*lobe)[patches] for lobe in lobes])
@@ -125,9 +129,10 @@ class Patches:
         return lobes, float(costs.min(axis=0).sum())
 
     def labels(self, lobes: list[Lobe], known: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(h, w) number of the lobe that goes best with each pixel.
+        """(h, w) index of the best lobe of each pixel.
 
-        Where patches do not tell, those of `known` stay; without any (all 0) the nearest patch that does tell decides.
+        Where patches are not significant, labels of `known` remain; if there are none (all 0), the nearest significant
+        patch decides.
         """
         from scipy.ndimage import distance_transform_edt, median_filter
 
@@ -135,17 +140,17 @@ class Patches:
         best = np.argmin(costs, axis=0)
         ordered = np.sort(costs, axis=0)
         sure = ordered[1] - ordered[0] > CHANCE
-        found = np.full(self.shape, -1)
-        found[self.at] = np.where(sure, best, -1)
+        labels = np.full(self.shape, -1)
+        labels[self.index] = np.where(sure, best, -1)
         if known.any():
-            found = np.where(found < 0, known, found)
-        elif (found >= 0).any():
-            nearest = np.asarray(distance_transform_edt(found < 0, return_distances=False, return_indices=True))
-            found = found[tuple(nearest)]
-        return np.asarray(median_filter(np.maximum(found, 0), self.size, mode="nearest"), np.int64)
+            labels = np.where(labels < 0, known, labels)
+        elif (labels >= 0).any():
+            nearest = np.asarray(distance_transform_edt(labels < 0, return_distances=False, return_indices=True))
+            labels = labels[tuple(nearest)]
+        return np.asarray(median_filter(np.maximum(labels, 0), self.size, mode="nearest"), np.int64)
 
     def _apart_enough(self, lobes: list[Lobe]) -> bool:
-        """Whether each lobe has patches of its own, differs from the others, and is seen near its middle there."""
+        """Whether each lobe has its own patches, differs from the others, and was measured near its peak."""
         costs = np.stack([self.cost(*lobe)[self.apart] for lobe in lobes])
         best, ordered = np.argmin(costs, axis=0), np.sort(costs, axis=0)
         sure = ordered[1] - ordered[0] > CHANCE
@@ -165,19 +170,19 @@ class Patches:
 
 
 def sums_of(capture: Capture, pixels: Pixels, n: float) -> Sums:
-    """What each pixel's photographs say of its gloss, its body eliminated."""
-    count, at = len(pixels), (pixels.rows, pixels.columns)
+    """The sums of each pixel over its photographs, with its body eliminated."""
+    count, index = len(pixels), (pixels.rows, pixels.columns)
     channels, widths = capture.photographs[0].values.shape[2], len(WIDTHS)
     vv, bb, bv = np.zeros(count), np.zeros((count, channels)), np.zeros((count, channels))
     sv, ss, bs = np.zeros((widths, count)), np.zeros((widths, count)), np.zeros((widths, count, channels))
     freedom, nearest = np.zeros(count), np.full(count, np.pi)
-    log_index = np.full(widths, theta_of(np.ones(channels), 1.0, 1.0, n)[-1])
+    log_index = np.full(widths, pack_theta(np.ones(channels), 1.0, 1.0, n)[-1])
     for photograph in capture.photographs:
-        seen = sight(photograph, pixels.points, pixels.normals)
-        used = seen.fit_to_use & photograph.mask[at]
-        weight = np.where(used[:, None], 1.0 / np.where(used[:, None], photograph.variance[at], 1.0), 0.0)
-        values, body = np.where(used[:, None], photograph.values[at], 0.0), seen.body
-        lobe = seen.interface(np.log(WIDTHS), log_index)[0]
+        geometry = sight_of(photograph, pixels.points, pixels.normals)
+        used = geometry.fit_to_use & photograph.mask[index]
+        weight = np.where(used[:, None], 1.0 / np.where(used[:, None], photograph.variance[index], 1.0), 0.0)
+        values, body = np.where(used[:, None], photograph.values[index], 0.0), geometry.body
+        lobe = geometry.interface(np.log(WIDTHS), log_index)[0]
         vv += (weight * values**2).sum(axis=1)
         bb += weight * body**2
         bv += weight * body * values
@@ -185,7 +190,7 @@ def sums_of(capture: Capture, pixels: Pixels, n: float) -> Sums:
         ss += np.einsum("mc,kmc->km", weight, lobe**2)
         bs += weight * body * lobe
         freedom += channels * used
-        nearest = np.where(used, np.minimum(nearest, seen.least_half_angle), nearest)
+        nearest = np.where(used, np.minimum(nearest, geometry.least_half_angle), nearest)
     inverse = np.divide(1.0, bb, out=np.zeros_like(bb), where=bb > 0.0)
     a = vv - (bv**2 * inverse).sum(axis=1)
     b = sv - np.einsum("kmc,mc->km", bs, bv * inverse)

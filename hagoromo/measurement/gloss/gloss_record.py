@@ -1,4 +1,4 @@
-"""What an estimate of a material says of gloss that varies over its pixels."""
+"""Gloss record: the estimate of a material with the variation of its gloss over the pixels."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.measurement.gloss.gloss_spread import DECISIVE, GlossSpread
-from hagoromo.measurement.material.quantity import log_albedo, theta_of
+from hagoromo.least_squares import NORMAL_95
+from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, GlossSpread
+from hagoromo.measurement.material.quantity import log_albedo, pack_theta
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-
-NORMAL_95 = 1.959964
 
 
 def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstimate:
-    """`material` with the record of its gloss; where that varies, with the middle of it for β, γ, n, and a remark."""
+    """`material` with the record of its gloss; if that varies, with its mean as β, γ and n, and a remark."""
     by_beta, by_gamma = spread.spread.tolist()
     record: dict[str, Any] = {
         "per_pixel": spread.varies,
@@ -24,22 +23,22 @@ def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstim
         "chi_square": {"shared": spread.chi_square[0], "per_pixel": spread.chi_square[1]},
     }
     record["convergence"] = {"pixels": spread.converged, "fits": [status.record() for status in spread.statuses]}
-    if spread.log_evidence > DECISIVE:
+    if spread.log_evidence > DECISIVE_LOG_ODDS:
         material = replace(material, remarks=(*material.remarks, *unsettled_remarks(spread)))
     if spread.follows_angles:
-        remark = "pixels differ in gloss as one lobe that is no Gaussian would make them: no maps of it are given"
+        remark = "pixels differ in gloss as one lobe of another shape would make them: no maps of it are written"
         return replace(material, gloss=record, remarks=(*material.remarks, remark))
-    if spread.log_evidence > DECISIVE and not spread.varies:
+    if spread.log_evidence > DECISIVE_LOG_ODDS and not spread.varies:
         remark = (
-            f"a gloss of each pixel's own would take away {100 * spread.explained:.2g} % of what the model lacks: it "
-            "is not the gloss that varies, and no maps of it are given"
+            f"a gloss per pixel would explain only {100 * spread.explained:.2g} % of the lack of fit: it is not the "
+            "gloss that varies, and no maps of it are written"
         )
         return replace(material, gloss=record, remarks=(*material.remarks, remark))
     if not spread.varies:
         return replace(material, gloss=record)
     remark = (
         f"the gloss varies from pixel to pixel (β by {100 * by_beta:.2g} %, γ by {100 * by_gamma:.2g} %, ln odds "
-        f"{spread.log_evidence:.3g}): it was measured pixel by pixel, beta and gamma are its geometric means"
+        f"{spread.log_evidence:.3g}): it was estimated per pixel; beta and gamma are its geometric means"
     )
     return replace(_with_middle(material, spread), gloss=record, remarks=(*material.remarks, remark))
 
@@ -53,10 +52,10 @@ def unsettled_remarks(spread: GlossSpread) -> list[str]:
 
 
 def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstimate:
-    """β, γ, n and specular albedo of the law's mean: what one gloss for pixels that differ gives is none of them."""
-    n, told = spread.n, spread.index.variance > 0.0
+    """β, γ, n and specular albedo of the mean of the law; one shared gloss would fit none of the pixels."""
+    n, n_identifiable = spread.n, spread.index.variance > 0.0
     beta, gamma = (np.exp(spread.law.mean) * (spread.beta_per_strength, 1.0)).tolist()
-    of_albedo, by = log_albedo(theta_of(np.ones(len(material.body_colour)), beta, gamma, n)[None])
+    of_albedo, by = log_albedo(pack_theta(np.ones(len(material.body_colour)), beta, gamma, n)[None])
     value = {"beta": beta, "gamma": gamma, "n": n, "specular_albedo": float(np.exp(of_albedo[0]))}
     covariance = np.zeros((3, 3))  # of ln β F₀, ln γ, ln(n − 1)
     covariance[:2, :2], covariance[2, 2] = spread.covariance, spread.index.variance
@@ -66,14 +65,14 @@ def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEst
     error, interval = dict(material.standard_error), dict(material.interval_95)
     if spread.index.interval is not None:
         interval["n"] = spread.index.interval
-        error["n"] = (n - 1.0) * float(relative[2]) if told else None
+        error["n"] = (n - 1.0) * float(relative[2]) if n_identifiable else None
     for i, key in ((0, "beta"), (1, "gamma"), (3, "specular_albedo")):
         ends = value[key] * np.exp(NORMAL_95 * relative[i] * np.array([-1.0, 1.0]))
         error[key], interval[key] = value[key] * float(relative[i]), tuple(ends.tolist())
-    if not told:  # β holds for the n that was chosen alone: over all n in its interval it goes with 1/F₀
+    if not n_identifiable:  # β holds for the chosen n only: over the interval of n it is proportional to 1/F₀
         strength = np.array([((m + 1.0) / (m - 1.0)) ** 2 for m in interval["n"]]) / spread.beta_per_strength
         interval["beta"] = (interval["beta"][0] * strength.min(), interval["beta"][1] * strength.max())
-    identifiable = dict(material.identifiable) | {"beta": told, "gamma": True, "n": told}
+    identifiable = dict(material.identifiable) | {"beta": n_identifiable, "gamma": True, "n": n_identifiable}
     if spread.index.interval is None:
         identifiable = dict(material.identifiable)
     return replace(
@@ -87,7 +86,7 @@ def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEst
 
 
 def _correlation(covariance: np.ndarray) -> tuple[tuple[float | None, ...], ...]:
-    """Of β, γ and n in the order of PARAMETERS; α was not estimated with them."""
+    """Correlation of β, γ and n in the order of PARAMETERS; α was not estimated with them."""
     spread = np.sqrt(np.diag(covariance))
     rows: list[list[float | None]] = [[1.0, None, None, None]]
     for i in range(3):

@@ -1,4 +1,4 @@
-"""Materials of one colour told apart by their gloss: patches of pixels find the glosses, finer ones the borders."""
+"""Segmentation by gloss: materials of one colour separated by patches, and their borders by smaller patches."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from hagoromo.measurement.gloss.gloss_patches import CHANCE, Patches, Sums, sums
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.photograph.capture import Capture
 
-INDICES = (1.3, 1.5, 1.8)  # n, which changes a lobe's strength from lamp to lamp: the one that goes best is taken
-PATCH, FINE_PATCH = 5, 3  # pixels, side of the patches that find the glosses, and of those that draw their borders
+INDICES = (1.3, 1.5, 1.8)  # n, which changes the strength of a lobe between lamps; the best one is used
+PATCH, FINE_PATCH = 5, 3  # [pixel] side of the patches that find the glosses, and of those that find the borders
 FEWEST_PHOTOGRAPHS = 3
-MOST_VALUES = 60_000  # pixels times photographs that are looked at; borders are as coarse as the pixels left out
+MOST_VALUES = 60_000  # pixels times photographs that are used; above, every `step`-th pixel is
 
 
 def split_by_gloss(capture: Capture, labels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """`labels` (h, w) with every colour that has several glosses parted: new labels by falling size, −1 unknown.
+    """`labels` (h, w) with each colour divided by gloss: new labels by falling size, −1 unknown.
 
-    A gloss is found where it is wider than two patches somewhere, a colour seen in fewer than FEWEST_PHOTOGRAPHS stays
-    whole.
+    A gloss must be wider than two patches somewhere. Colours with fewer than FEWEST_PHOTOGRAPHS photographs are not
+    divided.
     """
     if len(capture.photographs) < FEWEST_PHOTOGRAPHS:
         return labels
     parted, count = labels.copy(), 0
     for number in range(labels.max() + 1):
         region = (labels == number) & known_shape(capture)
-        found = _glosses(capture, region) if region.any() else np.zeros(labels.shape, np.int64)
-        parted[labels == number] = found[labels == number] + count
-        count += int(found[labels == number].max(initial=0)) + 1
+        glosses = _glosses(capture, region) if region.any() else np.zeros(labels.shape, np.int64)
+        parted[labels == number] = glosses[labels == number] + count
+        count += int(glosses[labels == number].max(initial=0)) + 1
     names, sizes = np.unique(parted[parted >= 0], return_counts=True)
     rank = np.full(count + 1, -1)
     rank[names[np.argsort(-sizes, kind="stable")]] = np.arange(len(names))
@@ -47,15 +47,15 @@ def _glosses(capture: Capture, region: NDArray[np.bool_]) -> NDArray[np.int64]:
     chosen = Pixels.where(capture, coarse)
     if not len(chosen):
         return np.zeros(region.shape, np.int64)
-    at = replace(chosen, rows=chosen.rows // step, columns=chosen.columns // step)
-    found, lobes = _parted(region[::step, ::step], at, [sums_of(capture, chosen, n) for n in INDICES])
-    if len(lobes) > 1 and not glosses_differ(capture, chosen, found[at.rows, at.columns], lobes):
+    coarse_pixels = replace(chosen, rows=chosen.rows // step, columns=chosen.columns // step)
+    labels, lobes = _parted(region[::step, ::step], coarse_pixels, [sums_of(capture, chosen, n) for n in INDICES])
+    if len(lobes) > 1 and not glosses_differ(capture, chosen, labels[coarse_pixels.rows, coarse_pixels.columns], lobes):
         return np.zeros(region.shape, np.int64)
-    return np.repeat(np.repeat(found, step, axis=0), step, axis=1)[: region.shape[0], : region.shape[1]]
+    return np.repeat(np.repeat(labels, step, axis=0), step, axis=1)[: region.shape[0], : region.shape[1]]
 
 
 def _parted(region: NDArray[np.bool_], pixels: Pixels, sums: list[Sums]) -> tuple[NDArray[np.int64], list[Lobe]]:
-    """Labels (h, w) of the glosses in `region` by the sums of its pixels, for each of INDICES, and the lobes."""
+    """Labels (h, w) of the glosses in `region`, and the lobes, from sums of its pixels for each of INDICES."""
     shape = region.shape
     tried = [Patches(pixels, shape, of, PATCH) for of in sums]
     glosses = [patches.lobes() for patches in tried]
@@ -63,11 +63,13 @@ def _parted(region: NDArray[np.bool_], pixels: Pixels, sums: list[Sums]) -> tupl
     best = int(np.argmin(lack))
     patches, lobes = tried[best], glosses[best]
     while len(lobes) > 1:
-        found = patches.labels(lobes, np.zeros(shape, np.int64))
-        wide = [_is_wide(region & (found == i)) for i in range(len(lobes))]
+        labels = patches.labels(lobes, np.zeros(shape, np.int64))
+        wide = [_is_wide(region & (labels == i)) for i in range(len(lobes))]
         if all(wide):
-            return Patches(pixels, shape, sums[best], FINE_PATCH).labels(lobes, found), lobes
-        lobes = [lobe for lobe, kept in zip(lobes, wide, strict=True) if kept]  # else patches over a border make one
+            return Patches(pixels, shape, sums[best], FINE_PATCH).labels(lobes, labels), lobes
+        lobes = [
+            lobe for lobe, is_wide in zip(lobes, wide, strict=True) if is_wide
+        ]  # patches across a border can form one
     return np.zeros(shape, np.int64), lobes[:1]
 
 

@@ -1,8 +1,8 @@
-"""Gloss that varies over a material: by how much, and whether the data ask for it at all.
+"""Gloss spread: by how much gloss varies over a material, and whether there is evidence for it.
 
-The glosses of the pixels are drawn from a normal law of (ln β F₀, ln γ), whose mean and covariance are those that make
-the photographs most likely (empirical Bayes). The evidence is the gain of ln likelihood by that law over one gloss for
-all, less ½ ln P for each of the covariance's three numbers: the criterion of Schwarz (1978), as for the body's texture.
+Model: the glosses (ln β F₀, ln γ) of the pixels follow a normal law, whose mean and covariance maximise the likelihood
+of the photographs (empirical Bayes). The evidence is the gain of ln likelihood of that law over one gloss for all,
+less ½ ln P for each of the covariance's three numbers: the criterion of Schwarz (1978), as for the albedo.
 """
 
 from __future__ import annotations
@@ -21,33 +21,33 @@ from hagoromo.least_squares import (
     levenberg_marquardt,
 )
 from hagoromo.measurement.gloss.gloss_index import Index, refractive_index
-from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, lack, likeliest
+from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, likeliest
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit, PixelGloss
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
 
 FEWEST_PIXELS = 30
-DECISIVE = 5.0  # ln of the odds from which on the gloss is taken to vary
-EXPLAINED = 0.5  # of what one gloss leaves beyond the noise: where less is, it is not the gloss that varies
-WIDEST = 0.7  # standard deviation of ln β F₀ and ln γ that the search begins with: a factor of two
-GLOSS_SPREAD_ROUNDS = 4  # of estimates and law that follow from each other
-SHARED_GLOSS_ROUNDS, SHARED_GLOSS_STEPS = 3, 12  # of the gloss that all pixels share
-SHARED_GLOSS_STANDSTILL = 1e-6  # size of a step in ln β F₀ and ln γ that ends it
-TRIMMED = 0.02  # share of the pixels that may be anything: edges, dust
-FARTHEST = 0.9  # leverage beyond which a value says nothing of the noise
+DECISIVE_LOG_ODDS = 5.0  # ln of the odds above which the gloss is taken to vary
+EXPLAINED = 0.5  # smallest share of the lack of fit that gloss per pixel must explain
+WIDEST = 0.7  # standard deviation of ln β F₀ and ln γ at the start: a factor of two
+GLOSS_SPREAD_ROUNDS = 4  # of estimates and law, which depend on each other
+SHARED_GLOSS_ROUNDS, SHARED_GLOSS_STEPS = 3, 12  # of the fit of one gloss for all pixels
+SHARED_GLOSS_STANDSTILL = 1e-6  # size of a step in ln β F₀ and ln γ below which that fit has converged
+TRIMMED = 0.02  # share of the pixels that may be outliers: edges, dust
+LARGEST_LEVERAGE = 0.9  # values of larger leverage carry no information on the noise
 NUMBERS = 3  # of the covariance
 
 
 @dataclass(frozen=True, eq=False)
 class GlossSpread:
-    """How gloss varies over the pixels of a material.
+    """Variation of gloss over the pixels of a material.
 
-    law: of (ln β F₀, ln γ). log_evidence: ln odds for it against one gloss. noise: standard deviation of the residuals
-    in stated ones, 1 at least. chi_square: per degree of freedom, of one gloss and of each pixel's own. index: n
-    of all pixels. covariance: (2, 2) of the law's mean. statuses: how the fits of the law and of one
-    gloss ended. converged: share of the pixels whose gloss did. follows_angles: whether the variation is one of the
-    angles that pixels are seen under, not of the pixels.
+    law: of (ln β F₀, ln γ). log_evidence: ln odds of the law against one gloss. noise: standard deviation of the
+    residuals in units of the stated one, at least 1. chi_square: per degree of freedom, of one gloss and of gloss per
+    pixel. index: n of all pixels. covariance: (2, 2) of the law's mean. statuses: how the fits of the law and of one
+    gloss ended. converged: share of the pixels whose fit converged. follows_angles: whether the variation depends on
+    the angles at which pixels are viewed, and not on the pixels.
     """
 
     law: GlossLaw
@@ -62,12 +62,12 @@ class GlossSpread:
 
     @property
     def varies(self) -> bool:
-        """Whether the data ask for it."""
-        return self.log_evidence > DECISIVE and self.explained >= EXPLAINED and not self.follows_angles
+        """Whether there is evidence for the variation."""
+        return self.log_evidence > DECISIVE_LOG_ODDS and self.explained >= EXPLAINED and not self.follows_angles
 
     @property
     def explained(self) -> float:
-        """Share of what one gloss leaves beyond the noise that each pixel's own takes away: less for wrong normals."""
+        """Share of the lack of fit of one gloss that gloss per pixel explains; low if the normals are wrong."""
         shared, own = self.chi_square
         return (shared - own) / max(shared - min(own, 1.0), 1e-9)
 
@@ -88,57 +88,61 @@ class GlossSpread:
 
     @property
     def variance_by_n(self) -> Array:
-        """(2,) what the error of n gives to the variances of ln β and ln γ of every pixel alike."""
+        """(2,) contribution of the error of n to the variances of ln β and ln γ, common to all pixels."""
         return self.index.variance * np.array([4.0 / (self.n + 1.0), 0.0]) ** 2
 
 
-def gloss_spread(seen: Observations, start: Array, n: float, is_given: bool) -> GlossSpread | None:
-    """The spread of gloss over the pixels `seen`; None where they are too few.
+def gloss_spread(observations: Observations, start: Array, n: float, is_given: bool) -> GlossSpread | None:
+    """The spread of gloss over the pixels `observations`; None where they are too few.
 
-    start: (2,) ln(β F₀) and ln γ that all pixels share at first. n: of all of them, as one gloss gave it or, where it
-    `is_given`, to keep: one gloss for pixels that differ shifts n.
+    start: (2,) ln(β F₀) and ln γ of one gloss for all pixels. n: their refractive index: fixed where it `is_given`,
+    else the start of a search, since the fit of one gloss to pixels that differ biases n.
     """
-    fit = PixelFit(seen, n)
+    fit = PixelFit(observations, n)
     if len(fit) < FEWEST_PIXELS:
         return None
-    shared, _ = _shared(fit, start)  # a start: its rounds are not judged
-    found, wide = fit.at(shared), GlossLaw(shared[0], WIDEST**2 * np.eye(2))
-    law, status = likeliest(found, wide)
-    first = _gain(found, law, found.chi_square)  # by the slopes at the shared gloss: cheap, and enough to say no
-    if first < DECISIVE:
+    shared, _ = _shared(fit, start)  # a start: whether it converged does not matter
+    estimates, wide = fit.evaluate(shared), GlossLaw(shared[0], WIDEST**2 * np.eye(2))
+    law, status = likeliest(estimates, wide)
+    first = _gain(
+        estimates, law, estimates.chi_square
+    )  # from the slopes at the shared gloss: cheap, and enough to reject
+    if first < DECISIVE_LOG_ODDS:
         chi_square = _per_freedom(fit, shared, 2)
         return GlossSpread(law, first, 1.0, (chi_square, chi_square), Index(n), np.zeros((2, 2)), (status,))
     law, noise, index = wide, 1.0, Index(n)
     for turn in range(GLOSS_SPREAD_ROUNDS):
-        fit = PixelFit(seen, index.n, noise)
-        found = fit.solve(law)
-        (law, status), noise = likeliest(found, law), max(noise * _scale(fit, found.gloss), 1.0)
+        fit = PixelFit(observations, index.n, noise)
+        estimates = fit.solve(law)
+        (law, status), noise = likeliest(estimates, law), max(noise * _scale(fit, estimates.gloss), 1.0)
         if turn == GLOSS_SPREAD_ROUNDS // 2 and not is_given:
-            last, index = index.n, refractive_index(fit, found, index.n)
+            last, index = index.n, refractive_index(fit, estimates, index.n)
             ratio = (index.n - 1.0) / (index.n + 1.0) * (last + 1.0) / (last - 1.0)
-            law = GlossLaw(law.mean + 2.0 * np.log(ratio) * np.array([1.0, 0.0]), law.covariance)  # β stays
-    fit = PixelFit(seen, index.n, noise)
-    found = fit.solve(law)
-    one = PixelFit(seen, n, noise)
+            law = GlossLaw(law.mean + 2.0 * np.log(ratio) * np.array([1.0, 0.0]), law.covariance)  # at the same β
+    fit = PixelFit(observations, index.n, noise)
+    estimates = fit.solve(law)
+    one = PixelFit(observations, n, noise)
     one.weigh(fit.weight)
-    best, of_shared = _shared(one, shared[0], reweighed=False)
-    taken = int(np.einsum("pij,pji->", found.covariance, found.information))  # numbers that the photographs told
+    best, shared_status = _shared(one, shared[0], reweighed=False)
+    parameters = int(
+        np.einsum("pij,pji->", estimates.covariance, estimates.information)
+    )  # effective number of parameters
     return GlossSpread(
         law,
-        _gain(found, law, one.at(best).chi_square),
+        _gain(estimates, law, one.evaluate(best).chi_square),
         noise,
-        (_per_freedom(one, best, 2), _per_freedom(fit, found.gloss, taken)),
+        (_per_freedom(one, best, 2), _per_freedom(fit, estimates.gloss, parameters)),
         index,
-        covariance_of_mean(found, law),
-        (status, of_shared),
-        float(np.mean(found.converged)),
+        covariance_of_mean(estimates, law),
+        (status, shared_status),
+        float(np.mean(estimates.converged)),
     )
 
 
 def _shared(fit: PixelFit, start: Array, reweighed: bool = True) -> tuple[Array, FitStatus]:
-    """(P, 2) the one gloss that goes best with all pixels, and how the fit ended.
+    """(P, 2) the one gloss that fits all pixels best, and how the fit ended.
 
-    Its robust weights are its own or those of `fit`.
+    Its robust weights are its own if `reweighed`, else those of `fit`.
     """
     gloss, damping = np.asarray(start, np.float64), Damping(most=np.inf)
     status = FitStatus(Status.OUT_OF_STEPS, 0)
@@ -146,8 +150,14 @@ def _shared(fit: PixelFit, start: Array, reweighed: bool = True) -> tuple[Array,
         if reweighed:
             fit.reweigh(np.tile(gloss, (len(fit), 1)))
         tolerance = Tolerance(step=SHARED_GLOSS_STANDSTILL)
-        found = levenberg_marquardt(SingleProblem(), _SharedGloss(fit, gloss), damping, tolerance, SHARED_GLOSS_STEPS)
-        gloss, damping, status = found.state.gloss, replace(damping, start=float(found.damping[0])), found.status
+        solution = levenberg_marquardt(
+            SingleProblem(), _SharedGloss(fit, gloss), damping, tolerance, SHARED_GLOSS_STEPS
+        )
+        gloss, damping, status = (
+            solution.state.gloss,
+            replace(damping, start=float(solution.damping[0])),
+            solution.status,
+        )
     return np.tile(gloss, (len(fit), 1)), status
 
 
@@ -156,44 +166,44 @@ class _SharedGloss:
 
     def __init__(self, fit: PixelFit, gloss: Array) -> None:
         self.fit, self.gloss = fit, gloss
-        self.each = fit.at(np.tile(gloss, (len(fit), 1)))
+        self.each = fit.evaluate(np.tile(gloss, (len(fit), 1)))
         self.cost = self.each.chi_square.sum()
 
     @property
     def gradient(self) -> float:
         """Norm of the slope of χ²/2."""
-        return float(np.linalg.norm(self.each.pull.sum(axis=0)))
+        return float(np.linalg.norm(self.each.score.sum(axis=0)))
 
     def trial(self, damping: float) -> tuple[_SharedGloss, float]:
         """The point after a damped step of at most 0.5 in each coordinate, and the size of the step before that."""
         curvature = self.each.information.sum(axis=0)
-        step = np.linalg.lstsq(curvature + damping * np.diag(np.diag(curvature)), self.each.pull.sum(axis=0))[0]
+        step = np.linalg.lstsq(curvature + damping * np.diag(np.diag(curvature)), self.each.score.sum(axis=0))[0]
         gloss = self.gloss + np.clip(step, -0.5, 0.5)
         gloss[1] = np.clip(gloss[1], *np.log(GAMMA_RANGE))
         return _SharedGloss(self.fit, gloss), float(np.abs(step).max())
 
 
-def _gain(found: PixelGloss, law: GlossLaw, shared: Array) -> float:
-    """ln odds for `law` against one gloss, of χ² `shared` (P,).
+def _gain(estimates: PixelGloss, law: GlossLaw, shared: Array) -> float:
+    """ln odds of `law` against one gloss with χ² `shared` (P,).
 
-    The TRIMMED share of the pixels that speaks most for it is left out.
+    The TRIMMED share of the pixels with the largest gains is excluded.
     """
-    gain = np.sort(0.5 * (shared - lack(found, law)))
-    kept = gain[: int(np.ceil(len(gain) * (1.0 - TRIMMED)))]
-    return float(kept.sum() - 0.5 * NUMBERS * np.log(len(gain)))
+    gain = np.sort(0.5 * (shared - deviance(estimates, law)))
+    trimmed = gain[: int(np.ceil(len(gain) * (1.0 - TRIMMED)))]
+    return float(trimmed.sum() - 0.5 * NUMBERS * np.log(len(gain)))
 
 
 def _scale(fit: PixelFit, gloss: Array) -> float:
-    """Robust standard deviation of the residuals, in those of `fit`, what the bodies took up of them given back."""
+    """Robust standard deviation of the residuals in units of those of `fit`, corrected for leverage of the bodies."""
     model = fit.model(gloss)
-    squared = (fit.seen.values - model) ** 2 / (fit.noise**2 * fit.seen.variance_at(model))
+    squared = (fit.observations.values - model) ** 2 / (fit.noise**2 * fit.observations.variance_at(model))
     left = 1.0 - fit.leverage()
-    known = fit.seen.used & (left > 1.0 - FARTHEST)
+    known = fit.observations.used & (left > 1.0 - LARGEST_LEVERAGE)
     return float(np.sqrt(np.median((squared / np.maximum(left, 0.01))[known]) / NORMAL_MEDIAN)) if known.any() else 1.0
 
 
 def _per_freedom(fit: PixelFit, gloss: Array, numbers: int) -> float:
-    """χ² per degree of freedom with gloss (P, 2), by stated variances; numbers: fitted beside each pixel's body."""
-    model, used = fit.model(gloss), fit.seen.used
-    squared = ((fit.seen.values - model) ** 2 / fit.seen.variance_at(model))[used]
+    """χ² per degree of freedom at gloss (P, 2), by stated variances; numbers: fitted in addition to the bodies."""
+    model, used = fit.model(gloss), fit.observations.used
+    squared = ((fit.observations.values - model) ** 2 / fit.observations.variance_at(model))[used]
     return float(squared.sum() / max(squared.size - fit.leverage()[used].sum() - numbers, 1.0))

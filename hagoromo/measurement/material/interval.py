@@ -1,12 +1,13 @@
 """Intervals of a material's parameters by profile likelihood over the refractive index.
 
-β and n pull against each other, and n may be told badly or not at all. So the fit is repeated along n through its
-admissible range, and a value of any quantity q belongs to the 95 % interval when for some n
+β and n are correlated, and n may be poorly identifiable or not at all. So the fit is repeated along n through its
+admissible range, and a value of a quantity q belongs to the 95 % interval when for some n
 
     Δχ²(n) + (q − q̂(n))² / var(q | n) ≤ t² κ,
 
-κ being the variance of the robust estimate over that of the least squares which it is computed with. κ is read off the
-residuals, of which few may bear on q (those of the highlight, for γ): t is Student's, of that many degrees of freedom.
+where κ is the ratio of the variance of the robust estimate to that of the least squares it is computed with. κ follows
+from the residuals, few of which may depend on q (for γ those of the highlight): t is Student's, with that many degrees
+of freedom.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ from hagoromo.measurement.sight import Array
 CHI_SQUARE_95 = 3.841458820694124  # 0.95 quantile of χ² with one degree of freedom
 NODES = np.array([-4.5, -3.5, -2.7, -2.0, -1.4, -0.9, -0.4, 0.0, 0.4, 0.9, 1.4, 2.0, 2.7, 3.5, 4.5])  # standard errors
 COARSE = 13  # points through the whole range of n
-FINE = 48  # points read off the profile between two nodes
+FINE = 48  # points interpolated between two nodes of the profile
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The fit at K values of ln(n − 1): rest (K,) is Δχ², theta (K, P), covariance (K, P, P) at n held.
+    """The fit at K values of ln(n − 1): rest (K,) is Δχ², theta (K, P), covariance (K, P, P) at fixed n.
 
     statuses: how the fit of each point ended.
     """
@@ -59,7 +60,7 @@ def profile_over_n(fit: MaterialFit) -> Profile:
     rows = minimise(fit.objective, starts, others)
     pairs = zip(rows.curvature, rows.theta, strict=True)
     covariance = np.stack([inverse_over(curvature, others & ~at_bound(theta)) for curvature, theta in pairs])
-    best = fit.objective.at(fit.theta[None])[0][0]
+    best = fit.objective.evaluate(fit.theta[None])[0][0]
     return Profile(fit, np.maximum(2.0 * (rows.cost - best), 0.0), rows.theta, covariance, rows.statuses)
 
 
@@ -102,7 +103,7 @@ def interval_of_n(profile: Profile) -> tuple[float, float]:
 
 
 def allowance(fit: MaterialFit, quantity: Quantity) -> float:
-    """t² κ: by how much χ² may rise within the 95 % interval of `quantity`."""
+    """t² κ: the rise of χ² that the 95 % interval of `quantity` allows."""
     return float(student.ppf(0.975, degrees_of_freedom(fit, quantity)) ** 2) * inflation(fit, quantity)
 
 
@@ -116,7 +117,7 @@ def degrees_of_freedom(fit: MaterialFit, quantity: Quantity) -> float:
 def inflation(fit: MaterialFit, quantity: Quantity) -> float:
     """κ: variance of the robust estimate of `quantity` over its variance in the frozen least squares.
 
-    Where the estimate is at the end of its range, so that neither has a variance, κ is that of β F₀.
+    Where the estimate is at a limit of its range, so that neither has a variance, κ is that of β F₀.
     """
     gradient = quantity(fit.theta[None])[1][0] * fit.inside
     if not gradient.any():

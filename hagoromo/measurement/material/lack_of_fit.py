@@ -1,12 +1,12 @@
-"""Lack of fit: whether the residuals of a material's fit still depend on the angles, as they must not.
+"""Lack of fit: a test whether the residuals of a material's fit still depend on the angles.
 
-Two kinds of test, the least p-value of which counts, times their number (Bonferroni):
-* The model is opened where it is a choice: the facet density of eq. (4) may have another peak, other flanks or heavier
-  tails than a Gaussian, and the body may follow squares of cosθ_i and cosθ_r instead of Lambert's law. If the model is
-  right, the gradient of the fit by those freedoms is noise. Its variance is taken from the residuals, summed over each
-  pixel (score test, Rao 1948, with the variance of White 1982).
-* Ordered by φ, θ_i or θ_r, the signs of the residuals change as often as by chance (runs test, Wald & Wolfowitz 1940).
-Neither a misjudged noise level nor a pixel's own shade sounds the alarm.
+Two kinds of test; the smallest p-value counts, times their number (Bonferroni):
+* Score test (Rao 1948, with the variance of White 1982). The model is extended where it is a choice: the facet density
+  of eq. (4) may have another peak, other flanks or heavier tails than a Gaussian, and the body may follow squares of
+  cosθ_i and cosθ_r. If the model is right, the gradient of the fit by those extensions is noise. Its variance is
+  estimated from the residuals, summed over each pixel.
+* Runs test (Wald & Wolfowitz 1940). Ordered by φ, θ_i or θ_r, the signs of the residuals change as often as by chance.
+Neither test responds to a wrong noise level or to a body colour that varies between pixels.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from hagoromo.measurement.material.sandwich import MaterialFit
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.torrance_sparrow import LN2
 
-LEVEL = 1e-4  # rate of false alarms that is stated: a capture has several materials
+LEVEL = 1e-4  # rate of false alarms: a capture has several materials
 FLAT = np.log(1e3)  # ln γ at which every facet density is 1
-FEWEST = 10.0  # pixels, effective number, that a freedom must rest on
+FEWEST = 10.0  # smallest effective number of pixels that an extension of the model must depend on
 FEWEST_SIGNS = 20
-LOBE = 4.0  # γ, up to which the highlight reaches
+LOBE = 4.0  # φ/γ up to which the highlight reaches
 BODY = tuple(f"the body is not Lambert's: it varies with {of} beside the model" for of in ("θ_i", "θ_i", "θ_r", "θ_r"))
 FACETS = tuple(f"the facets are not Gaussian: their density has {what}" for what in ("another peak", "other flanks",
                "other tails", "other far tails"))  # fmt: skip
@@ -36,9 +36,9 @@ FACETS = tuple(f"the facets are not Gaussian: their density has {what}" for what
 class LackOfFit:
     """Test of the model's shape over the angles.
 
-    p_value: chance of as much where the model is right, by the test that says most: `statistic` is its F with `degrees`
-    (freedoms, pixels − freedoms) of freedom, or the z of too few runs among `degrees` (0, values). rejected: p_value
-    below LEVEL. rms: relative size of what the model misses, root mean square over the values. where: in words.
+    p_value: of the most significant test; `statistic` is its F with `degrees` (freedoms, pixels − freedoms) of freedom,
+    or the z of too few runs among `degrees` (0, values). rejected: p_value below LEVEL. rms: relative size of the
+    part that the model misses, root mean square over the values. where: in words.
     """
 
     statistic: float
@@ -49,21 +49,21 @@ class LackOfFit:
     where: str
 
     def record(self) -> dict[str, Any]:
-        """As materials.json has it."""
+        """The entry in materials.json."""
         return asdict(self) | {"degrees": list(self.degrees), "level": LEVEL}
 
     def remark(self) -> str:
-        """One line for people."""
+        """One line for a report."""
         freedoms, rest = self.degrees
         figure = f"F({freedoms}, {rest}) = {self.statistic:.3g}" if freedoms else f"z = {self.statistic:.3g} of {rest}"
         return (
-            f"lack of fit: {self.where}; this is no dichromatic Torrance–Sparrow reflectance, the model misses "
+            f"lack of fit: {self.where}; this is not a dichromatic Torrance–Sparrow reflectance, and the model misses "
             f"{100 * self.rms:.2g} % of the values rms ({figure}, p {_p_text(self.p_value)}, level {LEVEL:g})"
         )
 
 
 class Verdict(NamedTuple):
-    """What one of the tests says: see `LackOfFit`."""
+    """The result of one of the tests: see `LackOfFit`."""
 
     p_value: float
     statistic: float
@@ -72,9 +72,9 @@ class Verdict(NamedTuple):
 
 
 def lack_of_fit(fit: MaterialFit) -> LackOfFit | None:
-    """The tests for `fit`; None where too few pixels could carry any."""
+    """The tests of `fit`; None where there are too few pixels for any."""
     model = fit.objective.model(fit.theta)
-    deviation = np.where(fit.objective.seen.used, fit.objective.seen.values - model, 0.0)
+    deviation = np.where(fit.objective.observations.used, fit.objective.observations.values - model, 0.0)
     scored, rms = _score(fit, model, deviation)
     verdicts = [*scored, *_runs(fit, deviation)]
     if not verdicts:
@@ -85,25 +85,25 @@ def lack_of_fit(fit: MaterialFit) -> LackOfFit | None:
 
 
 def _score(fit: MaterialFit, model: Array, deviation: Array) -> tuple[list[Verdict], float]:
-    """The score test, if enough pixels carry it, and the relative size of what the freedoms would add."""
-    seen, objective = fit.objective.seen, fit.objective
+    """The score test, if there are enough pixels, and the relative size of what the extensions would add."""
+    observations, objective = fit.objective.observations, fit.objective
     freedoms, names = _freedoms(fit)
-    slope = np.where(seen.used, objective.loss.curvature(deviation / np.sqrt(objective.variance)), 0.0)
+    slope = np.where(observations.used, objective.loss.curvature(deviation / np.sqrt(objective.variance)), 0.0)
     slope = slope / objective.variance
     freedoms = objective.within(freedoms)
-    j = objective.jacobian(fit.theta)[..., fit.free]  # one held at its bound is no news of the model's shape
-    # what the fit takes up of a freedom has no gradient: it is taken off
+    j = objective.jacobian(fit.theta)[..., fit.free]  # a parameter at its limit says nothing about the model
+    # an extension has no gradient along the parameters that were fitted: project them out
     inner = np.einsum("nc,ncp,ncq->pq", slope, j, j)
     freedoms = freedoms - j @ (np.linalg.pinv(inner, hermitian=True) @ np.einsum("nc,ncp,ncq->pq", slope, j, freedoms))
     scores = np.einsum("nc,nc,ncq->nq", fit.weight, deviation, freedoms)
-    pixel = np.unique(seen.pixel, return_inverse=True)[1]
+    pixel = np.unique(observations.pixel, return_inverse=True)[1]
     scores = np.stack([np.bincount(pixel, column) for column in scores.T], axis=1)
     power = scores**2
-    kept = power.sum(axis=0) ** 2 >= FEWEST * np.maximum((power**2).sum(axis=0), 1e-300)
+    supported = power.sum(axis=0) ** 2 >= FEWEST * np.maximum((power**2).sum(axis=0), 1e-300)
     pixels = int(np.sum(power.any(axis=1)))
-    if not kept.any() or pixels <= 3 * kept.sum():
+    if not supported.any() or pixels <= 3 * supported.sum():
         return [], fit.residuals.model_error
-    scores, freedoms = scores[:, kept], freedoms[..., kept]
+    scores, freedoms = scores[:, supported], freedoms[..., supported]
     total, spread = scores.sum(axis=0), scores.T @ scores
     scale = 1.0 / np.sqrt(np.diag(spread))
     quadratic = float(total * scale @ np.linalg.pinv(spread * np.outer(scale, scale), hermitian=True) @ (total * scale))
@@ -111,38 +111,40 @@ def _score(fit: MaterialFit, model: Array, deviation: Array) -> tuple[list[Verdi
     q, m = len(total), pixels - len(total)
     statistic = quadratic / q * m / max(pixels - quadratic, 1e-9 * pixels)
     curvature = np.einsum("nc,ncp,ncq->pq", fit.weight, freedoms, freedoms)
-    missed = np.where(seen.used, freedoms @ (np.linalg.pinv(curvature, rcond=1e-9, hermitian=True) @ total), 0.0)
-    rms = float(np.sqrt(np.sum(missed**2) / np.sum(np.where(seen.used, model, 0.0) ** 2)))
-    where = [name for name, k in zip(names, kept, strict=True) if k][int(np.argmax(np.abs(total * scale)))]
+    missed = np.where(
+        observations.used, freedoms @ (np.linalg.pinv(curvature, rcond=1e-9, hermitian=True) @ total), 0.0
+    )
+    rms = float(np.sqrt(np.sum(missed**2) / np.sum(np.where(observations.used, model, 0.0) ** 2)))
+    where = [name for name, k in zip(names, supported, strict=True) if k][int(np.argmax(np.abs(total * scale)))]
     return [Verdict(float(f_distribution.sf(statistic, q, m)), statistic, (q, m), where)], rms
 
 
 def _runs(fit: MaterialFit, deviation: Array) -> list[Verdict]:
-    """Runs tests of the residuals' signs, their channels taken together, along φ, φ of the lobe alone, θ_i and θ_r."""
-    seen = fit.objective.seen
-    pull = fit.weight * deviation * seen.sight.body
-    _, first, pixel = np.unique(seen.pixel, return_index=True, return_inverse=True)
-    of_pixel = np.asarray(np.bincount(pixel, pull.sum(axis=1)), np.float64)
-    of_pixel[np.abs(of_pixel) < 1e-9 * np.bincount(pixel, np.abs(pull).sum(axis=1))] = 0.0  # has a body of its own
-    at, phi = seen.sight.cosines, seen.sight.least_half_angle
+    """Runs tests of the signs of the residuals, summed over channels, along φ, φ within the lobe, θ_i and θ_r."""
+    observations = fit.objective.observations
+    score = fit.weight * deviation * observations.sight.body
+    _, first, pixel = np.unique(observations.pixel, return_index=True, return_inverse=True)
+    of_pixel = np.asarray(np.bincount(pixel, score.sum(axis=1)), np.float64)
+    of_pixel[np.abs(of_pixel) < 1e-9 * np.bincount(pixel, np.abs(score).sum(axis=1))] = 0.0  # its own body was fitted
+    cosines, phi = observations.sight.cosines, observations.sight.least_half_angle
     lobe = phi < LOBE * np.exp(fit.theta[-2]) if fit.theta[-3] > 0.0 else np.zeros(len(phi), bool)
-    each = pull.sum(axis=1)
+    each = score.sum(axis=1)
     orders = (
         ("φ", phi, each),
         ("φ in the highlight", phi, np.where(lobe, each, 0.0)),
-        ("θ_i", at.incidence.max(axis=1), each),
-        ("θ_r", at.view[first, 0], of_pixel),  # a pixel's photographs share it: their residuals may be alike
+        ("θ_i", cosines.incidence.max(axis=1), each),
+        ("θ_r", cosines.view[first, 0], of_pixel),  # all photographs of a pixel share θ_r, so residuals are correlated
     )
     return [verdict for order in orders if (verdict := _too_few_runs(*order)) is not None]
 
 
-def _too_few_runs(name: str, key: Array, pull: Array) -> Verdict | None:
-    """The runs test of the signs of `pull` in the order of `key`; None for fewer than FEWEST_SIGNS."""
-    chosen = pull != 0.0
+def _too_few_runs(name: str, key: Array, score: Array) -> Verdict | None:
+    """The runs test of the signs of `score` in the order of `key`; None for fewer than FEWEST_SIGNS."""
+    chosen = score != 0.0
     count = int(chosen.sum())
     if count < FEWEST_SIGNS:
         return None
-    ordered = pull[chosen][np.argsort(key[chosen], kind="stable")] > 0.0
+    ordered = score[chosen][np.argsort(key[chosen], kind="stable")] > 0.0
     more = int(ordered.sum())
     middle = 2.0 * more * (count - more) / count
     spread = np.sqrt(max(middle * (middle - 1.0) / (count - 1.0), 1e-9))
@@ -151,24 +153,24 @@ def _too_few_runs(name: str, key: Array, pull: Array) -> Verdict | None:
 
 
 def _freedoms(fit: MaterialFit) -> tuple[Array, list[str]]:
-    """Derivatives (N, C, Q) of the values by each freedom, and what is missed where the fit pulls at it."""
-    seen, theta = fit.objective.seen.sight, fit.theta
-    incidence, view = seen.cosines.incidence, seen.cosines.view
+    """Derivatives (N, C, Q) of the values by each extension, and the remark that belongs to it."""
+    sight, theta = fit.objective.observations.sight, fit.theta
+    incidence, view = sight.cosines.incidence, sight.cosines.view
     tilts = np.stack([cosine**power for cosine in (incidence, view) for power in (1, 2)], axis=-1)
-    shape = (*seen.body.shape, -1)
-    columns, names = theta[:-3, None] * _spread(seen, tilts).body.reshape(shape), [*BODY]
+    shape = (*sight.body.shape, -1)
+    columns, names = theta[:-3, None] * _spread(sight, tilts).body.reshape(shape), [*BODY]
     if theta[-3] > 0.0 and fit.free[-2]:
-        u = (np.arccos(np.clip(seen.cosines.half, -1.0, 1.0)) / np.exp(theta[-2])) ** 2  # (φ/γ)²
+        u = (np.arccos(np.clip(sight.cosines.half, -1.0, 1.0)) / np.exp(theta[-2])) ** 2  # (φ/γ)²
         shapes = np.stack([u**2 * np.exp(-2 * LN2 * u), u**2 * np.exp(-LN2 * u), (1 + u) ** -2, (1 + u) ** -1], axis=-1)
-        facets = _spread(seen, shapes).interface(np.array([FLAT]), theta[-1:])[0][0]
+        facets = _spread(sight, shapes).interface(np.array([FLAT]), theta[-1:])[0][0]
         columns, names = np.concatenate([columns, theta[-3] * facets.reshape(shape)], axis=2), [*names, *FACETS]
     return columns, names
 
 
-def _spread(seen: Sight, factors: Array) -> Sight:
-    """`seen` with C·Q channels: the irradiance (N, L, C) times each of `factors` (N, L, Q)."""
-    many = seen.irradiance[..., None] * factors[:, :, None, :]
-    return replace(seen, irradiance=many.reshape(*many.shape[:2], -1))
+def _spread(sight: Sight, factors: Array) -> Sight:
+    """`sight` with C·Q channels: the irradiance (N, L, C) times each of `factors` (N, L, Q)."""
+    many = sight.irradiance[..., None] * factors[:, :, None, :]
+    return replace(sight, irradiance=many.reshape(*many.shape[:2], -1))
 
 
 def _p_text(p_value: float) -> str:

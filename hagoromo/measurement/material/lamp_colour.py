@@ -1,4 +1,4 @@
-"""Lamp colour from highlights: the dichromatic planes of several materials meet in the colour of the interface.
+"""Lamp colour from highlights: the dichromatic planes of several materials intersect in the colour of the interface.
 
 The values of one material, α cosθ_i c_b + w_s e, lie in a plane of the channels' space through its body colour and the
 lamp's. The planes of two or more materials share the lamp's colour only (Klinker, Shafer & Kanade 1988; Tominaga &
@@ -18,22 +18,22 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import HUBER, HUBER_SCALE, scipy_status
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Pixels, known_shape, noise_gain, stratified
-from hagoromo.measurement.sight import Array, sight
+from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
 
 MOST_PIXELS = 3000  # of a material
 SEED = 0
-LARGEST_ERROR = 0.1  # standard error of a chromaticity beyond which no lamp colour is given
-FEWEST = 100  # values of a material
-SIGNIFICANT = 10.0  # standard deviations of the scatter that noise alone gives
-STEP, WIDE_STEP = 1e-6, 1e-4  # of numerical first and second derivatives [rad]
-LAMP_COLOUR_STEPS: int | None = None  # evaluations of one fit: SciPy's 100 per unknown
+LARGEST_ERROR = 0.1  # largest standard error of a chromaticity of a usable lamp colour
+FEWEST_VALUES = 100  # of a material
+SIGNIFICANT = 10.0  # standard deviations of the scatter of noise alone
+STEP, WIDE_STEP = 1e-6, 1e-4  # [rad] of numerical first and second derivatives
+LAMP_COLOUR_STEPS: int | None = None  # largest number of evaluations of one fit; None is SciPy's 100 per unknown
 LAMP_COLOUR_ROUNDS = 3  # of re-weighting by the variance of the fitted value
 
 
 @dataclass(frozen=True, eq=False)
 class LampColour:
-    """Colour of the lamps as the camera sees it.
+    """Colour of the lamps in the channels of the camera.
 
     value: (3,) mean 1. covariance: (3, 3) of value.
     """
@@ -55,9 +55,9 @@ class LampColour:
 def lamp_colour(capture: Capture, labels: NDArray[np.integer]) -> LampColour:
     """Colour of the lamps of `capture` from the highlights of the materials `labels` (h, w; −1 unknown).
 
-    All planes are fitted at once: the lamp's direction and one angle a material, by least squares of the distances from
-    the planes over their noise, with Huber's loss. `InputError` for other than three channels and when the highlights
-    tell nothing: fewer than two materials, of too similar a colour, or too dull.
+    All planes are fitted at once: the lamp's direction and one angle per material, by least squares of the distances
+    from the planes over their noise, with Huber's loss. `InputError` for other than three channels, and when the
+    highlights do not determine the colour: fewer than two materials, of too similar a colour, or too little gloss.
     """
     channels = capture.photographs[0].values.shape[2]
     if channels != 3:
@@ -66,13 +66,13 @@ def lamp_colour(capture: Capture, labels: NDArray[np.integer]) -> LampColour:
     clouds = [cloud for n in numbers if _is_plane(cloud := _cloud(capture, interior(labels, n)))]
     if len(clouds) < 2:
         raise InputError(f"only {len(clouds)} material(s) show a highlight, the lamp colour needs 2: give its spectrum")
-    found = _meeting(clouds)
-    if not (found.standard_error.max() < LARGEST_ERROR and found.value.min() > 0.0):
+    colour = _meeting(clouds)
+    if not (colour.standard_error.max() < LARGEST_ERROR and colour.value.min() > 0.0):
         raise InputError(
-            f"the highlights leave the lamp colour open (standard error {found.standard_error.max():.2g}): "
+            f"the highlights leave the lamp colour open (standard error {colour.standard_error.max():.2g}): "
             "give its spectrum"
         )
-    return found
+    return colour
 
 
 class Cloud(NamedTuple):
@@ -84,20 +84,20 @@ class Cloud(NamedTuple):
 
 
 def _cloud(capture: Capture, region: NDArray[np.bool_]) -> Cloud:
-    """Values of a material in all photographs, of pixels of every φ: both the body and the highlight are there."""
+    """Values of a material in all photographs, at pixels of every φ, so that diffuse and specular light are present."""
     pixels = Pixels.where(capture, region & known_shape(capture))
     pixels = pixels[stratified(capture, pixels, MOST_PIXELS, SEED)]
     parts = []
     for photograph in capture.photographs:
-        at = pixels.rows, pixels.columns
-        used = sight(photograph, pixels.points, pixels.normals).fit_to_use & photograph.mask[at]
-        values, noise = (image[at][used].astype(np.float64) for image in (photograph.values, photograph.variance))
+        index = pixels.rows, pixels.columns
+        used = sight_of(photograph, pixels.points, pixels.normals).fit_to_use & photograph.mask[index]
+        values, noise = (image[index][used].astype(np.float64) for image in (photograph.values, photograph.variance))
         parts.append((values, noise, np.broadcast_to(noise_gain(photograph), values.shape)))
     return Cloud(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _meeting(clouds: list[Cloud]) -> LampColour:
-    """The direction in which the planes of all clouds meet, by least squares; its covariance by the sandwich."""
+    """The line in which the planes of all clouds intersect, by least squares; its covariance is the sandwich."""
     planes = np.stack([_axes(cloud)[1][:, 0] * np.sqrt(_axes(cloud)[0][1]) for cloud in clouds])
     start = np.linalg.svd(planes)[2][2]
     start = start * np.sign(start.sum())
@@ -113,7 +113,7 @@ def _meeting(clouds: list[Cloud]) -> LampColour:
         return [np.cos(angle) * first + np.sin(angle) * second for angle in x[2:]]
 
     def distances(x: Array, variances: list[Array]) -> Array:
-        """Distances from the planes over their noise; that turns with the plane, or noise would pull the planes."""
+        """Distances from the planes over their noise. The noise depends on the plane too; else the fit is biased."""
         triples = zip(clouds, normals(x), variances, strict=True)
         return np.concatenate([cloud.values @ p / np.sqrt(variance @ p**2) for cloud, p, variance in triples])
 
@@ -135,14 +135,14 @@ def _meeting(clouds: list[Cloud]) -> LampColour:
         x = fit.x
         variances = [_variance_at_foot(cloud, p) for cloud, p in zip(clouds, normals(x), strict=True)]
 
-    def scores(at: Array) -> Array:
-        """Each value's part of the gradient of Σρ: (M, P)."""
-        r = distances(at, variances)
-        steps = STEP * np.eye(len(at))
-        j = [distances(at + step, variances) - distances(at - step, variances) for step in steps]
+    def scores(point: Array) -> Array:
+        """Contribution of each value to the gradient of Σρ: (M, P)."""
+        r = distances(point, variances)
+        steps = STEP * np.eye(len(point))
+        j = [distances(point + step, variances) - distances(point - step, variances) for step in steps]
         return np.stack(j, axis=1) / (2 * STEP) * (HUBER.weight(r) * r)[:, None]
 
-    # the whole Hessian: JᵀJ alone counts the noise within the planes as if it told where they are
+    # the whole Hessian: JᵀJ alone would count the noise within the planes as information about them
     steps = WIDE_STEP * np.eye(len(x))
     hessian = np.stack([(scores(x + s) - scores(x - s)).sum(axis=0) for s in steps]) / (2 * WIDE_STEP)
     inverse = np.linalg.pinv(0.5 * (hessian + hessian.T), hermitian=True)
@@ -154,19 +154,21 @@ def _meeting(clouds: list[Cloud]) -> LampColour:
 
 
 def _is_plane(cloud: Cloud) -> bool:
-    """Whether the values leave the line of their body colour by more than noise does."""
-    return len(cloud.values) >= FEWEST and bool(_axes(cloud)[0][1] > SIGNIFICANT * np.sqrt(2.0 * len(cloud.values)))
+    """Whether the values deviate from the line of their body colour by more than the noise."""
+    return len(cloud.values) >= FEWEST_VALUES and bool(
+        _axes(cloud)[0][1] > SIGNIFICANT * np.sqrt(2.0 * len(cloud.values))
+    )
 
 
 def _axes(cloud: Cloud) -> tuple[Array, Array]:
-    """Scatter of the values over their noise along its axes, ascending, what the noise adds taken off, and the axes."""
+    """Scatter of the values over their noise along its principal axes, ascending, less that of the noise; the axes."""
     scale = cloud.noise.mean(axis=1)
     noise = np.diag((cloud.noise / scale[:, None]).sum(axis=0))
     return np.linalg.eigh(cloud.values.T @ (cloud.values / scale[:, None]) - noise)
 
 
 def _variance_at_foot(cloud: Cloud, normal: Array) -> Array:
-    """Variance (M, 3) that the sensor states for each value's foot in the plane."""
+    """Variance (M, 3) of the sensor at the foot of each value in the plane."""
     across = cloud.noise @ normal**2
     foot = cloud.values - cloud.noise * normal * (cloud.values @ normal / across)[:, None]
     return np.maximum(cloud.noise + cloud.gain * (foot - np.maximum(cloud.values, 0.0)), 0.2 * cloud.noise)

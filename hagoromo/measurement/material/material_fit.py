@@ -1,7 +1,7 @@
 """Fit of one material: variance-weighted robust least squares for α c_b, β, γ, n.
 
-Weights and variances follow from each other and from the model, so they are repeated until the estimate stands still.
-Coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
+Weights and variances depend on the model, so they are updated until the estimate no longer changes.
+Parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
 """
 
 from __future__ import annotations
@@ -20,52 +20,54 @@ from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import Objective, Rows, minimise
 from hagoromo.measurement.sight import Array
 
-START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a lobe off by less than 1.3 in width keeps its overlap with the data
+START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a start within a factor of 1.3 of the width overlaps with the data
 START_N = (1.2, 1.7)
-START_RANKING_STEPS = 6  # the linear fits at the starts are only compared, not kept
+START_RANKING_STEPS = 6  # of the linear fits at the starts, which only rank them
 MATERIAL_FIT_ROUNDS = 30
-LOSS_ROUNDS = 6  # rounds after which the loss stays what it is and no value returns
-MODEL_ERROR_ROUNDS = 15  # rounds after which the model error stays what it is, too
-STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
-LACK = 1.2  # robust scale beyond which the model lacks: 10 % of gross outliers would raise it to 1.14 only
+LOSS_ROUNDS = 6  # rounds after which the choice of the loss is final and no excluded value returns
+MODEL_ERROR_ROUNDS = 15  # rounds after which the model error is final too
+MATERIAL_FIT_STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
+INCOMPLETE_SCALE = 1.2  # robust scale above which the model is incomplete: 10 % of outliers would raise it only to 1.14
 SATURATION_MARGIN = 4.0  # standard deviations below the ceiling
-LOG_MODEL_ERROR = (np.log(1e-6), np.log(10.0))  # range searched, relative
+LOG_MODEL_ERROR = (np.log(1e-6), np.log(10.0))  # range of the search, relative
 
 
-def fit_material(seen: Observations, n: float | None = None, with_interface: bool = True) -> MaterialFit:
-    """α c_b, β, γ and n of one material; n is kept where given, β = 0 without `with_interface`.
+def fit_material(observations: Observations, n: float | None = None, with_interface: bool = True) -> MaterialFit:
+    """α c_b, β, γ and n of one material; n is fixed if given, β = 0 without `with_interface`.
 
-    Huber's loss finds the estimate. Where the residuals are then what the noise allows, Tukey's biweight takes over:
-    what remains beyond 6σ is no reflection of this kind (cast shadow, dust). Where they are not, large residuals may be
-    the model's own, so none is thrown away: Huber's loss stays, and a relative model error joins the variance.
-    Raises `InputError` when there are too few values or the rounds do not come to a standstill.
+    Huber's loss gives the estimate. If the residuals are then as large as the noise, Tukey's biweight takes over: what
+    remains beyond 6σ is not reflection of this kind (cast shadow, dust). If they are larger, they may be errors of the
+    model, so no value is excluded: Huber's loss remains, and a relative model error is added to the variance.
+    Raises `InputError` when there are too few values or the rounds do not converge.
     """
-    free = np.ones(seen.channels + 3, bool)
+    free = np.ones(observations.channels + 3, bool)
     free[-1] = n is None and with_interface
     free[-3:-1] = with_interface
-    if np.sum(seen.used) < 10 * free.sum():
-        raise InputError(f"{np.sum(seen.used)} usable values cannot tell {free.sum()} parameters: give more pixels")
-    theta = _start(seen, n, free) if with_interface else _matte_start(seen, n)
-    usable, lacks, model_error, change = seen.used, False, 0.0, np.inf
-    signal = np.abs(expected(seen.sight, theta))
+    if np.sum(observations.used) < 10 * free.sum():
+        raise InputError(
+            f"{np.sum(observations.used)} usable values for {free.sum()} parameters are too few: give more pixels"
+        )
+    theta = _start(observations, n, free) if with_interface else _matte_start(observations, n)
+    usable, lacks, model_error, change = observations.used, False, 0.0, np.inf
+    signal = np.abs(expected(observations.sight, theta))
     for turn in range(MATERIAL_FIT_ROUNDS):
-        model = expected(seen.sight, theta)
-        # decided anew in the first rounds only: a choice between two near equals could otherwise go on for ever
-        usable = usable if turn < LOSS_ROUNDS else seen.used
-        seen = replace(seen, used=usable & _below_ceiling(seen, model))
-        scale = _scale(seen, model)
-        lacks = scale > LACK if turn < LOSS_ROUNDS else lacks
+        model = expected(observations.sight, theta)
+        # updated in the first rounds only: a choice between two near equals could otherwise alternate for ever
+        usable = usable if turn < LOSS_ROUNDS else observations.used
+        observations = replace(observations, used=usable & _below_ceiling(observations, model))
+        scale = _scale(observations, model)
+        lacks = scale > INCOMPLETE_SCALE if turn < LOSS_ROUNDS else lacks
         if turn < MODEL_ERROR_ROUNDS:
-            # the middle of all rounds: a lobe and the variance that follows it could chase each other for ever
+            # geometric mean over the rounds: a lobe and the variance that follows it could otherwise alternate for ever
             signal = np.sqrt(signal * np.abs(model))
-            model_error = _model_error(seen, model, signal) if lacks else 0.0
-        variance = seen.variance_at(model) + (model_error * signal) ** 2
-        objective = MaterialObjective(seen, variance, HUBER if lacks else TUKEY)
+            model_error = _model_error(observations, model, signal) if lacks else 0.0
+        variance = observations.variance_at(model) + (model_error * signal) ** 2
+        objective = MaterialObjective(observations, variance, HUBER if lacks else TUKEY)
         rows = minimise(objective, theta[None], free)
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
         change = float(moved @ rows.curvature[0][np.ix_(free, free)] @ moved) ** 0.5
-        if standstill(rows, change, STANDSTILL):
+        if at_standstill(rows, change, MATERIAL_FIT_STANDSTILL):
             return with_covariance(objective, theta, free, scale, model_error, status_of(rows, turn + 1, change))
     raise InputError(
         f"the fit still moves by {change:.2g} standard errors after {MATERIAL_FIT_ROUNDS} rounds: mask pixels that "
@@ -73,57 +75,61 @@ def fit_material(seen: Observations, n: float | None = None, with_interface: boo
     )
 
 
-def standstill(rows: Rows, change: float, limit: float) -> bool:
-    """Whether a round that moved its one row by `change` standard errors is the last: a tenth of `limit` if unsettled.
+def at_standstill(rows: Rows, change: float, limit: float) -> bool:
+    """Whether a round with a change of `change` standard errors is the last; a tenth of `limit` if it is unconverged.
 
-    Steps that rounding alone rejects never meet the test of convergence.
+    A row whose steps are rejected for rounding alone never passes the test of convergence.
     """
     return change < (limit if rows.statuses.converged[0] else limit / 10.0)
 
 
 def status_of(rows: Rows, rounds: int, change: float) -> FitStatus:
-    """The status of rounds that came to a standstill, the last of which gave `rows`."""
+    """The status of rounds that have converged, the last of which gave `rows`."""
     return replace(rows.statuses[0], status=Status.CONVERGED, steps=rounds, last_step=change)
 
 
-def _start(seen: Observations, n: float | None, free: NDArray[np.bool_]) -> Array:
-    """The best of several starts in γ and n, brought to its minimum under Huber's loss."""
+def _start(observations: Observations, n: float | None, free: NDArray[np.bool_]) -> Array:
+    """The best of several starts in γ and n, moved to its minimum under Huber's loss."""
     grid = np.array([(g, m) for g in START_GAMMA for m in (START_N if n is None else (n,))])
-    matte = _matte_start(seen, n)
+    matte = _matte_start(observations, n)
     theta = np.tile(matte, (len(grid), 1))
     theta[:, -2:] = np.log(grid - [0.0, 1.0])
-    # where the model lacks, residuals of many standard deviations would make the loss a sum of absolute values
-    scale = max(_scale(seen, expected(seen.sight, matte)), 1.0)
-    objective = Objective(seen, scale**2 * seen.noise, HUBER)
-    linear = np.arange(theta.shape[1]) <= seen.channels
+    # if the model is incomplete, residuals of many standard deviations would make the loss a sum of absolute values
+    scale = max(_scale(observations, expected(observations.sight, matte)), 1.0)
+    objective = Objective(observations, scale**2 * observations.noise, HUBER)
+    linear = np.arange(theta.shape[1]) <= observations.channels
     ranked = minimise(objective, theta, linear, START_RANKING_STEPS)
     rows = minimise(objective, ranked.theta[np.argsort(ranked.cost)[:3]], free)
     return rows.theta[np.argmin(rows.cost)]
 
 
-def _matte_start(seen: Observations, n: float | None) -> Array:
-    """Coordinates of the matte surface nearest by least squares."""
-    body, weight = seen.sight.body, np.where(seen.used, 1.0 / seen.noise, 0.0)
-    matte = np.sum(weight * body * seen.values, axis=0) / np.maximum(np.sum(weight * body**2, axis=0), 1e-300)
+def _matte_start(observations: Observations, n: float | None) -> Array:
+    """Parameters of the matte surface that fits best by least squares."""
+    body, weight = observations.sight.body, np.where(observations.used, 1.0 / observations.noise, 0.0)
+    matte = np.sum(weight * body * observations.values, axis=0) / np.maximum(np.sum(weight * body**2, axis=0), 1e-300)
     middle = np.sqrt(START_GAMMA[0] * START_GAMMA[-1])
     return np.array([*matte, 0.0, np.log(middle), np.log((n or 1.5) - 1.0)])
 
 
-def _below_ceiling(seen: Observations, model: Array) -> NDArray[np.bool_]:
-    """What would not saturate: judged by the model, since the noise itself decides which values near the ceiling do."""
-    return model + SATURATION_MARGIN * np.sqrt(seen.variance_at(model)) < seen.ceiling
+def _below_ceiling(observations: Observations, model: Array) -> NDArray[np.bool_]:
+    """Values that would not saturate, judged by the model: judging noisy values near the ceiling would bias them."""
+    return model + SATURATION_MARGIN * np.sqrt(observations.variance_at(model)) < observations.ceiling
 
 
-def _scale(seen: Observations, model: Array) -> float:
+def _scale(observations: Observations, model: Array) -> float:
     """Robust standard deviation of the residuals, in stated standard deviations."""
-    squared = (seen.values - model) ** 2 / seen.variance_at(model)
-    return float(np.sqrt(np.median(squared[seen.used]) / NORMAL_MEDIAN))
+    squared = (observations.values - model) ** 2 / observations.variance_at(model)
+    return float(np.sqrt(np.median(squared[observations.used]) / NORMAL_MEDIAN))
 
 
-def _model_error(seen: Observations, model: Array, signal: Array) -> float:
-    """Error of the model, relative to `signal`, that with the noise gives squared residuals a normal one's median."""
-    used = seen.used
-    squared, noise, power = ((seen.values - model)[used]) ** 2, seen.variance_at(model)[used], signal[used] ** 2
+def _model_error(observations: Observations, model: Array, signal: Array) -> float:
+    """Model error, relative to `signal`, for which the median of the squared residuals is that of a normal law."""
+    used = observations.used
+    squared, noise, power = (
+        ((observations.values - model)[used]) ** 2,
+        observations.variance_at(model)[used],
+        signal[used] ** 2,
+    )
 
     def excess(log_error: float) -> float:
         return float(np.median(squared / (noise + np.exp(2 * log_error) * power))) - NORMAL_MEDIAN

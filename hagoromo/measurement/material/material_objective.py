@@ -1,10 +1,15 @@
-"""MaterialObjective: the least squares of one material with one body colour, and the values that it expects."""
+"""Objectives: the least squares of one material, with one body colour or one per pixel, and its expected values.
+
+Parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.measurement.robust_fit import Objective
 from hagoromo.measurement.sight import Array, Sight
@@ -12,34 +17,151 @@ from hagoromo.measurement.sight import Array, Sight
 
 @dataclass(frozen=True, eq=False)
 class MaterialObjective(Objective):
-    """The least squares of one material with one body colour, and what its covariance needs."""
+    """The least squares of one material with one body colour, with the derivatives that its covariance needs."""
 
     def model(self, theta: Array) -> Array:
         """Expected values (N, C) at θ (P,)."""
-        return expected(self.seen.sight, theta)
+        return expected(self.observations.sight, theta)
 
     def jacobian(self, theta: Array) -> Array:
-        """Derivatives of the values by θ (N, C, P), what is fitted beside θ following."""
-        return jacobian(self.seen.sight, theta)
+        """Derivatives of the values by θ (N, C, P); parameters that are eliminated follow."""
+        return jacobian(self.observations.sight, theta)
 
     def within(self, columns: Array) -> Array:
-        """Directions (N, C, Q) in the space of the values, less what is fitted beside θ takes up of them."""
+        """Directions (N, C, Q) in the space of the values, with eliminated parameters projected out."""
         return columns
 
     def own_leverage(self) -> Array:
-        """(N, C) share of a value in its own fit by what is fitted beside θ."""
-        return np.zeros_like(self.seen.values)
+        """(N, C) leverage of a value by the eliminated parameters."""
+        return np.zeros_like(self.observations.values)
 
 
-def expected(seen: Sight, theta: Array) -> Array:
+@dataclass(frozen=True, eq=False)
+class AlbedoVariationObjective(MaterialObjective):
+    """The least squares with a body colour per pixel and a shared interface; `weights` (N, C) are frozen.
+
+    For given β F₀, γ and n the body colour of a pixel has a closed form, so it is eliminated (variable projection,
+    Golub & Pereyra 1973). In θ, α c_b is the mean over the pixels.
+    """
+
+    @cached_property
+    def pixel(self) -> NDArray[np.intp]:
+        """(N,) row of each sample's pixel, 0, 1, …"""
+        return np.unique(self.observations.pixel, return_inverse=True)[1]
+
+    @cached_property
+    def power(self) -> Array:
+        """(P, C) Σ w b² of each pixel: the inverse variance of its body; 0 where a channel was not measured."""
+        return self._sum(self._weight * self.observations.sight.body**2)
+
+    def bodies(self, theta: Array) -> Array:
+        """Body colours α c_b (P, C) that fit best with the interface of θ (P,), NaN for channels not measured."""
+        bodies = self._body_of(self.observations.values - theta[-3] * self._interface(theta)[0])
+        return np.where(self.power > 0.0, bodies, np.nan)
+
+    def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
+        """Cost (K,), gradient (K, P) and Gauss–Newton curvature (K, P, P) at rows theta (K, P)."""
+        rows = [self._at(row) for row in theta]
+        cost, gradient, curvature = (np.stack(part) for part in zip(*rows, strict=True))
+        return cost, gradient, curvature
+
+    def model(self, theta: Array) -> Array:
+        """Expected values (N, C) with the body colour of each pixel."""
+        interface = theta[-3] * self._interface(theta)[0]
+        return (
+            self.observations.sight.body * self._body_of(self.observations.values - interface)[self.pixel] + interface
+        )
+
+    def jacobian(self, theta: Array) -> Array:
+        """Derivatives of the values by θ (N, C, P); the body colours follow."""
+        columns = self._columns(theta)
+        c = self.observations.channels
+        share = (
+            self._share * self.observations.sight.body * (self._inverse / self._mean_variance / self._count)[self.pixel]
+        )
+        gloss = self.within(columns) + share[..., None] * self._mean(columns)
+        return np.concatenate([share[..., None] * np.eye(c), gloss], axis=-1)
+
+    def within(self, columns: Array) -> Array:
+        """Columns (N, C, Q) less their projection on changes of the pixels' body colours."""
+        projection = np.stack([self._body_of(column) for column in np.moveaxis(columns, 2, 0)], axis=-1)
+        return columns - self.observations.sight.body[..., None] * projection[self.pixel]
+
+    def own_leverage(self) -> Array:
+        """(N, C) leverage of a value in the body colour of its pixel."""
+        return self._weight * self.observations.sight.body**2 * self._inverse[self.pixel]
+
+    @cached_property
+    def _weight(self) -> Array:
+        assert self.weights is not None
+        return np.where(self.observations.used, self.weights, 0.0) / self.variance
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.divide(1.0, self.power, out=np.zeros_like(self.power), where=self.power > 0.0)
+
+    @cached_property
+    def _share(self) -> Array:
+        return (self.power > 0.0).astype(np.float64)[self.pixel]
+
+    @cached_property
+    def _count(self) -> Array:
+        """(C,) number of pixels in which each channel was measured."""
+        return np.maximum(np.sum(self.power > 0.0, axis=0), 1)
+
+    @cached_property
+    def _mean_variance(self) -> Array:
+        """(C,) variance of the mean body at a given interface."""
+        return self._inverse.sum(axis=0) / self._count**2
+
+    def _at(self, theta: Array) -> tuple[Array, Array, Array]:
+        c = self.observations.channels
+        columns = self._columns(theta)
+        rest = self.observations.values - theta[-3] * columns[..., 0]
+        bodies = self._body_of(rest)
+        deviation = rest - self.observations.sight.body * bodies[self.pixel]
+        beside = (theta[:c] - bodies.sum(axis=0) / self._count) / self._mean_variance
+        within, mean = self.within(columns), self._mean(columns)
+        cost = 0.5 * np.sum(self._weight * deviation**2) + 0.5 * np.sum(beside**2 * self._mean_variance)
+        gradient = np.r_[beside, beside @ mean - np.einsum("nc,ncq,nc->q", self._weight, within, deviation)]
+        curvature = np.diag(np.r_[1.0 / self._mean_variance, np.zeros(3)])
+        curvature[:c, c:] = mean / self._mean_variance[:, None]
+        curvature[c:, :c] = curvature[:c, c:].T
+        curvature[c:, c:] = np.einsum("nc,ncp,ncq->pq", self._weight, within, within) + mean.T @ curvature[:c, c:]
+        return np.asarray(cost), gradient, curvature
+
+    def _columns(self, theta: Array) -> Array:
+        """(N, C, 3) slopes of the interface by β F₀, ln γ, ln(n − 1)."""
+        value, by_gamma, by_n = self._interface(theta)
+        return np.stack([value, theta[-3] * by_gamma, theta[-3] * by_n], axis=-1)
+
+    def _interface(self, theta: Array) -> tuple[Array, Array, Array]:
+        value, by_gamma, by_n = self.observations.sight.interface(theta[-2:-1], theta[-1:])
+        return value[0], by_gamma[0], by_n[0]
+
+    def _mean(self, columns: Array) -> Array:
+        """(C, 3) change of the mean body per change along the columns."""
+        means = [self._body_of(column).sum(axis=0) / self._count for column in np.moveaxis(columns, 2, 0)]
+        return np.stack(means, axis=-1)
+
+    def _body_of(self, values: Array) -> Array:
+        """(P, C) least squares of values (N, C) by b in each pixel, 0 where a channel was not measured."""
+        return self._sum(self._weight * self.observations.sight.body * values) * self._inverse
+
+    def _sum(self, values: Array) -> Array:
+        """(N, C) summed over the samples of each pixel: (P, C)."""
+        return np.stack([np.bincount(self.pixel, column).astype(np.float64) for column in values.T], axis=1)
+
+
+def expected(sight: Sight, theta: Array) -> Array:
     """Expected values (N, C) at θ (P,)."""
-    interface = seen.interface(theta[-2:-1], theta[-1:])[0][0]
-    return theta[:-3] * seen.body + theta[-3] * interface
+    interface = sight.interface(theta[-2:-1], theta[-1:])[0][0]
+    return theta[:-3] * sight.body + theta[-3] * interface
 
 
-def jacobian(seen: Sight, theta: Array) -> Array:
+def jacobian(sight: Sight, theta: Array) -> Array:
     """Derivatives of the expected values by θ: (N, C, P)."""
-    interface, by_gamma, by_n = (part[0] for part in seen.interface(theta[-2:-1], theta[-1:]))
-    body = seen.body[:, :, None] * np.eye(len(theta) - 3)
+    interface, by_gamma, by_n = (part[0] for part in sight.interface(theta[-2:-1], theta[-1:]))
+    body = sight.body[:, :, None] * np.eye(len(theta) - 3)
     shared = np.stack([interface, theta[-3] * by_gamma, theta[-3] * by_n], axis=-1)
     return np.concatenate([body, shared], axis=-1)

@@ -1,10 +1,11 @@
-"""Quantities of a material as functions of the coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)) of its fit.
+"""Quantities of a material as functions of the parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)) of its fit.
 
 Each takes rows θ (K, P) and gives its values (K,) with their gradients (K, P). F₀ = F(0, n) = ((n − 1)/(n + 1))².
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -14,12 +15,18 @@ from hagoromo.reflectance.torrance_sparrow import Cosines
 
 Quantity = Callable[[Array], tuple[Array, Array]]
 
-SMALLEST = 1e-12  # keeps the logarithm of a β F₀ that vanishes finite
+SMALLEST = 1e-12  # [1/sr] smallest β F₀ whose logarithm is taken
 
 
-def theta_of(alpha_body: Array, beta: float, gamma: float, n: float) -> Array:
-    """Coordinates θ (P,) of a material; alpha_body: α c_b per channel."""
+def pack_theta(alpha_body: Array, beta: float, gamma: float, n: float) -> Array:
+    """Parameters θ (P,) of a material; alpha_body: α c_b per channel."""
     return np.array([*alpha_body, beta * ((n - 1.0) / (n + 1.0)) ** 2, np.log(gamma), np.log(n - 1.0)])
+
+
+def unpack_theta(theta: Array) -> tuple[Array, float, float, float]:
+    """α c_b per channel, β, γ [rad] and n of parameters θ (P,): the inverse of `pack_theta`."""
+    n = 1.0 + math.exp(theta[-1])
+    return theta[:-3], float(theta[-3]) * ((n + 1.0) / (n - 1.0)) ** 2, math.exp(theta[-2]), n
 
 
 def coordinate(index: int) -> Quantity:
@@ -59,7 +66,7 @@ def log_beta(theta: Array) -> tuple[Array, Array]:
 
 
 def log_albedo(theta: Array) -> tuple[Array, Array]:
-    """ln of the specular albedo, ∫ of the interface part over all lamp directions, seen along the normal."""
+    """ln of the specular albedo: ∫ of the interface part over all lamp directions, viewed along the normal."""
     value, gradient = _log_strength(theta)
     albedo, by_gamma, by_n = albedo_per_strength(theta)
     gradient[:, -2], gradient[:, -1] = by_gamma / albedo, by_n / albedo
@@ -75,13 +82,13 @@ def _log_strength(theta: Array) -> tuple[Array, Array]:
 
 
 def albedo_per_strength(theta: Array) -> tuple[Array, Array, Array]:
-    """∫ f dL seen along the normal for β F₀ = 1, and its derivatives by ln γ and ln(n − 1): three (K,).
+    """∫ f dL viewed along the normal for β F₀ = 1, and its derivatives by ln γ and ln(n − 1): three (K,).
 
-    It is what a place gives that is lit from all around: a lamp at every node of a quadrature over θ_L, its irradiance
-    the solid angle of the node.
+    It is the value of a point under uniform light: a lamp at every node of a quadrature over θ_L, with the solid angle
+    of the node as its irradiance.
     """
     nodes, weights = np.polynomial.legendre.leggauss(32)
-    edges = np.array([0.0, np.pi / 12, np.pi / 3, np.pi / 2])  # G has its kink at 60°, narrow lobes end within 15°
+    edges = np.array([0.0, np.pi / 12, np.pi / 3, np.pi / 2])  # G has a kink at 60°, narrow lobes end within 15°
     half = np.diff(edges)[:, None] / 2
     angle = (edges[:-1, None] + half + half * nodes).ravel()[None]
     solid = 2 * np.pi * np.sin(angle) * (half * weights).ravel()

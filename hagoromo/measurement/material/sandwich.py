@@ -1,6 +1,6 @@
-"""The fit of one material with what its intervals need: the sandwich covariance of the estimate, and its influences.
+"""The fit of one material with the sandwich covariance of its estimate and the influence of each value.
 
-Coordinates θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
+Parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ OUTLIER = 6.0  # standard deviations
 
 @dataclass(frozen=True)
 class Residuals:
-    """How well the model fits.
+    """Residuals of a fit.
 
     scale: robust standard deviation of the residuals, in stated standard deviations. model_error: relative error of
-    the model that explains a scale beyond LACK, else 0. chi_square: per degree of freedom, of all values. outliers:
-    share of the values beyond 6 of those standard deviations that the fit used.
+    the model that explains a scale above INCOMPLETE_SCALE, else 0. chi_square: per degree of freedom, of all values.
+    outliers: share of the values beyond 6 of the standard deviations that the fit used.
     """
 
     scale: float
@@ -35,13 +35,13 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class MaterialFit:
-    """Estimate θ (P,) of one material with what its intervals need.
+    """Estimate θ (P,) of one material with all that its intervals need.
 
     objective: the least squares, frozen at the estimate, and its weight W (N, C). curvature: (P, P) JᵀWJ. covariance:
-    (P, P), sandwich. free: (P,) coordinates that were estimated. inside: (P,) those of them inside their range.
+    (P, P), sandwich. free: (P,) estimated parameters. inside: (P,) those that are not at a limit of their range.
     status: how the rounds of the fit ended; steps are rounds, the last step is in standard errors.
-    influence: (V, P) on the estimate of each value that was used, by a residual of usual size; group: (V,) values whose
-    residuals the sandwich took for independent have different ones.
+    influence: (V, P) of each used value on the estimate, for a residual of usual size; group: (V,) equal for values
+    whose residuals the sandwich takes to be correlated.
     """
 
     theta: Array
@@ -67,13 +67,13 @@ def with_covariance(
 ) -> MaterialFit:
     """The fit with weights frozen where they are, and the sandwich covariance A⁻¹BA⁻¹ of the estimate (Huber 1981).
 
-    A = Σ ρ'' jjᵀ/v and B = Σ ρ'² jjᵀ/v, each term divided by 1 − its leverage. Where the model lacks, the residuals of
-    neighbours are alike: B then sums ρ' j/√v over each image tile before it squares.
+    A = Σ ρ'' jjᵀ/v and B = Σ ρ'² jjᵀ/v, each term divided by 1 − its leverage. If the model is incomplete, residuals of
+    neighbours are correlated: B then sums ρ' j/√v over each image tile before it squares.
     """
-    seen, inside = objective.seen, free & ~at_bound(theta)
-    used = seen.used
+    observations, inside = objective.observations, free & ~at_bound(theta)
+    used = observations.used
     model = objective.model(theta)
-    deviation = (seen.values - model)[used]
+    deviation = (observations.values - model)[used]
     r = deviation / np.sqrt(objective.variance[used])
     j = objective.jacobian(theta)[used][:, inside] / np.sqrt(objective.variance[used])[:, None]
     a = np.einsum("m,mp,mq->pq", objective.loss.curvature(r), j, j)
@@ -83,17 +83,17 @@ def with_covariance(
     score = j * (r * objective.loss.weight(r) / np.sqrt(np.maximum(1.0 - leverage, 0.1)))[:, None]
     group = np.arange(len(score))
     if model_error:
-        group = np.unique(np.broadcast_to(seen.tile[:, None], used.shape)[used], return_inverse=True)[1]
+        group = np.unique(np.broadcast_to(observations.tile[:, None], used.shape)[used], return_inverse=True)[1]
         score = np.stack([np.bincount(group, column) for column in score.T], axis=1)
     covariance, influence = np.zeros((theta.size, theta.size)), np.zeros((len(group), theta.size))
     weight = objective.loss.weight(r)
     influence[:, inside] = np.sqrt(np.mean((r * weight) ** 2)) * (j * (weight > 0.0)[:, None]) @ inverse
     covariance[np.ix_(inside, inside)] = inverse @ (score.T @ score) @ inverse
-    weights = np.zeros_like(seen.values)
+    weights = np.zeros_like(observations.values)
     weights[used] = objective.loss.weight(r)
     frozen = replace(objective, weights=weights)
-    curvature = frozen.at(theta[None])[2][0]
-    squared = deviation**2 / seen.variance_at(model)[used]
+    curvature = frozen.evaluate(theta[None])[2][0]
+    squared = deviation**2 / observations.variance_at(model)[used]
     chi_square = float(np.sum(squared) / (squared.size - np.sum(inside) - np.sum(own)))
     residuals = Residuals(scale, model_error, chi_square, float(np.mean(np.abs(r) > OUTLIER)))
     return MaterialFit(
@@ -112,20 +112,20 @@ def with_covariance(
 
 
 def with_colour_error(fit: MaterialFit, error: Array) -> MaterialFit:
-    """`fit` with the error of the lamp's colour in its covariance; error: (C, C) covariance of its ln, per channel.
+    """`fit` with the error of the lamp's colour in its covariance; error: (C, C) covariance of ln white.
 
     An error δ of ln white changes every model value by itself times δ, and the estimate by H⁻¹JᵀW times that.
     """
-    pull = np.einsum("ncp,nc->pc", fit.objective.jacobian(fit.theta), fit.weight * fit.objective.model(fit.theta))
-    gain = inverse_over(fit.curvature, fit.inside) @ pull
+    change = np.einsum("ncp,nc->pc", fit.objective.jacobian(fit.theta), fit.weight * fit.objective.model(fit.theta))
+    gain = inverse_over(fit.curvature, fit.inside) @ change
     return replace(fit, covariance=fit.covariance + gain @ error @ gain.T)
 
 
 def inverse_over(curvature: Array, free: NDArray[np.bool_]) -> Array:
-    """Inverse of `curvature` (P, P) over the free coordinates, 0 elsewhere."""
+    """Inverse of `curvature` (P, P) over the free parameters, 0 elsewhere."""
     inverse = np.zeros_like(curvature)
     inner = curvature[np.ix_(free, free)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))  # 0 where a coordinate has no effect
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))  # 0 where a parameter has no effect
     both = np.outer(scale, scale)
     inverse[np.ix_(free, free)] = np.linalg.pinv(inner * both, hermitian=True) * both
     return inverse

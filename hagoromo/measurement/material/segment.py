@@ -1,6 +1,6 @@
-"""Materials from body colour: pixels labelled by the chromaticity of the light that their body gives back.
+"""Segmentation: pixels labelled by the chromaticity of their body colour.
 
-Two materials are told apart by their colour, not by their brightness: one colour in several shades is one material.
+Materials differ in colour, not in brightness: one colour in several shades is one material.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.observations import Pixels, known_shape
-from hagoromo.measurement.sight import Array, sight
+from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
 
-MATTE = 0.35  # [rad] least φ from which a pixel is taken to show its body more than its highlight
-SHARE_OF_ANGLE = 0.8  # of the largest least φ that a pixel has: photographs up to it show its body
-SMALLEST_SHARE = 0.01  # of the pixels that a material must have
+MATTE = 0.35  # [rad] smallest φ above which a pixel shows more of its body than of its highlight
+SHARE_OF_ANGLE = 0.8  # of the largest φ of a pixel: photographs above it show its body
+SMALLEST_SHARE = 0.01  # smallest share of the pixels that a material may have
 FINEST = 0.004  # chromaticity, standard deviation of the smoothing: half a step of an 8-bit photograph
-NOISIEST = 3.0  # times the median noise of the chromaticity: noisier pixels found no material
-VALLEY = np.log(2.0)  # fall of ln density between two materials
+NOISIEST = 3.0  # times the median noise of the chromaticity: noisier pixels start no material
+VALLEY = np.log(2.0)  # smallest fall of ln density between two materials
 MOST_BINS = 512
 
 
 class BodyColour(NamedTuple):
-    """Per pixel: value (M, C) and its variance (M, C), matte (M,) where a photograph shows it off highlights."""
+    """Per pixel: value (M, C), its variance (M, C), and matte (M,) where a photograph shows it outside highlights."""
 
     value: Array
     variance: Array
@@ -35,10 +35,10 @@ class BodyColour(NamedTuple):
 def segment(capture: Capture) -> NDArray[np.int64]:
     """Labels (h, w): 0, 1, … by falling size, −1 where no material is known.
 
-    Density of the chromaticities of the pixels seen off their highlights, smoothed by their noise; each hill that rises
-    above its saddles by VALLEY, and by more than chance, is a material, so the data give the number of materials.
-    A pixel seen in its highlight only takes the label of its colour where a hill is, else the nearest pixel's.
-    `InputError` when no pixel shows its body.
+    The density of the chromaticities of pixels outside their highlights is smoothed by their noise. Each maximum that
+    rises above its saddles by VALLEY, and significantly, is a material, so the data give the number of materials.
+    A pixel that is only seen in its highlight takes the label of the maximum of its colour, else the nearest pixel's.
+    `InputError` when no pixel shows its body colour.
     """
     region = known_shape(capture)
     pixels = Pixels.where(capture, region)
@@ -48,35 +48,35 @@ def segment(capture: Capture) -> NDArray[np.int64]:
     sure = lit & body.matte if np.sum(lit & body.matte) > 0.2 * np.sum(lit) else lit
     if not sure.any():
         raise InputError("no valid pixel shows its body colour: all are masked, saturated, dark or grazing")
-    found = np.full(len(pixels), -1)
-    found[lit] = _hills(body.value[lit], body.variance[lit], sure[lit])
+    pixel_labels = np.full(len(pixels), -1)
+    pixel_labels[lit] = _hills(body.value[lit], body.variance[lit], sure[lit])
     labels = np.full(region.shape, -1)
-    labels[pixels.rows, pixels.columns] = found
+    labels[pixels.rows, pixels.columns] = pixel_labels
     return _tidied(labels, pixels, lit)
 
 
 def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
-    """Σ values / Σ Lambertian irradiance over the photographs whose highlight is far: noise does not bias it."""
-    views = [sight(photograph, pixels.points, pixels.normals) for photograph in capture.photographs]
-    at = pixels.rows, pixels.columns
+    """Σ values / Σ Lambertian irradiance over the photographs far from the highlight: noise does not bias it."""
+    sights = [sight_of(photograph, pixels.points, pixels.normals) for photograph in capture.photographs]
+    index = pixels.rows, pixels.columns
     angles = np.stack([
-        np.where(view.fit_to_use & photograph.mask[at], view.least_half_angle, -1.0)
-        for view, photograph in zip(views, capture.photographs, strict=True)
+        np.where(geometry.fit_to_use & photograph.mask[index], geometry.least_half_angle, -1.0)
+        for geometry, photograph in zip(sights, capture.photographs, strict=True)
     ])  # fmt: skip
     chosen = (angles >= SHARE_OF_ANGLE * angles.max(axis=0)) & (angles >= 0.0)
     value = np.zeros((len(pixels), capture.photographs[0].values.shape[2]))
     variance, light = value.copy(), value.copy()
-    for view, photograph, taken in zip(views, capture.photographs, chosen, strict=True):
-        lambert = np.einsum("mlc,ml->mc", view.irradiance, np.maximum(view.cosines.incidence, 0.0))
-        value += np.where(taken[:, None], photograph.values[at], 0.0)
-        variance += np.where(taken[:, None], photograph.variance[at], 0.0)
+    for geometry, photograph, taken in zip(sights, capture.photographs, chosen, strict=True):
+        lambert = np.einsum("mlc,ml->mc", geometry.irradiance, np.maximum(geometry.cosines.incidence, 0.0))
+        value += np.where(taken[:, None], photograph.values[index], 0.0)
+        variance += np.where(taken[:, None], photograph.variance[index], 0.0)
         light += np.where(taken[:, None], lambert, 0.0)
     light = np.where(light > 0.0, light, np.nan)
     return BodyColour(value / light, variance / light**2, angles.max(axis=0) >= MATTE)
 
 
 def interior(labels: NDArray[np.integer], number: int) -> NDArray[np.bool_]:
-    """(h, w) pixels of one material that touch no other material: those that touch one may show both."""
+    """(h, w) pixels of one material that touch no other material, since border pixels may be mixed."""
     from scipy.ndimage import binary_dilation
 
     others = (labels >= 0) & (labels != number)
@@ -84,9 +84,10 @@ def interior(labels: NDArray[np.integer], number: int) -> NDArray[np.bool_]:
 
 
 def _hills(value: Array, variance: Array, sure: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Number of the hill that each colour (M, C) stands on, of the density of the `sure` ones: 0, 1, … by falling size.
+    """Label of the density maximum that each colour (M, C) belongs to: 0, 1, … by falling size.
 
-    −1 for noisy colours, too small hills, and colours that are not sure and stand off the hills.
+    The density is that of the `sure` colours. −1 for noisy colours, too small maxima, and colours that are not sure
+    and lie outside the maxima.
     """
     from scipy.ndimage import gaussian_filter
     from skimage.measure import label
@@ -95,14 +96,14 @@ def _hills(value: Array, variance: Array, sure: NDArray[np.bool_]) -> NDArray[np
 
     if value.shape[1] == 1:
         return np.zeros(len(value), np.int64)
-    at, noise = _chromaticity(value, variance)
+    chromaticity, noise = _chromaticity(value, variance)
     typical = float(np.median(noise[sure]))
     quiet = noise <= NOISIEST * typical
     firm = sure & quiet
     width = max(typical, FINEST)
-    low, high = at[firm].min(axis=0) - 4 * width, at[firm].max(axis=0) + 4 * width
+    low, high = chromaticity[firm].min(axis=0) - 4 * width, chromaticity[firm].max(axis=0) + 4 * width
     bins = np.clip(np.ceil((high - low) / (width / 2)), 8, MOST_BINS).astype(int)
-    cell = np.clip(((at - low) / (high - low) * bins).astype(int), 0, bins - 1)
+    cell = np.clip(((chromaticity - low) / (high - low) * bins).astype(int), 0, bins - 1)
     count = np.zeros(bins)
     np.add.at(count, tuple(cell[firm].T), 1.0)
     spread = width / ((high - low) / bins)
@@ -113,9 +114,9 @@ def _hills(value: Array, variance: Array, sure: NDArray[np.bool_]) -> NDArray[np
     prominence = max(VALLEY, 4.0 / np.sqrt(floor)) if floor < 30.0 else VALLEY
     peaks = label(h_maxima(density, prominence) * (density > density.min()))
     hills = np.asarray(watershed(-density, peaks, mask=resting > 0.0)) - 1
-    inside = ((at > low) & (at < high)).all(axis=1) & (resting[tuple(cell.T)] > floor)
-    found = np.where(firm | (quiet & inside), hills[tuple(cell.T)], -1)
-    return _by_size(found, SMALLEST_SHARE * firm.sum())
+    inside = ((chromaticity > low) & (chromaticity < high)).all(axis=1) & (resting[tuple(cell.T)] > floor)
+    hill = np.where(firm | (quiet & inside), hills[tuple(cell.T)], -1)
+    return _by_size(hill, SMALLEST_SHARE * firm.sum())
 
 
 def _chromaticity(value: Array, variance: Array) -> tuple[Array, Array]:
@@ -132,17 +133,17 @@ def _chromaticity(value: Array, variance: Array) -> tuple[Array, Array]:
     return share @ axes, noise
 
 
-def _by_size(found: NDArray, least: float) -> NDArray[np.int64]:
+def _by_size(labels: NDArray, least: float) -> NDArray[np.int64]:
     """Labels renumbered by falling size; those of fewer than `least` pixels become −1."""
-    names, sizes = np.unique(found[found >= 0], return_counts=True)
-    kept = names[np.argsort(-sizes, kind="stable")][: int(np.sum(sizes >= least))]
-    number = np.full(int(found.max(initial=0)) + 2, -1)
-    number[kept] = np.arange(len(kept))
-    return number[found]
+    names, sizes = np.unique(labels[labels >= 0], return_counts=True)
+    retained = names[np.argsort(-sizes, kind="stable")][: int(np.sum(sizes >= least))]
+    number = np.full(int(labels.max(initial=0)) + 2, -1)
+    number[retained] = np.arange(len(retained))
+    return number[labels]
 
 
 def _tidied(labels: NDArray[np.int64], pixels: Pixels, lit: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Lit pixels without a label take the nearest one's; then each takes the label that most of its 3 × 3 carry."""
+    """Lit pixels without a label take the nearest one's; then each takes the majority label of its 3 × 3."""
     from scipy.ndimage import distance_transform_edt, uniform_filter
 
     nearest = np.asarray(distance_transform_edt(labels < 0, return_distances=False, return_indices=True))

@@ -1,8 +1,9 @@
-"""Dichromatic separation: a photograph parted into what the bodies and what the interfaces of its materials send back.
+"""Dichromatic separation: a photograph separated into the diffuse (body) and specular (interface) parts of its light.
 
-A value is v = m_b c + m_s e + noise, c the body's colour and e the light's, as the camera sees them. m_s comes from the
-colours by weighted least squares (Klinker, Shafer & Kanade 1988) and from the measured materials; the two are joined by
-their variances, so a grey body is parted by its materials and a coloured one by its colour. What is left is the body.
+A value is v = m_b c + m_s e + noise, with c the body's colour and e the light's in the channels of the camera. m_s is
+estimated from the colours by weighted least squares (Klinker, Shafer & Kanade 1988) and from the measured materials;
+the two are combined by their variances, so the materials decide for a grey body and the colours for a coloured one.
+The rest is the body.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from hagoromo.measurement.material.body_map import Parts
 from hagoromo.measurement.sight import Array
 from hagoromo.photograph.photograph import Photograph
 
-TRUST = 0.3  # relative error taken for the materials' interface
-FLOOR = 0.01  # of the value: what the materials may have missed where they see no highlight
-COLOUR_ERROR = 0.02  # relative error taken for the colours c and e
+TRUST = 0.3  # relative error assumed for the materials' interface part
+FLOOR = 0.01  # of the value: error of that part where the materials have no highlight
+COLOUR_ERROR = 0.02  # relative error assumed for the colours c and e
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class Separation:
 
 
 def separated(photograph: Photograph, parts: Parts, number: int) -> Separation:
-    """The parts of `photograph`, which sum to its values; neither is below 0 but for noise."""
+    """The parts of `photograph`, which sum to its values; neither is negative except for noise."""
     values = np.where(photograph.mask[..., None], photograph.values.astype(np.float64), np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
         c = parts.body / np.linalg.norm(parts.body, axis=2, keepdims=True)

@@ -1,7 +1,7 @@
-"""What a fit says of each parameter of a material: its value, standard error and interval, and whether it is told.
+"""Uncertainty of each parameter of a material: value, standard error, interval, and whether it is identifiable.
 
-A parameter counts as identifiable when its 95 % interval closes inside the admissible range and amounts to a relative
-standard error of RELATIVE_LIMIT at most (of n − 1 for n: that is what the interface reflects by).
+A parameter is identifiable when its 95 % interval lies inside the admissible range and corresponds to a relative
+standard error of at most RELATIVE_LIMIT (of n − 1 for n, since the interface reflects in proportion to its square).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import NORMAL_95
 from hagoromo.measurement.material.interval import Profile, interval, interval_of_n
 from hagoromo.measurement.material.quantity import (
     Quantity,
@@ -21,6 +22,7 @@ from hagoromo.measurement.material.quantity import (
     coordinate,
     log_albedo,
     log_beta,
+    unpack_theta,
 )
 from hagoromo.measurement.material.sandwich import MaterialFit
 from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
@@ -28,11 +30,11 @@ from hagoromo.measurement.sight import Array
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
-WIDTH_95 = 2 * 1.959964  # of a 95 % interval, in standard errors
+WIDTH_95 = 2 * NORMAL_95  # width of a 95 % interval in standard errors
 
 
 def intervals_of(profile: Profile) -> dict[str, Any]:
-    """95 % intervals of every quantity that is reported."""
+    """95 % intervals of all reported quantities."""
     channels = len(profile.fit.theta) - 3
     return {
         "alpha": interval(profile, alpha),
@@ -45,19 +47,20 @@ def intervals_of(profile: Profile) -> dict[str, Any]:
 
 
 def identifiable_of(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bool]:
-    """Which parameters the photographs tell; a given n is not told, a β that only the range of n bounds neither."""
+    """Which parameters are identifiable. A given n is not, nor is a β that only the admissible range of n bounds."""
     values, given = values_at(fit.theta), not fit.free[-1]
     n1 = tuple(bound - 1.0 for bound in intervals["n"])
     return {
-        "alpha": tells(values["alpha"], intervals["alpha"], (0.0, math.inf)),
-        "beta": tells(values["beta"], intervals["beta"], (0.0, math.inf)) and (given or _inside(n1, ADMISSIBLE_N)),
-        "gamma": tells(values["gamma"], intervals["gamma"], GAMMA_RANGE),
-        "n": not given and tells(values["n"] - 1.0, n1, ADMISSIBLE_N),
+        "alpha": is_identifiable(values["alpha"], intervals["alpha"], (0.0, math.inf)),
+        "beta": is_identifiable(values["beta"], intervals["beta"], (0.0, math.inf))
+        and (given or _inside(n1, ADMISSIBLE_N)),
+        "gamma": is_identifiable(values["gamma"], intervals["gamma"], GAMMA_RANGE),
+        "n": not given and is_identifiable(values["n"] - 1.0, n1, ADMISSIBLE_N),
     }
 
 
 def errors_of(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[str, Any]) -> dict[str, Any]:
-    """Standard errors by the covariance of `fit`, or (None) those that the intervals amount to."""
+    """Standard errors by the covariance of `fit`, or (None) those that correspond to the intervals."""
     if fit is None:
         widths = {
             key: np.diff(np.array(interval, np.float64), axis=-1)[..., 0] / WIDTH_95
@@ -94,23 +97,23 @@ def correlation_of(fit: MaterialFit) -> tuple[tuple[float | None, ...], ...]:
 
 
 def values_at(theta: Array) -> dict[str, Any]:
-    """The parameters at θ, by their names in `MaterialEstimate`."""
-    body, n = theta[:-3], 1.0 + math.exp(theta[-1])
+    """The parameters of θ, by their names in `MaterialEstimate`."""
+    body, beta, gamma, n = unpack_theta(theta)
     mean = float(body.mean())
     if not mean > 0.0:
         raise InputError(f"its body reflects nothing (α = {mean:.2g}): there is no body colour to measure")
     return {
         "body_colour": tuple((body / mean).tolist()),
         "alpha": mean,
-        "beta": float(theta[-3]) * ((n + 1.0) / (n - 1.0)) ** 2,
-        "gamma": math.exp(theta[-2]),
+        "beta": beta,
+        "gamma": gamma,
         "n": n,
         "specular_albedo": float(theta[-3] * albedo_per_strength(theta[None])[0][0]),
     }
 
 
-def tells(value: float, bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
-    """Whether a 95 % interval closes inside the admissible range and is narrow enough for its value."""
+def is_identifiable(value: float, bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
+    """Whether a 95 % interval lies inside the admissible range and is narrow enough for its value."""
     return _inside(bounds, admissible) and bool(bounds[1] - bounds[0] <= WIDTH_95 * RELATIVE_LIMIT * value)
 
 

@@ -1,4 +1,4 @@
-"""From the photometric fit to a Measurement: materials whose body colour varies from pixel to pixel, gloss shared."""
+"""Gloss estimate: the Measurement of a photometric fit; body colour varies from pixel to pixel, gloss is shared."""
 
 from __future__ import annotations
 
@@ -8,47 +8,48 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import Status
-from hagoromo.measurement.material.quantity import log_albedo, theta_of
+from hagoromo.least_squares import NORMAL_95, Status
+from hagoromo.measurement.material.quantity import log_albedo, pack_theta
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
+from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
 from hagoromo.measurement.normals.shading import N
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
-RELATIVE_LIMIT = 0.25  # largest relative standard error of a parameter that counts as told
-NORMAL_95 = 1.959964
-PARTS = 4.0 * math.pi  # independent parts of an object, half its radius wide
-NOTABLE = 2.0  # standard errors by which σ must miss 0 to be remarked upon
+RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
+PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
+NOTABLE = 2.0  # standard errors by which σ must differ from 0 to be remarked upon
 
 
-def measurement_of(capture: Capture, found: NormalMap) -> Measurement:
-    """The Measurement that the normals of `capture` amount to.
+def measurement_of(capture: Capture, normal_map: NormalMap) -> Measurement:
+    """The Measurement of `capture` from its normals.
 
-    alpha and body_colour of a material are medians over its pixels. n is not told by lamps and eye on one side: 1.5 by
-    choice. `InputError` when `found` is of another capture.
+    alpha and body_colour of a material are medians over its pixels. n is not identifiable with lamps and eye on one
+    side; it is set to 1.5. `InputError` when `normal_map` is of another capture.
     """
-    fit, seen = found.fit, found.seen
-    if len(capture.photographs) != len(seen.values):
+    fit, views = normal_map.fit, normal_map.views
+    if len(capture.photographs) != len(views.values):
         raise InputError("the normals are of another capture: solve them for this one")
-    model = fit.evenness(seen.place)[:, None] * predicted(fit, seen.to_lamp, seen.to_eye)
-    masks = np.stack([photograph.mask[seen.rows, seen.columns] for photograph in capture.photographs])
-    left = np.where(masks[:, None], (seen.values - model) / np.sqrt(seen.variance), np.nan)
+    model = fit.evenness(views.place)[:, None] * predicted(fit, views.to_lamp, views.to_eye)
+    masks = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
+    residual = np.where(masks[:, None], (views.values - model) / np.sqrt(views.variance), np.nan)
     predictions, residuals = (
-        tuple(seen.image(one.T.astype(np.float32), np.nan) for one in values) for values in (model * seen.light, left)
+        tuple(views.image(one.T.astype(np.float32), np.nan) for one in values)
+        for values in (model * views.light, residual)
     )
-    materials = tuple(_material(found, left, number) for number in range(len(fit.gloss.rows)))
-    labels = np.full(seen.shape, -1)
-    labels[seen.rows, seen.columns] = fit.labels
-    return Measurement(materials, labels, predictions, residuals, found.normals)
+    materials = tuple(_material(normal_map, residual, number) for number in range(len(fit.gloss.rows)))
+    labels = np.full(views.shape, -1)
+    labels[views.rows, views.columns] = fit.labels
+    return Measurement(materials, labels, predictions, residuals, normal_map.normals)
 
 
-def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
+def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEstimate:
     """The estimate of one material; left: (K, C, P) residuals in standard deviations of the noise."""
-    fit = found.fit
+    fit = normal_map.fit
     mine = fit.labels == number
     body = np.median(fit.body[:, mine], axis=1)
     alpha, parts = float(body.mean()), max(PARTS * float(mine.mean()), 1.0)
@@ -56,7 +57,7 @@ def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
     scatter = np.std(fit.body[:, mine] / fit.body[:, mine].mean(axis=0), axis=1) / math.sqrt(parts)
     colour, covariance = body / alpha, fit.covariance[number]
     beta, gamma = np.exp(fit.gloss.rows[number, :2]).tolist()
-    log_of_albedo, gradient = log_albedo(theta_of(body, beta, gamma, N)[None])
+    log_of_albedo, gradient = log_albedo(pack_theta(body, beta, gamma, N)[None])
     slope = np.array([1.0, float(gradient[0, -2]), 0.0, 0.0])
     value = {"alpha": alpha, "beta": beta, "gamma": gamma, "specular_albedo": math.exp(float(log_of_albedo[0]))}
     relative = {
@@ -70,7 +71,7 @@ def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
     of_colour = tuple(
         (c - NORMAL_95 * s, c + NORMAL_95 * s) for c, s in zip(colour.tolist(), scatter.tolist(), strict=True)
     )
-    told = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")} | {"n": False}
+    identifiable = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")} | {"n": False}
     both = float(covariance[0, 1]) / (relative["beta"] * relative["gamma"])
     return MaterialEstimate(
         name=f"material {number + 1}",
@@ -81,31 +82,31 @@ def _material(found: NormalMap, left: Array, number: int) -> MaterialEstimate:
         standard_error=error | {"n": None, "body_colour": tuple(scatter.tolist())},
         interval_95=interval | {"n": N_RANGE, "body_colour": of_colour},
         correlation=((1.0, None, None, None), (None, 1.0, both, None), (None, both, 1.0, None), (None,) * 4),
-        identifiable=told,
-        chi_square=float(np.nanmean(left[:, :, mine] ** 2)),
+        identifiable=identifiable,
+        chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
         remarks=(
-            f"body colours are measured pixel by pixel: they vary by {100 * varies:.0f} % over the material",
-            *_remarks(fit, number, told),
+            f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
+            *_remarks(fit, number, identifiable),
         ),
         convergence=None if fit.status is None else fit.status.record(),
         **value,
     )
 
 
-def _remarks(fit: Fit, number: int, told: dict[str, bool]) -> list[str]:
-    """What the photographs say of the model, and what they do not tell."""
+def _remarks(fit: Fit, number: int, identifiable: dict[str, bool]) -> list[str]:
+    """Remarks on fits that did not converge, on the error of the model, and on parameters that are not identifiable."""
     remarks = [
         *_unsettled(fit, number),
-        f"the model is off by {100 * fit.model_error:.1f} % beside the noise",
-        f"n is not told by lamps on the eye's side: {N} was chosen, and beta belongs to it",
+        f"the error of the model is {100 * fit.model_error:.1f} %, in addition to the noise",
+        f"n is not identifiable with all lamps on the camera's side: {N} was chosen, and beta holds for it",
     ]
     sigma, error = float(fit.gloss.rows[number, 2]), math.sqrt(fit.covariance[number, 2, 2])
     if abs(sigma) > NOTABLE * error:
         way = "more" if sigma > 0.0 else "less"
         remarks.append(f"its body sends {way} light back than Lambert's law: roughness {sigma:.2f} ± {error:.2f}")
-    unknown = [key for key in ("alpha", "beta", "gamma") if not told[key]]
+    unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
     if unknown:
-        remarks.append(f"not told by these photographs: {', '.join(unknown)}")
+        remarks.append(f"not identifiable from these photographs: {', '.join(unknown)}")
     return remarks
 
 
@@ -118,7 +119,7 @@ def _unsettled(fit: Fit, number: int) -> list[str]:
         remarks.append(fit.shape_status.remark("the surface under near lamps"))
     if fit.pixel_status is not None:
         share = float(np.mean(fit.pixel_status[fit.labels == number] != Status.CONVERGED))
-        if share > 0.0:
+        if share > STILL_MOVING_SHARE:
             remarks.append(f"the normal of {100.0 * share:.2g} % of its pixels did not converge")
     return remarks
 

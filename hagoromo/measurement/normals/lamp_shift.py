@@ -1,4 +1,4 @@
-"""Lamp shift: what photographs would show were the lamps, or the surface, a little beside where they are said to be.
+"""Lamp shift: directions and irradiance when the lamps, or the surface, differ slightly from the stated ones.
 
 A shift is an angle: it is added to a far lamp's direction, and times the mean distance to a near lamp's position.
 """
@@ -13,7 +13,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.normals.shading import tangents
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
 
-STRIDE = 1e-5  # rad, and of ln distance, of the differences that slopes are taken from
+STRIDE = 1e-5  # [rad], and of ln distance: step of the finite differences
 
 
 class Shifted(NamedTuple):
@@ -29,21 +29,21 @@ class Shifted(NamedTuple):
     by_light: Array
 
 
-def shifted_lamps(seen: Views, shift: Array) -> tuple[Lamp, ...]:
-    """The lamps of `seen`, shifted (K, 3)."""
-    middle = seen.points.mean(axis=0)
-    return tuple(_moved(lamp, by, middle) for lamp, by in zip(seen.lamps, shift, strict=True))
+def shifted_lamps(views: Views, shift: Array) -> tuple[Lamp, ...]:
+    """The lamps of `views`, shifted (K, 3)."""
+    middle = views.points.mean(axis=0)
+    return tuple(_moved(lamp, by, middle) for lamp, by in zip(views.lamps, shift, strict=True))
 
 
-def shifted(seen: Views, shift: Array, depth: float) -> Shifted:
-    """The lamps of `seen` shifted (K, 3), its points exp(depth) times as far, with slopes."""
-    places = seen.points, seen.farther(np.exp(depth)), seen.farther(np.exp(depth + STRIDE))
-    parts = [_one(lamp, by, places) for lamp, by in zip(seen.lamps, shift, strict=True)]
+def shifted(views: Views, shift: Array, depth: float) -> Shifted:
+    """The lamps of `views` shifted (K, 3), its points exp(depth) times as far, with slopes."""
+    places = views.points, views.farther(np.exp(depth)), views.farther(np.exp(depth + STRIDE))
+    parts = [_one(lamp, by, places) for lamp, by in zip(views.lamps, shift, strict=True)]
     return Shifted(*(np.stack(part) for part in zip(*parts, strict=True)))
 
 
 def _one(lamp: Lamp, shift: Array, places: tuple[Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-    """Of one lamp, for points as stated, as they are, and a stride farther."""
+    """Of one lamp: `places` are the stated points, the fitted points, and those one stride farther."""
     before, points, beyond = places
     middle = before.mean(axis=0)
     stated, moved = _log_light(lamp, before)[1], _moved(lamp, shift, middle)

@@ -1,7 +1,7 @@
-"""Normals from photographs under many lamps (MODEL §7.3): robust Lambert first, then with gloss and uneven lamps.
+"""Normals from photographs under many lamps (MODEL §7.3): robust Lambertian first, then with gloss and uneven lamps.
 
-Enters: a Capture whose lamps are known. Leaves: a normal with its variance and a body colour per pixel, and how the
-lamps light the object unevenly.
+Enters: a Capture whose lamps are known. Leaves: a normal with its variance and a body colour per pixel, and how
+unevenly each lamp lights the object.
 """
 
 from __future__ import annotations
@@ -14,22 +14,21 @@ from numpy.typing import NDArray
 from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.photometric_fit import photometric_fit
-from hagoromo.measurement.normals.photometric_model import Fit
-from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.shading import GRAZING, Gloss
-from hagoromo.measurement.normals.views import Array, Views, views
+from hagoromo.measurement.normals.photometric_model import Fit, Prior
+from hagoromo.measurement.normals.shading import LEAST_COSINE, Gloss
+from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
-START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)
-START_ERROR = 0.02  # relative error of Lambert's law that weighs the photographs at the start
+START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln ε at the start
+START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class NormalMap:
     """normals (h, w, 3) unit, world, 0 where unknown; variance (h, w) of their direction [rad²], inf where unknown;
-    body (h, w, C) α c_b of each pixel; labels (h, w) of the materials, −1 unknown; fit and seen: what they came from.
+    body (h, w, C) α c_b of each pixel; labels (h, w) of the materials, −1 unknown; fit and seen: what it was made from.
     """
 
     normals: NDArray[np.float32]
@@ -37,7 +36,7 @@ class NormalMap:
     body: NDArray[np.float32]
     labels: NDArray[np.integer]
     fit: Fit
-    seen: Views
+    views: Views
 
 
 def solve_normals(
@@ -50,72 +49,72 @@ def solve_normals(
 
     prior: what lamps and bodies are taken for before the photographs speak.
 
-    `InputError` when the photographs cannot tell normals (see `views`).
+    `InputError` when the photographs do not determine normals (see `views_from_capture`).
     """
     progress(0.0, "normals")
-    seen = views(capture)
-    normals, body = robust_lambert(seen)
+    views = views_from_capture(capture)
+    normals, body = robust_lambert(views)
     progress(0.2, "materials")
     if labels is None:
-        labels = _segmented(capture, seen, normals)
-    seen, fit = solve_fit(seen, labels, normals, body, prior)
+        labels = _segmented(capture, views, normals)
+    views, fit = solve_fit(views, labels, normals, body, prior)
     progress(1.0, "")
     return NormalMap(
-        seen.image(fit.normals.astype(np.float32)),
-        seen.image(fit.variance.astype(np.float32), np.inf),
-        seen.image(fit.body.T.astype(np.float32)),
+        views.image(fit.normals.astype(np.float32)),
+        views.image(fit.variance.astype(np.float32), np.inf),
+        views.image(fit.body.T.astype(np.float32)),
         labels,
         fit,
-        seen,
+        views,
     )
 
 
 def solve_fit(
-    seen: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: Prior | None = None
+    views: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: Prior | None = None
 ) -> tuple[Views, Fit]:
     """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0.
 
-    The views that it gives are `seen` under lamps where the fit has them.
+    The views that it gives are `views` under lamps where the fit has them.
     """
-    at = np.maximum(labels[seen.rows, seen.columns], 0)
-    names, numbers = np.unique(at, return_inverse=True)
+    material = np.maximum(labels[views.rows, views.columns], 0)
+    names, numbers = np.unique(material, return_inverse=True)
     gloss = Gloss(np.tile(START_GLOSS, (len(names), 1)))
-    start = replace(_without_gloss(seen, normals, body), labels=numbers.astype(np.intp), gloss=gloss)
-    return photometric_fit(seen, start, prior)
+    start = replace(_without_gloss(views, normals, body), labels=numbers.astype(np.intp), gloss=gloss)
+    return photometric_fit(views, start, prior)
 
 
-def least_squares_lambert(seen: Views) -> tuple[Array, Array]:
-    """Plain least squares of Lambert's law over all lamps: normals (P, 3) and body (C, P). The yardstick.
+def least_squares_lambert(views: Views) -> tuple[Array, Array]:
+    """Plain least squares of Lambert's law over all lamps: normals (P, 3) and body (C, P). A baseline to compare with.
 
     The normal follows from the mean of the channels, the body of each channel then from that normal.
     """
-    every = np.ones_like(seen.used, np.float64)
-    return _split(seen, _weighted(seen, every), every)
+    every = np.ones_like(views.used, np.float64)
+    return _split(views, _weighted(views, every), every)
 
 
-def least_squares_fit(seen: Views) -> Fit:
+def least_squares_fit(views: Views) -> Fit:
     """`least_squares_lambert` as a Fit without gloss under even lamps."""
-    normals, body = least_squares_lambert(seen)
-    return _without_gloss(seen, normals, body)
+    normals, body = least_squares_lambert(views)
+    return _without_gloss(views, normals, body)
 
 
-def robust_lambert(seen: Views) -> tuple[Array, Array]:
-    """Lambert's law with Cauchy's weights, shadows left out: normals (P, 3) and body (C, P)."""
-    grey, noise = seen.values.mean(axis=1), seen.variance.mean(axis=1) / seen.values.shape[1]
+def robust_lambert(views: Views) -> tuple[Array, Array]:
+    """Lambert's law with Cauchy's weights, shadows excluded: normals (P, 3) and body (C, P)."""
+    grey, noise = views.values.mean(axis=1), views.variance.mean(axis=1) / views.values.shape[1]
     spread = noise + (START_ERROR * np.maximum(grey, grey.mean(axis=0))) ** 2
-    weight = np.where(seen.used, 1.0, 1e-6)
-    scaled = _weighted(seen, weight)
+    weight = np.where(views.used, 1.0, 1e-6)
+    scaled = _weighted(views, weight)
     for _ in range(LAMBERT_REWEIGHTINGS):
-        model = np.maximum(np.einsum("kpi,pi->kp", seen.to_lamp, scaled), 0.0)
+        model = np.maximum(np.einsum("kpi,pi->kp", views.to_lamp, scaled), 0.0)
         squared = (grey - model) ** 2 / (spread * CAUCHY_SCALE**2)
-        weight = np.where(seen.used, 1.0, 1e-6) / (1.0 + squared)
-        scaled = _weighted(seen, weight)
-    return _split(seen, scaled, weight)
+        weight = np.where(views.used, 1.0, 1e-6) / (1.0 + squared)
+        scaled = _weighted(views, weight)
+    return _split(views, scaled, weight)
 
 
-def _without_gloss(seen: Views, normals: Array, body: Array) -> Fit:
-    """A Fit of one material that follows Lambert's law, under even lamps, of unknown errors."""
-    lamps, pixels = len(seen.values), len(seen.rows)
+def _without_gloss(views: Views, normals: Array, body: Array) -> Fit:
+    """A Fit of one Lambertian material under even lamps; errors are unknown."""
+    lamps, pixels = len(views.values), len(views.rows)
     return Fit(
         normals,
         body,
@@ -131,36 +130,36 @@ def _without_gloss(seen: Views, normals: Array, body: Array) -> Fit:
     )
 
 
-def _weighted(seen: Views, weight: Array) -> Array:
+def _weighted(views: Views, weight: Array) -> Array:
     """Scaled normals (P, 3) by weighted least squares of the channels' mean."""
-    matrix = np.empty((len(seen.rows), 3, 3))
-    weighed = [weight * seen.to_lamp[..., i] for i in range(3)]
+    matrix = np.empty((len(views.rows), 3, 3))
+    weighed = [weight * views.to_lamp[..., i] for i in range(3)]
     for i in range(3):
         for j in range(i, 3):
-            matrix[:, i, j] = matrix[:, j, i] = np.sum(weighed[i] * seen.to_lamp[..., j], axis=0)
-    grey = seen.values.mean(axis=1)
-    pull = np.stack([np.sum(part * grey, axis=0) for part in weighed], axis=1)
-    return np.linalg.solve(matrix + 1e-9 * np.eye(3), pull[..., None])[..., 0].astype(np.float64)
+            matrix[:, i, j] = matrix[:, j, i] = np.sum(weighed[i] * views.to_lamp[..., j], axis=0)
+    grey = views.values.mean(axis=1)
+    rhs = np.stack([np.sum(part * grey, axis=0) for part in weighed], axis=1)
+    return np.linalg.solve(matrix + 1e-9 * np.eye(3), rhs[..., None])[..., 0].astype(np.float64)
 
 
-def _split(seen: Views, scaled: Array, weight: Array) -> tuple[Array, Array]:
-    """Scaled normals → unit ones, kept on the side of the eye, and the body colours that go with them."""
+def _split(views: Views, scaled: Array, weight: Array) -> tuple[Array, Array]:
+    """Scaled normals → unit ones, turned towards the eye where they face away, and the matching body colours."""
     length = np.linalg.norm(scaled, axis=1, keepdims=True)
-    normals = np.where(length > 1e-6, scaled / np.maximum(length, 1e-12), seen.to_eye)
-    short = np.maximum(GRAZING - np.einsum("pi,pi->p", normals, seen.to_eye), 0.0)
-    normals = normals + short[:, None] * seen.to_eye
+    normals = np.where(length > 1e-6, scaled / np.maximum(length, 1e-12), views.to_eye)
+    short = np.maximum(LEAST_COSINE - np.einsum("pi,pi->p", normals, views.to_eye), 0.0)
+    normals = normals + short[:, None] * views.to_eye
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    incidence = np.maximum(np.einsum("kpi,pi->kp", seen.to_lamp, normals), 0.0)
+    incidence = np.maximum(np.einsum("kpi,pi->kp", views.to_lamp, normals), 0.0)
     light = np.einsum("kp,kp->p", weight, incidence**2)
-    body = np.einsum("kp,kp,kcp->cp", weight, incidence, seen.values) / np.maximum(light, 1e-9)
-    return normals, np.maximum(body, 1e-4 * seen.values.mean())
+    body = np.einsum("kp,kp,kcp->cp", weight, incidence, views.values) / np.maximum(light, 1e-9)
+    return normals, np.maximum(body, 1e-4 * views.values.mean())
 
 
-def _segmented(capture: Capture, seen: Views, normals: Array) -> NDArray[np.integer]:
-    """Materials by body colour, on a shape that is good enough for that."""
+def _segmented(capture: Capture, views: Views, normals: Array) -> NDArray[np.integer]:
+    """Materials by body colour, on a shape that is accurate enough for that."""
     camera = capture.photographs[0].camera
     points = capture.points
     if points is None:
         points = (camera.position + camera.pixel_directions()).astype(np.float32)
-    known = replace(capture, points=points, normals=seen.image(normals.astype(np.float32)))
+    known = replace(capture, points=points, normals=views.image(normals.astype(np.float32)))
     return np.asarray(segment(known))

@@ -1,7 +1,7 @@
-"""Photometric fit: gloss, lamps and model error from a part of the pixels, then normal and body colour of every pixel.
+"""Photometric fit: gloss, lamps and model error from a subset of the pixels, then normal and body of every pixel.
 
-Errors of the model are alike over large parts of an object, so a photograph counts as so many independent values as
-its residuals show (`independent_share`).
+Model errors are correlated over large parts of an object, so each photograph enters with its effective number of
+independent values (`independent_share`).
 """
 
 from __future__ import annotations
@@ -12,50 +12,49 @@ import numpy as np
 
 from hagoromo.least_squares import NORMAL_MEDIAN, Damping, SingleProblem, Tolerance, levenberg_marquardt
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
-from hagoromo.measurement.normals.photometric_model import Fit, precision, predicted, size
-from hagoromo.measurement.normals.photometric_prior import Prior
+from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision, predicted, size
 from hagoromo.measurement.normals.photometric_step import Problem, Step
 from hagoromo.measurement.normals.pixel_fit import Light, fit_pixels
 from hagoromo.measurement.normals.views import Views
 
-SUBSET = 2000  # pixels that gloss and lamps are estimated from
+SUBSET = 2000  # pixels from which gloss and lamps are estimated
 PHOTOMETRIC_FIT_STEPS, PHOTOMETRIC_FIT_ROUNDS = 12, 3
 PHOTOMETRIC_FIT_DAMPING = Damping(start=1e-2, shrink=5.0, grow=5.0, least=1e-5, most=np.inf, ties=False)
-PHOTOMETRIC_FIT_GAIN = 1e-4  # of the cost: a step that gains less is the last
-FLOOR = 0.003  # least relative error of the model
+PHOTOMETRIC_FIT_GAIN = 1e-4  # relative to the cost: a step that gains less is the last
+SMALLEST_MODEL_ERROR = 0.003  # relative
 
 
-def photometric_fit(seen: Views, start: Fit, prior: Prior | None = None, seed: int = 0) -> tuple[Views, Fit]:
-    """Everything: gloss, lamps and model error from a subset of the pixels, then normals and body of all.
+def photometric_fit(views: Views, start: Fit, prior: Prior | None = None, seed: int = 0) -> tuple[Views, Fit]:
+    """Gloss, lamps and model error from a subset of the pixels, then normals and body of all pixels.
 
-    The views that it gives are `seen` under the lamps, and of points, where the fit has them.
+    The returned views are `views` under the fitted lamps and at the fitted distance.
     """
-    fit = fit_together(seen, start, prior or Prior(), seed)
-    seen = seen.under(shifted_lamps(seen, fit.shift), float(np.exp(fit.depth)))
-    light = Light(fit.gloss.rows[fit.labels], fit.evenness(seen.place), precision(seen, fit.model_error))
-    pixels = fit_pixels(seen, light, start.normals, start.body)
-    return seen, replace(
+    fit = fit_together(views, start, prior or Prior(), seed)
+    views = views.under(shifted_lamps(views, fit.shift), float(np.exp(fit.depth)))
+    light = Light(fit.gloss.rows[fit.labels], fit.evenness(views.place), precision(views, fit.model_error))
+    pixels = fit_pixels(views, light, start.normals, start.body)
+    return views, replace(
         fit, normals=pixels.normals, body=pixels.body, variance=pixels.variance, pixel_status=pixels.status
     )
 
 
-def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
-    """Gloss, lamps and model error from SUBSET pixels of `seen`; normals and body of all pixels stay as they are.
+def fit_together(views: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
+    """Gloss, lamps and model error from SUBSET pixels of `views`; normals and body of all pixels are not changed.
 
-    The scales of the lamps' prior are learnt on the way, `prior` counting as what they were stated to be.
+    The scales of the prior of the lamps are learnt along the way; `prior` states them at the start.
     """
-    count = len(seen.rows)
+    count = len(views.rows)
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
-    share = independent_share(seen, start) * count / len(chosen)
-    problem = Problem(seen.pixels(chosen), seen.place[chosen], share, prior)
+    share = independent_share(views, start) * count / len(chosen)
+    problem = Problem(views.pixels(chosen), views.place[chosen], share, prior)
     fit, status = start.pixels(chosen), None
     for _ in range(PHOTOMETRIC_FIT_ROUNDS):
         start_of_round = Step(problem, fit)
         tolerance = Tolerance(gain=PHOTOMETRIC_FIT_GAIN)
-        found = levenberg_marquardt(
+        solution = levenberg_marquardt(
             SingleProblem(), start_of_round, PHOTOMETRIC_FIT_DAMPING, tolerance, PHOTOMETRIC_FIT_STEPS
         )
-        first, step, status = start_of_round.cost, found.state, found.status
+        first, step, status = start_of_round.cost, solution.state, solution.status
         fit = replace(step.fit, model_error=_model_error(step))
         learnt = problem.prior.learnt(prior, step.of_lamps, step.covariances()[1])
         problem = replace(problem, prior=learnt)
@@ -75,32 +74,32 @@ def fit_together(seen: Views, start: Fit, prior: Prior, seed: int = 0) -> Fit:
     )
 
 
-def independent_share(seen: Views, fit: Fit) -> float:
+def independent_share(views: Views, fit: Fit) -> float:
     """Independent values per pixel of a photograph: Σ r² over Σ (Σ r)² of tiles half the object's radius wide.
 
-    1/C for residuals that are noise, one per tile for those of a model that is wrong all over: its errors are alike in
-    all C channels.
+    It is 1/C for residuals that are noise, and one per tile for an error of the model that is the same all over a
+    tile and in all C channels.
     """
-    grey = seen.values.mean(axis=1)
-    model = predicted(fit, seen.to_lamp, seen.to_eye).mean(axis=1)
-    scale = np.maximum(size(seen)[:, 0], 1e-30)  # a pixel that no photograph sees anything of has 0
-    relative = np.where(seen.used, (grey - model) / scale, 0.0)
-    limit = 3.0 * np.sqrt(np.median(relative[seen.used] ** 2) / NORMAL_MEDIAN)
+    grey = views.values.mean(axis=1)
+    model = predicted(fit, views.to_lamp, views.to_eye).mean(axis=1)
+    scale = np.maximum(size(views)[:, 0], 1e-30)  # 0 for a pixel that is dark in all photographs
+    relative = np.where(views.used, (grey - model) / scale, 0.0)
+    limit = 3.0 * np.sqrt(np.median(relative[views.used] ** 2) / NORMAL_MEDIAN)
     relative = np.clip(relative, -limit, limit)
-    side = max(int(0.5 * np.sqrt(len(seen.rows) / np.pi)), 1)
-    tile = (seen.rows // side) * (seen.shape[1] // side + 1) + seen.columns // side
+    side = max(int(0.5 * np.sqrt(len(views.rows) / np.pi)), 1)
+    tile = (views.rows // side) * (views.shape[1] // side + 1) + views.columns // side
     sums = sum(float(np.sum(np.bincount(tile, row) ** 2)) for row in relative)
-    return float(min(np.sum(relative**2) / max(sums, 1e-30), 1.0)) / seen.values.shape[1]
+    return float(min(np.sum(relative**2) / max(sums, 1e-30), 1.0)) / views.values.shape[1]
 
 
 def _model_error(step: Step) -> float:
-    """Relative error of the model that makes the median of the squared residuals that of a normal error."""
-    used = np.broadcast_to(step.problem.seen.used[:, None], step.model.shape)
+    """Relative error of the model for which the median of the squared residuals is that of a normal distribution."""
+    used = np.broadcast_to(step.problem.views.used[:, None], step.model.shape)
     channels, pixels = step.model.shape[1:]
     freedom = 1.0 - (2.0 + channels) * pixels / max(float(used.sum()), 1.0)
     squared = (step.deviation**2)[used] / max(freedom, 0.1)
-    noise, signal = step.problem.seen.variance[used], size(step.problem.seen)[used] ** 2
-    low, high = np.log(FLOOR), 0.0
+    noise, signal = step.problem.views.variance[used], size(step.problem.views)[used] ** 2
+    low, high = np.log(SMALLEST_MODEL_ERROR), 0.0
     for _ in range(30):
         middle = 0.5 * (low + high)
         excess = np.median(squared / (noise + np.exp(2 * middle) * signal)) > NORMAL_MEDIAN

@@ -1,9 +1,10 @@
-"""Photometric model: what photographs under many lamps are explained by, and how far they may be off.
+"""Photometric model: the values that photographs under many lamps should have, and the error of that model.
 
     value_kc(p) = s_k(p) [ body_c(p) B_k(p) + I_k(p) ],   s_k(p) = e_k (1 + a_k · place(p)),   B, I as in `shading`
 
-s is the unevenness of the lamps: their strengths e and how each falls off over the object, beside what their place
-does to the irradiance. The places themselves may be a little off (`shift`).
+s is the unevenness of the lamps: their strengths e and a linear change a_k over the object, in addition to the
+irradiance that follows from their positions. The positions themselves have a small error (`shift`). Lamps and bodies
+have a `Prior`, whose scales are learnt from the photographs.
 """
 
 from __future__ import annotations
@@ -13,21 +14,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares import CAUCHY_SCALE, FitStatus
 from hagoromo.measurement.normals.shading import Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
+
+STATED_WEIGHT = 6.0  # a stated scale counts as much as this many numbers of the lamps
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """normals (P, 3), body (C, P), labels (P,) of the materials, gloss, lamps: strength ln e (K,), slope a (K, 2), and
-    shift (K, 3) of their places, a far lamp's by its direction [rad], a near one's over its distance; depth, ln of
-    the distance of the surface over what it is said to be.
+    shift (K, 3): of a far lamp's direction [rad], of a near one's position over its distance; depth: ln of the ratio
+    of the distance of the surface to the stated distance.
 
-    model_error: relative error of the model beside the noise. variance: (P,) of the normal's direction [rad²], the sum
-    over its two turns; inf where not estimated. covariance: (M, 4, 4) of the rows of `gloss`. status: how the fit of
-    gloss and lamps ended; pixel_status: (P,) `Status` of the fit of each normal; shape_status: how the
-    rounds of normals and surface under near lamps ended. None for what was not fitted so.
+    model_error: relative error of the model, in addition to the noise. variance: (P,) of the normal's direction
+    [rad²], the sum over its two turns; inf where not estimated. covariance: (M, 4, 4) of the rows of `gloss`.
+    status: how the fit of gloss and lamps ended; pixel_status: (P,) `Status` of the fit of each normal; shape_status:
+    how the rounds of normals and surface under near lamps ended. None: there was no such fit.
     """
 
     normals: Array
@@ -62,16 +65,72 @@ def evenness(strength: Array, slope: Array, place: Array) -> Array:
 
 
 def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
-    """(K, C, P) values that the fit gives under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
+    """(K, C, P) values of the fit under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
     shade = shading(fit.normals, to_lamp, to_eye, fit.gloss.rows[fit.labels])
     return fit.body[None] * shade.body[:, None] + shade.interface[:, None]
 
 
-def precision(seen: Views, model_error: float) -> Array:
+def precision(views: Views, model_error: float) -> Array:
     """(K, C, P) inverse variance of noise and model error, 0 where a value is not used."""
-    return seen.used[:, None] / (seen.variance + (model_error * size(seen)) ** 2)
+    return views.used[:, None] / (views.variance + (model_error * size(views)) ** 2)
 
 
-def size(seen: Views) -> Array:
-    """What errors of the model are relative to: the value, or the pixel's mean where a shadow makes that small."""
-    return np.maximum(seen.values, seen.values.mean(axis=0))
+def size(views: Views) -> Array:
+    """The value to which errors of the model are relative: at least the pixel's mean, for values in shadow."""
+    return np.maximum(views.values, views.values.mean(axis=0))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Prior of lamps and bodies. The default: lamps of one type, set up by hand and calibrated with a ball.
+
+    strength: scale of ln e (Cauchy: an occasional lamp deviates much). slope: standard deviation of a, per radius of
+    the object. direction: of each component of a lamp's shift [rad]. roughness, exponent: of σ and ln ε of the bodies.
+    distance: of the ln distance of a surface of unknown depth.
+    """
+
+    strength: float = 0.01
+    slope: float = 0.03
+    direction: float = 0.01
+    roughness: float = 0.2
+    exponent: float = 0.2
+    distance: float = 0.05
+
+    @property
+    def gloss(self) -> Array:
+        """(4, 2) mean and standard deviation of ln β, ln γ, σ, ln ε: any dielectric, as wide as measured ones vary."""
+        return np.array([[np.log(1.0), 2.0], [np.log(0.3), 1.0], [0.0, self.roughness], [0.0, self.exponent]])
+
+    def loss(self, lamps: Array) -> float:
+        """Twice the negative logarithm of the prior of `lamps` (K, 6): ln e, a, shift."""
+        strength = CAUCHY_SCALE**2 * np.log1p((lamps[:, 0] / self.strength / CAUCHY_SCALE) ** 2)
+        others = np.sum((lamps[:, 1:3] / self.slope) ** 2) + np.sum((lamps[:, 3:] / self.direction) ** 2)
+        return float(np.sum(strength) + others)
+
+    def precision(self, lamps: Array) -> Array:
+        """(K, 6) curvature of the prior at `lamps`; of Cauchy's loss the weight."""
+        curvature = np.empty(lamps.shape)
+        curvature[:, 0] = 1.0 / (self.strength**2 + (lamps[:, 0] / CAUCHY_SCALE) ** 2)
+        curvature[:, 1:3] = self.slope**-2.0
+        curvature[:, 3:] = self.direction**-2.0
+        return curvature
+
+    def learnt(self, stated: Prior, lamps: Array, variance: Array) -> Prior:
+        """The prior with the scales of `lamps` (K, 6) of this posterior variance (expectation maximisation).
+
+        stated: the prior with the stated scales; it counts as STATED_WEIGHT further numbers.
+        """
+        weight = np.ones(lamps.shape)
+        weight[:, 0] = 1.0 / (1.0 + (lamps[:, 0] / self.strength / CAUCHY_SCALE) ** 2)
+        second = weight * (lamps**2 + variance)
+
+        def scale(columns: slice, before: float) -> float:
+            numbers = second[:, columns]
+            return float(np.sqrt((numbers.sum() + STATED_WEIGHT * before**2) / (numbers.size + STATED_WEIGHT)))
+
+        return replace(
+            self,
+            strength=scale(np.s_[:1], stated.strength),
+            slope=scale(np.s_[1:3], stated.slope),
+            direction=scale(np.s_[3:], stated.direction),
+        )

@@ -1,8 +1,8 @@
 """Step: gloss and lamps moved together with all normals and body colours, by robust Gauss–Newton.
 
-The normal and the body colour of a pixel touch nobody else, so they are eliminated (a block arrow); gloss, lamps and
-the distance of the whole surface touch all. The lamps have a prior: without it a departure of the body from Lambert's
-law would pass for uneven lamps.
+Normal and body colour of a pixel depend on no other pixel, so they are eliminated (a Schur complement); gloss, lamps
+and the distance of the whole surface affect all pixels. The lamps have a prior: without it a deviation of the body
+from Lambert's law would be explained by uneven lamps.
 """
 
 from __future__ import annotations
@@ -11,29 +11,29 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.normals.lamp_shift import Shifted, shifted
-from hagoromo.measurement.normals.photometric_model import Fit, precision
-from hagoromo.measurement.normals.photometric_prior import Prior
+from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.shading import Gloss, Shading, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 
-WIDTHS = (np.log(0.02), np.log(1.2))  # range of ln γ
-ROUGHNESSES, EXPONENTS = (-0.2, 1.0), (np.log(0.3), np.log(2.0))  # ranges of σ and ln ε
-LONGEST = 0.5  # of a step in ln β, ln γ, σ, ln ε and the lamps' numbers
-OF_GLOSS = 4  # numbers of a material
-OF_LAMP = 6  # numbers of a lamp: ln e, a, shift
+LOG_GAMMA_RANGE = (np.log(0.02), np.log(1.2))  # of ln γ, γ [rad]
+ROUGHNESS_RANGE, LOG_EXPONENT_RANGE = (-0.2, 1.0), (np.log(0.3), np.log(2.0))  # of σ and ln ε
+LONGEST_STEP = 0.5  # largest step of each of ln β, ln γ, σ, ln ε and the parameters of the lamps
+OF_GLOSS = 4  # parameters of a material: ln β, ln γ, σ, ln ε
+OF_LAMP = 6  # parameters of a lamp: ln e, a (2), shift (3)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Some pixels as the photographs show them.
+    """Some pixels and their values in the photographs.
 
-    place: (P, 2) of the pixels on the object. share: independent values that one value stands for.
+    place: (P, 2) of the pixels on the object. share: effective number of independent values per value.
     """
 
-    seen: Views
+    views: Views
     place: Array
     share: float
     prior: Prior
@@ -43,14 +43,14 @@ class Step:
     """Residuals of the problem at `fit`, and the Gauss–Newton step from there."""
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
-        self.problem, self.fit, seen = problem, fit, problem.seen
-        self.lamps: Shifted = shifted(seen, fit.shift, fit.depth)
+        self.problem, self.fit, views = problem, fit, problem.views
+        self.lamps: Shifted = shifted(views, fit.shift, fit.depth)
         gloss = fit.gloss.rows[fit.labels]
-        self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, seen.to_eye, gloss)
+        self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, views.to_eye, gloss)
         self.even = (fit.evenness(problem.place) * np.exp(self.lamps.light))[:, None]  # (K, 1, P)
         self.model = self.even * (fit.body * self.shade.body[:, None] + self.shade.interface[:, None])
-        self.deviation = seen.values - self.model
-        inverse = precision(seen, fit.model_error)
+        self.deviation = views.values - self.model
+        inverse = precision(views, fit.model_error)
         squared = self.deviation**2 * inverse / CAUCHY_SCALE**2
         self.weight_of_rows = _rows(problem.share * inverse / (1.0 + squared))  # (P, K·C)
         self.cost = 0.5 * (problem.share * CAUCHY_SCALE**2 * float(np.log1p(squared).sum()) + self._prior_loss())
@@ -67,7 +67,7 @@ class Step:
 
     @property
     def gradient(self) -> float:
-        """Norm of the slope of the cost by gloss, lamps and depth, the pixels following."""
+        """Norm of the slope of the cost by gloss, lamps and depth, with the pixels eliminated."""
         return float(np.linalg.norm(self._undamped[1]))
 
     def trial(self, damping: float) -> tuple[Step, float]:
@@ -80,18 +80,19 @@ class Step:
 
     def moved(self, damping: float) -> Fit:
         """One damped step of everything."""
-        fit, split = self.fit, OF_GLOSS * len(self.fit.gloss.rows)
-        outer, push, solved = self._reduced(damping)
-        change = np.linalg.solve(outer + damping * np.diag(np.diag(outer)), push)
-        change = np.clip(change, -LONGEST, LONGEST)
+        fit = self.fit
+        outer, rhs, solved = self._reduced(damping)
+        change = np.linalg.solve(outer + damping * np.diag(np.diag(outer)), rhs)
+        change = np.clip(change, -LONGEST_STEP, LONGEST_STEP)
         local_change = solved[..., -1] - solved[..., :-1] @ change
-        normals = turned(fit.normals, np.clip(local_change[:, :2], -0.3, 0.3), self.problem.seen.to_eye)
+        normals = turned(fit.normals, np.clip(local_change[:, :2], -0.3, 0.3), self.problem.views.to_eye)
         body = np.maximum(fit.body + local_change[:, 2:].T, 0.1 * fit.body)
-        rows = fit.gloss.rows + change[:split].reshape(-1, OF_GLOSS)
-        rows[:, 1] = np.clip(rows[:, 1], *WIDTHS)
-        rows[:, 2] = np.clip(rows[:, 2], *ROUGHNESSES)
-        rows[:, 3] = np.clip(rows[:, 3], *EXPONENTS)
-        each = self.of_lamps + change[split:-1].reshape(-1, OF_LAMP)
+        gloss_change, lamps_change, depth_change = unpack_shared(change, len(fit.gloss.rows))
+        rows = fit.gloss.rows + gloss_change
+        rows[:, 1] = np.clip(rows[:, 1], *LOG_GAMMA_RANGE)
+        rows[:, 2] = np.clip(rows[:, 2], *ROUGHNESS_RANGE)
+        rows[:, 3] = np.clip(rows[:, 3], *LOG_EXPONENT_RANGE)
+        each = self.of_lamps + lamps_change
         return replace(
             fit,
             normals=normals,
@@ -100,24 +101,24 @@ class Step:
             strength=each[:, 0],
             slope=each[:, 1:3],
             shift=each[:, 3:],
-            depth=fit.depth + float(change[-1]),
+            depth=fit.depth + depth_change,
         )
 
     def covariances(self) -> tuple[Array, Array]:
-        """(M, OF_GLOSS, OF_GLOSS) of each material's row of gloss, (K, OF_LAMP) variance of lamps; all else free."""
+        """(M, OF_GLOSS, OF_GLOSS) of each material's row of gloss, (K, OF_LAMP) variance of lamps; the rest is free."""
         outer, _ = self._undamped
         count = len(self.fit.gloss.rows)
         inverse = np.linalg.inv(outer)
         split = OF_GLOSS * count
         of_gloss = inverse[:split, :split].reshape(count, OF_GLOSS, count, OF_GLOSS)
-        of_lamps = np.diag(inverse)[split:-1].reshape(-1, OF_LAMP).astype(np.float64)
+        of_lamps = unpack_shared(np.diag(inverse), count)[1].astype(np.float64)
         return np.stack([of_gloss[m, :, m] for m in range(count)]).astype(np.float64), of_lamps
 
     @cached_property
     def _undamped(self) -> tuple[Array, Array]:
-        """Normal equations of gloss, lamps and depth; damped by 1e-6, as some pixels are lit by too few lamps."""
-        outer, push, _ = self._reduced(1e-6)
-        return outer, push
+        """Normal equations of gloss, lamps and depth; damped by 1e-6, since some pixels are lit by too few lamps."""
+        outer, rhs, _ = self._reduced(1e-6)
+        return outer, rhs
 
     def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
         """Normal equations of gloss, lamps, depth with the pixels eliminated; the pixels' part (P, 2 + C, · + 1)."""
@@ -126,12 +127,12 @@ class Step:
         weighed = np.ascontiguousarray(np.swapaxes(local * self.weight_of_rows[..., None], 1, 2))  # (P, 2 + C, K·C)
         inner = weighed @ local
         inner += damping * inner * np.eye(2 + channels) + 1e-9 * np.eye(2 + channels)
-        pull = weighed @ _rows(self.deviation)[..., None]
+        pixel_rhs = weighed @ _rows(self.deviation)[..., None]
         border = np.concatenate([self._border(weighed, gloss, lamps), weighed @ depth], axis=2)
-        outer, push = self._outer(gloss, lamps, depth)
-        solved = np.linalg.solve(inner, np.concatenate([border, pull], axis=2))
-        across = border.reshape(-1, len(push)).T @ solved.reshape(-1, len(push) + 1)
-        return outer - across[:, :-1], push - across[:, -1], solved.astype(np.float64)
+        outer, rhs = self._outer(gloss, lamps, depth)
+        solved = np.linalg.solve(inner, np.concatenate([border, pixel_rhs], axis=2))
+        across = border.reshape(-1, len(rhs)).T @ solved.reshape(-1, len(rhs) + 1)
+        return outer - across[:, :-1], rhs - across[:, -1], solved.astype(np.float64)
 
     def _slopes(self) -> tuple[Array, Array, Array, Array]:
         """Slopes of the values (P, K·C, ·) by own turns and body colours, own material's gloss, own lamp, and depth."""
@@ -179,7 +180,7 @@ class Step:
         materials = len(fit.gloss.rows)
         size = OF_GLOSS * materials
         outer = np.zeros((size + OF_LAMP * count + 1,) * 2)
-        push = np.zeros(len(outer))
+        rhs = np.zeros(len(outer))
         deviation = _rows(self.deviation)
         weighed = gloss * self.weight_of_rows[..., None]
         each = (pixels, count, channels)
@@ -187,28 +188,38 @@ class Step:
         of_lamp = np.moveaxis((lamps * self.weight_of_rows[..., None]).reshape(*each, OF_LAMP), 1, 0)
         gloss_of_lamp = np.moveaxis(weighed.reshape(*each, OF_GLOSS), 1, 0)
         for m in range(materials):
-            at, own = slice(OF_GLOSS * m, OF_GLOSS * (m + 1)), fit.labels == m
-            outer[at, at] = weighed[own].reshape(-1, OF_GLOSS).T @ gloss[own].reshape(-1, OF_GLOSS)
+            index, own = slice(OF_GLOSS * m, OF_GLOSS * (m + 1)), fit.labels == m
+            outer[index, index] = weighed[own].reshape(-1, OF_GLOSS).T @ gloss[own].reshape(-1, OF_GLOSS)
             both = np.swapaxes(gloss_of_lamp[:, own].reshape(count, -1, OF_GLOSS), 1, 2) @ by_lamp[:, own].reshape(
                 count, -1, OF_LAMP
             )
-            outer[at, size:-1] = np.moveaxis(both, 0, 1).reshape(OF_GLOSS, -1)
-            outer[size:-1, at] = outer[at, size:-1].T
-            outer[at, -1] = outer[-1, at] = weighed[own].reshape(-1, OF_GLOSS).T @ depth[own].ravel()
-            push[at] = weighed[own].reshape(-1, OF_GLOSS).T @ deviation[own].ravel()
+            outer[index, size:-1] = np.moveaxis(both, 0, 1).reshape(OF_GLOSS, -1)
+            outer[size:-1, index] = outer[index, size:-1].T
+            outer[index, -1] = outer[-1, index] = weighed[own].reshape(-1, OF_GLOSS).T @ depth[own].ravel()
+            rhs[index] = weighed[own].reshape(-1, OF_GLOSS).T @ deviation[own].ravel()
         left, by_depth = (np.moveaxis(part.reshape(each), 1, 0).reshape(count, -1) for part in (deviation, depth))
-        pulled = depth[..., 0] * self.weight_of_rows
-        outer[-1, -1], push[-1] = np.sum(pulled * depth[..., 0]), np.sum(pulled * deviation)
+        weighted_depth = depth[..., 0] * self.weight_of_rows
+        outer[-1, -1], rhs[-1] = np.sum(weighted_depth * depth[..., 0]), np.sum(weighted_depth * deviation)
         for k in range(count):
-            at, own = slice(size + OF_LAMP * k, size + OF_LAMP * (k + 1)), of_lamp[k].reshape(-1, OF_LAMP).T
-            outer[at, at] = own @ by_lamp[k].reshape(-1, OF_LAMP)
-            push[at] = own @ left[k]
-            outer[at, -1] = outer[-1, at] = own @ by_depth[k]
-        held = np.r_[
-            np.tile(prior.gloss[:, 1] ** -2.0, materials), prior.precision(self.of_lamps).ravel(), prior.distance**-2.0
-        ]
-        away = np.r_[(fit.gloss.rows - prior.gloss[:, 0]).ravel(), self.of_lamps.ravel(), fit.depth]
-        return outer + np.diag(held), push - held * away
+            index, own = slice(size + OF_LAMP * k, size + OF_LAMP * (k + 1)), of_lamp[k].reshape(-1, OF_LAMP).T
+            outer[index, index] = own @ by_lamp[k].reshape(-1, OF_LAMP)
+            rhs[index] = own @ left[k]
+            outer[index, -1] = outer[-1, index] = own @ by_depth[k]
+        of_gloss = np.tile(prior.gloss[:, 1] ** -2.0, (materials, 1))
+        precision_of_prior = pack_shared(of_gloss, prior.precision(self.of_lamps), prior.distance**-2.0)
+        away = pack_shared(fit.gloss.rows - prior.gloss[:, 0], self.of_lamps, fit.depth)
+        return outer + np.diag(precision_of_prior), rhs - precision_of_prior * away
+
+
+def pack_shared(gloss: Array, lamps: Array, depth: float) -> Array:
+    """The parameters that all pixels share as one vector: gloss (M, OF_GLOSS), lamps (K, OF_LAMP) and depth."""
+    return np.r_[gloss.ravel(), lamps.ravel(), depth]
+
+
+def unpack_shared(shared: NDArray[np.floating], materials: int) -> tuple[Array, Array, float]:
+    """Gloss (M, OF_GLOSS), lamps (K, OF_LAMP) and depth of a vector: the inverse of `pack_shared`."""
+    split, shared = OF_GLOSS * materials, np.asarray(shared, np.float64)
+    return shared[:split].reshape(-1, OF_GLOSS), shared[split:-1].reshape(-1, OF_LAMP), float(shared[-1])
 
 
 def _rows(values: Array) -> Array:

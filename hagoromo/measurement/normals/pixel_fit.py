@@ -1,6 +1,6 @@
-"""Pixel fit: the normal and body colour of every pixel, gloss and lamps known; one thread of the device per pixel.
+"""Pixel fit: normal and body colour of every pixel for known gloss and lamps, one thread of the device per pixel.
 
-Levenberg–Marquardt with Cauchy's loss on the residuals of `photometric_fit`, each pixel with a damping of its own.
+Levenberg–Marquardt with Cauchy's loss on the residuals of `photometric_fit`; each pixel has its own damping.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.least_squares import CAUCHY_SCALE, Status
-from hagoromo.measurement.normals.shading import GRAZING, N, body_of
+from hagoromo.measurement.normals.shading import LEAST_COSINE, N, body_of
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 PIXEL_FIT_STEPS = 15
-SETTLED = 1e-4  # of its loss, gain of a step from which on a pixel has settled
-FEW = 2e-4  # share of the pixels that may still be moving at the end
-STALLED_DAMPING = 1e3  # of a pixel: five rejected trials or more in a row brought it there
-LONGEST_TURN = 0.3  # rad, of a normal in one step
-WEAKEST = 1e-3  # rad⁻²: curvature that keeps the step of a pixel finite that hardly any lamp lights
-DIMMEST = 0.1  # of its body colour that a step may leave
+CONVERGED_GAIN = 1e-4  # relative to the loss of a pixel: a step that gains less has converged
+STILL_MOVING_SHARE = 2e-4  # share of the pixels that may still be moving when the loop ends
+STALLED_DAMPING = 1e3  # of a pixel: reached by five or more rejected trials in a row
+LONGEST_TURN = 0.3  # [rad] largest turn of a normal in one step
+SMALLEST_CURVATURE = 1e-3  # [rad⁻²] added, so that the step of a pixel that hardly any lamp lights stays finite
+LEAST_BODY_RATIO = 0.1  # smallest ratio of a body colour after a step to the one before
 
 
 class Light(NamedTuple):
-    """What the fit of the pixels takes as known.
+    """The known quantities of the pixel fit.
 
     gloss: (P, 4) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
     values, 0 where they are not used.
@@ -39,7 +39,7 @@ class Light(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """Loss of each pixel and its normal equations: turns aa, ab, bb; turns × body; body; and the pulls on all."""
+    """Loss of each pixel and its normal equations: turns aa, ab, bb; turns × body; body; and the right-hand sides."""
 
     loss: Any
     aa: Any
@@ -48,9 +48,9 @@ class Equations(NamedTuple):
     a_body: list[Any]
     b_body: list[Any]
     body: list[Any]
-    pull_a: Any
-    pull_b: Any
-    pull_body: list[Any]
+    rhs_a: Any
+    rhs_b: Any
+    rhs_body: list[Any]
 
 
 class PixelFit(NamedTuple):
@@ -67,48 +67,53 @@ class PixelFit(NamedTuple):
         return self.status == Status.CONVERGED
 
 
-def fit_pixels(seen: Views, light: Light, normals: Array, body: Array) -> PixelFit:
-    """The normal and body colour of every pixel, from where they start.
+def fit_pixels(views: Views, light: Light, normals: Array, body: Array) -> PixelFit:
+    """The normal and body colour of every pixel, from the start `normals` (P, 3) and `body` (C, P).
 
-    A pixel has converged when its last accepted step lowered its loss by less than a share SETTLED of it, or none of
-    its trials does. It has stalled when its damping grew to STALLED_DAMPING before any step did; else, when the steps
-    are used up, it is out of steps.
+    A pixel has converged when its last accepted step, or an undamped step from where it is, lowers its loss by less
+    than the share CONVERGED_GAIN. The loop ends when at most STILL_MOVING_SHARE of the pixels are moving, or after
+    PIXEL_FIT_STEPS steps. Of the pixels that have not converged then, those whose damping reached STALLED_DAMPING, or
+    whose last trial was rejected although steps were left, have stalled; the others are out of steps.
     """
-    data = PixelData(seen, light)
+    data = PixelData(views, light)
     normal, colour = data.vectors(normals), [data.floats(channel) for channel in body]
-    at, damping = data.equations(normal, colour), dr.full(arrays().Float, 1e-2, len(normals))
+    equations, damping = data.equations(normal, colour), dr.full(arrays().Float, 1e-2, len(normals))
     settled = dr.full(arrays().Bool, False, len(normals))
     dr.make_opaque(damping, settled)
+    exhausted, moving = True, ~settled
     for _ in range(PIXEL_FIT_STEPS):
-        tried, tried_colour = data.moved(normal, colour, at, damping)
-        dr.eval(tried, tried_colour)  # one kernel for the equations, compiled once
-        there = data.equations(tried, tried_colour)
-        better = there.loss < at.loss
-        moving = better & (at.loss - there.loss > SETTLED * at.loss)
+        trial_normal, trial_colour = data.moved(normal, colour, equations, damping)
+        dr.eval(trial_normal, trial_colour)  # one kernel for the equations, compiled once
+        trial = data.equations(trial_normal, trial_colour)
+        better = trial.loss < equations.loss
+        moving = better & (equations.loss - trial.loss > CONVERGED_GAIN * equations.loss)
         settled = dr.select(better, ~moving, settled)
-        normal = dr.select(better, tried, normal)
-        colour = [dr.select(better, new, old) for new, old in zip(tried_colour, colour, strict=True)]
-        at = Equations(*_chosen(better, there, at))
+        normal = dr.select(better, trial_normal, normal)
+        colour = [dr.select(better, new, old) for new, old in zip(trial_colour, colour, strict=True)]
+        equations = Equations(*_chosen(better, trial, equations))
         damping = dr.select(better, dr.fmax(0.2 * damping, 1e-5), 5.0 * damping)
-        dr.eval(normal, colour, damping, moving, settled, *at)
-        if int(dr.count(moving)[0]) <= FEW * len(normals):
+        dr.eval(normal, colour, damping, moving, settled, *equations)
+        if int(dr.count(moving)[0]) <= STILL_MOVING_SHARE * len(normals):
+            exhausted = False
             break
-    stalled = damping.numpy() >= STALLED_DAMPING
-    status = np.where(settled.numpy(), Status.CONVERGED, np.where(stalled, Status.STALLED, Status.OUT_OF_STEPS))
+    settled |= _decrement(equations) <= CONVERGED_GAIN * equations.loss
+    stalled = (damping >= STALLED_DAMPING) | (~moving & (not exhausted))
+    unsettled = np.where(stalled.numpy(), Status.STALLED, Status.OUT_OF_STEPS)
+    status = np.where(settled.numpy(), Status.CONVERGED, unsettled)
     colours = np.array([c.numpy() for c in colour], np.float64)
-    return PixelFit(normal.numpy().T.astype(np.float64), colours, _variance(at).numpy(), status.astype(np.int8))
+    return PixelFit(normal.numpy().T.astype(np.float64), colours, _variance(equations).numpy(), status.astype(np.int8))
 
 
 class PixelData:
     """Views and light on the device."""
 
-    def __init__(self, seen: Views, light: Light) -> None:
-        lamps, self.channels, self.pixels = seen.values.shape
-        # opaque: captures of other sizes run the same kernel
+    def __init__(self, views: Views, light: Light) -> None:
+        lamps, self.channels, self.pixels = views.values.shape
+        # opaque: captures of other sizes run the same compiled kernel
         self.lamps, self.width = (dr.opaque(arrays().UInt, count) for count in (lamps, self.pixels))
-        self.values, self.precision = self.floats(seen.values), self.floats(light.precision)
-        self.evenness, self.to_lamp = self.floats(light.evenness), self.floats(seen.to_lamp)
-        self.to_eye = self.vectors(seen.to_eye)
+        self.values, self.precision = self.floats(views.values), self.floats(light.precision)
+        self.evenness, self.to_lamp = self.floats(light.evenness), self.floats(views.to_lamp)
+        self.to_eye = self.vectors(views.to_eye)
         self.gloss = [self.floats(row) for row in np.maximum(light.gloss, -80.0).T]
 
     def floats(self, values: NDArray) -> Any:
@@ -127,22 +132,22 @@ class PixelData:
         start = [dr.zeros(jit.Float, self.pixels) for _ in range(6 + 4 * c)]
 
         def add(lamp: Any, *sums: Any) -> tuple[Any, ...]:
-            at = lamp * self.width + pixel
-            scale = dr.gather(jit.Float, self.evenness, at)
-            to_lamp = dr.gather(jit.Array3f, self.to_lamp, at)
+            index = lamp * self.width + pixel
+            scale = dr.gather(jit.Float, self.evenness, index)
+            to_lamp = dr.gather(jit.Array3f, self.to_lamp, index)
             shade, turned = self.shade(normal, to_lamp, (first, second))
             new = list(sums)
             by_body = scale * shade[0]
             for i in range(c):
-                place = (lamp * c + i) * self.width + pixel
-                deviation = dr.gather(jit.Float, self.values, place) - scale * (body[i] * shade[0] + shade[1])
-                precision = dr.gather(jit.Float, self.precision, place)
+                sample = (lamp * c + i) * self.width + pixel
+                deviation = dr.gather(jit.Float, self.values, sample) - scale * (body[i] * shade[0] + shade[1])
+                precision = dr.gather(jit.Float, self.precision, sample)
                 squared = deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2)
                 weight = precision / (1.0 + squared)
                 a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
                 terms = (CAUCHY_SCALE**2 * dr.log(1.0 + squared), weight * a * a, weight * a * b, weight * b * b)
-                pulls = (weight * a * deviation, weight * b * deviation)
-                for j, term in enumerate((*terms, *pulls)):
+                sides = (weight * a * deviation, weight * b * deviation)
+                for j, term in enumerate((*terms, *sides)):
                     new[j] += term
                 mixed = (weight * a * by_body, weight * b * by_body, weight * by_body * by_body)
                 for j, term in enumerate((*mixed, weight * by_body * deviation)):
@@ -150,36 +155,38 @@ class PixelData:
             return lamp + 1, *new
 
         state = (dr.zeros(jit.UInt, self.pixels), *start)
-        _, loss, aa, ab, bb, pull_a, pull_b, *rest = dr.while_loop(state, lambda lamp, *_: lamp < self.lamps, add)
-        a_body, b_body, own, pull = (rest[j * c : j * c + c] for j in range(4))
-        found = Equations(loss, aa, ab, bb, a_body, b_body, own, pull_a, pull_b, pull)
-        dr.eval(*found)
-        return found
+        _, loss, aa, ab, bb, rhs_a, rhs_b, *rest = dr.while_loop(state, lambda lamp, *_: lamp < self.lamps, add)
+        a_body, b_body, own, rhs = (rest[j * c : j * c + c] for j in range(4))
+        equations = Equations(loss, aa, ab, bb, a_body, b_body, own, rhs_a, rhs_b, rhs)
+        dr.eval(*equations)
+        return equations
 
-    def moved(self, normal: Any, body: list[Any], at: Equations, damping: Any) -> tuple[Any, list[Any]]:
-        """Where a damped Gauss–Newton step leads, the body colours eliminated."""
-        own = [dr.fma(h, damping, h) + 1e-12 for h in at.body]
+    def moved(self, normal: Any, body: list[Any], equations: Equations, damping: Any) -> tuple[Any, list[Any]]:
+        """The point after a damped Gauss–Newton step, with the body colours eliminated."""
+        own = [dr.fma(h, damping, h) + 1e-12 for h in equations.body]
         ridge = 1.0 + damping
-        aa, bb, ab = at.aa * ridge + WEAKEST, at.bb * ridge + WEAKEST, at.ab
-        pull_a, pull_b = at.pull_a, at.pull_b
-        for a, b, h, pull in zip(at.a_body, at.b_body, own, at.pull_body, strict=True):
+        aa, bb, ab = equations.aa * ridge + SMALLEST_CURVATURE, equations.bb * ridge + SMALLEST_CURVATURE, equations.ab
+        rhs_a, rhs_b = equations.rhs_a, equations.rhs_b
+        for a, b, h, rhs in zip(equations.a_body, equations.b_body, own, equations.rhs_body, strict=True):
             aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
-            pull_a, pull_b = pull_a - a * pull / h, pull_b - b * pull / h
+            rhs_a, rhs_b = rhs_a - a * rhs / h, rhs_b - b * rhs / h
         determinant = dr.fmax(aa * bb - ab * ab, 1e-12)
-        turn_a, turn_b = (bb * pull_a - ab * pull_b) / determinant, (aa * pull_b - ab * pull_a) / determinant
+        turn_a, turn_b = (bb * rhs_a - ab * rhs_b) / determinant, (aa * rhs_b - ab * rhs_a) / determinant
         short = dr.fmin(1.0, LONGEST_TURN * dr.rsqrt(turn_a * turn_a + turn_b * turn_b + 1e-20))
         turn_a, turn_b = short * turn_a, short * turn_b
         colours = [
-            dr.fmax(colour + (pull - a * turn_a - b * turn_b) / h, DIMMEST * colour)
-            for colour, a, b, h, pull in zip(body, at.a_body, at.b_body, own, at.pull_body, strict=True)
+            dr.fmax(colour + (rhs - a * turn_a - b * turn_b) / h, LEAST_BODY_RATIO * colour)
+            for colour, a, b, h, rhs in zip(
+                body, equations.a_body, equations.b_body, own, equations.rhs_body, strict=True
+            )
         ]
         first, second = frame(normal)
         tried = dr.normalize(normal + turn_a * first + turn_b * second)
-        behind = dr.fmax(GRAZING - dr.dot(tried, self.to_eye), 0.0)
+        behind = dr.fmax(LEAST_COSINE - dr.dot(tried, self.to_eye), 0.0)
         return dr.normalize(tried + behind * self.to_eye), colours
 
     def shade(self, normal: Any, to_lamp: Any, turns: tuple[Any, Any]) -> tuple[Any, list[Any]]:
-        """(body, interface) weights, and their slopes as the normal turns either way."""
+        """(body, interface) weights, and their slopes by the two turns of the normal."""
         slopes, weights = [], ()
         for turn in turns:
             angle = arrays().Float(0)
@@ -200,19 +207,32 @@ def frame(normal: Any) -> tuple[Any, Any]:
     return first, dr.cross(normal, first)
 
 
-def _chosen(better: Any, there: Equations, here: Equations) -> list[Any]:
+def _chosen(better: Any, trial: Equations, current: Equations) -> list[Any]:
+    """Of each pixel the equations of its better point."""
     return [
         [dr.select(better, new, old) for new, old in zip(a, b, strict=True)]
         if isinstance(a, list)
         else dr.select(better, a, b)
-        for a, b in zip(there, here, strict=True)
+        for a, b in zip(trial, current, strict=True)
     ]
 
 
-def _variance(at: Equations) -> Any:
-    """Trace of the inverse curvature of the two turns, the body colours free."""
-    aa, ab, bb = at.aa + WEAKEST, at.ab, at.bb + WEAKEST
-    for a, b, own in zip(at.a_body, at.b_body, at.body, strict=True):
+def _variance(equations: Equations) -> Any:
+    """Trace of the inverse curvature of the two turns, with the body colours free."""
+    aa, ab, bb = equations.aa + SMALLEST_CURVATURE, equations.ab, equations.bb + SMALLEST_CURVATURE
+    for a, b, own in zip(equations.a_body, equations.b_body, equations.body, strict=True):
         h = own + 1e-12
         aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
     return (aa + bb) / dr.fmax(aa * bb - ab * ab, 1e-12)
+
+
+def _decrement(equations: Equations) -> Any:
+    """Fall of the loss that an undamped Gauss–Newton step predicts: gᵀH⁻¹g over turns and body colours."""
+    aa, ab, bb = equations.aa + SMALLEST_CURVATURE, equations.ab, equations.bb + SMALLEST_CURVATURE
+    rhs_a, rhs_b, fall = equations.rhs_a, equations.rhs_b, dr.zeros(arrays().Float, dr.width(equations.loss))
+    for a, b, own, rhs in zip(equations.a_body, equations.b_body, equations.body, equations.rhs_body, strict=True):
+        h = own + 1e-12
+        aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
+        rhs_a, rhs_b, fall = rhs_a - a * rhs / h, rhs_b - b * rhs / h, fall + rhs * rhs / h
+    turns = bb * rhs_a * rhs_a - 2.0 * ab * rhs_a * rhs_b + aa * rhs_b * rhs_b
+    return fall + turns / dr.fmax(aa * bb - ab * ab, 1e-12)

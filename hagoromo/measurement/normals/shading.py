@@ -1,9 +1,9 @@
-"""Shading: eq. (2)–(6) over all lamps and pixels at once, with its slopes as the normal turns.
+"""Shading: eq. (2)–(6) over all lamps and pixels at once, with derivatives by turns of the normal.
 
-The body part is α cosθ_i of MODEL §2, times 1 + σ s/t for a body that is rough itself (Oren and Nayar 1994, as Fujii
-puts it): s = L·V − cosθ_i cosθ_r, t = max(cosθ_i, cosθ_r) where s > 0, else 1. σ = 0 is Lambert's law; a rough body
-sends more light back to where it came from, which keeps the limb of a ball bright. What else departs from Lambert's
-law (light that travels inside) is an exponent (Minnaert 1941, reciprocal): (cosθ_i)^ε (cosθ_r)^(ε−1).
+The body part is α cosθ_i of MODEL §2, times 1 + σ s/t for a rough body (Oren and Nayar 1994, in the form of Fujii):
+s = L·V − cosθ_i cosθ_r, t = max(cosθ_i, cosθ_r) where s > 0, else 1. σ = 0 is Lambert's law; a rough body sends more
+light back towards the lamp, so the limb of a ball stays bright. Other deviations from Lambert's law (subsurface
+scattering) are described by an exponent (Minnaert 1941, reciprocal): (cosθ_i)^ε (cosθ_r)^(ε−1).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 Array = NDArray[np.float64]
 
-N = 1.5  # refractive index: photographs of one side under lamps near the eye do not tell it
-GRAZING = 0.02  # least cosine of a normal to the eye, and least t
+N = 1.5  # refractive index: not identifiable when all lamps stand on the camera's side
+LEAST_COSINE = 0.02  # smallest cosine of a normal to the eye, and smallest t: keeps 1/cosθ_r of the model below 50
 
 
 @dataclass(frozen=True, eq=False)
 class Gloss:
-    """How each of M materials departs from Lambert: rows (ln β, ln γ, σ, ln ε), (M, 4). β in the unit of the values."""
+    """Deviation of M materials from Lambert: rows (ln β, ln γ, σ, ln ε), (M, 4). β in the unit of the values."""
 
     rows: Array
 
@@ -41,7 +41,7 @@ class Shading(NamedTuple):
     """Weights of body colour and interface, (K, P) each, and their slopes by the two turns of the normal [1/rad].
 
     by_width: slope of the interface by ln γ. by_body: slopes of the body by σ and ln ε. body_led, interface_led: slopes
-    as the lamp turns towards `tangents(to_lamp)`.
+    by turns of the lamp towards `tangents(to_lamp)`.
     """
 
     body: Array
@@ -68,7 +68,7 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
     n, v, (t, b) = wide(normals), wide(to_eye), (wide(turn) for turn in tangents(normals))
     towards = jit.Array3f(to_lamp.reshape(-1, 3).T.astype(np.float32))
     log_beta, log_gamma, *body_rows = wide(np.maximum(gloss, -80.0))
-    found = []
+    parts = []
     aside = [jit.Array3f(turn.T.astype(np.float32)) for turn in tangents(to_lamp.reshape(-1, 3))]
     still = jit.Array3f(0.0)
     for turned in range(5):
@@ -82,12 +82,12 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
         body = body_of(weights.body, dr.dot(normal, v), dr.dot(led, v), body_rows)
         dr.set_grad(moved, 1.0)
         slopes = dr.forward_to(body, weights.interface)
-        found += [dr.detach(body), dr.detach(weights.interface), *slopes]
+        parts += [dr.detach(body), dr.detach(weights.interface), *slopes]
     view, phase = dr.dot(n, v), dr.dot(towards, v)
     lambert = dr.select(view > 0.0, dr.fmax(dr.dot(n, towards), 0.0), 0.0)
     slopes = body_slopes(lambert, view, phase, body_rows)
     # four of each turn: body, interface, and their slopes
-    chosen = [found[i] for i in (0, 1, 2, 6, 3, 7, 11, 14, 18, 15, 19)] + slopes
+    chosen = [parts[i] for i in (0, 1, 2, 6, 3, 7, 11, 14, 18, 15, 19)] + slopes
     dr.eval(chosen)
     body, interface, b1, b2, i1, i2, by_width, b3, b4, i3, i4, by_sigma, by_epsilon = (
         part.numpy().reshape(lamps, pixels).astype(np.float64) for part in chosen
@@ -104,11 +104,11 @@ def tangents(normals: Array) -> tuple[Array, Array]:
 
 
 def turned(normals: Array, angles: Array, to_eye: Array) -> Array:
-    """`normals` turned by `angles` (P, 2) [rad] towards their tangents, kept GRAZING on the side of the eye."""
+    """`normals` turned by `angles` (P, 2) [rad] towards their tangents, with a cosine to the eye of LEAST_COSINE."""
     first, second = tangents(normals)
     moved = normals + angles[:, :1] * first + angles[:, 1:] * second
     moved /= np.linalg.norm(moved, axis=1, keepdims=True)
-    short = np.maximum(GRAZING - np.einsum("pi,pi->p", moved, to_eye), 0.0)
+    short = np.maximum(LEAST_COSINE - np.einsum("pi,pi->p", moved, to_eye), 0.0)
     moved += short[:, None] * to_eye
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
@@ -128,10 +128,10 @@ def body_slopes(lambert: Any, view: Any, phase: Any, rows: Sequence[Any]) -> lis
 
 
 def _log_cosines(lambert: Any, view: Any) -> Any:
-    return dr.log(dr.fmax(lambert, 1e-4)) + dr.log(dr.fmax(view, GRAZING))
+    return dr.log(dr.fmax(lambert, 1e-4)) + dr.log(dr.fmax(view, LEAST_COSINE))
 
 
 def _retroreflection(incidence: Any, view: Any, phase: Any) -> Any:
     """s/t."""
     s = phase - incidence * view
-    return s / dr.select(s > 0.0, dr.fmax(dr.fmax(incidence, view), GRAZING), 1.0)
+    return s / dr.select(s > 0.0, dr.fmax(dr.fmax(incidence, view), LEAST_COSINE), 1.0)

@@ -1,7 +1,7 @@
-"""Views: what one camera in one place saw of every pixel of an object, a lamp at a time, as plain arrays.
+"""Views: the values of every pixel of an object under one lamp each, from one fixed camera, as plain arrays.
 
-Enters: a Capture. Leaves: values over the irradiance that faces the lamp, with variance and directions, for the
-estimates that take pixels and lamps together (normals, unevenness of lamps, prediction under a lamp kept aside).
+Enters: a Capture. Leaves: values over the irradiance that faces the lamp, with variance and directions, for estimates
+that use all pixels and lamps together (normals, unevenness of lamps, prediction under a held-out lamp).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from hagoromo.photograph.photograph import Photograph
 
 Array = NDArray[np.float64]
 
-FEWEST_LAMPS = 4  # three give a Lambertian normal and nothing to judge it by
-UNLIT = 1e-6  # of a lamp's greatest irradiance: behind an LED there is none, and nothing to divide by
-DARK = 3.0  # standard deviations of the sensor's noise: a value below is shadow and says little of the normal
+FEWEST_LAMPS = 4  # three determine a Lambertian normal and leave no residual to judge it by
+UNLIT = 1e-6  # of a lamp's largest irradiance: behind an LED it is 0, and nothing can be divided by it
+DARK = 3.0  # standard deviations of the sensor's noise: values below are shadow and carry little information
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class Views:
     """K lamps, C channels, P pixels.
 
     values, variance: (K, C, P) radiance over irradiance facing the lamp [1/sr, up to the unit of the lamps], and the
-    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid and above the dark. to_lamp: (K, P, 3),
-    to_eye: (P, 3) unit, world axes. points: (P, 3) [m] that this is so for, anywhere on their rays for far lamps.
-    rows, columns: (P,) pixels of an image of `shape` (h, w). lamps: the K lamps. eye: (3,) [m] where the camera
-    stands; axis: (3,) unit, where it looks.
+    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid and above DARK. to_lamp: (K, P, 3),
+    to_eye: (P, 3) unit, world axes. points: (P, 3) [m] for which these hold; for far lamps anywhere on their rays.
+    rows, columns: (P,) pixels of an image of `shape` (h, w). lamps: the K lamps. eye: (3,) [m] position of the
+    camera; axis: (3,) unit, its viewing direction.
     """
 
     values: Array
@@ -54,9 +54,9 @@ class Views:
 
     @property
     def place(self) -> Array:
-        """(P, 2) where the pixels are in the image, from their middle, in radii of a disc of as many pixels."""
-        at = np.stack([self.columns, self.rows], axis=1).astype(np.float64)
-        return (at - at.mean(axis=0)) / np.sqrt(len(at) / np.pi)
+        """(P, 2) position of the pixels from their centroid, in radii of a disc of as many pixels."""
+        position = np.stack([self.columns, self.rows], axis=1).astype(np.float64)
+        return (position - position.mean(axis=0)) / np.sqrt(len(position) / np.pi)
 
     def pixels(self, chosen: NDArray) -> Views:
         """The views of some pixels."""
@@ -74,11 +74,11 @@ class Views:
         )
 
     def farther(self, times: float) -> Array:
-        """(P, 3) the points, `times` as far from the eye."""
+        """(P, 3) the points at `times` their distance from the eye."""
         return self.eye + times * (self.points - self.eye)
 
     def under(self, lamps: tuple[Lamp, ...], times: float = 1.0) -> Views:
-        """The same photographs, if taken under `lamps`, moved from the stated ones, a surface `times` as far."""
+        """The same photographs, as if taken under `lamps` in place of the stated ones, at `times` the distance."""
         points, to_lamp, ratios = self.farther(times), [], []
         for lamp, stated in zip(lamps, self.lamps, strict=True):
             direction, after = lamp.direction_and_irradiance(points)
@@ -106,18 +106,18 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """What K photographs hold of P pixels, lamp by lamp: values, variance (K, P, C) and valid (K, P)."""
+    """The values of K photographs at P pixels, lamp by lamp: values, variance (K, P, C) and valid (K, P)."""
 
     values: NDArray[np.floating]
     variance: NDArray[np.floating]
     valid: NDArray[np.bool_]
 
 
-def views(capture: Capture) -> Views:
-    """The views of a capture: pixels that most of its photographs have valid and three see above the dark.
+def views_from_capture(capture: Capture) -> Views:
+    """The views of a capture: pixels that are valid in most of its photographs and above DARK in three.
 
-    Near lamps need `capture.points`. `InputError` when the photographs differ in camera or size, have other than one
-    lamp each, too few lamps, or lamps in one plane with the scene, between which normals cannot be told.
+    Near lamps need `capture.points`. `InputError` when the photographs differ in camera or size, do not have one lamp
+    each, have too few lamps, or lamps in one plane with the scene, from which normals are not identifiable.
     """
     photographs = capture.photographs
     check_lamps(photographs)
@@ -131,22 +131,22 @@ def views(capture: Capture) -> Views:
     )
     points = _points(capture, rows, columns)
     lamps = tuple(photograph.lamps[0] for photograph in photographs)
-    seen = views_of(stack, photographs[0].camera, lamps, points, (rows, columns))
-    if condition_of(seen.to_lamp.mean(axis=1)) > LARGEST_CONDITION:
+    selected = views_from_stack(stack, photographs[0].camera, lamps, points, (rows, columns))
+    if condition_of(selected.to_lamp.mean(axis=1)) > LARGEST_CONDITION:
         raise InputError(f"the lamps of capture {capture.name!r} lie in one plane with the scene: move one out of it")
-    if not len(seen.rows):
+    if not len(selected.rows):
         raise InputError(f"capture {capture.name!r} has no pixel that three lamps light: expose longer")
-    return seen
+    return selected
 
 
-def views_of(
+def views_from_stack(
     stack: Stack,
     camera: Camera,
     lamps: tuple[Lamp, ...],
     points: Array,
     pixels: tuple[NDArray[np.intp], NDArray[np.intp]],
 ) -> Views:
-    """The views of some `pixels` (rows, columns) of one camera, of surface `points` (P, 3), that three lamps light."""
+    """The views of some `pixels` (rows, columns) of one camera, at surface `points` (P, 3), where three lamps light."""
     values, variance, lights, used, to_lamp = [], [], [], [], []
     for k, lamp in enumerate(lamps):
         value, noise = (part[k].astype(np.float64) for part in (stack.values, stack.variance))
@@ -159,7 +159,7 @@ def views_of(
     to_eye = camera.position - points
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     bright = np.stack(used)
-    seen = Views(
+    selected = Views(
         values=np.stack(values),
         variance=np.stack(variance),
         light=np.stack(lights),
@@ -174,11 +174,11 @@ def views_of(
         eye=camera.position,
         axis=camera.camera_to_world[:3, 2],
     )
-    return seen.pixels(bright.sum(axis=0) >= 3)
+    return selected.pixels(bright.sum(axis=0) >= 3)
 
 
 def enough(masks: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Where most of the photographs, and four, are valid."""
+    """Pixels that are valid in most of the photographs, and in at least FEWEST_LAMPS."""
     return np.sum(masks, axis=0) >= max(FEWEST_LAMPS, len(masks) / 2)
 
 
@@ -195,11 +195,11 @@ def check_lamps(photographs: Sequence[Photograph], fewest: int = FEWEST_LAMPS) -
         ):
             raise InputError(f"photograph {photograph.name!r} is of another camera or size: normals need a fixed one")
     if len(photographs) < fewest:
-        raise InputError(f"{len(photographs)} photographs cannot tell normals: give {FEWEST_LAMPS} lamps or more")
+        raise InputError(f"{len(photographs)} photographs do not determine normals: give {FEWEST_LAMPS} lamps or more")
 
 
 def _light(lamp: Lamp, camera: Camera, channels: int, points: Array) -> tuple[Array, Array]:
-    """Directions to the lamp (P, 3) and its irradiance (P, C) as the channels see it."""
+    """Directions to the lamp (P, 3) and its irradiance (P, C) in the channels of the camera."""
     direction, irradiance = lamp.direction_and_irradiance(points)
     scale = np.ones(channels) if camera.response is None else camera_white(lamp.spectrum, camera.response)
     light = (irradiance if irradiance.ndim == 2 else irradiance[:, None]) * scale
@@ -207,7 +207,7 @@ def _light(lamp: Lamp, camera: Camera, channels: int, points: Array) -> tuple[Ar
 
 
 def _points(capture: Capture, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
-    """(P, 3) [m] where the pixels are; anywhere on their rays for far lamps."""
+    """(P, 3) [m] points of the pixels; anywhere on their rays for far lamps."""
     if capture.points is not None:
         return capture.points[rows, columns].astype(np.float64)
     for photograph in capture.photographs:

@@ -1,8 +1,9 @@
 """Depth: normals → the surface that has them, by weighted least squares over neighbouring pixels (MODEL §7.3).
 
 With v = (x', y', 1) the ray of a pixel in the camera's frame and u = ln depth, a surface of normal n has
-∂u/∂x = −n·∂v/∂x / n·v, in perspective as in a view from afar. Normals leave the scale of each connected part open:
-the mean depth is given, or near lamps tell the depth itself (`DepthTold`), and with it where parts stand before others.
+∂u/∂x = −n·∂v/∂x / n·v, in perspective as in an orthographic view. Normals leave the scale of each connected part
+free: either the mean depth is given, or near lamps give an estimate of the depth (`DepthEstimate`), and with it the
+steps between parts.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.measurement.normals.views import Array
-from hagoromo.measurement.surface.graph import FAR, SOFT, graph, parted_by
+from hagoromo.measurement.surface.graph import FAR, SOFT, graph, with_steps
 
-STEEPEST = 0.05  # least |n·v|/|v|: beyond 87° a slope is that of the edge, not of the surface
-SHARPEST = 1e-6  # rad²: least variance of a normal
-LEAST_STEP = 2.0  # pixels of depth by which neighbours may miss their normals before they count as parted
-ROUNDS = 3  # of parting where what is told jumps
-GAUGE = 1e-7  # of the median weight: keeps every island of pixels at the mean depth
+STEEPEST = 0.05  # smallest |n·v|/|v|: beyond 87° a slope is that of the edge, not of the surface
+SHARPEST = 1e-6  # [rad²] smallest variance of a normal
+LEAST_STEP = 2.0  # pixels of depth by which neighbours may miss their normals before they count as separate
+ROUNDS = 3  # of separating neighbours where the estimated depth has a step
+GAUGE = 1e-7  # of the median weight: weak constraint of every connected part to the mean depth
 ANCHORED = (0.1, 1.0)  # stiffness, round by round, around a coarser surface
-DRAWS = 12  # of the surface's errors, for its variance
+DRAWS = 12  # simulated errors of the surface, from which its variance is estimated
 
 
 @dataclass(frozen=True, eq=False)
-class DepthTold:
-    """What near lamps tell of the depth: ln depth (h, w) and the inverse of its variance (h, w), 0 where nothing."""
+class DepthEstimate:
+    """Depth from near lamps: ln depth (h, w) and the inverse of its variance (h, w), 0 where unknown."""
 
     log_depth: Array
     precision: Array
@@ -38,7 +39,7 @@ class DepthTold:
 class Surface:
     """points (h, w, 3) [m], world, 0 where unknown; variance (h, w) [m²] of their distance, inf where unknown.
 
-    Where no lamp tells the depth, the variance is that of the shape, its mean depth taken for known.
+    Without an estimate of the depth, the variance is that of the shape at a fixed mean depth.
     """
 
     points: NDArray[np.float32]
@@ -60,28 +61,28 @@ def surface_from_normals(
     camera: Camera,
     distance: float,
     variance: NDArray[np.floating] | None = None,
-    told: DepthTold | None = None,
+    estimate: DepthEstimate | None = None,
     draws: int = DRAWS,
 ) -> Surface:
     """The surface with `normals` (h, w, 3), world, 0 where unknown (points then too).
 
-    distance: mean depth along the camera's axis [m], of each connected part, unless `told`. variance: (h, w) of the
-    normals [rad²]. Where neighbours' depths would have to jump to fit the rest they are parted (Cauchy's loss), and
-    where what is told jumps. `InputError` when the lens is distorted, sizes differ, no normal is known or the distance
-    is none.
+    distance: mean depth along the camera's axis [m] of each connected part, used without an `estimate`. variance:
+    (h, w) of the normals [rad²]. Neighbours are separated where their depths would have to jump to fit the rest
+    (Cauchy's loss), and where `estimate` has a step. `InputError` when the lens is distorted, sizes differ, no normal
+    is known or the distance is not positive.
     """
     check_surface(normals, camera, distance)
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     rows, columns = np.nonzero(known)
     net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
-    level, held = np.full(len(rows), np.log(distance)), np.full(len(rows), GAUGE * net.typical)
-    if told is not None:
-        level, held = _held(told, known, level, held)
-        net = parted_by(net, level, held, ROUNDS)
-    solved = net.settled(level, held) if told is None else net.settled(level, held, SOFT, FAR)
+    level, weight = np.full(len(rows), np.log(distance)), np.full(len(rows), GAUGE * net.typical)
+    if estimate is not None:
+        level, weight = _combined(estimate, known, level, weight)
+        net = with_steps(net, level, weight, ROUNDS)
+    solved = net.settled(level, weight) if estimate is None else net.settled(level, weight, SOFT, FAR)
     depth = np.exp(solved.values)
     spread = (
-        solved.variance(held if told is not None else 0.0 * held, draws, seed=0)
+        solved.variance(weight if estimate is not None else 0.0 * weight, draws, seed=0)
         if draws
         else np.full(len(rows), np.inf)
     )
@@ -98,8 +99,8 @@ def anchored_surface(
     """Points (h, w, 3) of the surface with `normals` around a coarser one of ln depth `log_depth` (h, w), NaN
     where that is unknown.
 
-    The coarser one, of pixels `factor` times as wide, holds what is wider than two of its pixels; its steps part the
-    finer surface too. Errors as `surface_from_normals`.
+    The coarser surface, with pixels `factor` times as wide, determines all that is wider than two of its pixels, and
+    its steps separate the finer surface too. Errors as `surface_from_normals`.
     """
     check_surface(normals, camera, 1.0)
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
@@ -107,9 +108,9 @@ def anchored_surface(
     net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
     level, sure = log_depth[known], np.isfinite(log_depth[known])
     # a membrane of stiffness w follows its levels over a length √(w/h) pixels
-    held = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
+    weight = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
     level = np.where(sure, level, level[sure].mean())
-    depth = np.exp(net.settled(level, held, ANCHORED).values)
+    depth = np.exp(net.settled(level, weight, ANCHORED).values)
     points = np.zeros(normals.shape, np.float32)
     ray = _rays(camera, rows, columns) * depth[:, None]
     points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
@@ -117,7 +118,7 @@ def anchored_surface(
 
 
 def check_surface(normals: NDArray[np.floating], camera: Camera, distance: float) -> None:
-    """`InputError` unless the normals fit the camera, some are known, and the distance is one."""
+    """`InputError` unless the normals fit the camera, some are known, and the distance is positive."""
     if any(camera.distortion):
         raise InputError("depth needs photographs without lens distortion: undistort them first")
     if normals.shape != (camera.height, camera.width, 3):
@@ -138,17 +139,17 @@ def _slopes(
     towards = np.minimum(np.einsum("pi,pi->p", n, ray), -STEEPEST)
     slopes, errors = np.zeros((*known.shape, 2)), np.zeros(known.shape)
     slopes[rows, columns] = -n[:, :2] / camera.focal / towards[:, None]
-    # the slope's error is that of the angle over cos²; `variance` is the sum over the two turns
+    # an error of the angle becomes one of the slope by 1/cos²; `variance` is the sum over the two turns
     of_angle = 1e-4 if variance is None else np.maximum(variance[rows, columns], SHARPEST)
     errors[rows, columns] = 0.5 * of_angle / towards**4 / float(np.mean(camera.focal)) ** 2
     return slopes, errors
 
 
-def _held(told: DepthTold, known: NDArray[np.bool_], level: Array, held: Array) -> tuple[Array, Array]:
-    """Level and weight of each known pixel by what is told and by the mean depth."""
-    weight = told.precision[known]
-    both = weight + held
-    return (weight * told.log_depth[known] + held * level) / both, both
+def _combined(estimate: DepthEstimate, known: NDArray[np.bool_], level: Array, gauge: Array) -> tuple[Array, Array]:
+    """Level and weight of each known pixel from the estimated depth and the mean depth, `level` of weight `gauge`."""
+    weight = estimate.precision[known]
+    both = weight + gauge
+    return (weight * estimate.log_depth[known] + gauge * level) / both, both
 
 
 def _rays(camera: Camera, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:

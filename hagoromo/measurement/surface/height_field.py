@@ -1,7 +1,7 @@
-"""Height field: one surface over the pixels of an object, so that its normals are those of a surface.
+"""Height field: one surface over the pixels of an object, so that its normals are integrable.
 
-Unknown at the corners of the pixels: u, ln of the distance along the ray; from afar, distance in pixels. With the rays
-(x', y', −1), x right, y up, the normal is along (u_x, u_y, 1 + x' u_x + y' u_y).
+Unknown at the corners of the pixels: u, ln of the distance along the ray; in an orthographic view, the distance in
+pixels. With the rays (x', y', −1), x right, y up, the normal is along (u_x, u_y, 1 + x' u_x + y' u_y).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from hagoromo.measurement.normals.views import Array
 
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
-STEEPEST = 5.0  # slope of a normal that a height field starts from
-REWEIGHTINGS = 6
+STEEPEST = 5.0  # largest slope of a normal at the start of a height field
+REWEIGHTINGS = 6  # of the start; it is not tested for convergence, since a fit of the surface follows
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """slopes: u (V,) → u_x and u_y (P,), sparse. saddle: → what neither sees, a chessboard. tangent: (P, 2) x', y'."""
+    """slopes: u (V,) → u_x and u_y (P,), sparse. saddle: → the chessboard, of slope 0. tangent: (P, 2) x', y'."""
 
     slopes: tuple[Any, Any]
     saddle: Any
@@ -34,7 +34,7 @@ class HeightField:
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
     def normals(self, depth: Array) -> tuple[Array, Array]:
-        """Unit normals (P, 3) of u (V,), and their slopes (2, P, 3) by u_x and u_y, but for what is along them."""
+        """Unit normals (P, 3) of u (V,), and their derivatives (2, P, 3) by u_x and u_y, up to parts along them."""
         x, y = self.tangent.T
         across, along = (slope @ depth for slope in self.slopes)
         normal = np.column_stack([across, along, 1.0 + x * across + y * along])
@@ -44,7 +44,7 @@ class HeightField:
         return normal / length, by / length
 
     def through(self, normals: Array) -> Array:
-        """u (V,) whose normals are `normals` (P, 3) of any length, but for pixels that are no surface's (robust)."""
+        """u (V,) from `normals` (P, 3) of any length, by robust least squares: a start for a fit of the surface."""
         from scipy.sparse import diags, eye_array
         from scipy.sparse.linalg import splu
 
@@ -53,14 +53,14 @@ class HeightField:
         wanted = np.clip(normals[:, :2] / facing[:, None], -STEEPEST, STEEPEST)
         flat = 1.0 / (1.0 + np.sum(wanted**2, axis=1))
         weight, depth = np.ones(len(wanted)), np.zeros(self.saddle.shape[1])
-        held = 1e-2 * self.saddle.T @ self.saddle + 1e-7 * eye_array(len(depth))
+        regulariser = 1e-2 * self.saddle.T @ self.saddle + 1e-7 * eye_array(len(depth))
         for _ in range(REWEIGHTINGS):
             each = diags(weight * flat**2)
-            square, pull = held, np.zeros(len(depth))
+            square, rhs = regulariser, np.zeros(len(depth))
             for i, slope in enumerate(self.slopes):
                 square = square + slope.T @ each @ slope
-                pull = pull + slope.T @ (each @ wanted[:, i])
-            depth = splu(square.tocsc()).solve(pull)
+                rhs = rhs + slope.T @ (each @ wanted[:, i])
+            depth = splu(square.tocsc()).solve(rhs)
             off = flat * np.hypot(*(slope @ depth - wanted[:, i] for i, slope in enumerate(self.slopes)))
             weight = 1.0 / (1.0 + (off / (3.0 * float(np.median(off)) + 1e-9)) ** 2)
         return np.asarray(depth)

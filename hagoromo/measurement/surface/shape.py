@@ -1,8 +1,8 @@
-"""Shape: normals and depth under near lamps, which each need the other: normals → surface → lamps as seen from there.
+"""Shape under near lamps: normals and depth, which depend on each other, by alternating estimates.
 
-Enters: a Capture whose near lamps and camera are known, and roughly how far away the object is. Leaves: normals, body
-colours and gloss, and the surface with its variance. The photographs tell the depth as well, through direction and
-fall-off of the lamps: that of the whole in the joint fit, that of each part by `depth_pull`.
+Enters: a Capture whose near lamps and camera are known, and the approximate distance of the object. Leaves: normals,
+body colours and gloss, and the surface with its variance. The photographs determine the depth too, by direction and
+fall-off of the lamps: that of the whole in the joint fit, that of each part by `depth_update`.
 """
 
 from __future__ import annotations
@@ -16,30 +16,29 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, Status
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals
 from hagoromo.measurement.normals.photometric_fit import independent_share
-from hagoromo.measurement.normals.photometric_model import Fit, precision
-from hagoromo.measurement.normals.photometric_prior import Prior
+from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.pixel_fit import Light
 from hagoromo.measurement.normals.views import Array, Views
-from hagoromo.measurement.surface.depth import DepthTold, Surface, surface_from_normals
-from hagoromo.measurement.surface.depth_pull import depth_pull
+from hagoromo.measurement.surface.depth import DepthEstimate, Surface, surface_from_normals
+from hagoromo.measurement.surface.depth_update import depth_update
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
 SHAPE_ROUNDS = 6
-SIMPLE = 2  # rounds in which bodies are Lambert's and lamps where they are said to be: the shape is still wrong
-SETTLED = 5e-4  # rms change of ln depth from one round to the next that ends them
-STRICT = 1e-3  # scale of what is held still in those rounds
-LONGEST = 0.1  # of ln depth that one round moves a pixel by
+SIMPLE_ROUNDS = 2  # first rounds, with Lambertian bodies and lamps where they are stated: the shape is still wrong
+CONVERGED_CHANGE = 5e-4  # rms change of ln depth in a round below which the rounds have converged
+FIXED_SCALE = 1e-3  # scale of the prior of quantities that are held fixed in the first rounds
+LARGEST_CHANGE = 0.1  # of ln depth of a pixel in one round
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """found: the normals and what came with them; surface: the points that go with them; rounds that it took.
+    """found: the normals and their fit; surface: the points that belong to them; rounds: their number.
 
     status: how the rounds ended; the last step is the rms change of ln depth in the last of them.
     """
 
-    found: NormalMap
+    normal_map: NormalMap
     surface: Surface
     rounds: int
     status: FitStatus
@@ -53,8 +52,8 @@ def has_near_lamps(capture: Capture) -> bool:
 def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Shape:
     """Normals and surface of `capture` under near lamps, from a first guess of its mean depth `distance` [m].
 
-    Points of the capture, if it has them, are where it starts from. `InputError` as `solve_normals`, and for a distance
-    that is none.
+    Points of the capture, if it has them, are the start. `InputError` as `solve_normals`, and for a distance that is
+    not positive.
     """
     prior = prior or Prior()
     camera = capture.photographs[0].camera
@@ -65,43 +64,52 @@ def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, p
         rays = camera.pixel_directions()
         points = camera.position + rays * (distance / (rays @ camera.camera_to_world[:3, 2]))[..., None]
     labels: NDArray[np.integer] | None = np.zeros((camera.height, camera.width), np.intp)
-    strict = replace(prior, strength=STRICT, slope=STRICT, direction=STRICT, roughness=STRICT, exponent=STRICT)
+    strict = replace(
+        prior,
+        strength=FIXED_SCALE,
+        slope=FIXED_SCALE,
+        direction=FIXED_SCALE,
+        roughness=FIXED_SCALE,
+        exponent=FIXED_SCALE,
+    )
     status, change = Status.OUT_OF_STEPS, np.inf
     for round_ in range(SHAPE_ROUNDS):
         progress(round_ / SHAPE_ROUNDS, f"shape, round {round_ + 1}")
-        here = replace(capture, points=np.asarray(points, np.float32))
-        early = round_ < SIMPLE
-        found = solve_normals(here, labels if early else None, strict if early else prior)
-        told = depth_told(found)
-        middle = float(np.median(np.exp(told.log_depth[told.precision > 0.0])))
-        surface = surface_from_normals(found.normals, camera, middle, found.variance, told, draws=0)
+        at_points = replace(capture, points=np.asarray(points, np.float32))
+        early = round_ < SIMPLE_ROUNDS
+        normal_map = solve_normals(at_points, labels if early else None, strict if early else prior)
+        depth = depth_estimate(normal_map)
+        middle = float(np.median(np.exp(depth.log_depth[depth.precision > 0.0])))
+        surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth, draws=0)
         change = _change(points, surface.points, camera.position)
-        points = np.where(found.variance[..., None] < np.inf, surface.points, points)
-        if not early and change < SETTLED:
+        points = np.where(normal_map.variance[..., None] < np.inf, surface.points, points)
+        if not early and change < CONVERGED_CHANGE:
             status = Status.CONVERGED
             break
-    surface = surface_from_normals(found.normals, camera, middle, found.variance, told)
+    surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
     progress(1.0, "")
     ended = FitStatus(status, round_ + 1, last_step=change)
-    return Shape(replace(found, fit=replace(found.fit, shape_status=ended)), surface, round_ + 1, ended)
+    return Shape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
 
 
-def depth_told(found: NormalMap) -> DepthTold:
-    """What the photographs tell of each pixel's depth at the normals `found`; errors are shared as residuals are."""
-    fit, seen = found.fit, found.seen
-    pull = depth_pull(seen, light_of(fit, seen), fit.normals, fit.body)
-    share = independent_share(seen, fit) * seen.values.shape[1]
-    depth = np.log((seen.points - seen.eye) @ seen.axis) + np.clip(pull.change, -LONGEST, LONGEST)
-    return DepthTold(seen.image(depth), seen.image(share * pull.precision))
+def depth_estimate(normal_map: NormalMap) -> DepthEstimate:
+    """The depth of each pixel by the photographs, at these normals; its errors are correlated as residuals are."""
+    fit, views = normal_map.fit, normal_map.views
+    update = depth_update(views, light_of(fit, views), fit.normals, fit.body)
+    share = independent_share(views, fit) * views.values.shape[1]
+    log_depth = np.log((views.points - views.eye) @ views.axis) + np.clip(
+        update.change, -LARGEST_CHANGE, LARGEST_CHANGE
+    )
+    return DepthEstimate(views.image(log_depth), views.image(share * update.precision))
 
 
-def light_of(fit: Fit, seen: Views) -> Light:
-    """What the fit of the pixels takes as known, as `fit` has it."""
-    return Light(fit.gloss.rows[fit.labels], fit.evenness(seen.place), precision(seen, fit.model_error))
+def light_of(fit: Fit, views: Views) -> Light:
+    """The known quantities of the pixel fit, from `fit`."""
+    return Light(fit.gloss.rows[fit.labels], fit.evenness(views.place), precision(views, fit.model_error))
 
 
 def _change(before: NDArray[np.floating], after: NDArray[np.floating], eye: Array) -> float:
     """Rms change of ln distance."""
-    known = np.linalg.norm(after, axis=2) > 0.0  # of the whole, where something was solved
+    known = np.linalg.norm(after, axis=2) > 0.0  # where the depth was estimated
     lengths = [np.linalg.norm(one[known] - eye, axis=1) for one in (before, after)]
     return float(np.sqrt(np.mean(np.log(lengths[1] / np.maximum(lengths[0], 1e-9)) ** 2)))

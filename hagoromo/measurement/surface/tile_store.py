@@ -1,7 +1,7 @@
-"""Tile store: photographs too many to be held at once, read once each, kept on disk as all lamps of a square of pixels.
+"""Tile store: photographs that exceed the memory, read once each and stored on disk as tiles with all lamps.
 
-Enters: photographs, one at a time, and a scratch folder. Leaves: the tiles, and a small capture of means over squares
-of pixels, which fits the memory. The scratch is removed at the end, on failure and on Ctrl-C too.
+Enters: photographs, one at a time, and a scratch folder. Leaves: the tiles, and a coarse capture of means over squares
+of pixels, which fits into memory. The scratch is removed at the end, also on failure and on Ctrl-C.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, silent
 
-SIDE = 192  # pixels of a tile's side: all lamps of one in a few hundred megabytes
-COARSE_PIXELS = 30_000  # at most, of the small capture
+SIDE = 192  # [pixel] side of a tile: all lamps of one need a few hundred megabytes
+COARSE_PIXELS = 30_000  # largest number of pixels of the coarse capture
 
 
 class Source(Protocol):
-    """Photographs that are made or read when they are asked for."""
+    """Photographs that are simulated or read on demand."""
 
     @property
     def count(self) -> int:
@@ -90,25 +90,25 @@ class TileStore:
         )
 
     def stack(self, tile: int) -> tuple[Stack, NDArray[np.intp], NDArray[np.intp]]:
-        """What the photographs hold of the pixels that most of them have valid, with their rows and columns."""
+        """The values of the pixels that are valid in most photographs, with their rows and columns."""
         rows, columns = self.place(tile)
         h, w = rows.stop - rows.start, columns.stop - columns.start
         shape = (len(self.lamps), 2, self.channels, SIDE, SIDE)
         size = int(np.prod(shape))
-        # read, not mapped: pages of a mapped file count as memory that is held
+        # read, not mapped: pages of a mapped file count as used memory
         numbers = np.fromfile(self.path, np.float16, size, offset=2 * size * tile).reshape(shape)[..., :h, :w]
-        at = np.nonzero(enough(list(numbers[:, 1, 0] > 0)))
-        whole = numbers[..., at[0], at[1]].astype(np.float32)  # (K, 2, C, P)
+        index = np.nonzero(enough(list(numbers[:, 1, 0] > 0)))
+        whole = numbers[..., index[0], index[1]].astype(np.float32)  # (K, 2, C, P)
         whole = np.moveaxis(whole * self.scale[:, None, None, None].astype(np.float32), 3, 2)
         stack = Stack(whole[:, 0], np.maximum(whole[:, 1], 1e-18) ** 2, whole[:, 1, :, 0] > 0)
-        return stack, at[0] + rows.start, at[1] + columns.start
+        return stack, index[0] + rows.start, index[1] + columns.start
 
 
 @contextmanager
 def tile_store(source: Source, beside: Path, progress: Progress = silent) -> Iterator[TileStore]:
     """The tiles of `source` in a scratch folder within `beside`, which is removed when the block ends.
 
-    `InputError` when the photographs do not go together (see `views.check_lamps`) or the disk is too small.
+    `InputError` when the photographs do not belong together (see `views.check_lamps`) or the disk is too small.
     """
     first = source.photograph(0)
     height, width, channels = first.values.shape
@@ -136,7 +136,7 @@ def tile_store(source: Source, beside: Path, progress: Progress = silent) -> Ite
 
 
 def _write(path: Path, number: tuple[int, int], photograph: Photograph) -> float:
-    """Put photograph k of K into the file, `number` being (k, K); the scale of its numbers."""
+    """Write photograph k of K to the file, where `number` is (k, K); returns the scale of its numbers."""
     height, width, channels = photograph.values.shape
     mask = np.asarray(photograph.mask)
     scale = max(float(np.max(photograph.values, where=mask[..., None], initial=0.0)), 1e-30)
@@ -144,11 +144,11 @@ def _write(path: Path, number: tuple[int, int], photograph: Photograph) -> float
     with path.open("r+b") as file:
         for row in range(0, height, SIDE):
             for column in range(0, width, SIDE):
-                at = np.s_[row : row + SIDE, column : column + SIDE]
-                valid, (h, w) = mask[at][..., None], mask[at].shape
-                values = np.where(valid, photograph.values[at], 0.0) / scale
-                deviation = np.sqrt(np.where(valid, photograph.variance[at], 0.0)) / scale
-                # a deviation that rounds to 0 would pass for invalid
+                index = np.s_[row : row + SIDE, column : column + SIDE]
+                valid, (h, w) = mask[index][..., None], mask[index].shape
+                values = np.where(valid, photograph.values[index], 0.0) / scale
+                deviation = np.sqrt(np.where(valid, photograph.variance[index], 0.0)) / scale
+                # a deviation that rounds to 0 would count as invalid
                 deviation = np.where(valid, np.maximum(deviation, 1e-6), 0.0)
                 block[:] = 0.0
                 for part, image in enumerate((values, deviation)):
@@ -160,7 +160,7 @@ def _write(path: Path, number: tuple[int, int], photograph: Photograph) -> float
 
 
 def _binned(photograph: Photograph, factor: int) -> Photograph:
-    """Means over squares of `factor` pixels, valid where all of them are; what is left over at the edges is cut off."""
+    """Means over squares of `factor` pixels, valid where all of them are; incomplete squares at the edges are cut."""
     import cv2
 
     camera = photograph.camera

@@ -1,7 +1,7 @@
-"""Tiles: normals and depth of photographs that do not fit the memory.
+"""Tiles: normals and depth of photographs that exceed the memory.
 
-Gloss, lamps, distance and a coarse surface come from the small capture of a `TileStore`; with them known, every tile is
-solved for its normals and body colours, and its depth is integrated around the coarse surface, steps kept.
+Gloss, lamps, distance and a coarse surface are estimated from the coarse capture of a `TileStore`. Normals and body
+colours of each tile are then fitted with these known, and its depth is integrated around the coarse surface.
 """
 
 from __future__ import annotations
@@ -14,25 +14,24 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_normals
-from hagoromo.measurement.normals.photometric_model import evenness, precision
-from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.pixel_fit import Light, fit_pixels
-from hagoromo.measurement.normals.views import Array, views_of
+from hagoromo.measurement.normals.photometric_model import Prior, evenness, precision
+from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, Light, fit_pixels
+from hagoromo.measurement.normals.views import Array, views_from_stack
 from hagoromo.measurement.surface.depth import Surface, anchored_surface, surface_from_normals
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
-MARGIN = 2  # coarse pixels around a tile that its depth is integrated with, so that neighbours meet
+MARGIN = 2  # coarse pixels around a tile that its integration includes, so that neighbouring tiles join
 
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """The small capture, what was found on it, its surface, and its labels."""
+    """The coarse capture, its normals and their fit, and its surface."""
 
     capture: Capture
-    found: NormalMap
+    normal_map: NormalMap
     surface: Surface
 
 
@@ -40,8 +39,8 @@ class Coarse:
 class Fine:
     """Full-size maps: normals, points (h, w, 3), body (h, w, C), 0 where unknown; labels (h, w), −1 unknown.
 
-    variance (h, w) of the normals [rad²] and depth_variance (h, w) of the distance [m²], inf where unknown: the latter
-    is the coarse surface's. converged (h, w): whether the fit of a pixel's normal did.
+    variance (h, w) of the normals [rad²] and depth_variance (h, w) of the distance [m²], inf where unknown; the latter
+    is that of the coarse surface. converged (h, w): whether the fit of a pixel's normal converged.
     """
 
     normals: NDArray[np.float32]
@@ -53,25 +52,26 @@ class Fine:
     converged: NDArray[np.bool_]
 
     def remarks(self) -> list[str]:
-        """One line where the normals of some pixels did not converge."""
+        """One line if the normals of more pixels than the fit leaves did not converge."""
         known = np.isfinite(self.variance)
         share = float(np.mean(~self.converged[known]))
-        return [f"the normal of {100.0 * share:.2g} % of all pixels did not converge"] if share > 0.0 else []
+        remark = f"the normal of {100.0 * share:.2g} % of all pixels did not converge"
+        return [remark] if share > STILL_MOVING_SHARE else []
 
 
 def solve_coarse(store: TileStore, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Coarse:
-    """Everything that the tiles share, from the small capture; distance: about, to the surface [m]."""
+    """Everything that the tiles share, from the coarse capture; distance: approximate, to the surface [m]."""
     capture = store.coarse
     if has_near_lamps(capture):
         shape = solve_shape(capture, distance, prior, progress)
-        return Coarse(capture, shape.found, shape.surface)
-    found = solve_normals(capture, prior=prior, progress=progress)
+        return Coarse(capture, shape.normal_map, shape.surface)
+    normal_map = solve_normals(capture, prior=prior, progress=progress)
     camera = capture.photographs[0].camera
-    return Coarse(capture, found, surface_from_normals(found.normals, camera, distance, found.variance))
+    return Coarse(capture, normal_map, surface_from_normals(normal_map.normals, camera, distance, normal_map.variance))
 
 
 def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, tiles: range | None = None) -> Fine:
-    """All tiles (or those in `tiles`), from what is known of the coarse capture. `InputError` when nothing is lit."""
+    """All tiles (or those in `tiles`), given the coarse capture. `InputError` when three lamps light no pixel."""
     camera = store.camera
     size = camera.height, camera.width
     fine = Fine(
@@ -98,32 +98,32 @@ def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, t
 
 def _solve_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> None:
     """Normals and body colours of a tile, on the coarse surface and with its gloss and lamps."""
-    fit, small = coarse.found.fit, coarse.found.seen
-    stack, *at = store.stack(tile)
-    pixels = at[0], at[1]
+    fit, small = coarse.normal_map.fit, coarse.normal_map.views
+    stack, *rows_columns = store.stack(tile)
+    pixels = rows_columns[0], rows_columns[1]
     if not len(pixels[0]):
         return
     depth, _, _ = _coarse_depth(store, coarse, pixels)
     points = _points(store.camera, pixels, depth)
-    seen = views_of(stack, store.camera, small.lamps, points, pixels)
-    if not len(seen.rows):
+    views = views_from_stack(stack, store.camera, small.lamps, points, pixels)
+    if not len(views.rows):
         return
     label_of = np.zeros(small.shape, np.intp)
     label_of[small.rows, small.columns] = fit.labels
-    inside = np.minimum(seen.rows // store.factor, small.shape[0] - 1)
-    labels = label_of[inside, np.minimum(seen.columns // store.factor, small.shape[1] - 1)]
-    even = evenness(fit.strength, fit.slope, _place(seen.rows, seen.columns, coarse, store.factor))
-    light = Light(fit.gloss.rows[labels], even, precision(seen, fit.model_error))
-    pixels_fit = fit_pixels(seen, light, *robust_lambert(seen))
-    fine.normals[seen.rows, seen.columns] = pixels_fit.normals
-    fine.body[seen.rows, seen.columns] = pixels_fit.body.T
-    fine.variance[seen.rows, seen.columns] = pixels_fit.variance
-    fine.converged[seen.rows, seen.columns] = pixels_fit.converged
-    fine.labels[seen.rows, seen.columns] = labels
+    inside = np.minimum(views.rows // store.factor, small.shape[0] - 1)
+    labels = label_of[inside, np.minimum(views.columns // store.factor, small.shape[1] - 1)]
+    even = evenness(fit.strength, fit.slope, _place(views.rows, views.columns, coarse, store.factor))
+    light = Light(fit.gloss.rows[labels], even, precision(views, fit.model_error))
+    pixels_fit = fit_pixels(views, light, *robust_lambert(views))
+    fine.normals[views.rows, views.columns] = pixels_fit.normals
+    fine.body[views.rows, views.columns] = pixels_fit.body.T
+    fine.variance[views.rows, views.columns] = pixels_fit.variance
+    fine.converged[views.rows, views.columns] = pixels_fit.converged
+    fine.labels[views.rows, views.columns] = labels
 
 
 def _integrate_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> None:
-    """Points of a tile: its normals integrated around the coarse surface, over a margin that its neighbours share."""
+    """Points of a tile: its normals integrated around the coarse surface, including a margin shared with neighbours."""
     (rows, columns), camera, margin = store.place(tile), store.camera, MARGIN * store.factor
     top, left = max(rows.start - margin, 0), max(columns.start - margin, 0)
     wide = np.s_[top : min(rows.stop + margin, camera.height), left : min(columns.stop + margin, camera.width)]
@@ -131,7 +131,7 @@ def _integrate_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> 
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     if not known.any():
         return
-    here = replace(
+    part_camera = replace(
         camera,
         width=normals.shape[1],
         height=normals.shape[0],
@@ -144,7 +144,7 @@ def _integrate_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> 
     level[known] = np.where(sure, np.log(depth), np.nan)
     if not sure.any():
         return
-    points = anchored_surface(normals, here, fine.variance[wide], level, store.factor)
+    points = anchored_surface(normals, part_camera, fine.variance[wide], level, store.factor)
     own = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
     fine.points[rows, columns] = points[own]
     errors = np.full(known.shape, np.inf, np.float32)
@@ -157,7 +157,7 @@ def _coarse_depth(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Depth (P,) along the axis of fine `pixels`, its variance (P,), whether (P,) all coarse pixels around are known.
 
-    Bilinear, the nearest known one standing in for those that are not.
+    Bilinear; unknown coarse pixels take the value of the nearest known one.
     """
     from scipy.ndimage import distance_transform_edt, map_coordinates
 
@@ -166,10 +166,12 @@ def _coarse_depth(
     depth = (points - camera.position) @ camera.camera_to_world[:3, 2]
     filled = np.asarray(distance_transform_edt(~known, return_distances=False, return_indices=True))
     depth, spread = depth[filled[0], filled[1]], coarse.surface.variance[filled[0], filled[1]]
-    at = np.stack([(axis + 0.5) / store.factor - 0.5 for axis in pixels])
-    nearest = tuple(np.clip(np.rint(axis).astype(np.intp), 0, n - 1) for axis, n in zip(at, depth.shape, strict=True))
-    between = np.asarray(map_coordinates(depth, at, order=1, mode="nearest"), np.float64)
-    whole = np.asarray(map_coordinates(known.astype(np.float64), at, order=1, mode="nearest")) > 0.999
+    position = np.stack([(axis + 0.5) / store.factor - 0.5 for axis in pixels])
+    nearest = tuple(
+        np.clip(np.rint(axis).astype(np.intp), 0, n - 1) for axis, n in zip(position, depth.shape, strict=True)
+    )
+    between = np.asarray(map_coordinates(depth, position, order=1, mode="nearest"), np.float64)
+    whole = np.asarray(map_coordinates(known.astype(np.float64), position, order=1, mode="nearest")) > 0.999
     return between, spread[nearest].astype(np.float64), whole
 
 
@@ -180,8 +182,8 @@ def _points(camera: Camera, pixels: tuple[NDArray[np.intp], NDArray[np.intp]], d
 
 
 def _place(rows: NDArray[np.intp], columns: NDArray[np.intp], coarse: Coarse, factor: int) -> Array:
-    """(P, 2) place of fine pixels on the object, as `Views.place` has it for the coarse ones."""
-    small = coarse.found.seen
+    """(P, 2) position of fine pixels on the object, in the coordinates of `Views.place` of the coarse ones."""
+    small = coarse.normal_map.views
     middle = np.array([small.columns.mean(), small.rows.mean()])
-    at = np.stack([(columns + 0.5) / factor - 0.5, (rows + 0.5) / factor - 0.5], axis=1)
-    return (at - middle) / np.sqrt(len(small.rows) / np.pi)
+    position = np.stack([(columns + 0.5) / factor - 0.5, (rows + 0.5) / factor - 0.5], axis=1)
+    return (position - middle) / np.sqrt(len(small.rows) / np.pi)

@@ -105,7 +105,7 @@ class MaterialEstimate:
     ) -> SpectrumEstimate:
         """Spectrum of the body colour (of mean 1 over the channels) with its covariance: see `reflectance_spectrum`.
 
-        Its channels are taken for independent. `InputError` where the colour has no standard error.
+        Its channels are assumed to be independent. `InputError` where the colour has no standard error.
         """
         error = self.standard_error.get("body_colour")
         if error is None:

@@ -1,4 +1,4 @@
-"""A material as a TOML table gives it: its parameters, or the name of one that was measured."""
+"""A material in a TOML table: its parameters, or the name of a measured one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, ref
 
 
 class MeasuredMaterial(Record, frozen=True, kw_only=True):
-    """A material that was measured, by its name in a materials.json."""
+    """A measured material, by its name in a materials.json."""
 
     file: Annotated[str, about("path of materials.json, inside the folder of this file")]
     material: Annotated[str, about("name of the material in it")]
@@ -26,17 +26,17 @@ class MeasuredMaterial(Record, frozen=True, kw_only=True):
     lamp: Annotated[Any, SOURCE, about("spectrum of the lamps that it was measured under")] = 1.0
 
 
-MATERIAL = like(ReflectanceRecord, MeasuredMaterial)  # what `reflectance_from_table` takes
-PARTS = like(optional("MaterialParts", ReflectanceRecord))  # what a table has in the place of another's
+MATERIAL = like(ReflectanceRecord, MeasuredMaterial)  # tables that `reflectance_from_table` accepts
+PARTS = like(optional("MaterialParts", ReflectanceRecord))  # a table that overrides some parameters of another
 
 
 def reflectance_from_table(
     record: dict[str, Any], folder: Path | None, where: str, element: str = "plane"
 ) -> Reflectance:
-    """A reflectance by its parameters, or one that was measured: `{file = "materials.json", material = "silk"}`.
+    """A reflectance by its parameters, or a measured one: `{file = "materials.json", material = "silk"}`.
 
-    A measured one may name the `response` and `lamp` spectrum that its body colour was measured with. Files lie inside
-    `folder` (None: anywhere). `element` stands where the table names none.
+    A measured one may state the `response` and `lamp` spectrum that its body colour was measured with. Files lie inside
+    `folder` (None: anywhere). `element` is used if the table has none.
     """
     if "file" not in record:
         return reflectance_from_record({"element": element, **record}, where, folder)

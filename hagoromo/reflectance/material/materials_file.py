@@ -1,4 +1,4 @@
-"""materials.json: the estimates of a capture's materials, a list with one table each."""
+"""materials.json: the estimates of a capture's materials, a list with one table per material."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def read_materials(path: str | Path) -> tuple[MaterialEstimate, ...]:
 def _material(entry: Any, where: str) -> MaterialEstimate:
     record = decode(entry, MaterialRecord, where)
     if len(record.interface_colour) != len(record.body_colour):
-        raise InputError(f"{where}: body_colour and interface_colour must have one number a channel each")
+        raise InputError(f"{where}: body_colour and interface_colour must have one number per channel each")
     fields = {name: getattr(record, name) for name in FIELDS}
     for name in ("standard_error", "interval_95", "identifiable"):
         fields[name] = msgspec.structs.asdict(fields[name])
@@ -141,7 +141,7 @@ def _interval(bounds: Bounds) -> tuple[float, float]:
 
 
 def _plain(value: Any) -> Any:
-    """Mappings and sequences as JSON has them; what is not finite becomes null."""
+    """Mappings and sequences as JSON types; numbers that are not finite become null."""
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, (tuple, list)):

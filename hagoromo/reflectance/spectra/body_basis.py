@@ -1,8 +1,8 @@
-"""BodyBasis: the spectra that a body colour known as camera values is a sum of, so that it shines under other lamps.
+"""BodyBasis: basis spectra of a body colour that is known as camera values, so that it can be rendered under any lamp.
 
-Of all spectra that the camera reads as it did, the one that is likeliest among measured surfaces, brightness left free:
+Of all spectra with the same camera values, the most likely one among measured surfaces, at any brightness:
 B = S Mᵀ (M S Mᵀ)⁻¹, M the readings relative to white and S the mean of r rᵀ over surfaces r of mean 1. M B = 1: under
-the lamp of the photographs the camera's values come back exactly.
+the lamp of the photographs the camera's values are reproduced exactly.
 Pratt and Mancill 1976, "Spectral estimation techniques for the spectral calibration of a color image scanner".
 """
 
@@ -15,13 +15,13 @@ from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, surfaces
 from hagoromo.reflectance.spectra.spectrum_estimate import reading_matrix
 
-DETAIL = 1e-4  # variance of detail that no surface has, of a spectrum of mean 1: keeps the inverse tame
+DETAIL = 1e-4  # variance added to S, for spectra of mean 1: keeps the inverse well conditioned
 
 
 def body_basis(response: Response | None, lamp: Spectrum) -> tuple[Spectrum, ...]:
-    """A spectrum per channel of `response` under `lamp`; `smooth_rgb_basis` where no response is known.
+    """A basis spectrum per channel of `response` under `lamp`; `smooth_rgb_basis` without a response.
 
-    Single spectra may be below 0; their sum for a colour of a surface is not, or hardly.
+    Single basis spectra may be negative; their sum for the colour of a surface is practically never.
     """
     if response is None:
         return smooth_rgb_basis()

@@ -1,7 +1,7 @@
-"""ReflectancePrior: which spectra a surface is likely to have, as a mixture of Gaussians over spectra of mean 1.
+"""ReflectancePrior: the prior of a surface's spectrum, a mixture of Gaussians over spectra of mean 1.
 
-Learnt from measured spectra: one Gaussian each, as wide as its neighbourhood is, so that a spectrum is expected where
-measured ones are and may move as its neighbours do. Or told by smoothness alone. Brightness is left free.
+Learnt from measured spectra: one Gaussian per spectrum, with the covariance of its neighbourhood. Or defined by
+smoothness alone. The brightness is free.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.errors import InputError
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, read_spectra, surfaces
 
-# Of the mixture; chosen so that 95 % regions hold 95 % of measured spectra that were kept out of the prior.
+# Of the mixture; chosen so that 95 % regions hold 95 % of measured spectra that were excluded from the prior.
 NEIGHBOURS = 20
 SPREAD = 0.5  # variance of a Gaussian, in units of its neighbours' mean squared distance along each direction
-COMMON = 0.03  # share of it that goes to the directions of all the spectra
+COMMON = 0.03  # share of it along the principal directions of all spectra
 FINE = 0.002  # standard deviation of detail that no neighbour has, of a spectrum of mean 1
-FEWEST = 4
-SMOOTH_HEIGHTS = (0.05, 0.2, 0.6)  # standard deviations of a spectrum of mean 1 that is smooth and no more
-SMOOTH_WIDTHS = (30.0, 80.0)  # [nm] over which it is correlated
+FEWEST = 4  # spectra
+SMOOTH_HEIGHTS = (0.05, 0.2, 0.6)  # standard deviations of the smooth prior, for spectra of mean 1
+SMOOTH_WIDTHS = (30.0, 80.0)  # [nm] correlation lengths of the smooth prior
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
-"""Spectra from colours: readings of a surface under known lamps → its reflectance spectrum, and what stays unknown.
+"""Spectra from colours: readings of a surface under known lamps → its reflectance spectrum with its covariance.
 
-Three channels leave most of a spectrum free (metamers): what they do not tell, the prior does, and the covariance says
-how little that is. Several priors are weighed by their evidence.
+Three channels leave most of a spectrum free (metamers). The prior determines the rest, and the covariance states how
+uncertain that is. Several priors are weighted by their evidence.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 
-BRIGHTNESS = 0.3  # standard deviation of the brightness, relative to the one that the readings' mean tells
-BOUNDED_SPECTRUM_STEPS: int | None = None  # SciPy's own
-NEGLIGIBLE = 1e-6  # parts of a mixture of less weight than this, of the greatest, are left out
+BRIGHTNESS = 0.3  # standard deviation of the brightness, relative to the mean of the readings
+BOUNDED_SPECTRUM_STEPS: int | None = None  # largest number of steps; None is SciPy's own
+NEGLIGIBLE = 1e-6  # weight, relative to the largest, below which parts of a mixture are left out
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What a camera read of a surface, relative to what it reads of a perfect white diffuser in the same place.
+    """Camera values of a surface, relative to those of a perfect white diffuser in the same place.
 
     values: (channels,). covariance: (channels, channels), or their standard errors (channels,). lamp: its spectrum, of
     any strength, times that of a filter if there is one.
@@ -55,9 +55,9 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class SpectrumEstimate:
-    """A reflectance spectrum and how far it is known.
+    """A reflectance spectrum with its covariance.
 
-    wavelengths: (n,) [nm]. values: (n,), the mean of what the readings leave possible, within the bounds. covariance:
+    wavelengths: (n,) [nm]. values: (n,), the posterior mean, within the bounds. covariance:
     (n, n). log_evidence: prior → log p(readings | prior), up to a constant. probability: prior → its weight.
     """
 
@@ -78,7 +78,7 @@ class SpectrumEstimate:
         return np.sqrt(np.diag(self.covariance))
 
     def seen(self, lamp: Spectrum, response: Response) -> tuple[Array, Array]:
-        """What a camera will read, relative to white: (channels,), and the covariance (channels, channels)."""
+        """Camera values relative to white: (channels,), and their covariance (channels, channels)."""
         matrix = reading_matrix(lamp, response)
         return matrix @ self.values, matrix @ self.covariance @ matrix.T
 
@@ -88,9 +88,9 @@ def reflectance_spectrum(
 ) -> SpectrumEstimate:
     """Reflectance spectrum of one surface from `readings`, one per lamp, filter or camera.
 
-    priors: of the classes that it may belong to, all equally likely beforehand; "surfaces" and "smooth" when not given.
-    upper: bound of the spectrum; infinite where readings are relative. Raises `InputError` without a reading, or for
-    readings whose mean is not above 0.
+    priors: of the classes that it may belong to, with equal prior probability; "surfaces" and "smooth" by default.
+    upper: bound of the spectrum; infinite where readings are relative. Raises `InputError` without a reading, for
+    readings whose mean is not above 0, and when the bounded fit does not converge.
 
     The posterior of a mixture of Gaussians is exact; Wiener's estimate is that of a single one. Pratt and Mancill
     1976, "Spectral estimation techniques for the spectral calibration of a color image scanner".
@@ -112,29 +112,29 @@ def reading_matrix(lamp: Spectrum, response: Response) -> Array:
     reads = camera_white(lamp, response)
     if not (reads > 0.0).all():
         dark = response.channels[int(np.argmin(reads))]
-        raise InputError(f"channel {dark} reads nothing of this lamp over 400–700 nm: leave the channel out")
+        raise InputError(f"channel {dark} has no response to this lamp over 400–700 nm: leave the channel out")
     return response_matrix(tents, lamp, response) / reads[:, None]
 
 
 def estimate_spectrum(
     matrix: Array, values: Array, covariance: Array, priors: Sequence[ReflectancePrior], upper: float = 1.0
 ) -> SpectrumEstimate:
-    """As `reflectance_spectrum`, from the matrix (m, wavelengths) of the readings `values` (m,)."""
+    """Like `reflectance_spectrum`, from the matrix (m, wavelengths) of the readings `values` (m,)."""
     names = [prior.name for prior in priors]
     if not priors or len(set(names)) != len(names):
         raise InputError(f"give one or more priors, each of its own name: given {', '.join(names) or 'none'}")
     brightness = float(values.mean())
     if not brightness > 0.0:
-        raise InputError(f"readings of mean {brightness:.3g} tell no spectrum: give readings above the noise")
-    found = [_posterior(prior, matrix, values / brightness, covariance / brightness**2) for prior in priors]
-    evidence = np.array([log for log, _, _ in found])
+        raise InputError(f"readings of mean {brightness:.3g} give no spectrum: give readings above the noise")
+    posteriors = [_posterior(prior, matrix, values / brightness, covariance / brightness**2) for prior in priors]
+    evidence = np.array([log for log, _, _ in posteriors])
     weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    mean, spread = _mixture(weight, np.array([m for _, m, _ in found]), np.array([c for _, _, c in found]))
+    mean, spread = _mixture(weight, np.array([m for _, m, _ in posteriors]), np.array([c for _, _, c in posteriors]))
     mean, spread = brightness * mean, brightness**2 * spread
-    told = {name: float(log) for name, log in zip(names, evidence, strict=True)}
+    log_evidence = {name: float(log) for name, log in zip(names, evidence, strict=True)}
     probability = {name: float(share) for name, share in zip(names, weight, strict=True)}
-    return SpectrumEstimate(WAVELENGTHS, _within(mean, spread, upper), spread, told, probability)
+    return SpectrumEstimate(WAVELENGTHS, _within(mean, spread, upper), spread, log_evidence, probability)
 
 
 def _posterior(prior: ReflectancePrior, matrix: Array, values: Array, covariance: Array) -> tuple[float, Array, Array]:
@@ -151,12 +151,12 @@ def _posterior(prior: ReflectancePrior, matrix: Array, values: Array, covariance
     log = -0.5 * np.sum((values - expected) * solved, axis=1) - 0.5 * np.linalg.slogdet(total)[1]
     weight = np.exp(log - log.max())
     evidence = float(log.max() + np.log(weight.mean()))
-    kept = weight > NEGLIGIBLE
-    weight, centres, gain = weight[kept] / weight[kept].sum(), centres[kept], gain[kept]
-    before = scale[kept, None, None] ** 2 * prior.covariances[kept]
+    likely = weight > NEGLIGIBLE
+    weight, centres, gain = weight[likely] / weight[likely].sum(), centres[likely], gain[likely]
+    before = scale[likely, None, None] ** 2 * prior.covariances[likely]
     before += BRIGHTNESS**2 * centres[:, :, None] * centres[:, None, :]
-    after = before - gain @ inverse[kept] @ gain.transpose(0, 2, 1)
-    return evidence, *_mixture(weight, centres + np.einsum("pna,pa->pn", gain, solved[kept]), after)
+    after = before - gain @ inverse[likely] @ gain.transpose(0, 2, 1)
+    return evidence, *_mixture(weight, centres + np.einsum("pna,pa->pn", gain, solved[likely]), after)
 
 
 def _mixture(weight: Array, means: Array, covariances: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Calibrate lamps from the object: photographs of any matte object, a lamp each, no ball → far lamps."""
+"""Calibration of far lamps from photographs of a matte object, one lamp each, without a ball."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def calibrate_lamps_from_object(
 
     photographs: five or more of one view, one lamp each: files, or name → (height, width, channels), linear, NaN where
     clipped. mask: a picture that is white on the object, or an array (height, width). camera: a `Camera` or its file;
-    without it the view is taken for orthographic, and lamps have the axes x right, y up, z to the camera. transfer: of
-    8-bit files. The object is taken for convex at its outline; its gloss and roughness are fitted too.
+    without it the view is orthographic, and lamps have the axes x right, y up, z to the camera. transfer: of 8-bit
+    files. The object is assumed to be convex at its outline; its gloss and roughness are fitted too.
 
     `InputError` where too little of the object shows, the lamps lie in one plane with it, or its surface is flat.
     """

@@ -1,9 +1,9 @@
 """Far lamps from photographs of an object of unknown shape: low rank, integrability, then the bas-relief ambiguity.
 
-The scale at which integrability is judged is the one at which it holds best. What is stated as error is how far the
-lamps move when tiles of the object are drawn anew, when it is judged at other scales, and, of lamps that seem alike,
-when albedo is left out of account, beside a third of the bound on how far integrability's own residual tilts them
-(Wedin 1972): the model is wrong for every real object, by more than its noise.
+Integrability is evaluated at several scales, and the one where it holds best is used. The stated error combines the
+shift of the lamps when tiles of the object are resampled (bootstrap), at other scales, and, for lamps of similar
+strength, without the entropy of albedo, with a third of the bound on the tilt by integrability's own residual (Wedin
+1972): for every real object the model is wrong by more than the noise.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps import check_spread
-from hagoromo.calibration.lamps.uncalibrated.bas_relief import Belief
-from hagoromo.calibration.lamps.uncalibrated.colours import colours
+from hagoromo.calibration.lamps.uncalibrated.bas_relief import ObjectPrior
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
-from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
+from hagoromo.calibration.lamps.uncalibrated.reduced import colours, reduced
 from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
@@ -32,24 +31,23 @@ from hagoromo.photograph.lamps_file import LampsRecord
 from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
-USABLE = 1.7  # times the best scale's figure up to which another scale is an independent opinion
+USABLE = 1.7  # ratio to the best scale's residual up to which another scale is an independent estimate
 DRAWS = 8  # of the bootstrap
-ALIKE = 0.1  # standard deviation of ln strength up to which lamps may be taken for alike, whatever the albedo
-FINEST_DEG = 1.0  # what pixels of the outline, half beside the object, leave of the relief at best
-BOUND_SHARE = 1.0 / 3.0  # a bound is taken for three standard errors
+ALIKE = 0.1  # standard deviation of ln strength up to which lamps may be of equal strength, whatever the albedo
+FINEST_DEG = 1.0  # [°] error of the relief by pixels of the outline, half of which are background
+BOUND_SHARE = 1.0 / 3.0  # a bound is taken as three standard errors
 MIRRORED = "a hollow object under lamps mirrored about the line of sight would look the same"
-USUAL, NO_ALBEDO = Belief(), Belief(alike=0.05, entropy=False)
+USUAL, NO_ALBEDO = ObjectPrior(), ObjectPrior(alike=0.05, entropy=False)
 
 
 @dataclass(frozen=True, eq=False)
 class SelfCalibration:
     """to_lamp (K, 3) unit; strength (K,) or (K, C), median 1 in each channel; standard errors [°] and of ln strength.
 
-    convex: share of the outline that the surface turns away at, as closed objects do; 0.5 tells nothing, and the
-    hollow surface under lamps mirrored about the line of sight is as good. integrability: 0, well told, to 1.
-    condition: of the directions. perspective: whether a camera was given. statuses: how each of the
-    fits that it rests on ended. Axes: x right, y up, z to the camera; with a
-    camera, world.
+    convex: share of the outline at which the surface turns away, as that of closed objects does; at 0.5 the hollow
+    surface under lamps mirrored about the line of sight is as likely. integrability: residual, 0 (exact) to 1.
+    condition: of the directions. perspective: whether a camera was given. statuses: how each of the fits ended that
+    the result depends on. Axes: x right, y up, z to the camera; with a camera, world.
     """
 
     names: tuple[str, ...]
@@ -158,14 +156,14 @@ def self_calibrate(
     """One far lamp per photograph of an object.
 
     photographs: name → (height, width, channels), linear, NaN where clipped. mask: (height, width), the object, best
-    within its outline against the background. camera: None for a view from afar. `InputError` where too little is seen
-    of the object, lamps lie in one plane with it, or its surface tells nothing (flat, or too rough).
+    up to its outline against the background. camera: None for an orthographic view. `InputError` where too little of
+    the object is visible, lamps lie in one plane with it, or its surface is unsuitable (flat, or too rough).
     """
     light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
     scales = scales_of(light.mean(axis=3), on_object, tangent, progress)
     best = scales[0]
-    found = best.solved(USUAL)
-    lamps, convex = found.lamps, best.turned_away(found.pixels)
+    solution = best.solved(USUAL)
+    lamps, convex = solution.lamps, best.turned_away(solution.pixels)
     flip = FLIP if convex < 0.5 else np.ones(3)
     opinions = [scale.solved(USUAL).lamps for scale in scales[1:] if scale.ratio < USABLE * best.ratio]
     own = np.log(np.linalg.norm(lamps, axis=1))
@@ -175,7 +173,7 @@ def self_calibrate(
     draws = []
     for i in range(DRAWS):
         progress(0.6 + 0.4 * i / DRAWS, "errors")
-        draws.append(best.drawn(random).solved(USUAL, found).lamps)
+        draws.append(best.drawn(random).solved(USUAL, solution).lamps)
     angle, ratio = (np.hypot(a, b) for a, b in zip(_apart(lamps, opinions), _apart(lamps, draws), strict=True))
     to_lamp = lamps * flip / np.linalg.norm(lamps, axis=1, keepdims=True)
     strength = np.linalg.norm(lamps, axis=1, keepdims=True) * colours(light[:, on_object])
@@ -194,7 +192,7 @@ def self_calibrate(
         statuses={
             "lamps and pixels of low rank": best.factors.status,
             "integrability": best.status,
-            "the bas-relief": found.status,
+            "the bas-relief": solution.status,
         },
         seed=seed,
     )

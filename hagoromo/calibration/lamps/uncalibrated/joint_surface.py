@@ -1,9 +1,9 @@
-"""Joint surface: lamps, one height field, its albedos and its gloss, moved together by robust Gauss–Newton.
+"""Joint surface: lamps, one height field, its albedos and its gloss, fitted together by robust Gauss–Newton.
 
-The model is that of `model.py`; albedos are eliminated, the surface is solved sparsely, and lamps and gloss are what is
-left (Schur). What the bas-relief ambiguity leaves open of a matte body (Belhumeur, Kriegman and Yuille 1999), gloss and
-roughness tell (Georghiades 2003, "Incorporating the Torrance and Sparrow model of reflectance in uncalibrated
-photometric stereo"), and each by its evidence: lamps alike, albedos few, a surface that is level in the mean.
+The model is that of `photometric_model`; albedos are eliminated, the surface is solved sparsely, and lamps and gloss
+remain (Schur complement). The bas-relief ambiguity of a matte body (Belhumeur, Kriegman and Yuille 1999) is resolved by
+gloss and roughness (Georghiades 2003, "Incorporating the Torrance and Sparrow model of reflectance in uncalibrated
+photometric stereo") and by priors: lamps of similar strength, few albedos, a mean slope of 0.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.uncalibrated.entropy import WIDTH, entropy
+from hagoromo.calibration.lamps.uncalibrated.bas_relief import WIDTH, entropy
 from hagoromo.least_squares import CAUCHY_SCALE
-from hagoromo.measurement.normals.photometric_prior import Prior
-from hagoromo.measurement.normals.photometric_step import EXPONENTS, ROUGHNESSES, WIDTHS
+from hagoromo.measurement.normals.photometric_model import Prior
+from hagoromo.measurement.normals.photometric_step import LOG_EXPONENT_RANGE, LOG_GAMMA_RANGE, ROUGHNESS_RANGE
 from hagoromo.measurement.normals.shading import Shading, shading, tangents
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.surface.height_field import HeightField
 
-ALONE = 30.0  # pixels' worth of independent values: errors of the model, and albedos, are alike over parts of an object
-ALIKE = 0.1  # scale of ln strength between lamps, worth one lamp: theirs is learnt
+INDEPENDENT_PIXELS = 30.0  # effective number of pixels: model errors and albedos are correlated over an object
+ALIKE = 0.1  # prior scale of ln strength between lamps, with the weight of one lamp; the scale is learnt
 LEVEL = 0.25  # standard deviation of the mean slope of an object
-SADDLE = 0.1  # weight of the chessboard that no slope sees
-UNIT = 1e4  # precision of what is a choice of unit: ln of the mean strength is 0
-LONGEST = (0.3, 0.3, 0.5, 0.1, 0.1)  # of a step in a lamp's two turns, ln strength and slope over the object
-OF_LAMP, OF_GLOSS = len(LONGEST), 4
+SADDLE = 0.1  # weight of the chessboard, whose slopes are 0
+UNIT_PRECISION = 1e4  # of the constraint that fixes the unit: ln of the mean strength is 0
+LONGEST_STEP = (0.3, 0.3, 0.5, 0.1, 0.1)  # in a lamp's two turns [rad], ln strength and slope over the object
+OF_LAMP, OF_GLOSS = len(LONGEST_STEP), 4  # parameters of a lamp, and of the gloss
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SurfaceData:
     """values and used (K, P) of the pixels of a height field; place (P, 2), x right, y up, radius 1.
 
-    model_error: (K,) relative, of each photograph. few: pixels' worth of albedos that are taken to be few.
+    model_error: (K,) relative, of each photograph. few: effective number of pixels in the prior of few albedos.
     """
 
     values: Array
@@ -43,13 +43,13 @@ class Seen:
     place: Array
     field: HeightField
     model_error: Array
-    few: float = ALONE
+    few: float = INDEPENDENT_PIXELS
 
     @property
     def precision(self) -> Array:
-        """(K, P) inverse variance, as far as pixels are independent; 0 where not used."""
+        """(K, P) inverse variance, scaled to the effective number of pixels; 0 where not used."""
         size = np.maximum(self.values, self.values.mean(axis=0))
-        return self.used * ALONE / len(self.place) / (self.model_error[:, None] * size) ** 2
+        return self.used * INDEPENDENT_PIXELS / len(self.place) / (self.model_error[:, None] * size) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,66 +64,67 @@ class Guess:
 
 
 class JointSurface:
-    """Residuals at a guess, how unlikely it is, and the Gauss–Newton step from there."""
+    """Residuals and cost at a guess, and the Gauss–Newton step from there."""
 
-    def __init__(self, seen: Seen, guess: Guess, prior: Prior) -> None:
-        self.seen, self.guess, self.prior = seen, guess, prior
-        count, pixels = seen.values.shape
-        self.normals, self.tilts = seen.field.normals(guess.depth)
+    def __init__(self, data: SurfaceData, guess: Guess, prior: Prior) -> None:
+        self.data, self.guess, self.prior = data, guess, prior
+        count, pixels = data.values.shape
+        self.normals, self.tilts = data.field.normals(guess.depth)
         towards = np.repeat(guess.to_lamp[:, None], pixels, axis=1)
-        self.shade: Shading = shading(self.normals, towards, seen.field.to_eye, np.tile(guess.gloss, (pixels, 1)))
-        self.level = np.maximum(1.0 + guess.lamps[:, 1:] @ seen.place.T, 0.1)
+        self.shade: Shading = shading(self.normals, towards, data.field.to_eye, np.tile(guess.gloss, (pixels, 1)))
+        self.level = np.maximum(1.0 + guess.lamps[:, 1:] @ data.place.T, 0.1)
         self.even = np.exp(guess.lamps[:, :1]) * self.level
         self.body = self.even * np.exp(guess.albedo)
         self.model = self.body * self.shade.body + self.even * self.shade.interface
-        self.deviation = seen.values - self.model
-        inverse = seen.precision
-        unit = len(seen.place) / ALONE
+        self.deviation = data.values - self.model
+        inverse = data.precision
+        unit = len(data.place) / INDEPENDENT_PIXELS
         squared = unit * self.deviation**2 * inverse / CAUCHY_SCALE**2
         self.weight = inverse / (1.0 + squared)
         self.disorder, self.by_albedo = entropy(guess.albedo)
         around = guess.lamps[:, 0] - guess.lamps[:, 0].mean()
         self.spread = float(np.sum(around**2)) + ALIKE**2
-        self.tilt = np.array([float(np.mean(slope @ guess.depth)) for slope in seen.field.slopes])
+        self.tilt = np.array([float(np.mean(slope @ guess.depth)) for slope in data.field.slopes])
         mean, scale = prior.gloss.T
         losses = (
-            CAUCHY_SCALE**2 / unit * float(np.sum(np.log1p(squared[seen.used]))),
-            2.0 * seen.few * self.disorder,
-            count * float(np.log(self.spread)) + UNIT * float(guess.lamps[:, 0].mean()) ** 2,
+            CAUCHY_SCALE**2 / unit * float(np.sum(np.log1p(squared[data.used]))),
+            2.0 * data.few * self.disorder,
+            count * float(np.log(self.spread)) + UNIT_PRECISION * float(guess.lamps[:, 0].mean()) ** 2,
             CAUCHY_SCALE**2 * float(np.sum(np.log1p((guess.lamps[:, 1:] / prior.slope / CAUCHY_SCALE) ** 2))),
             float(np.sum((self.tilt / LEVEL) ** 2)),
             float(np.sum(((guess.gloss - mean) / scale) ** 2)),
-            self._held * float(np.sum((seen.field.saddle @ guess.depth) ** 2)),
+            self._saddle_precision * float(np.sum((data.field.saddle @ guess.depth) ** 2)),
         )
         self.cost = 0.5 * sum(losses)
 
     @property
     def gradient(self) -> float:
-        """Norm of the slope of the cost by lamps and gloss, surface and albedos following."""
+        """Norm of the slope of the cost by lamps and gloss, with surface and albedos eliminated."""
         return float(np.linalg.norm(self._undamped[1]))
 
     def trial(self, damping: float) -> tuple[JointSurface, float]:
         """The point after a damped step, and the size of the step in lamps and gloss."""
-        there, here = self.moved(damping), self.guess
-        pairs = ((there.to_lamp, here.to_lamp), (there.lamps, here.lamps), (there.gloss, here.gloss))
+        trial, guess = self.moved(damping), self.guess
+        pairs = ((trial.to_lamp, guess.to_lamp), (trial.lamps, guess.lamps), (trial.gloss, guess.gloss))
         size = float(np.sqrt(sum(np.sum((after - before) ** 2) for after, before in pairs)))
-        return JointSurface(self.seen, there, self.prior), size
+        return JointSurface(self.data, trial, self.prior), size
 
     def moved(self, damping: float) -> Guess:
         """One damped step of everything."""
         guess, count = self.guess, len(self.guess.to_lamp)
-        schur, push, solved, pixels = self._reduced(damping)
-        change = np.linalg.solve(schur, push)
+        schur, rhs, solved, pixels = self._reduced(damping)
+        change = np.linalg.solve(schur, rhs)
         depth = solved[:, -1] - solved[:, :-1] @ change
-        across = np.stack([slope @ depth for slope in self.seen.field.slopes])
-        outer = change[:-2]  # the last two hold the mean slope
-        albedo = (pixels.pull - np.sum(pixels.tilts * across, axis=0) - pixels.outer @ outer) / pixels.own
-        limit = np.array(LONGEST)[:, None]
-        turn_1, turn_2, *lamps = np.clip(outer[: OF_LAMP * count].reshape(OF_LAMP, count), -limit, limit)
+        across = np.stack([slope @ depth for slope in self.data.field.slopes])
+        outer = change[:-2]  # the last two are the mean slope
+        albedo = (pixels.rhs - np.sum(pixels.tilts * across, axis=0) - pixels.outer @ outer) / pixels.own
+        lamps_change, gloss_change = unpack_shared(outer, count)
+        limit = np.array(LONGEST_STEP)[:, None]
+        turn_1, turn_2, *lamps = np.clip(lamps_change, -limit, limit)
         first, second = tangents(guess.to_lamp)
         to_lamp = guess.to_lamp + turn_1[:, None] * first + turn_2[:, None] * second
-        gloss = guess.gloss + np.clip(outer[OF_LAMP * count :], -0.7, 0.7)
-        lowest, highest = np.transpose([WIDTHS, ROUGHNESSES, EXPONENTS])
+        gloss = guess.gloss + np.clip(gloss_change, -0.7, 0.7)
+        lowest, highest = np.transpose([LOG_GAMMA_RANGE, ROUGHNESS_RANGE, LOG_EXPONENT_RANGE])
         gloss[1:] = np.clip(gloss[1:], lowest, highest)
         return Guess(
             guess.depth + depth,
@@ -134,25 +135,25 @@ class JointSurface:
         )
 
     def variance(self) -> tuple[Array, Array]:
-        """(K,) of a direction [rad²], the sum over its two turns, and of ln strength; all else free."""
+        """(K,) of a direction [rad²], the sum over its two turns, and of ln strength; the rest is free."""
         schur, _ = self._undamped
         diagonal = np.maximum(np.diag(np.linalg.inv(schur)), 0.0)
-        lamps = diagonal[: OF_LAMP * len(self.guess.to_lamp)].reshape(OF_LAMP, -1)
+        lamps, _ = unpack_shared(diagonal[:-2], len(self.guess.to_lamp))
         return lamps[0] + lamps[1], lamps[2]
 
     @cached_property
     def _undamped(self) -> tuple[Array, Array]:
         """Normal equations of lamps, gloss and mean slope, damped by 1e-6."""
-        schur, push, _, _ = self._reduced(1e-6)
-        return schur, push
+        schur, rhs, _, _ = self._reduced(1e-6)
+        return schur, rhs
 
     @property
-    def _held(self) -> float:
-        """Precision of the chessboard, beside that of a value of size 1."""
-        return SADDLE * ALONE / len(self.seen.place)
+    def _saddle_precision(self) -> float:
+        """Precision of the chessboard, relative to that of a value of size 1."""
+        return SADDLE * INDEPENDENT_PIXELS / len(self.data.place)
 
     def _slopes(self) -> tuple[Array, Array, Array, Array]:
-        """Of the model by u_x and u_y (2, K, P), ln albedo (K, P), its lamp (OF_LAMP, K, P), gloss (OF_GLOSS, K, P)."""
+        """Of the model by u_x, u_y (2, K, P), ln albedo (K, P), its lamp (OF_LAMP, K, P) and gloss (OF_GLOSS, K, P)."""
         shade = self.shade
         turned, led = (
             self.body * np.stack(body) + self.even * np.stack(interface)
@@ -164,48 +165,48 @@ class JointSurface:
         frame = np.stack(tangents(self.normals))
         tilts = np.einsum("tkp,qtp->qkp", turned, np.einsum("tpi,qpi->qtp", frame, self.tilts))
         over = self.model / self.level
-        lamps = np.stack([*led, self.model, *(over * self.seen.place[:, i] for i in (0, 1))])
+        lamps = np.stack([*led, self.model, *(over * self.data.place[:, i] for i in (0, 1))])
         rough = [self.body * part for part in shade.by_body]
         gloss = np.stack([self.even * shade.interface, self.even * shade.by_width, *rough])
         return tilts, self.body * shade.body, lamps, gloss
 
     def _reduced(self, damping: float) -> tuple[Array, Array, Array, _Pixels]:
-        """Normal equations of lamps, gloss and mean slope without the surface (V, · + 1) and the albedos."""
+        """Normal equations of lamps, gloss and mean slope, with the surface (V, · + 1) and the albedos eliminated."""
         from scipy.sparse import diags
         from scipy.sparse.linalg import splu
 
-        weight, field = self.weight, self.seen.field
+        weight, field = self.weight, self.data.field
         tilts, albedo, lamps, gloss = self._slopes()
-        few = self.seen.few / len(self.seen.place) / WIDTH**2  # least curvature of the histogram's bell
+        few = self.data.few / len(self.data.place) / WIDTH**2  # least curvature of the histogram's bell
         weighed = weight * albedo
         own = (np.sum(weighed * albedo, axis=0) + few + 1e-9) * (1.0 + damping)
-        pull = np.sum(weighed * self.deviation, axis=0) - self.seen.few * self.by_albedo
-        pixels = _Pixels(own, pull, np.sum(weighed * tilts, axis=1), _each(weighed, lamps, gloss))
-        outer, push = self._outer(lamps, gloss)
+        pixel_rhs = np.sum(weighed * self.deviation, axis=0) - self.data.few * self.by_albedo
+        pixels = _Pixels(own, pixel_rhs, np.sum(weighed * tilts, axis=1), _each(weighed, lamps, gloss))
+        outer, rhs = self._outer(lamps, gloss)
         outer -= pixels.outer.T @ (pixels.outer / own[:, None])
-        push -= pixels.outer.T @ (pull / own)
-        border, square, towards = [], self._held * field.saddle.T @ field.saddle, 0.0
+        rhs -= pixels.outer.T @ (pixel_rhs / own)
+        border, square, towards = [], self._saddle_precision * field.saddle.T @ field.saddle, 0.0
         for q, slope in enumerate(field.slopes):
             share = pixels.tilts[q] / own
             border.append(slope.T @ (_each(weight * tilts[q], lamps, gloss) - share[:, None] * pixels.outer))
-            towards = towards + slope.T @ (np.sum(weight * tilts[q] * self.deviation, axis=0) - share * pull)
+            towards = towards + slope.T @ (np.sum(weight * tilts[q] * self.deviation, axis=0) - share * pixel_rhs)
             for r, other in enumerate(field.slopes):
                 both = np.sum(weight * tilts[q] * tilts[r], axis=0) - share * pixels.tilts[r]
                 square = square + slope.T @ diags(both) @ other
-        towards = towards - self._held * (field.saddle.T @ (field.saddle @ self.guess.depth))
+        towards = towards - self._saddle_precision * (field.saddle.T @ (field.saddle @ self.guess.depth))
         mean = np.column_stack([np.asarray(slope.mean(axis=0)).ravel() for slope in field.slopes])
         towards = towards - mean @ self.tilt / LEVEL**2
         edge = np.column_stack([sum(border), mean])
         level = square.diagonal()
         factor = splu((square + diags(damping * level + 1e-8 * level.mean())).tocsc(), "MMD_AT_PLUS_A", 0.0)
         solved = np.asarray(factor.solve(np.column_stack([edge, towards])))
-        whole = np.zeros((len(push) + 2,) * 2)
+        whole = np.zeros((len(rhs) + 2,) * 2)
         whole[:-2, :-2] = outer + damping * np.diag(np.diag(outer))
-        whole[-2:, -2:] = -(LEVEL**2) * np.eye(2)  # its own unknown: as a product it would fill the sparse square
-        return whole - edge.T @ solved[:, :-1], np.r_[push, 0.0, 0.0] - edge.T @ solved[:, -1], solved, pixels
+        whole[-2:, -2:] = -(LEVEL**2) * np.eye(2)  # an unknown of its own: eliminated, it would fill the sparse matrix
+        return whole - edge.T @ solved[:, :-1], np.r_[rhs, 0.0, 0.0] - edge.T @ solved[:, -1], solved, pixels
 
     def _outer(self, lamps: Array, gloss: Array) -> tuple[Array, Array]:
-        """Normal equations of lamps and gloss with their priors, the pixels known."""
+        """Normal equations of lamps and gloss with their priors, for known pixels."""
         count = len(self.guess.to_lamp)
         split, weighed = OF_LAMP * count, self.weight * lamps
         outer = np.zeros((split + OF_GLOSS,) * 2)
@@ -215,30 +216,41 @@ class JointSurface:
         outer[:split, split:] = np.einsum("akp,bkp->akb", weighed, gloss, optimize=True).reshape(split, OF_GLOSS)
         outer[split:, :split] = outer[:split, split:].T
         outer[split:, split:] = np.einsum("akp,bkp->ab", self.weight * gloss, gloss, optimize=True)
-        push = np.r_[
-            np.sum(weighed * self.deviation, axis=2).ravel(), np.sum(self.weight * gloss * self.deviation, axis=(1, 2))
-        ]
+        rhs = pack_shared(
+            np.sum(weighed * self.deviation, axis=2), np.sum(self.weight * gloss * self.deviation, axis=(1, 2))
+        )
         strength = self.guess.lamps[:, 0]
-        at, alike = 2 * count + each, count / self.spread
-        outer[np.ix_(at, at)] += alike * np.eye(count) + (UNIT / count - alike) / count
-        push[at] -= alike * (strength - strength.mean()) + UNIT / count * strength.mean()
+        index, alike = 2 * count + each, count / self.spread
+        outer[np.ix_(index, index)] += alike * np.eye(count) + (UNIT_PRECISION / count - alike) / count
+        rhs[index] -= alike * (strength - strength.mean()) + UNIT_PRECISION / count * strength.mean()
         mean, scale = self.prior.gloss.T
         slope = self.guess.lamps[:, 1:].T.ravel()
-        # Cauchy's: now and then a lamp is near, or shaded by its stand
-        held = np.r_[1.0 / (self.prior.slope**2 + (slope / CAUCHY_SCALE) ** 2), scale**-2.0]
+        # Cauchy's: an occasional lamp is near, or shaded by its stand
+        precision = np.r_[1.0 / (self.prior.slope**2 + (slope / CAUCHY_SCALE) ** 2), scale**-2.0]
         away = np.r_[slope, self.guess.gloss - mean]
-        last = np.arange(3 * count, len(push))
-        outer[last, last] += held
-        push[last] -= held * away
-        return outer, push
+        last = np.arange(3 * count, len(rhs))
+        outer[last, last] += precision
+        rhs[last] -= precision * away
+        return outer, rhs
+
+
+def pack_shared(lamps: Array, gloss: Array) -> Array:
+    """The parameters that all pixels share as one vector: lamps (OF_LAMP, K) and gloss (OF_GLOSS,)."""
+    return np.r_[lamps.ravel(), gloss]
+
+
+def unpack_shared(shared: NDArray[np.floating], lamps: int) -> tuple[Array, Array]:
+    """Lamps (OF_LAMP, K) and gloss (OF_GLOSS,) of a vector: the inverse of `pack_shared`."""
+    shared = np.asarray(shared, np.float64)
+    return shared[: OF_LAMP * lamps].reshape(OF_LAMP, lamps), shared[OF_LAMP * lamps :]
 
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """Of ln albedo: own curvature (P,), pull (P,), and products with u_x and u_y (2, P), lamps and gloss (P, ·)."""
+    """Of ln albedo: curvature (P,), right-hand side (P,), and products with u_x and u_y (2, P), lamps, gloss (P, ·)."""
 
     own: Array
-    pull: Array
+    rhs: Array
     tilts: Array
     outer: Array
 

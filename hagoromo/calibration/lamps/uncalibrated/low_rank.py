@@ -1,9 +1,9 @@
-"""Low rank: photographs of a Lambertian object under far lamps are products of three numbers a lamp and a pixel.
+"""Low rank: photographs of a Lambertian object under far lamps are products of three numbers per lamp and per pixel.
 
-    I_kp = s_k · b_p,  s strength times direction, b albedo times normal, but for one 3 × 3 matrix (Shashua 1997;
+    I_kp = s_k · b_p,  s strength times direction, b albedo times normal, up to one 3 × 3 matrix (Shashua 1997;
     Hayakawa 1994, "Photometric stereo under a light source with arbitrary motion")
 
-Shadows are left out, and highlights and cast shadows weigh little: Cauchy's weights, alternating least squares.
+Shadows are excluded, and highlights and cast shadows have low weight: Cauchy's weights, alternating least squares.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from hagoromo.least_squares import CAUCHY_SCALE, FitStatus, Status, robust_scale
 
 Array = NDArray[np.float64]
 
-FEWEST_LAMPS = 5  # four are explained by any four numbers a pixel, five show what is no shading
+FEWEST_LAMPS = 5  # four photographs fit any three factors; five leave a residual that shows other than shading
 FEWEST_PIXELS = 1500  # of the object
-SHADOW = 0.15  # of a pixel's second largest value: below it is in shadow or nearly
-FAINT = 0.015  # of the 99th percentile of all: below noise and stray light count
-LOW_RANK_STEPS = 25  # of lamps and pixels by turns
-STANDSTILL = 1e-3  # relative change of the lamps in the last of them, beyond which they have not converged
-TELLING = 2.0  # times the residual that the least of the three ways must stand out, in which the photographs differ
+SHADOW = 0.15  # of a pixel's second largest value: below it the pixel is in shadow or penumbra
+FAINT = 0.015  # of the 99th percentile of all values: below it noise and stray light dominate
+LOW_RANK_STEPS = 25  # alternations of lamps and pixels
+LARGEST_CHANGE = 1e-3  # relative change of the lamps in the last alternation of a fit that has converged
+SIGNIFICANT = 2.0  # ratio of the third singular value to the residual, above which photographs have rank three
 
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """lamps (K, 3) and pixels (P, 3) whose products are the values over `size` (P,), the pixels' mean values.
+    """lamps (K, 3) and pixels (P, 3), whose products are the values over `size` (P,), the pixels' mean values.
 
-    mask: (h, w) where the pixels are. residual: standard deviation of a value over its pixel's mean. status: how
-    the turns of lamps and pixels ended.
+    mask: (h, w) where the pixels are. residual: standard deviation of a value relative to its pixel's mean. status:
+    how the alternation ended.
     """
 
     lamps: Array
@@ -66,23 +66,24 @@ def lit(values: Array) -> tuple[Array, NDArray[np.bool_]]:
 def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:
     """The factors of `light` (K, h, w), NaN where clipped, over the object in `mask`.
 
-    `InputError` for too few photographs or pixels, or photographs that differ in fewer than three ways.
+    `InputError` for too few photographs or pixels, or photographs of lower rank than three.
     """
     if len(light) < FEWEST_LAMPS:
         raise InputError(f"{len(light)} photographs do not calibrate their lamps: give {FEWEST_LAMPS} lamps or more")
     shine, used = lit(light[:, mask])
-    told = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(light) // 2)
-    if told.sum() < FEWEST_PIXELS:
+    usable = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(light) // 2)
+    if usable.sum() < FEWEST_PIXELS:
         raise InputError(
-            f"{int(told.sum())} pixels of the object are lit by most lamps and not clipped: {FEWEST_PIXELS} are needed"
+            f"{int(usable.sum())} pixels of the object are lit by most lamps and not clipped: "
+            f"{FEWEST_PIXELS} are needed"
         )
     where = mask.copy()
-    where[mask] = told
-    values, used = shine[:, told], used[:, told]
+    where[mask] = usable
+    values, used = shine[:, usable], used[:, usable]
     size = np.maximum(values.sum(axis=0) / len(values), 1e-30)
     lamps, pixels, residual, status = _alternate(values / size, used)
     weakest = float(np.linalg.svd(lamps, compute_uv=False)[2] / np.sqrt(len(lamps)))
-    if weakest < TELLING * residual:
+    if weakest < SIGNIFICANT * residual:
         raise InputError(
             "the photographs differ in fewer than three ways: the lamps lie in one plane with the object, or it is "
             "flat: move a lamp out of the plane, or calibrate with a ball"
@@ -91,7 +92,7 @@ def factorise(light: Array, mask: NDArray[np.bool_]) -> Factors:
 
 
 def _alternate(values: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, float, FitStatus]:
-    """lamps (K, 3), pixels (P, 3) of mean square 1 along any axis, the scale of the residuals, and the fit's status."""
+    """lamps (K, 3), pixels (P, 3) with unit second moments, the scale of the residuals, and the fit's status."""
     start = values[:, used.all(axis=0)]
     start = start if start.shape[1] > FEWEST_PIXELS // 3 else values
     vectors, singular, _ = np.linalg.svd(start @ start.T)
@@ -101,8 +102,8 @@ def _alternate(values: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, fl
     for _ in range(LOW_RANK_STEPS):
         last = lamps
         square = np.einsum("kp,ki,kj->pij", weight, lamps, lamps, optimize=True) + 1e-9 * np.eye(3)
-        pull = np.einsum("kp,ki->pi", weight * values, lamps)
-        pixels = np.linalg.solve(square, pull[..., None])[..., 0]
+        rhs = np.einsum("kp,ki->pi", weight * values, lamps)
+        pixels = np.linalg.solve(square, rhs[..., None])[..., 0]
         off = values - lamps @ pixels.T
         free = np.sqrt(used.sum() / max(used.sum() - 3.0 * len(pixels), 1.0))
         residual = float(robust_scale(off[used]) * free)
@@ -112,5 +113,5 @@ def _alternate(values: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, fl
         root = np.linalg.cholesky(pixels.T @ pixels / len(pixels))
         pixels, lamps = np.linalg.solve(root, pixels.T).T, lamps @ root
         change = float(np.linalg.norm(lamps - last) / np.linalg.norm(lamps))
-    status = Status.CONVERGED if change < STANDSTILL else Status.OUT_OF_STEPS
+    status = Status.CONVERGED if change < LARGEST_CHANGE else Status.OUT_OF_STEPS
     return lamps, pixels, residual, FitStatus(status, LOW_RANK_STEPS, last_step=change)

@@ -1,7 +1,7 @@
-"""Lamps from photographs of the object itself, refined: one surface, its albedos, its gloss and the lamps together.
+"""Lamps from photographs of an object, refined: one surface, its albedos, its gloss and the lamps are fitted together.
 
-Enters: a self-calibration by shading alone, that takes the body for Lambert's. Leaves: the same with highlights, rough
-bodies and lamps that light the object unevenly accounted for (`joint_surface.py`).
+Enters: a self-calibration by shading alone, which assumes a Lambertian body. Leaves: the same, accounting for
+highlights, rough bodies and uneven lamps (`joint_surface`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps import check_spread
 from hagoromo.calibration.lamps.uncalibrated import SelfCalibration
-from hagoromo.calibration.lamps.uncalibrated.colours import colours
-from hagoromo.calibration.lamps.uncalibrated.joint_surface import Guess, JointSurface, Seen
+from hagoromo.calibration.lamps.uncalibrated.joint_surface import Guess, JointSurface, SurfaceData
 from hagoromo.calibration.lamps.uncalibrated.low_rank import FEWEST_LAMPS, Array, lit
-from hagoromo.calibration.lamps.uncalibrated.reduced import reduced
+from hagoromo.calibration.lamps.uncalibrated.reduced import colours, reduced
 from hagoromo.camera.camera import Camera
 from hagoromo.least_squares import (
     CAUCHY_SCALE,
@@ -30,21 +29,20 @@ from hagoromo.least_squares import (
     levenberg_marquardt,
     robust_scale,
 )
-from hagoromo.measurement.normals.photometric_fit import FLOOR
-from hagoromo.measurement.normals.photometric_prior import Prior
+from hagoromo.measurement.normals.photometric_fit import SMALLEST_MODEL_ERROR
+from hagoromo.measurement.normals.photometric_model import Prior
 from hagoromo.measurement.surface.height_field import height_field
 from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 6000  # of the object
 JOINT_SURFACE_ROUNDS, JOINT_SURFACE_STEPS, JOINT_SURFACE_TRIALS = 3, 13, 6
 JOINT_SURFACE_DAMPING = Damping(start=1e-2, shrink=6.0, grow=6.0, least=1e-6, most=np.inf, ties=False)
-DULL = (-1.5, np.log(0.3), 0.0, 0.0)  # row of gloss at the start
-START_ERROR = 0.03  # relative
-LEAST = 0.7  # of the median error of all photographs that one's is taken for
-SETTLED = 1e-4  # of the cost, and SMALL beside it, that a step gains less than
-SMALL = 3e-3
-KEPT = 1.0 / 3.0  # of the errors that shading states: no law of reflection is a real body's
-BOUNCE_DEG = 1.5
+JOINT_SURFACE_GAIN, JOINT_SURFACE_LEAST_GAIN = 1e-4, 3e-3  # relative and absolute gain of the last step
+DULL = (-1.5, np.log(0.3), 0.0, 0.0)  # row of gloss at the start: ln β, ln γ, σ, ln ε
+START_ERROR = 0.03  # relative model error at the start
+LEAST_ERROR_RATIO = 0.7  # smallest ratio of a photograph's median error to that of all
+SHADING_SHARE = 1.0 / 3.0  # of the errors by shading that remain: no law of reflection is exact
+BOUNCE_DEG = 1.5  # [°] error of directions by interreflections, see `_errors`
 IMAGE_AXES = np.array([1.0, -1.0, -1.0])  # x right, y up, z to the camera, from x right, y down, z forward
 
 
@@ -59,20 +57,20 @@ def refined_lamps(
     light, on_object, tangent = reduced(photographs, mask, camera, MOST_PIXELS)
     turn = np.eye(3) if camera is None else (camera.camera_to_world[:3, :3] * IMAGE_AXES).T
     values, used = lit(light.mean(axis=3)[:, on_object])
-    told = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(values) // 2)
+    usable = used.sum(axis=0) >= max(FEWEST_LAMPS - 1, len(values) // 2)
     on_surface = on_object.copy()
-    on_surface[on_object] = told
+    on_surface[on_object] = usable
     strength = np.log(start.strength.mean(axis=1))
     lamps = start.to_lamp @ turn.T * np.exp(strength - strength.mean())[:, None]
-    fit, status = _fitted(values[:, told], used[:, told], on_surface, tangent, lamps, progress)
+    fit, status = _fitted(values[:, usable], used[:, usable], on_surface, tangent, lamps, progress)
     error, of_strength = _errors(fit, start)
-    found = np.exp(fit.guess.lamps[:, :1]) * colours(light[:, on_object])
+    strengths = np.exp(fit.guess.lamps[:, :1]) * colours(light[:, on_object])
     to_lamp = fit.guess.to_lamp @ turn
     progress(1.0, "")
     return replace(
         start,
         to_lamp=to_lamp,
-        strength=found / np.median(found, axis=0),
+        strength=strengths / np.median(strengths, axis=0),
         standard_error_deg=error,
         strength_error=of_strength,
         condition=check_spread(to_lamp).condition,
@@ -83,15 +81,20 @@ def refined_lamps(
 def _errors(fit: JointSurface, start: SelfCalibration) -> tuple[Array, Array]:
     """(K,) of directions [°] and of ln strength.
 
-    Beside what the fit's curvature says: how far the lamps move when albedos may be many, a share of what shading
-    states, and what light from other things (6 % of the lamp's, from below) does to simulated objects.
+    In addition to the curvature of the fit: the shift of the lamps without the prior of few albedos, a share of the
+    errors by shading, and the effect of interreflections (6 % of the lamp's light, from below) on simulated objects.
     """
     guess, (turns, strengths) = fit.guess, fit.variance()
-    other = _settled(JointSurface(replace(fit.seen, few=0.0), guess, fit.prior))[0].guess
+    other = _settled(JointSurface(replace(fit.data, few=0.0), guess, fit.prior))[0].guess
     moved = np.degrees(np.arccos(np.clip(np.sum(guess.to_lamp * other.to_lamp, axis=1), -1.0, 1.0)))
     ratio = other.lamps[:, 0] - guess.lamps[:, 0]
-    directions = [np.degrees(np.sqrt(turns)), moved, KEPT * start.standard_error_deg, np.full(len(moved), BOUNCE_DEG)]
-    lengths = [np.sqrt(strengths), ratio - np.median(ratio), KEPT * start.strength_error]
+    directions = [
+        np.degrees(np.sqrt(turns)),
+        moved,
+        SHADING_SHARE * start.standard_error_deg,
+        np.full(len(moved), BOUNCE_DEG),
+    ]
+    lengths = [np.sqrt(strengths), ratio - np.median(ratio), SHADING_SHARE * start.strength_error]
     return np.linalg.norm(directions, axis=0), np.linalg.norm(lengths, axis=0)
 
 
@@ -105,8 +108,8 @@ def _fitted(
 ) -> tuple[JointSurface, FitStatus]:
     """The joint surface over `mask`, and how its fit ended, from lamps (K, 3) strength times direction."""
     field = height_field(mask, tangent)
-    at = np.argwhere(mask)
-    place = (at - at.mean(axis=0))[:, ::-1] * [1.0, -1.0] / np.sqrt(len(at) / np.pi)
+    pixels = np.argwhere(mask)
+    place = (pixels - pixels.mean(axis=0))[:, ::-1] * [1.0, -1.0] / np.sqrt(len(pixels) / np.pi)
     scaled = _by_lambert(values, used, lamps)
     size = np.linalg.norm(scaled, axis=1)
     unit = float(np.median(size))
@@ -118,35 +121,35 @@ def _fitted(
         np.column_stack([np.log(length), np.zeros((len(lamps), 2))]),
         np.array(DULL),
     )
-    seen, prior = Seen(values / unit, used, place, field, np.full(len(lamps), START_ERROR)), Prior()
-    step, status = JointSurface(seen, guess, prior), FitStatus(Status.OUT_OF_STEPS, 0)
+    data, prior = SurfaceData(values / unit, used, place, field, np.full(len(lamps), START_ERROR)), Prior()
+    step, status = JointSurface(data, guess, prior), FitStatus(Status.OUT_OF_STEPS, 0)
     for i in range(JOINT_SURFACE_ROUNDS):
         progress(i / (JOINT_SURFACE_ROUNDS + 1), "surface")
-        step, status = _settled(JointSurface(replace(seen, model_error=_model_error(step)), step.guess, prior))
+        step, status = _settled(JointSurface(replace(data, model_error=_model_error(step)), step.guess, prior))
     progress(JOINT_SURFACE_ROUNDS / (JOINT_SURFACE_ROUNDS + 1), "errors")
     return step, status
 
 
 def _settled(point: JointSurface) -> tuple[JointSurface, FitStatus]:
     """Steps from `point` until they gain little, and how that ended."""
-    tolerance = Tolerance(gain=SETTLED, least_gain=SMALL)
-    found = levenberg_marquardt(
+    tolerance = Tolerance(gain=JOINT_SURFACE_GAIN, least_gain=JOINT_SURFACE_LEAST_GAIN)
+    solution = levenberg_marquardt(
         SingleProblem(), point, JOINT_SURFACE_DAMPING, tolerance, JOINT_SURFACE_STEPS, JOINT_SURFACE_TRIALS
     )
-    return found.state, found.status
+    return solution.state, solution.status
 
 
 def _model_error(step: JointSurface) -> Array:
     """Robust relative error (K,) of the model in each photograph, not far below that of all."""
-    seen, used = step.seen, step.seen.used
-    relative = np.abs(step.deviation / np.maximum(seen.values, seen.values.mean(axis=0)))
+    data, used = step.data, step.data.used
+    relative = np.abs(step.deviation / np.maximum(data.values, data.values.mean(axis=0)))
     free = float(np.sqrt(used.sum() / max(used.sum() - 3.0 * used.shape[1], 1.0)))
     whole = float(np.median(relative[used]))
     each = [
-        max(float(np.median(off[own])), LEAST * whole) if own.any() else whole
+        max(float(np.median(off[own])), LEAST_ERROR_RATIO * whole) if own.any() else whole
         for off, own in zip(relative, used, strict=True)
     ]
-    return np.maximum(ROBUST_SCALE * free * np.array(each), FLOOR)
+    return np.maximum(ROBUST_SCALE * free * np.array(each), SMALLEST_MODEL_ERROR)
 
 
 def _by_lambert(values: Array, used: NDArray[np.bool_], lamps: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Scale: photographs of an object at one binning, and one step between pixels that are compared; what they tell."""
+"""Scale: photographs of an object at one binning and one distance of compared pixels, and the lamps from them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.uncalibrated.bas_relief import Belief, Family, resolve
+from hagoromo.calibration.lamps.uncalibrated.bas_relief import Family, ObjectPrior, resolve
 from hagoromo.calibration.lamps.uncalibrated.integrability import Rows, first_rows, rows
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
 from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
@@ -16,16 +16,16 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus
 from hagoromo.progress import Progress
 
-SCALES, NEIGHBOUR_STEPS = (1, 2, 3), (1, 2)  # binning, and pixels to the neighbours that are compared
+SCALES, NEIGHBOUR_STEPS = (1, 2, 3), (1, 2)  # binning, and distance [pixel] of compared neighbours
 FEWEST_ROWS = 100  # of integrability
-UNTOLD = 0.8  # `first_rows` from which integrability tells nothing
-TILES = 12  # across the object, drawn anew for errors
-SWEEPS, FEWER = 10, 2  # of Powell's method, in perspective: from afar, and from a neighbour
+UNIDENTIFIABLE = 0.8  # ratio of `first_rows` above which integrability does not determine the lamps
+TILES = 12  # across the object, resampled for errors
+SWEEPS, FEWER = 10, 2  # of Powell's method in perspective: from an orthographic view, and from a resampled one
 FLIP = np.array([-1.0, -1.0, 1.0])  # convex to hollow
 
 
 class Solved(NamedTuple):
-    """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), the figures of the bas-relief, and how their fit ended."""
+    """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), the bas-relief parameters, and how their fit ended."""
 
     lamps: Array
     pixels: Array
@@ -36,9 +36,9 @@ class Solved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and how well those are told.
+    """Factors at one binning, the rows of integrability at one step, c₁ and c₂, and their uncertainty `ratio`.
 
-    status: how the fit of c₁ and c₂ ended. sample: pixels whose albedos count; None for all.
+    status: how the fit of c₁ and c₂ ended. sample: pixels whose albedos are used; None for all.
     """
 
     factors: Factors
@@ -50,28 +50,28 @@ class Scale:
     sample: NDArray[np.intp] | None = None
 
     def family(self, first: Array) -> Family:
-        """What c₁ and c₂ leave possible."""
+        """The surfaces and lamps that c₁ and c₂ leave possible."""
         return Family(self.factors, first, self.sample)
 
-    def solved(self, belief: Belief, start: Solved | None = None) -> Solved:
+    def solved(self, prior: ObjectPrior, start: Solved | None = None) -> Solved:
         """The lamps, from `start`, of nearly the same data, where given."""
         first, figures = self.first, None if start is None else start.figures
         if start is not None and not self.afar:
             first = start.first
         family = self.family(first)
-        figures, status = resolve(family, belief, figures)
+        figures, status = resolve(family, prior, figures)
         if not self.afar:
             if self.turned_away(family.true(family.third(figures))[1]) < 0.5:
                 first, figures = -first, figures * FLIP
             sweeps = SWEEPS if start is None else FEWER
-            first, figures, status = resolve_in_perspective(self.family, self.rows, first, figures, belief, sweeps)
+            first, figures, status = resolve_in_perspective(self.family, self.rows, first, figures, prior, sweeps)
             family = self.family(first)
         return Solved(*family.true(family.third(figures)), first, figures, status)
 
     def drawn(self, random: np.random.Generator) -> Scale:
-        """The same with tiles of the object drawn anew."""
-        at = np.argwhere(self.factors.mask)
-        corner, side = at.min(axis=0), max(int(np.ptp(at, axis=0).max()) // TILES, 1)
+        """The same with tiles of the object resampled."""
+        pixels = np.argwhere(self.factors.mask)
+        corner, side = pixels.min(axis=0), max(int(np.ptp(pixels, axis=0).max()) // TILES, 1)
         drawn = random.poisson(1.0, (2 * TILES + 2, 2 * TILES + 2))  # times that each tile counts
 
         def again(place: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -81,7 +81,7 @@ class Scale:
         some = self.rows.chosen(again(self.rows.place))
         first, _, status = first_rows(some)
         first = _same_sign(first, self.first)
-        return Scale(self.factors, some, first, self.ratio, self.afar, status, again(at))
+        return Scale(self.factors, some, first, self.ratio, self.afar, status, again(pixels))
 
     def turned_away(self, pixels: Array) -> float:
         """Share of the outline's pixels whose normal points out of it."""
@@ -95,29 +95,29 @@ class Scale:
 
 
 def scales_of(light: Array, mask: NDArray[np.bool_], tangent: Array, progress: Progress) -> list[Scale]:
-    """All scales of light (K, h, w) at which the object is large enough, the best told first."""
-    found: list[Scale] = []
+    """All scales of light (K, h, w) at which the object is large enough, the most certain first."""
+    scales: list[Scale] = []
     for i, k in enumerate(SCALES):
         progress(0.2 * i, "shading")
         shine, where = np.stack([binned(picture, k) for picture in light]), binned(mask, k) == 1.0
         try:
             factors = factorise(shine, where)
         except InputError:
-            if found:
+            if scales:
                 break
             raise
-        at = binned(tangent, k)
+        rays = binned(tangent, k)
         for step in NEIGHBOUR_STEPS:
-            lines = rows(factors.image(), step, at)
+            lines = rows(factors.image(), step, rays)
             if len(lines.along) > FEWEST_ROWS:
                 first, ratio, status = first_rows(lines)
-                found.append(Scale(factors, lines, first, ratio, not tangent.any(), status))
-    found.sort(key=lambda scale: scale.ratio)
-    if not found or found[0].ratio > UNTOLD:
+                scales.append(Scale(factors, lines, first, ratio, not tangent.any(), status))
+    scales.sort(key=lambda scale: scale.ratio)
+    if not scales or scales[0].ratio > UNIDENTIFIABLE:
         raise InputError(
-            "the object's shading does not tell the lamps: it is flat, too rough, or not matte: use a chrome ball"
+            "the object's shading does not determine the lamps: it is flat, too rough, or not matte: use a chrome ball"
         )
-    return found
+    return scales
 
 
 def _same_sign(first: Array, like: Array) -> Array:
