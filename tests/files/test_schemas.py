@@ -2,6 +2,7 @@
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -69,7 +70,7 @@ def test_a_schema_refuses_what_the_reader_refuses(key, value):
     assert faults("recipe-cloth", recipe | {key: value})
 
 
-def faults(kind: str, record: object) -> list[str]:
+def faults(kind: str, record: Any) -> list[str]:
     """What the JSON Schema of a kind of file finds wrong in a record."""
     validator = Draft202012Validator(json_schema(kind))
     validator.check_schema(json_schema(kind))
