@@ -158,3 +158,9 @@ def test_a_parameter_that_is_not_identifiable_says_so(known):
     (material,) = known[1].materials
     undetermined = replace(material, identifiable={**material.identifiable, "n": False})
     assert "(not identifiable)" in repr(undetermined) and "(not identifiable)" not in repr(material)
+
+
+def test_solved_normals_and_shapes_print_in_a_few_words():
+    capture, _ = simulate(ring_rig(29, 23, 5), sphere, Look(0.3), bits=10)
+    shape = hg.solve_shape(capture, SURFACE_DISTANCE)
+    assert "29 × 23 px" in repr(shape.normal_map) and len(repr(shape)) < 200

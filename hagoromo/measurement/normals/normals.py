@@ -25,10 +25,13 @@ START_ERROR = 0.02  # relative error of Lambert's law in the weights of the star
 LAMBERT_REWEIGHTINGS = 10
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NormalMap:
-    """normals (h, w, 3) unit, world, 0 where unknown; variance (h, w) of their direction [rad²], inf where unknown;
-    body (h, w, C) α c_b of each pixel; labels (h, w) of the materials, −1 unknown; fit and seen: what it was made from.
+    """Solved normals of h × w pixels in C channels.
+
+    normals: (h, w, 3) unit, world axes, 0 where unknown. variance: (h, w) of their direction [rad²], inf where unknown.
+    body: (h, w, C) α c_b of each pixel [1/sr], 0 where unknown. labels: (h, w) of the materials, −1 unknown.
+    fit, views: the photometric fit and the pixels that it was made from.
     """
 
     normals: NDArray[np.float32]
@@ -38,6 +41,10 @@ class NormalMap:
     fit: Fit
     views: Views
 
+    def __repr__(self) -> str:
+        height, width = self.labels.shape
+        return f"NormalMap({width} × {height} px, {int(np.isfinite(self.variance).sum())} normals known)"
+
 
 def solve_normals(
     capture: Capture,
@@ -45,11 +52,14 @@ def solve_normals(
     prior: Prior | None = None,
     progress: Progress = silent,
 ) -> NormalMap:
-    """Normals of `capture` from four lamps or more; labels (h, w) of materials are found by body colour if not given.
+    """Normals of the surface in `capture` by photometric stereo with gloss: one view, four known lamps or more.
 
-    prior: what lamps and bodies are taken for before the photographs speak.
+    Robust Lambertian normals are the start. A joint fit then adds the gloss of each material and how unevenly the lamps
+    light the object. Far lamps need nothing else; for near lamps the capture must have points (see `solve_shape`).
 
-    `InputError` when the photographs do not determine normals (see `views_from_capture`).
+    labels: (h, w) materials 0, 1, …, −1 unknown; by default they follow from the body colours. prior: standard
+    deviations of the lamps' strengths and places and of the bodies' parameters before the photographs are used.
+    Raises `InputError` when the photographs do not determine the normals (see `views_from_capture`).
     """
     progress(0.0, "normals")
     views = views_from_capture(capture)

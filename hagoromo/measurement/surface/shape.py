@@ -31,17 +31,21 @@ FIXED_SCALE = 1e-3  # scale of the prior of quantities that are held fixed in th
 LARGEST_CHANGE = 0.1  # of ln depth of a pixel in one round
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Shape:
-    """found: the normals and their fit; surface: the points that belong to them; rounds: their number.
+    """Normals and points of a surface that were solved together.
 
-    status: how the rounds ended; the last step is the rms change of ln depth in the last of them.
+    normal_map: the normals, body colours and gloss. surface: points [m] and their variance [m²]. rounds: their
+    number. status: how the rounds ended; the last step is the rms change of ln depth in the last one.
     """
 
     normal_map: NormalMap
     surface: Surface
     rounds: int
     status: FitStatus
+
+    def __repr__(self) -> str:
+        return f"Shape({self.normal_map!r}, {self.rounds} rounds, {self.status.status.words})"
 
 
 def has_near_lamps(capture: Capture) -> bool:
@@ -50,10 +54,11 @@ def has_near_lamps(capture: Capture) -> bool:
 
 
 def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Shape:
-    """Normals and surface of `capture` under near lamps, from a first guess of its mean depth `distance` [m].
+    """Normals and points of the surface in `capture` under near lamps, solved together in rounds.
 
-    Points of the capture, if it has them, are the start. `InputError` as `solve_normals`, and for a distance that is
-    not positive.
+    Each round solves the normals with the lamps as seen from the points, and the points from the normals. distance:
+    first guess of the mean depth along the axis of the camera [m]; points of the capture, if it has them, replace it.
+    prior: as in `solve_normals`. Raises `InputError` as `solve_normals` does, and for a distance that is not above 0.
     """
     prior = prior or Prior()
     camera = capture.photographs[0].camera

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 PARAMETER_SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
-PARAMETER_TITLES = ("material", "pixels", "parameter", "measured", "standard error", "95 % interval", "identifiable")
+PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
 def decimals(error: float | tuple[float, ...] | None) -> int:
