@@ -350,9 +350,9 @@ class RowsProblem:
         fits = np.flatnonzero(moving)
         _, g, h, identity = self._scaled(state, fits)
         newton = np.linalg.solve(h + 1e-12 * identity, g[..., None])[..., 0]
-        found = np.full(len(moving), np.inf)
-        found[fits] = 0.5 * np.abs(np.einsum("kp,kp->k", g, newton))
-        return found
+        decrement = np.full(len(moving), np.inf)
+        decrement[fits] = 0.5 * np.abs(np.einsum("kp,kp->k", g, newton))
+        return decrement
 
     def trial(self, state: RowsState, damping: Array, moving: NDArray[np.bool_]) -> tuple[RowsState, Array]:
         """The state after one damped step of the rows that are moving, projected to the bounds."""

@@ -83,8 +83,8 @@ def undistort(u: Any, v: Any, lens: Lens) -> tuple[Any, Any]:
         unsolved = dr.square(step_x) + dr.square(step_y) > dr.square(tiny) * (1.0 + x * x + y * y)
     at_x, at_y = _image(x, y, lens)
     missed = dr.square(at_x - u) + dr.square(at_y - v)
-    found = (missed < dr.square(8.0 * tiny) * (1.0 + u * u + v * v)) & _inside(x, y, lens)
-    return dr.select(found, x, math.nan), dr.select(found, y, math.nan)
+    converged = (missed < dr.square(8.0 * tiny) * (1.0 + u * u + v * v)) & _inside(x, y, lens)
+    return dr.select(converged, x, math.nan), dr.select(converged, y, math.nan)
 
 
 def _image(x: Any, y: Any, lens: Lens) -> tuple[Any, Any]:

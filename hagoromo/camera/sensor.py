@@ -67,7 +67,7 @@ class Sensor:
 
     @property
     def white_level(self) -> float:
-        """DN of the brightest light that is told apart: full well or the largest DN, whichever comes first."""
+        """DN at saturation: full well or the largest DN, whichever comes first."""
         return min(float(self.largest), self.black_level + self.full_well / self.gain)
 
     def metered(self, brightest: float, share: float = 0.8) -> Sensor:

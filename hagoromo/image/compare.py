@@ -65,8 +65,8 @@ def compare(
     and an empty mask.
 
     >>> reference = np.full((16, 16, 3), 0.5)
-    >>> found = hg.compare(1.02 * reference, reference, peak=1.0)
-    >>> round(found.relative_rmse, 4), round(found.psnr), found.pixels  # psnr: 20 log10(1/0.01) dB
+    >>> difference = hg.compare(1.02 * reference, reference, peak=1.0)
+    >>> round(difference.relative_rmse, 4), round(difference.psnr), difference.pixels  # psnr: 20 log10(1/0.01) dB
     (0.02, 40, 256)
     """
     one, other = _read(a, "the first image"), _read(b, "the second image")

@@ -139,8 +139,8 @@ def read_image(path: str | Path) -> Image:
 
 def auto_exposure(rgb: NDArray, alpha: NDArray) -> float:
     """Factor that brings the 99.5th percentile of the brightest channel where there is matter to KEY."""
-    seen = np.maximum.reduce(np.moveaxis(rgb, -1, 0))[alpha > 0.5]
-    bright = float(np.percentile(seen, 99.5)) if seen.size else 0.0
+    brightest = np.maximum.reduce(np.moveaxis(rgb, -1, 0))[alpha > 0.5]
+    bright = float(np.percentile(brightest, 99.5)) if brightest.size else 0.0
     return KEY / bright if bright > 0 else 1.0
 
 

@@ -100,7 +100,7 @@ def _lamp_record(lamp: Lamp) -> dict[str, Any]:
 
 
 def _in_view(camera: Camera, corners: np.ndarray) -> bool:
-    """Whether the convex hull of `corners` (n, 3) may be seen: it is not wholly beyond one side of the picture.
+    """Whether the convex hull of `corners` (n, 3) may be visible: it is not wholly outside one side of the picture.
 
     The sides are planes through the camera's centre; a lens with distortion is given a tenth of its width more.
     """

@@ -100,7 +100,7 @@ class RenderRecord(Record, frozen=True, kw_only=True):
     """How a scene is rendered."""
 
     samples: Annotated[Count, about("rays a pixel")] = Settings.samples
-    shadows: Annotated[str, one_of(*SHADOWS), about("how shadows are found")] = Settings.shadows
+    shadows: Annotated[str, one_of(*SHADOWS), about("how shadows are computed")] = Settings.shadows
     shadow_resolution: Annotated[Count | None, about("texels a side of a shadow map; default: fitting")] = None
     tolerance: Annotated[float, about("error of the picture, root mean square over its mean, 1e-4…1")] = (
         Settings.tolerance

@@ -26,7 +26,7 @@ class Spread(NamedTuple):
 def check_spread(to_lamp: ArrayLike) -> Spread:
     """How far the directions `to_lamp` (K, 3) are spread.
 
-    `InputError` for fewer than three, or directions in one plane with the scene, between which normals cannot be told.
+    `InputError` for fewer than three, or directions in one plane with the scene, which do not determine normals.
     """
     directions = np.asarray(to_lamp, np.float64).reshape(-1, 3)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -105,7 +105,7 @@ def _edges(energy: Array, steps: Array, least: float) -> tuple[Array, NDArray[np
 def _softness(change: Array, offsets: Array, steps: Array) -> float:
     """Standard deviation [px] of the blur of the edge: that of the mean change across it, less that of a sharp edge.
 
-    change: (K, sectors, T), found: (sectors,) position of the edge in each.
+    change: (K, sectors, T). offsets: (sectors,) position of the edge in each [px]. steps: (T,) [px].
     """
     aligned = np.stack(
         [

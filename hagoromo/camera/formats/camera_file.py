@@ -1,4 +1,4 @@
-"""Files of cameras of any format that is known, each told by its name and its keys: views, image file → camera."""
+"""Files of cameras in any known format, recognised by name and keys: image file → camera."""
 
 from __future__ import annotations
 

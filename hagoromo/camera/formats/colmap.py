@@ -94,10 +94,10 @@ def write_colmap(folder: str | Path, views: Mapping[str, Camera], text: bool = F
 
 
 def _model(folder: str | Path) -> tuple[Path, str]:
-    found = find_colmap(folder)
-    if found is None:
+    model = find_colmap(folder)
+    if model is None:
         raise InputError(f"{folder} holds no COLMAP model: it needs cameras and images, .bin or .txt, both of one kind")
-    return found
+    return model
 
 
 def _lens(one: ColmapCamera, where: str) -> Camera:

@@ -59,24 +59,24 @@ class _Bytes:
 
 def read_cameras(path: Path) -> list[ColmapCamera]:
     """The cameras of `cameras.bin`."""
-    file, found = _Bytes(path), []
+    file, cameras = _Bytes(path), []
     for _ in range(file.take("Q")[0]):
         number, model, width, height = file.take("iiQQ")
         name, count = MODELS.get(model, (f"number {model}", 0))
         if not count:
             raise InputError(f"{path}: camera {number} is of a model that is not known here ({name})")
-        found.append(ColmapCamera(number, name, width, height, file.take(f"{count}d")))
-    return found
+        cameras.append(ColmapCamera(number, name, width, height, file.take(f"{count}d")))
+    return cameras
 
 
 def read_images(path: Path) -> list[ColmapImage]:
     """The images of `images.bin`; the points they saw are not kept."""
-    file, found = _Bytes(path), []
+    file, images = _Bytes(path), []
     for _ in range(file.take("Q")[0]):
         _, *pose, camera = file.take("i7di")
-        found.append(ColmapImage(file.name(), camera, pose[:4], pose[4:]))
+        images.append(ColmapImage(file.name(), camera, pose[:4], pose[4:]))
         file.skip(POINT_2D * file.take("Q")[0])
-    return found
+    return images
 
 
 def read_points(path: Path) -> NDArray[np.float64]:

@@ -15,29 +15,29 @@ from hagoromo.files.checks import read_bytes
 
 def read_cameras(path: Path) -> list[ColmapCamera]:
     """Rows `CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`."""
-    found = []
+    cameras = []
     for where, line in _lines(path):
         words = line.split()
         if len(words) < 5:
             raise InputError(f"{where} is no camera: CAMERA_ID, MODEL, WIDTH, HEIGHT and parameters are wanted")
         number, width, height = _whole([words[0], *words[2:4]], where)
-        found.append(ColmapCamera(number, words[1], width, height, _numbers(words[4:], where)))
-    return found
+        cameras.append(ColmapCamera(number, words[1], width, height, _numbers(words[4:], where)))
+    return cameras
 
 
 def read_images(path: Path) -> list[ColmapImage]:
-    """Pairs of lines: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, and the points seen, which are not kept."""
+    """Pairs of lines: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, and the visible points, which are not stored."""
     lines = _lines(path, blank=True)
     while lines and not lines[-1][1].strip():
         lines.pop()  # blank lines at the end: an image that saw no point has one too
-    found = []
+    images = []
     for where, line in lines[::2]:
         words = line.split(maxsplit=9)
         if len(words) < 10:
             raise InputError(f"{where} is no image: IMAGE_ID, four, three numbers, CAMERA_ID and NAME are wanted")
         pose = _numbers(words[1:8], where)
-        found.append(ColmapImage(words[9].strip(), _whole(words[8:9], where)[0], pose[:4], pose[4:]))
-    return found
+        images.append(ColmapImage(words[9].strip(), _whole(words[8:9], where)[0], pose[:4], pose[4:]))
+    return images
 
 
 def read_points(path: Path) -> NDArray[np.float64]:

@@ -88,8 +88,8 @@ def _views(root: Any, size: tuple[int, int] | None, where: str) -> dict[str, Cam
         )
     if matrix[0, 1] or matrix[1, 0] or (matrix[2] != (0.0, 0.0, 1.0)).any():
         raise InputError(f"{where} has a skewed camera_matrix: only one with 0 beside the diagonal is a camera here")
-    told = [root.getNode(key).real() for key in ("image_width", "image_height")]
-    width, height = told if all(told) else size or (0, 0)
+    stated_size = [root.getNode(key).real() for key in ("image_width", "image_height")]
+    width, height = stated_size if all(stated_size) else size or (0, 0)
     if not 0 < width < NO_NUMBER or not 0 < height < NO_NUMBER:
         raise InputError(f"{where} does not tell image_width and image_height: add them")
     coefficients = tuple(map(float, k[: len(COEFFICIENTS)])) + (0.0,) * max(len(COEFFICIENTS) - k.size, 0)
@@ -104,7 +104,7 @@ def _views(root: Any, size: tuple[int, int] | None, where: str) -> dict[str, Cam
 
 def _matrix(root: Any, keys: Sequence[str], where: str) -> NDArray[np.float64] | None:
     """The first matrix of these keys, read number by number: OpenCV would take its stated size on trust."""
-    node = next((found for found in map(root.getNode, keys) if not found.empty()), None)
+    node = next((candidate for candidate in map(root.getNode, keys) if not candidate.empty()), None)
     if node is None:
         return None
     rows, columns = (int(node.getNode(key).real()) if node.isMap() else 0 for key in ("rows", "cols"))

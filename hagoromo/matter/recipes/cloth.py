@@ -160,10 +160,10 @@ def colour_materials(recipe: Recipe[ClothTable], colours: list[int], display: Co
     """
     usual = recipe.material  # checked, even where every yarn has a colour of its own
     own = recipe.table.colour or [{"body_colour": body_colour(colour).record()} for colour in display]
-    found = [
+    materials = [
         recipe.reflectance(recipe.table.material | keys, f"[[colour]] {number}") for number, keys in enumerate(own)
     ]
-    return [found[colour] if colour < len(found) else usual for colour in colours]
+    return [materials[colour] if colour < len(materials) else usual for colour in colours]
 
 
 def body_colour(display: tuple[float, ...]) -> Spectrum:

@@ -5,7 +5,7 @@ lay = "hanging"   the same, gathered into folds: their number, and fold_depth_mm
 lay = "ball"      the same, fallen over a ball of radius_mm on the floor z = 0
 lay = "patch"     a flat patch without a texel, all of its voxels its own: for close-ups smaller than a repeat
 
-carrier_mm: voxels of the lattice that says where the cloth is; variants: of the texel, so that its repeat is not seen.
+carrier_mm: voxels of the lattice of the chart; variants: of the texel, so that its repeat is not visible.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
-NARROW = 3.0  # voxels of the carrier, of cloth: folds that are narrower cannot be told in it
+NARROW = 3.0  # [voxels of the carrier] width of cloth below which folds cannot be resolved
 CARRIER_MARGIN = 2.0  # voxels of the carrier around the cloth
 HEM = 3.0  # voxels of the carrier over which presence falls at a hem
 

@@ -22,11 +22,11 @@ from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
-DEPTH = 36.0  # optical depth of the skin: what is seen of it lies within a third of a voxel
+DEPTH = 36.0  # optical depth of the skin: its visible part is a third of a voxel deep
 RIM_PX = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN_VOXELS = 4  # voxels around the surface
-# voxel from what is seen to past the outer half of the edge: shadows of others end as much too early
+# [voxels] from the visible surface past the outer half of the edge; shadows of other matter end that much too early
 SHADOW_BIAS_VOXELS = 1.0
 
 

@@ -40,7 +40,7 @@ def deviance(estimates: PixelGloss, law: GlossLaw) -> Array:
     """(P,) −2 ln of the marginal likelihood of each pixel under `law`, integrated over its gloss."""
     prior, off = law.information, estimates.gloss - law.mean
     score = estimates.score - off @ prior
-    # from `found` to the maximum of the posterior; χ² is quadratic there
+    # from the current point to the maximum of the posterior; χ² is quadratic there
     further = np.einsum("pi,pij,pj->p", score, np.linalg.inv(estimates.information + prior), score)
     volume = np.linalg.slogdet(estimates.information + prior)[1] - np.linalg.slogdet(prior)[1]
     return estimates.chi_square + np.einsum("pi,ij,pj->p", off, prior, off) - further + volume

@@ -42,9 +42,9 @@ def kept_bricks(
     """Bricks to keep on a lattice of `shape`, in table order, from the flags (n) of those at places (n, 3)."""
     lattice = table_shape(shape)
     kept = [places[(flags >> bit) & 1 == 1] - offset for bit, offset in enumerate(OFFSETS)]
-    found = np.concatenate(kept)
-    found = found[((found >= 0) & (found < lattice)).all(axis=1)]
-    numbers = np.unique(np.ravel_multi_index(tuple(found.T), lattice))
+    places = np.concatenate(kept)
+    places = places[((places >= 0) & (places < lattice)).all(axis=1)]
+    numbers = np.unique(np.ravel_multi_index(tuple(places.T), lattice))
     return in_table_order(np.stack(np.unravel_index(numbers, lattice), axis=-1), lattice)
 
 

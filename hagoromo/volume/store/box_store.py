@@ -49,7 +49,7 @@ def load_box(path: str | Path) -> VolumeBox:
 
 
 class StoredBox(NamedTuple):
-    """What is told of a box on disk without reading its voxels: shape (nz, ny, nx), bricks that hold matter, memory."""
+    """A summary of a box on disk, without reading its voxels: shape (nz, ny, nx), bricks that hold matter, memory."""
 
     header: BoxHeader
     shape: tuple[int, int, int]

@@ -76,8 +76,8 @@ class FieldBlocks:
         have colours or materials these are wanted in the layer that stored bricks share with the next ones.
         """
         z, y, x = (-(-n // BRICK) for n in self.shape)
-        found = candidates((z, y, x), self._may_hold if self.occupied else None)
-        places = np.concatenate([np.zeros((0, 3), np.int32), *found])
+        parts = candidates((z, y, x), self._may_hold if self.occupied else None)
+        places = np.concatenate([np.zeros((0, 3), np.int32), *parts])
         if self.colours or self.material:
             places = np.unique(np.concatenate([places + offset for offset in OFFSETS]), axis=0)
             places = places[(places < (z, y, x)).all(axis=1)]
@@ -130,10 +130,10 @@ class FieldBlocks:
     def _voxels(self, x: Any, y: Any, z: Any) -> dict[str, Any]:
         """The field at voxel indices."""
         position = (arrays().Array3f(x, y, z) + 0.5) * self.voxel_size
-        found = self.field(position)
-        if isinstance(found, dict):
-            return found
-        return dict(zip(("density", "axis", "material", "colour"), found, strict=False))
+        values = self.field(position)
+        if isinstance(values, dict):
+            return values
+        return dict(zip(("density", "axis", "material", "colour"), values, strict=False))
 
     def _may_hold(self, middle: Any, radius: float) -> Any:
         """`occupied` of a ball in lattice coordinates [voxels]."""

@@ -35,16 +35,16 @@ def open_box(path: str | Path) -> OpenBox:
     folder = Path(path)
     if not (folder / "zarr.json").is_file():
         raise InputError(f"{folder} is no volume box: give a Zarr v3 group that `hagoromo build` wrote")
-    attributes, found = open_arrays(folder, ARRAYS)
+    attributes, arrays = open_arrays(folder, ARRAYS)
     header = header_from_record(attributes.get("hagoromo"), str(folder))
-    if "density" not in found or ("bricks" in found and "axis" not in found):
-        raise InputError(f"{folder} lacks the array {'axis' if 'density' in found else 'density'!r}: it is damaged")
-    others = {name: array for name, array in found.items() if name not in ("density", "bricks")}
-    source = ZarrBlocks(found["density"], others)
+    if "density" not in arrays or ("bricks" in arrays and "axis" not in arrays):
+        raise InputError(f"{folder} lacks the array {'axis' if 'density' in arrays else 'density'!r}: it is damaged")
+    others = {name: array for name, array in arrays.items() if name not in ("density", "bricks")}
+    source = ZarrBlocks(arrays["density"], others)
     if source.colours not in (0, max(len(header.basis), 1)):
         raise InputError(f"{folder}: body_colour has {source.colours} components, basis {len(header.basis)} spectra")
-    places = _stored_places(found["bricks"], source) if "bricks" in found else occupied_places(source)
-    return OpenBox(folder, header, source, places, found)
+    places = _stored_places(arrays["bricks"], source) if "bricks" in arrays else occupied_places(source)
+    return OpenBox(folder, header, source, places, arrays)
 
 
 def _stored_places(bricks: ZarrArray, source: ZarrBlocks) -> NDArray[np.int32]:
@@ -52,12 +52,12 @@ def _stored_places(bricks: ZarrArray, source: ZarrBlocks) -> NDArray[np.int32]:
     lattice = table_shape(source.shape)
     if bricks.shape != lattice:
         raise InputError(f"{bricks.where} is {bricks.shape}: density {source.shape} needs {lattice}")
-    found = [np.zeros((0, 3), np.int64)]
+    places_of_tiles = [np.zeros((0, 3), np.int64)]
     for index in bricks.files:
         low = tuple(k * size for k, size in zip(index, bricks.grid, strict=True))
         high = tuple(min(a + size, n) for a, size, n in zip(low, bricks.grid, lattice, strict=True))
-        found.append(np.argwhere(bricks.read(low, high)) + low)
-    places = in_table_order(np.concatenate(found), lattice)
+        places_of_tiles.append(np.argwhere(bricks.read(low, high)) + low)
+    places = in_table_order(np.concatenate(places_of_tiles), lattice)
     blocks = runs(places // BLOCK)[0].tolist()
     for array in (source.density, *source.others.values()):
         if array.grid[:3] == tuple(min(BLOCK_SIDE, n) for n in source.shape):

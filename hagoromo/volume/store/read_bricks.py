@@ -39,12 +39,12 @@ Layers = dict[Tile, Future[dict[tuple[int, ...], Values]]]  # what others share 
 def occupied_places(source: ZarrBlocks) -> NDArray[np.int32]:
     """The bricks that hold matter, (n, 3) in table order: a pass over the densities alone."""
 
-    def found(tile: Tile) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    def occupied_in(tile: Tile) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         flags = matter_flags(filled(source.voxels(tile, only_density=True)["density"] > 0))
         held = np.argwhere(flags)
         return held + np.multiply(tile, source.tile) // BRICK, flags[tuple(held.T)]
 
-    parts = list(in_order(found, map(tuple, source.tiles().tolist())))
+    parts = list(in_order(occupied_in, map(tuple, source.tiles().tolist())))
     places = np.concatenate([np.zeros((0, 3), np.int64), *(places for places, _ in parts)])
     flags = np.concatenate([np.zeros(0, np.uint8), *(flags for _, flags in parts)])
     return kept_bricks(places, flags, source.shape)
