@@ -1,1 +1,1 @@
-"""Images: scenes, the march, shadows, surfaces, exposure and comparison."""
+"""Images: scenes and surfaces, rendering, previews, simulated photographs, exposure and comparison."""
