@@ -83,8 +83,8 @@ def test_what_tells_no_lamp_is_refused_in_a_line(shot, refused, tmp_path):
     two = ("--mask", shot / "mask0.png", "--mask", shot / "mask1.png")
     afar = ("--mask", shot / "afar.png")
     for photographs, options, said in [
-        (["both0.png"], (), "no --mask of a chrome ball"),
-        (["both0.png"], two, "give their --radius [m] and a calibrated --camera"),
+        (["both0.png"], (), "no mask (--mask) of a chrome ball"),
+        (["both0.png"], two, "give their radius (--radius) [m] and a calibrated camera (--camera)"),
         (
             ["both0.png"],
             ("--mask", shot / "masks.png"),

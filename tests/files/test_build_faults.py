@@ -86,14 +86,14 @@ def test_a_box_built_on_disk_is_the_box_built_in_memory(recipe, tmp_path):
     [
         (OSError(errno.ENOSPC, "No space left on device"), InputError, "the disk is full"),
         (OSError(errno.EIO, "Input/output error"), InputError, "Input/output error"),
-        (KeyboardInterrupt(), KeyboardInterrupt, "the same command goes on"),
+        (KeyboardInterrupt(), KeyboardInterrupt, "the same command resumes it"),
     ],
 )
 def test_a_build_cut_off_leaves_no_box_and_goes_on_where_it_stopped(recipe, tmp_path, written, fault, raised, said):
     written.fail = fault
     with pytest.raises(raised) as told:
         build_to(recipe, tmp_path / "ball.zarr")
-    assert said in str(told.value) and "the same command goes on" in str(told.value) and "\n" not in str(told.value)
+    assert said in str(told.value) and "the same command resumes it" in str(told.value) and "\n" not in str(told.value)
     assert not (tmp_path / "ball.zarr").exists()
     written.fail = None
     before = set(written)
@@ -120,7 +120,7 @@ def test_an_interrupted_build_says_in_one_line_how_to_go_on(recipe, tmp_path, wr
     written.fail = KeyboardInterrupt()
     assert main(["build", str(recipe), "--out", str(tmp_path / "ball.zarr")]) == 130
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "the same command goes on" in said
+    assert said.count("\n") == 1 and "the same command resumes it" in said
 
 
 def test_another_recipe_does_not_take_up_the_work(recipe, tmp_path, written):

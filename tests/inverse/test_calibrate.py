@@ -62,7 +62,7 @@ def test_pairs_are_read_from_a_table(tmp_path):
     np.testing.assert_array_equal(wavelengths, [400, 410, 420])
     np.testing.assert_array_equal(spectra, [[3, 5, 7], [4, 6, 8]])
     assert list(readings) == ["R", "G"]
-    with pytest.raises(InputError, match="fewest"):
+    with pytest.raises(InputError, match="2 pairs are given and 5 are needed"):
         calibrate_response(Pairs(wavelengths, spectra, readings))
     for missing, said in [(("400",), "increasing wavelengths"), (("R", "G"), "no header")]:
         write_table(tmp_path / "bad.csv", {k: v for k, v in columns.items() if k not in missing})

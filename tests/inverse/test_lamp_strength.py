@@ -111,7 +111,7 @@ def test_strength_is_refused_where_it_cannot_be_told():
     bright = matte_photograph(ball, 4 * STRENGTH * cosine(ball, lamp), 8)
     for light, towards, said in [
         (np.where(bright > 1, np.nan, bright), lamp, "reference is clipped in [0-9]+ % of its lit pixels"),
-        (bright, -lamp, "does not light the reference|does not brighten"),
+        (bright, -lamp, "no visible pixel of the reference is lit by this lamp|does not brighten"),
     ]:
         with pytest.raises(InputError, match=said):
             reference_strength(light, matte, towards)

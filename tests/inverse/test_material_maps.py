@@ -62,7 +62,7 @@ def test_body_that_varies_is_measured_pixel_by_pixel_and_the_gloss_with_it(measu
     _, found, shade, _ = measured
     (material,) = found.materials
     assert material.texture["per_pixel"] and material.texture["variation"][0] == pytest.approx(0.1, rel=0.1)
-    assert any("pixel by pixel" in remark for remark in material.remarks)
+    assert any("it was estimated per pixel" in remark for remark in material.remarks)
     for key in ("beta", "gamma", "n"):
         assert abs(getattr(material, key) - getattr(RED, key)) < 4 * material.standard_error[key]
     assert material.chi_square == pytest.approx(1.0, abs=0.1) and not material.lack_of_fit["rejected"]

@@ -134,7 +134,7 @@ def test_readings_that_tell_no_spectrum_are_refused():
         with pytest.raises(InputError, match=said):
             Reading(values, errors, DAYLIGHT, camera)
     blind = Response([400, 410], [[0.0, 1.0, 1.0], [0.0, 1.0, 1.0]])
-    with pytest.raises(InputError, match="channel R reads nothing"):
+    with pytest.raises(InputError, match="channel R has no response to this lamp"):
         reading_matrix(DAYLIGHT, blind)
 
 

@@ -167,14 +167,14 @@ def test_a_recipe_takes_from_a_wif_what_it_does_not_tell_itself(tmp_path):
         ("Threads=4\nUnits", "Threads=4000000\nUnits", "more than 4000000 crossings"),
         ("4=4\n[TIEUP]", "4=5\n[TIEUP]", r"\[THREADING\] 4: given '5', give a whole number from 1 to 4"),
         ("4=4\n[TIEUP]", "9=1\n[TIEUP]", r"\[THREADING\] 9: given '9'"),
-        ("3=3\n4=4\n[TIEUP]", "[TIEUP]", "end 3 of the draft is bound by no yarn"),
+        ("3=3\n4=4\n[TIEUP]", "[TIEUP]", "end 3 of the draft stays on one side of all yarns"),
         ("Rising Shed=true", "Rising Shed=maybe", r"\[WEAVING\] rising shed: given 'maybe', give true or false"),
         ("Units=centimeters", "Units=ells", r"\[WARP\] units: given 'ells'"),
         ("Spacing=0.05", "Spacing=nan", r"\[WARP\] spacing: given 'nan'"),
         ("Range=0,999", "Range=9,9", r"\[COLOR PALETTE\] range"),
         ("2=0,0,333", "2=0,0", r"\[COLOR TABLE\] 2: given '0,0', give 3 numbers"),
         ("2=3\n", "2=7\n", r"\[COLOR TABLE\] lacks the key '7'"),
-        ("[WIF]", "WIF", "is no WIF"),
+        ("[WIF]", "WIF", "is not a valid WIF file"),
     ],
 )
 def test_bad_wif_files_are_refused_in_one_line(tmp_path, old, new, message):
