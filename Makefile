@@ -58,7 +58,7 @@ $(PEERS): $(READY)
 real: $(READY)
 	$(BIN)/python -m studies.real ../shared/data/uw_psm --out out/real --force
 
-# The same objects as volume boxes under lamps that were kept aside, beside the photographs; a page each.
+# The same objects as volume boxes under lamps that were held out, beside the photographs; a page each.
 relit: $(READY)
 	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit --force
 

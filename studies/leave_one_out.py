@@ -31,7 +31,7 @@ YARDSTICK, OURS = "lambert", "ours"
 
 @dataclass(frozen=True, eq=False)
 class KeptAside:
-    """One lamp kept aside: its number, the photograph, predictions (h, w, C) by method in the photograph's values.
+    """One lamp held out: its number, the photograph, predictions (h, w, C) by method in the photograph's values.
 
     solved, points (h, w, 3): normals and surface solved without it.
     """

@@ -1,4 +1,4 @@
-"""Study of one object of the real photographs: every lamp kept aside in turn, normals, materials, relief."""
+"""Study of one object of the real photographs: every lamp held out in turn, normals, materials, relief."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def study_object(
     aside: Sequence[int],
     progress: hg.Progress = hg.silent,
 ) -> ObjectStudy:
-    """Study of one object with the lamps in `aside` kept aside in turn.
+    """Study of one object with the lamps in `aside` held out in turn.
 
     others: the lamps as the other objects told them.
     """

@@ -1,4 +1,4 @@
-"""The study of relit objects: of each of the real photographs' objects a page, three lamps kept aside at once.
+"""The study of relit objects: of each of the real photographs' objects a page, three lamps held out at once.
 
     python -m studies.relit_objects ../shared/data/uw_psm --out out/relit
 
