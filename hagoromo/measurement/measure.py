@@ -136,10 +136,13 @@ def _distance(camera: Camera, distance: float | None, n: float | None, of_known_
     away = float(np.linalg.norm(camera.position)) if distance is None else distance
     if away == 0.0:
         raise InputError(
-            "the capture has no shape and its camera stands at the world's origin: give the distance of the object [m]"
+            "the capture has no shape and its camera stands at the world's origin: give the distance of the object "
+            "(--distance) [m]"
         )
     if n is not None:
-        raise InputError("with unknown shape the refractive index has no effect: omit n, or give the capture its shape")
+        raise InputError(
+            "with unknown shape the refractive index has no effect: omit n (--n), or give the capture its shape"
+        )
     if of_known_shape:
         raise InputError(
             "with unknown shape, labels and colour_from_highlights have no effect: omit them, or give the shape"
