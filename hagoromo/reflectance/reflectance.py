@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -105,10 +105,6 @@ class Reflectance:
         """Plain figures; `reflectance_from_record` reads them back."""
         figures = {key: getattr(self, key) for key in ("name", "alpha", "beta", "gamma", "n", "element")}
         return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
-
-    def with_element(self, element: str) -> Reflectance:
-        """The same reflectance on another micro-element."""
-        return replace(self, element=element)
 
 
 def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
