@@ -28,6 +28,7 @@ from msgspec import UNSET, Meta, UnsetType, inspect
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes
+from hagoromo.files.whole import whole_file
 from hagoromo.version import __version__
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -204,6 +205,13 @@ def write_json(path: str | Path, record: Any) -> None:
     except (ValueError, TypeError) as error:
         raise InputError(f"{path} cannot be written: {error}") from error
     Path(path).write_text(text + "\n", encoding="utf-8")
+
+
+def save_json(path: str | Path, record: Any, force: bool = False) -> Path:
+    """Write `record` as indented JSON, whole or not at all; `InputError` where `path` exists without `force`."""
+    with whole_file(path, force) as partial:
+        write_json(partial, record)
+    return Path(path)
 
 
 def inside(folder: str | Path, relative: str) -> Path:

@@ -20,8 +20,7 @@ from hagoromo.camera.formats.camera_file import CameraRecord, read_camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
-from hagoromo.files.record import decode, read_json, write_json, written_by
-from hagoromo.files.whole import whole_file
+from hagoromo.files.record import decode, read_json, save_json, written_by
 from hagoromo.least_squares import robust_scale
 from hagoromo.progress import Progress, silent
 
@@ -80,9 +79,7 @@ class CameraCalibration:
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write camera.json, which `read_camera` reads; `InputError` where it exists without `force`."""
-        with whole_file(path, force) as partial:
-            write_json(partial, self.record())
-        return Path(path)
+        return save_json(path, self.record(), force)
 
     @staticmethod
     def load(path: str | Path) -> CameraCalibration:

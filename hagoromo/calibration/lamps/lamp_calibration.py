@@ -14,8 +14,7 @@ from hagoromo.calibration.lamps.highlight import Highlight, LampReading
 from hagoromo.calibration.lamps.place import LampPlace
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.errors import InputError
-from hagoromo.files.record import decode, read_json, write_json, written_by
-from hagoromo.files.whole import whole_file
+from hagoromo.files.record import decode, read_json, save_json, written_by
 from hagoromo.least_squares import FitStatus
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import Spread
@@ -63,9 +62,7 @@ class LampCalibration:
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write lamps.json, which `load_lamps` reads; `InputError` where it exists without `force`."""
-        with whole_file(path, force) as partial:
-            write_json(partial, self.record())
-        return Path(path)
+        return save_json(path, self.record(), force)
 
     @staticmethod
     def load(path: str | Path) -> LampCalibration:

@@ -11,8 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_json, write_json, written_by
-from hagoromo.files.whole import whole_file
+from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_json, save_json, written_by
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 
@@ -103,9 +102,7 @@ def write_materials(
         {name: getattr(material, name) for name in FIELDS} | {"hagoromo": written_by(settings, seed)}
         for material in materials
     ]
-    with whole_file(path, force) as partial:
-        write_json(partial, _plain(records))
-    return Path(path)
+    return save_json(path, _plain(records), force)
 
 
 def read_materials(path: str | Path) -> tuple[MaterialEstimate, ...]:

@@ -23,8 +23,7 @@ from hagoromo.calibration.lamps.uncalibrated.reduced import colours, reduced
 from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.files.record import decode, read_json, write_json, written_by
-from hagoromo.files.whole import whole_file
+from hagoromo.files.record import decode, read_json, save_json, written_by
 from hagoromo.least_squares import FitStatus
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.lamps_file import LampsRecord
@@ -92,9 +91,7 @@ class SelfCalibration:
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write lamps.json, which `load_lamps` reads; `InputError` where it exists without `force`."""
-        with whole_file(path, force) as partial:
-            write_json(partial, self.record())
-        return Path(path)
+        return save_json(path, self.record(), force)
 
     @staticmethod
     def load(path: str | Path) -> SelfCalibration:
