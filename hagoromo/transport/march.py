@@ -45,8 +45,8 @@ def march(
         if step.brick < 0:
             state = crossing.skip_empty(step, state) if skip else crossing.next_sample(step, state)
         else:
-            density, clearance = medium.density(step)
-            depth = step.tau * density * step.length
+            extinction, clearance = medium.extinction(step, crossing.direction)
+            depth = extinction * step.length
             if (depth > NEGLIGIBLE_OPTICAL_DEPTH) & ~crossing.must_split(state, depth):
                 step.distance = step.centroid(depth)
                 radiance = radiance_from_sample(medium, lighting, step, origin, direction)
@@ -97,8 +97,8 @@ def optical_depth(
         if step.brick < 0:
             state = crossing.skip_empty(step, state)
         else:
-            density, clearance = medium.density(step)
-            step_depth = step.tau * density * step.length
+            extinction, clearance = medium.extinction(step, crossing.direction)
+            step_depth = extinction * step.length
             depth += dr.select(crossing.must_split(state, step_depth), 0.0, step_depth)
             state = crossing.advance(step, step_depth, clearance, state)
         state = crossing.enter_next_box(state)

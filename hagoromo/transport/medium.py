@@ -8,8 +8,8 @@ so that extinctions add. A sample of large optical depth is split into sub-sampl
     while crossing.unfinished(state):
         step = medium.next(crossing, state)                # the next sample in depth, and its brick
         if step.brick < 0:  state = crossing.skip_empty(step, state)
-        else:               density, clearance = medium.density(step)
-                            depth = step.tau * density * step.length
+        else:               extinction, clearance = medium.extinction(step, crossing.direction)
+                            depth = extinction * step.length
                             if ~crossing.must_split(state, depth):  ...
                             state = crossing.advance(step, depth, clearance, state)
         state = crossing.enter_next_box(state)             # where the ray has left a box
@@ -134,6 +134,13 @@ class Medium:
         held = outer >= 0
         brick = dr.gather(jit.Int, self.fine, jit.UInt(outer * BRICKS + place_in_block), held)
         return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
+
+    def extinction(self, step: Step, direction: Array3f) -> tuple[Float, Float | None]:
+        """Extinction σ = τ ρ [1/m] at a sample in a stored brick for light along the unit `direction` (world), and the
+        distance [m] around it without matter (None: unknown).
+        """
+        density, clearance = self.density(step)
+        return step.tau * density, clearance
 
     def density(self, step: Step) -> tuple[Float, Float | None]:
         """Density at a sample in a stored brick, and the distance [m] around it without matter (None: unknown)."""

@@ -167,8 +167,8 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
         if step.brick < 0:
             state = crossing.skip_empty(step, state)
         else:
-            density, clearance = medium.density(step)
-            step_depth = step.tau * density * step.length
+            extinction, clearance = medium.extinction(step, crossing.direction)
+            step_depth = extinction * step.length
             if (step_depth > NEGLIGIBLE_OPTICAL_DEPTH) & ~crossing.must_split(state, step_depth):
                 begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), covered)
                 if begin > dr.fma(step.length, 0.5, covered):  # the first matter, or a gap
