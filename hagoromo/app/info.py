@@ -25,7 +25,7 @@ from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.capture import count_absent
 
 Facts = dict[str, Any]
-MATERIAL_FIELDS = ("element", "alpha", "beta", "gamma", "n", "body_colour", "identifiable")
+MATERIAL_FIELDS = ("element", "alpha", "beta", "gamma", "nu", "n", "body_colour", "identifiable")
 
 
 def info(path: str | Path) -> Facts:

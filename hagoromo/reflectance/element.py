@@ -14,8 +14,8 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Float, arrays, clip
+from hagoromo.reflectance.facets import GAUSSIAN, LN2, facet_exponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.torrance_sparrow import (
-    LN2,
     Weights,
     cos_deviation,
     facet_density,
@@ -33,18 +33,29 @@ TABLE_NODES = 32
 
 
 def element_weights(
-    element: str, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, alpha: Float, beta: Float, gamma: Float, n: Float
+    element: str,
+    axis: Array3f,
+    to_lamp: Array3f,
+    to_eye: Array3f,
+    alpha: Float,
+    beta: Float,
+    gamma: Float,
+    n: Float,
+    nu: Float = GAUSSIAN,
 ) -> Weights:
-    """Weights of f for an `element` of ELEMENTS: `axis` is the plane's normal or the cylinder's tangent [1/sr]."""
+    """Weights of f for an `element` of ELEMENTS: `axis` is the plane's normal or the cylinder's tangent [1/sr].
+
+    alpha, beta [1/sr], gamma [rad], n, nu: as in `torrance_sparrow`.
+    """
     if element == "plane":
-        return torrance_sparrow(axis, to_lamp, to_eye, alpha, beta, gamma, n)
+        return torrance_sparrow(axis, to_lamp, to_eye, alpha, beta, gamma, n, nu)
     cos_phase = dr.dot(to_lamp, to_eye)
     mirror = beta * fresnel(cos_deviation(cos_phase), n)
     if element == "cylinder":
         return Weights(
-            alpha * cylinder_body(axis, to_lamp, to_eye), mirror * cylinder_facets(axis, to_lamp, to_eye, gamma)
+            alpha * cylinder_body(axis, to_lamp, to_eye), mirror * cylinder_facets(axis, to_lamp, to_eye, gamma, nu)
         )
-    return Weights(alpha * sphere_body(cos_phase), mirror * sphere_facets(cos_phase, gamma))
+    return Weights(alpha * sphere_body(cos_phase), mirror * sphere_facets(cos_phase, gamma, nu))
 
 
 def sphere_body(cos_phase: Float) -> Float:
@@ -64,7 +75,12 @@ def cylinder_body(axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Float:
 
 
 def cylinder_facets(
-    axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float, nodes: int = CYLINDER_NODES
+    axis: Array3f,
+    to_lamp: Array3f,
+    to_eye: Array3f,
+    gamma: Float,
+    nu: Float = GAUSSIAN,
+    nodes: int = CYLINDER_NODES,
 ) -> Float:
     """∮ D G dψ / ∮ max(N·V,0) dψ over the normals that see both lamp and eye [1/sr without β F].
 
@@ -80,22 +96,38 @@ def cylinder_facets(
     towards_lamp = dr.acos(clip(dr.dot(lamp, half) / (sine_lamp * q), -1.0 + 1e-7, 1.0 - 1e-7))
     towards_eye = dr.acos(clip(dr.dot(eye, half) / (sine_eye * q), -1.0 + 1e-7, 1.0 - 1e-7))
     # lamp at +towards_lamp, eye at −towards_eye as counted from Q; both see N within ±π/2 of themselves
-    tail = squared_angle(q) - math.log(NEGLIGIBLE_FACETS) / LN2 * gamma * gamma
-    reach = dr.acos(clip(dr.cos(dr.fmin(dr.sqrt(tail), math.pi)) / q, -1.0 + 1e-7, 1.0 - 1e-7))
-    first = dr.fmax(towards_lamp - 0.5 * math.pi, -reach)
-    last = dr.fmin(0.5 * math.pi - towards_eye, reach)
-    width = dr.fmax(last - first, 0.0)
+    first, last = towards_lamp - 0.5 * math.pi, 0.5 * math.pi - towards_eye
     total: Any = 0.0
-    for node, weight in _legendre(nodes):
-        turn = first + width * node
+    turns = _gaussian_turns if is_gaussian(nu) else _tailed_turns
+    nodes_and_weights, width = turns(first, last, q, gamma, nu, nodes)
+    for turn, weight in nodes_and_weights:
         cos_half = q * dr.cos(turn)
         view, incidence = sine_eye * dr.cos(turn + towards_eye), sine_lamp * dr.cos(turn - towards_lamp)
         shade = clip(2.0 * cos_half * dr.fmin(view, incidence) / deviation, 0.0, 1.0)
-        total = total + weight * facet_density(cos_half, gamma) * shade
+        total = total + weight * facet_density(cos_half, gamma, nu) * shade
     return total * width / (2.0 * sine_eye)
 
 
-def sphere_facets(cos_phase: Float, gamma: Float, nodes: int = SPHERE_NODES) -> Float:
+def _gaussian_turns(first: Float, last: Float, q: Float, gamma: Float, nu: Float, nodes: int) -> Any:
+    """Nodes ψ [rad] with their weights, and the width of their range, for Gaussian facets."""
+    tail = squared_angle(q) - math.log(NEGLIGIBLE_FACETS) / LN2 * gamma * gamma
+    reach = dr.acos(clip(dr.cos(dr.fmin(dr.sqrt(tail), math.pi)) / q, -1.0 + 1e-7, 1.0 - 1e-7))
+    first, last = dr.fmax(first, -reach), dr.fmin(last, reach)
+    width = dr.fmax(last - first, 0.0)
+    return [(first + width * node, weight) for node, weight in _legendre(nodes)], width
+
+
+def _tailed_turns(first: Float, last: Float, q: Float, gamma: Float, nu: Float, nodes: int) -> Any:
+    """As `_gaussian_turns`, for facets with tails: ψ = w sinh τ at Gauss–Legendre nodes of τ."""
+    scale = tail_scale(gamma, nu, squared_angle(q))
+    reach = tail_reach(scale, nu, 1, NEGLIGIBLE_FACETS)
+    start, end = (dr.asinh(clip(limit, -reach, reach) / scale) for limit in (first, last))
+    width = dr.fmax(end - start, 0.0)
+    places = [(start + width * node, weight) for node, weight in _legendre(nodes)]
+    return [(scale * dr.sinh(place), weight * scale * dr.cosh(place)) for place, weight in places], width
+
+
+def sphere_facets(cos_phase: Float, gamma: Float, nu: Float = GAUSSIAN, nodes: int = SPHERE_NODES) -> Float:
     """∫ D G dN / π over the normals that see both lamp and eye [1/sr without β F], a function of χ alone.
 
     Kernels read it from `sphere_table`; with 12 nodes per angle the error is below 0.3 % of the largest value.
@@ -103,34 +135,43 @@ def sphere_facets(cos_phase: Float, gamma: Float, nodes: int = SPHERE_NODES) -> 
     total: Any = 0.0
     for turn, turn_weight in _legendre(nodes):
         for part, part_weight in _legendre(nodes):
-            total = total + turn_weight * part_weight * _sphere_node(cos_phase, gamma, turn, part)
+            total = total + turn_weight * part_weight * _sphere_node(cos_phase, gamma, nu, turn, part)
     return total
 
 
-def sphere_table(gamma: float, entries: int, nodes: int = TABLE_NODES) -> np.ndarray:
+def sphere_table(gamma: float, entries: int, nodes: int = TABLE_NODES, nu: float = GAUSSIAN) -> np.ndarray:
     """`sphere_facets` at `entries` equal steps of χ from 0 to π: (entries,) float32, for linear look-up in kernels."""
     Float64 = arrays().Float64
     turn, weight = np.array(_legendre(nodes)).T
     phases = np.linspace(0.0, math.pi, entries)
     phase, across, along = dr.meshgrid(*map(Float64, (phases, turn, turn)), indexing="ij")
-    values = np.array(_sphere_node(dr.cos(phase), dr.opaque(Float64, gamma), across, along)).reshape(
-        entries, nodes, nodes
-    )
+    exponent = nu if is_gaussian(nu) else dr.opaque(Float64, nu)
+    node = _sphere_node(dr.cos(phase), dr.opaque(Float64, gamma), exponent, across, along)
+    values = np.array(node).reshape(entries, nodes, nodes)
     return (values @ weight @ weight).astype(np.float32)
 
 
-def _sphere_node(cos_phase: Float, gamma: Float, turn: Float, part: Float) -> Float:
+def _sphere_node(cos_phase: Float, gamma: Float, nu: Float, turn: Float, part: Float) -> Float:
     """Integrand of `sphere_facets` on the unit square: ω = turn · π/2 about the pole Q, φ = part · its largest value.
 
-    The horizon of lamp and eye is tanφ = cotθ_Q / |cosω|; the four quadrants of ω are alike.
+    The horizon of lamp and eye is tanφ = cotθ_Q / |cosω|; the four quadrants of ω are alike. For facets with tails
+    φ = w sinh τ, and τ = part · its largest value.
     """
     deviation = cos_deviation(cos_phase)
     across = dr.sqrt(dr.fmax(1.0 - deviation * deviation, 0.0)) * dr.cos(0.5 * math.pi * turn)
-    last = dr.fmin(dr.atan2(deviation, across), gamma * math.sqrt(-math.log(NEGLIGIBLE_FACETS) / LN2))
-    half = last * part
+    horizon = dr.atan2(deviation, across)
+    if is_gaussian(nu):
+        last = dr.fmin(horizon, gamma * math.sqrt(-math.log(NEGLIGIBLE_FACETS) / LN2))
+        half = last * part
+        density = dr.exp(-LN2 * dr.square(half / gamma))
+    else:
+        scale = tail_scale(gamma, nu)
+        span = dr.asinh(dr.fmin(horizon, tail_reach(scale, nu, 2, NEGLIGIBLE_FACETS)) / scale)
+        half, last = scale * dr.sinh(span * part), span * scale * dr.cosh(span * part)
+        density = dr.exp(-facet_exponent(half * half, gamma, nu))
     least = dr.cos(half) * deviation - dr.sin(half) * across
     shade = clip(2.0 * dr.cos(half) * least / deviation, 0.0, 1.0)
-    return 2.0 * last * dr.exp(-LN2 * dr.square(half / gamma)) * shade * dr.sin(half)  # 4 quadrants of π/2, over π
+    return 2.0 * last * density * shade * dr.sin(half)  # 4 quadrants of π/2, over π
 
 
 def _across(axis: Array3f, direction: Array3f) -> Array3f:

@@ -17,12 +17,16 @@ from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, Spectrum, SpectrumRecord
 from hagoromo.reflectance.element import ELEMENTS, Element
+from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
-from hagoromo.reflectance.torrance_sparrow import LN2, cosines, weights_at
+from hagoromo.reflectance.torrance_sparrow import cosines, weights_at
 
 VISIBLE = (400.0, 700.0)  # nm, the range of eq. (10)
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 LARGEST_GAMMA = math.pi / 2
+SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
+NEGLIGIBLE = 1e-6  # facet densities below this share of the peak are left out of the albedo
+ELEMENT_NODES = 24  # normals of a sphere or cylinder over which the plane's albedo is averaged
 VIEWS = np.radians([0, 15, 30, 45, 55, 65, 72, 78, 83, 86, 88, 89, 89.7])  # where energy conservation is checked
 
 
@@ -33,6 +37,9 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
     beta: Annotated[float, about("weight of the interface (specular) part β [1/sr]")]
     gamma: Annotated[float, about("half width of the distribution of facets γ [rad]")]
     n: Annotated[float, about("refractive index")]
+    nu: Annotated[
+        TailExponent | None, about("exponent of the facets' tails ν, 0.3 or more; absent: Gaussian facets")
+    ] = None
     body_colour: Annotated[
         Any,
         like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),
@@ -49,8 +56,9 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
 class Reflectance:
     """Dichromatic Torrance–Sparrow reflectance of a material.
 
-    alpha, beta: weights of body and interface [1/sr]; gamma: half width of the facets [rad]; n: refractive index;
-    body_colour, interface_colour: Spectra without unit; element: plane, cylinder or sphere.
+    alpha, beta: weights of body and interface [1/sr]; gamma: half width of the facets at half maximum [rad];
+    n: refractive index; body_colour, interface_colour: Spectra without unit; element: plane, cylinder or sphere;
+    nu: exponent ν of the facets' tails, D = (1 + (2^{1/ν} − 1) φ²/γ²)^{−ν}, 0.3 or more; infinity: Gaussian facets.
     Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
 
     >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
@@ -66,6 +74,7 @@ class Reflectance:
     interface_colour: Spectrum = NEUTRAL
     element: str = "plane"
     name: str = ""
+    nu: float = GAUSSIAN
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
@@ -73,6 +82,10 @@ class Reflectance:
             value = getattr(self, key)
             if not (isinstance(value, (int, float)) and low <= value <= high):
                 raise InputError(f"{who}: {key} is {value}: give a number from {low} to {high:.4g}")
+        if not (isinstance(self.nu, (int, float)) and self.nu >= LEAST_NU):
+            raise InputError(
+                f"{who}: nu is {self.nu}: give a number from {LEAST_NU}, or leave it out for Gaussian facets"
+            )
         if self.element not in ELEMENTS:
             raise InputError(f"{who}: element is {self.element!r}: give one of {', '.join(ELEMENTS)}")
         for key in ("body_colour", "interface_colour"):
@@ -81,8 +94,9 @@ class Reflectance:
         albedo = self.directional_albedo()
         worst = int(np.argmax(albedo))
         if albedo[worst] > 1 + 1e-6:
+            seen = SEEN[self.element].format(math.degrees(VIEWS[worst]))
             raise InputError(
-                f"{who} breaks energy conservation: seen at {math.degrees(VIEWS[worst]):.0f}° it reflects "
+                f"{who} breaks energy conservation: {seen}it reflects "
                 f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
             )
 
@@ -93,22 +107,30 @@ class Reflectance:
 
     @property
     def interface_albedo(self) -> float:
-        """∫ of the interface part over the lamps' directions, seen along the normal, for e = 1."""
-        return self.beta * float(interface_albedo(self.gamma, self.n)[0])
+        """∫ of the interface part of the element over the lamps' directions, for e = 1.
+
+        Seen along the normal of a plane, across the tangent of a cylinder, from anywhere for a sphere.
+        """
+        return self.beta * float(self._interface()[0])
 
     def directional_albedo(self) -> np.ndarray:
-        """∫ f dL over all lamp directions for the views VIEWS, at the worst wavelength: (len(VIEWS),)."""
-        interface = self.beta * interface_albedo(self.gamma, self.n) * _largest(self.interface_colour)
-        return self.body_albedo + interface
+        """∫ f dL of the element over all lamp directions, at the worst wavelength: (13,), see `interface_albedo`."""
+        return self.body_albedo + self.beta * self._interface() * _largest(self.interface_colour)
+
+    def _interface(self) -> np.ndarray:
+        return interface_albedo(float(self.gamma), float(self.n), float(self.nu), self.element)
 
     def record(self) -> dict[str, Any]:
-        """Plain figures; `reflectance_from_record` reads them back."""
+        """Plain figures; `reflectance_from_record` reads them back. Gaussian facets have no key `nu`."""
         figures = {key: getattr(self, key) for key in ("name", "alpha", "beta", "gamma", "n", "element")}
+        figures |= {} if is_gaussian(self.nu) else {"nu": self.nu}
         return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
 
 
 def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
-    """A Reflectance from a table: alpha, beta, gamma [rad], n, and colours as `Spectrum.load` takes them.
+    """A Reflectance from a table: alpha, beta, gamma [rad], n, nu, and colours as `Spectrum.load` takes them.
+
+    Gaussian facets: `nu` is absent, null or infinity.
 
     The body colour may be that of skin, by its pigments: `{melanin = 0.03, blood = 0.01, oxygenation = 0.8}`.
     """
@@ -118,33 +140,75 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
         by_pigment = isinstance(source, Mapping) and not source.keys() & {"wavelengths", "values"}
         return skin_colour(pigment_from_record(source, f"{where}: body_colour")) if by_pigment else colour(source)
 
-    given = decode(record, ReflectanceRecord, where)
+    given = decode(_without_gaussian_nu(record), ReflectanceRecord, where)
+    nu = GAUSSIAN if given.nu is None else given.nu
     with described(where):
         interface = NEUTRAL if given.interface_colour == 1.0 else colour(given.interface_colour)
         colours = body(given.body_colour), interface
-        return Reflectance(given.alpha, given.beta, given.gamma, given.n, *colours, given.element, given.name)
+        return Reflectance(given.alpha, given.beta, given.gamma, given.n, *colours, given.element, given.name, nu)
+
+
+def _without_gaussian_nu(record: Any) -> Any:
+    """The table without a `nu` that says Gaussian facets: null, or the infinity that TOML can state."""
+    if isinstance(record, Mapping) and "nu" in record and record["nu"] in (None, GAUSSIAN):
+        return {key: value for key, value in record.items() if key != "nu"}
+    return record
 
 
 @lru_cache(maxsize=256)
-def interface_albedo(gamma: float, n: float, angles: int = 48) -> np.ndarray:
-    """Albedo of the interface for β = 1, ∫ D F G / cosθ_r dL [sr], from 13 directions of view: (13,).
+def interface_albedo(
+    gamma: float, n: float, nu: float = GAUSSIAN, element: str = "plane", angles: int = 48
+) -> np.ndarray:
+    """Albedo of the interface for β = 1, ∫ f dL over all lamp directions [sr], from 13 directions of view: (13,).
 
-    gamma: width γ of the facets [rad]. n: refractive index. The first view is along the normal, the last at 89.7°.
-    Quadrature over the half vector Q, dL = 4 cosθ_Q dQ.
+    gamma: half width γ of the facets [rad]. n: refractive index. nu: exponent ν of their tails. element: the plane's
+    views run from along its normal to 89.7° from it, the cylinder's from across its tangent to 89.7° from there, and
+    the sphere's are all alike. The plane by quadrature over the half vector Q, dL = 4 cosθ_Q dQ; the others are its
+    mean over the normals that the eye sees: sphere 2∫μ A(μ) dμ, cylinder ½∮cosψ A(cosψ sinθ_V) dψ, A the plane's.
     """
+    if element == "plane":
+        return _plane_albedo(VIEWS, gamma, n, nu, angles)
+    nodes, weights = np.polynomial.legendre.leggauss(ELEMENT_NODES)
+    nodes, weights = (nodes + 1) / 2, weights / 2
+    if element == "sphere":
+        mean = 2.0 * np.sum(weights * nodes * _plane_albedo(np.arccos(nodes), gamma, n, nu, angles))
+        return np.full(VIEWS.size, mean)
+    turns = 0.5 * math.pi * nodes
+    cosines_seen = np.cos(VIEWS)[:, None] * np.cos(turns)
+    seen = _plane_albedo(np.arccos(cosines_seen).ravel(), gamma, n, nu, angles).reshape(cosines_seen.shape)
+    return seen @ (0.5 * math.pi * weights * np.cos(turns))
+
+
+def _plane_albedo(views: np.ndarray, gamma: float, n: float, nu: float, angles: int) -> np.ndarray:
+    """`interface_albedo` of a plane from angles of view against its normal [rad]: (views,)."""
     Array3, Float64 = arrays().Array3f64, arrays().Float64
-    nodes, weights = np.polynomial.legendre.leggauss(angles)
-    reach = min(math.pi / 2, gamma * math.sqrt(math.log(1e6) / LN2))  # D below 1e-6 is left out
+    polars, weights = _facet_nodes(gamma, nu, angles)
     turns = 2 * math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)
-    grid = (Float64(axis) for axis in (VIEWS, reach * (nodes + 1) / 2, turns))
+    grid = (Float64(axis) for axis in (views, polars, turns))
     view, polar, turn = dr.meshgrid(*grid, indexing="ij")
     half, to_eye = Array3(*_direction(polar, turn)), Array3(*_direction(view, 0.0))
     cos_eye = dr.dot(half, to_eye)
     to_lamp = 2.0 * cos_eye * half - to_eye
     width, index = dr.opaque(Float64, gamma), dr.opaque(Float64, n)  # literals would compile for every material
-    f = weights_at(cosines(Array3(0, 0, 1), to_lamp, to_eye), 0.0, 1.0, width, index).interface
-    values = np.array(dr.select(cos_eye > 0, 4.0 * cos_eye * f * dr.sin(polar), 0.0)).reshape(VIEWS.size, angles, -1)
-    return values.sum(axis=2) @ weights * (reach / 2 * math.pi / angles)
+    exponent = nu if is_gaussian(nu) else dr.opaque(Float64, nu)
+    f = weights_at(cosines(Array3(0, 0, 1), to_lamp, to_eye), 0.0, 1.0, width, index, exponent).interface
+    values = np.array(dr.select(cos_eye > 0, 4.0 * cos_eye * f * dr.sin(polar), 0.0)).reshape(views.size, angles, -1)
+    return values.sum(axis=2) @ weights * (math.pi / angles)
+
+
+def _facet_nodes(gamma: float, nu: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss–Legendre nodes of the angle φ between normal and half vector [rad], and their weights, (count,) each.
+
+    Facets that are negligible are left out. With tails φ = w sinh τ, so that core and tails are resolved alike.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    if is_gaussian(nu):
+        reach = min(math.pi / 2, gamma * math.sqrt(-math.log(NEGLIGIBLE) / LN2))
+        return reach * (nodes + 1) / 2, reach / 2 * weights
+    scale = tail_scale(gamma, nu)
+    span = math.asinh(min(math.pi / 2, tail_reach(scale, nu, 2, NEGLIGIBLE)) / scale)
+    places = span * (nodes + 1) / 2
+    return scale * np.sinh(places), span / 2 * scale * np.cosh(places) * weights
 
 
 def _direction(polar: Any, turn: Any) -> tuple[Any, Any, Any]:

@@ -1,4 +1,4 @@
-"""Dichromatic Torrance–Sparrow reflection (MODEL §2, Tanaka eq. 2–6).
+"""Dichromatic Torrance–Sparrow reflection (MODEL §2, Tanaka eq. 2–6), its facets with tails where `nu` says so.
 
 Directions are unit and leave the surface. Every function takes Python floats or Dr.Jit arrays alike and is
 differentiable; NumPy arrays are not accepted (Dr.Jit would treat them element by element in Python).
@@ -6,14 +6,13 @@ differentiable; NumPy arrays are not accepted (Dr.Jit would treat them element b
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import Array3f, Float, clip
+from hagoromo.reflectance.facets import GAUSSIAN, LN2, facet_exponent, is_gaussian
 
-LN2 = math.log(2.0)
 SMALLEST_COSINE = 1e-6  # keeps quotients of cosines finite where the reflectance is 0 anyway
 
 
@@ -49,13 +48,17 @@ def cos_deviation(cos_phase: Float) -> Float:
     return dr.sqrt(dr.fmax(0.5 + 0.5 * cos_phase, SMALLEST_COSINE**2))
 
 
-def facet_density(cos_half: Float, gamma: Float) -> Float:
-    """Facets that face the half vector: D = exp(−ln2 φ²/γ²), γ [rad] the half width at half maximum.
+def facet_density(cos_half: Float, gamma: Float, nu: Float = GAUSSIAN) -> Float:
+    """Facets that face the half vector: D = (1 + (2^{1/ν} − 1) φ²/γ²)^{−ν}, 1 at its peak.
 
+    cos_half: cosφ. gamma: half width at half maximum γ [rad], for every ν. nu: exponent ν of the tails, 0.3 or more;
+    infinity, the default, is eq. (4), D = exp(−ln2 φ²/γ²). Stable for every ν; a Dr.Jit array may hold infinity, too.
     φ² is taken as arccos² through a form that stays smooth at φ = 0 (where arccos has an infinite slope).
     """
-    # Tanaka eq. (4)
-    return dr.exp(-LN2 * squared_angle(cos_half) / (gamma * gamma))
+    if is_gaussian(nu):
+        # Tanaka eq. (4)
+        return dr.exp(-LN2 * squared_angle(cos_half) / (gamma * gamma))
+    return dr.exp(-facet_exponent(squared_angle(cos_half), gamma, nu))
 
 
 def squared_angle(cosine: Float) -> Float:
@@ -82,19 +85,27 @@ def masking(at: Cosines) -> Float:
 
 
 def torrance_sparrow(
-    normal: Array3f, to_lamp: Array3f, to_eye: Array3f, alpha: Float, beta: Float, gamma: Float, n: Float
+    normal: Array3f,
+    to_lamp: Array3f,
+    to_eye: Array3f,
+    alpha: Float,
+    beta: Float,
+    gamma: Float,
+    n: Float,
+    nu: Float = GAUSSIAN,
 ) -> Weights:
     """Radiance per unit irradiance facing the lamp, f(N; L, V), as its two geometric weights [1/sr].
 
-    f = α cosθ_i c_b + β D(φ,γ) F(θ_Q,n) G(N,V,L) / cosθ_r e; both are 0 where cosθ_i ≤ 0 or cosθ_r ≤ 0.
+    f = α cosθ_i c_b + β D(φ; γ, ν) F(θ_Q,n) G(N,V,L) / cosθ_r e; both are 0 where cosθ_i ≤ 0 or cosθ_r ≤ 0.
+    nu: exponent ν of the facets' tails; infinity: Gaussian facets.
     """
-    return weights_at(cosines(normal, to_lamp, to_eye), alpha, beta, gamma, n)
+    return weights_at(cosines(normal, to_lamp, to_eye), alpha, beta, gamma, n, nu)
 
 
-def weights_at(at: Cosines, alpha: Float, beta: Float, gamma: Float, n: Float) -> Weights:
+def weights_at(at: Cosines, alpha: Float, beta: Float, gamma: Float, n: Float, nu: Float = GAUSSIAN) -> Weights:
     """As `torrance_sparrow`, from the cosines."""
     lit = (at.incidence > 0.0) & (at.view > 0.0)
     # Tanaka eq. (3); below a horizon the divisor is 1, so that no inf or NaN arises
     view = dr.select(lit, at.view, 1.0)
-    interface = beta * facet_density(at.half, gamma) * fresnel(at.deviation, n) * masking(at) / view
+    interface = beta * facet_density(at.half, gamma, nu) * fresnel(at.deviation, n) * masking(at) / view
     return Weights(dr.select(lit, alpha * at.incidence, 0.0), dr.select(lit, interface, 0.0))

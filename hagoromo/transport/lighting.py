@@ -19,6 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body, sphere_table
+from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
 from hagoromo.transport.medium import Element, TexelHit
@@ -48,15 +49,20 @@ class Palette:
 
 
 class Materials:
-    """Reflectances as rows that kernels read: alpha, beta, gamma, n, element, then coefficients on the palette."""
+    """Reflectances as rows that kernels read: alpha, beta, gamma, n, element, then coefficients on the palette.
+
+    Where the facets of some reflectance have tails, `nu` is the last entry (infinity: Gaussian facets); otherwise there
+    is no such entry, and kernels compute Gaussian facets alone.
+    """
 
     def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
         jit, self.palette, self.count = arrays(), palette, len(reflectances)
         self.elements = tuple(sorted({r.element for r in reflectances}))
-        rows = np.array([_row(r, palette) for r in reflectances], np.float32)
+        self.have_tails = not all(is_gaussian(r.nu) for r in reflectances)
+        rows = np.array([_row(r, palette) + [r.nu] * self.have_tails for r in reflectances], np.float32)
         self.width = rows.shape[1]
         self.rows = lookup(jit.Float, rows)
-        tables = [sphere_table(r.gamma, SPHERE_ENTRIES) for r in reflectances if r.element == "sphere"]
+        tables = [sphere_table(r.gamma, SPHERE_ENTRIES, nu=r.nu) for r in reflectances if r.element == "sphere"]
         self.spheres = lookup(jit.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
         self.sphere_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32))
@@ -73,9 +79,10 @@ class Materials:
     def weights(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
         """Body and interface weights of f for the element of `material` [1/sr]."""
         alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
+        nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
         chosen: Weights | None = None
         for name in self.elements:
-            weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n)
+            weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu)
             if chosen is None:
                 chosen = weights
             else:
@@ -95,10 +102,11 @@ class Materials:
         beta: Float,
         gamma: Float,
         n: Float,
+        nu: Float,
     ) -> Weights:
         """As `element_weights`, with the sphere's facets from its table."""
         if name != "sphere":
-            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n)
+            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu)
         cos_phase = dr.dot(to_lamp, to_eye)
         mirror = beta * fresnel(cos_deviation(cos_phase), n)
         return Weights(alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))

@@ -39,5 +39,6 @@ def surface_reflectances(
         values = np.maximum(np.sum([c * s.values for c, s in zip(material.body_colour, basis, strict=True)], axis=0), 0)
         colour = Spectrum(basis[0].wavelengths, values)
         weights = material.alpha * dim, material.beta * dim
-        reflectances.append(Reflectance(*weights, material.gamma, material.n, colour, name=material.name))
+        shape = material.gamma, material.n
+        reflectances.append(Reflectance(*weights, *shape, colour, name=material.name, nu=material.nu))
     return reflectances

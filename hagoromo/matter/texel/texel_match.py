@@ -126,7 +126,7 @@ class Layer:
         densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
             unit = dr.normalize(axis + 1e-9)
-            weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n)
+            weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
             radiance += [density * arrived * weights.body, density * arrived * weights.interface]
         return radiance
 

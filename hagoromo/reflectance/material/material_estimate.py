@@ -11,6 +11,7 @@ import numpy as np
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.material.material_html import decimals, materials_html
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
@@ -34,6 +35,7 @@ class MaterialEstimate:
     chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
     `LackOfFit.record` gives it. texture: whether the body colour varies over the pixels. gloss: whether β and γ vary,
     with the standard deviations of ln β and ln γ. Each of these three is None where the data are too few for the test.
+    nu: exponent ν of the facets' tails; infinity: Gaussian facets.
     convergence: how the fit ended, as `FitStatus.record` gives it; None where that is not known.
     """
 
@@ -57,6 +59,7 @@ class MaterialEstimate:
     texture: Mapping[str, Any] | None = None
     gloss: Mapping[str, Any] | None = None
     convergence: Mapping[str, Any] | None = None
+    nu: float = GAUSSIAN
 
     def __repr__(self) -> str:
         name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
@@ -96,9 +99,8 @@ class MaterialEstimate:
             )
         spectrum = Spectrum(basis[0].wavelengths, np.array([band.values for band in basis]).T @ weights)
         constant = Spectrum.constant(1.0)
-        return Reflectance(
-            self.alpha, self.beta, self.gamma, self.n, spectrum, constant, element or self.element, self.name
-        )
+        parameters = self.alpha, self.beta, self.gamma, self.n
+        return Reflectance(*parameters, spectrum, constant, element or self.element, self.name, self.nu)
 
     def body_spectrum(
         self, response: Response, lamp_spectrum: Spectrum, priors: Sequence[ReflectancePrior] | None = None

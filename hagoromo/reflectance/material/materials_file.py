@@ -13,6 +13,7 @@ from msgspec import Meta
 from hagoromo.errors import InputError
 from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_json, save_json, written_by
 from hagoromo.reflectance.element import Element
+from hagoromo.reflectance.facets import GAUSSIAN, TailExponent
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
 
 Bounds = tuple[float | None, float | None]  # null: no bound
@@ -65,6 +66,9 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     alpha: Annotated[float, about("weight of the body (diffuse) part α [1/sr]")]
     beta: Annotated[float, about("weight of the interface (specular) part β [1/sr]")]
     gamma: Annotated[float, about("half width of the distribution of facets γ [rad]")]
+    nu: Annotated[TailExponent | None, about("exponent of the facets' tails ν, 0.3 or more; null: Gaussian facets")] = (
+        None
+    )
     n: Annotated[float, about("refractive index")]
     specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
     element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
@@ -123,6 +127,7 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     fields = {name: getattr(record, name) for name in FIELDS}
     for name in ("standard_error", "interval_95", "identifiable"):
         fields[name] = msgspec.structs.asdict(fields[name])
+    fields["nu"] = GAUSSIAN if record.nu is None else record.nu
     intervals = fields["interval_95"]
     fields["interval_95"] = {
         name: tuple(_interval(one) for one in value) if name == "body_colour" else _interval(value)
