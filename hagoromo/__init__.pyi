@@ -14,6 +14,7 @@ from .files.exr import read_exr as read_exr, write_exr as write_exr
 
 # Light and cameras
 from .light.spectrum import Spectrum as Spectrum
+from .light.lamp_profile import LampProfile as LampProfile
 from .light.lamp import Lamp as Lamp
 from .light.colour import (
     delta_e_2000 as delta_e_2000,

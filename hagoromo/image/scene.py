@@ -11,6 +11,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
+from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.volume.box import VolumeBox
 
 
@@ -73,7 +74,7 @@ class Scene:
                 "distortion": list(self.camera.distortion), "world_to_camera": self.camera.world_to_camera.tolist(),
                 "response": self.camera.response.name if self.camera.response else None,
             },
-            "lamps": [_lamp_record(lamp) for lamp in self.lamps],
+            "lamps": [record_from_lamp(lamp) for lamp in self.lamps],
             "boxes": [
                 {
                     "name": box.name, "voxels": list(box.bricks.shape[::-1]), "voxel_size": box.voxel_size,
@@ -87,16 +88,6 @@ class Scene:
                 for s in self.surfaces
             ],
         }  # fmt: skip
-
-
-def _lamp_record(lamp: Lamp) -> dict[str, Any]:
-    where = ("position", lamp.position) if lamp.position is not None else ("to_lamp", lamp.to_lamp)
-    return {
-        "name": lamp.name,
-        where[0]: np.asarray(where[1]).tolist(),
-        "intensity": lamp.intensity,
-        "spectrum": lamp.spectrum.record(),
-    }
 
 
 def _in_view(camera: Camera, corners: np.ndarray) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
+
+DOWN = np.array([0.0, 0.0, -1.0])  # world: the axis of a lamp with a profile that states none
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +22,18 @@ class Lamp:
     intensity: of a point lamp, irradiance × m² [W/sr times the unit of `spectrum`]; of a far lamp, the irradiance that
     it gives on a plane that faces it; one number, or one per sensor channel.
     spectrum: relative spectrum of the light. axis: (3,) where a point lamp shines brightest, world, made unit, and
-    axis_power: μ of its fall-off cosᵘ of the angle from there (1: a bare LED); without an axis it shines alike all
-    around. `InputError` when the numbers make no lamp.
+    axis_power: μ of its fall-off max(cosθ, 0)^μ, θ the angle from there (1: a bare LED); without an axis it shines
+    alike all around. profile: measured intensity over the direction, in place of axis_power: intensity is then that of
+    the brightest direction, axis the direction of γ = 0 (default: straight down), and roll [rad] turns C = 0 about it,
+    see `frame`.
+    `InputError` when the numbers make no lamp.
 
     >>> to_lamp, irradiance = hg.Lamp(position=(0, 0, 2), intensity=8).direction_and_irradiance([0, 0, 0])
     >>> to_lamp.tolist(), float(irradiance)  # 8 W/sr at 2 m: 2 W/m²
     ([0.0, 0.0, 1.0], 2.0)
+    >>> spot = hg.Lamp(position=(0, 0, 2), intensity=8, axis=(0, 0, -1), axis_power=2)
+    >>> round(float(spot.relative_intensity([0.6, 0, -0.8])), 4)  # cos² of 36.9°
+    0.64
     """
 
     position: NDArray[np.float64] | None
@@ -34,6 +43,8 @@ class Lamp:
     name: str
     axis: NDArray[np.float64] | None
     axis_power: float
+    profile: LampProfile | None
+    roll: float
 
     def __init__(
         self,
@@ -44,16 +55,25 @@ class Lamp:
         name: str = "",
         axis: ArrayLike | None = None,
         axis_power: float = 1.0,
+        profile: LampProfile | None = None,
+        roll: float = 0.0,
     ) -> None:
         if (position is None) == (to_lamp is None):
             raise InputError(f"lamp {name!r}: give either position (a near lamp) or to_lamp (a far one)")
         at = None if position is None else _vector(position, f"lamp {name!r}: position")
         towards = None if to_lamp is None else _unit(to_lamp, f"lamp {name!r}: to_lamp", "towards the lamp")
+        if profile is not None and axis is None:
+            axis = DOWN
         along = None if axis is None else _unit(axis, f"lamp {name!r}: axis", "of its light")
         if axis is not None and position is None:
-            raise InputError(f"lamp {name!r}: a far lamp has no axis: leave it out, or give the position")
+            what = "axis" if profile is None else "profile"
+            raise InputError(f"lamp {name!r}: a far lamp has no {what}: leave it out, or give the position")
         if not (np.isfinite(axis_power) and axis_power >= 0.0):
             raise InputError(f"lamp {name!r}: axis_power {axis_power!r:.60} must be finite and not negative")
+        if profile is not None and axis_power != 1.0:
+            raise InputError(f"lamp {name!r}: its profile says how light falls off: leave axis_power out")
+        if not np.isfinite(roll) or (roll != 0.0 and profile is None):
+            raise InputError(f"lamp {name!r}: roll {roll!r:.60} turns a profile: give a finite number, or leave it out")
         object.__setattr__(self, "position", at)
         object.__setattr__(self, "to_lamp", towards)
         object.__setattr__(self, "intensity", _intensity(intensity, name))
@@ -61,19 +81,50 @@ class Lamp:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "axis", along)
         object.__setattr__(self, "axis_power", float(axis_power))
+        object.__setattr__(self, "profile", profile)
+        object.__setattr__(self, "roll", float(roll))
 
     def __repr__(self) -> str:
-        """The name, where the light comes from, and how strong it is."""
+        """The name, where the light comes from, how strong it is, and its axis."""
         near = self.position is not None
         place = ", ".join(f"{x:.4g}" for x in (self.position if near else self.to_lamp))  # type: ignore[union-attr]
         where = f"position ({place}) m" if near else f"to_lamp ({place})"
-        return f"Lamp({self.name!r}, {where}, intensity {self.intensity})"
+        axis = "" if self.axis is None else f", axis ({', '.join(f'{x:.4g}' for x in self.axis)})"
+        profile = "" if self.profile is None else f", profile {self.profile.name!r}"
+        return f"Lamp({self.name!r}, {where}, intensity {self.intensity}{axis}{profile})"
+
+    @property
+    def frame(self) -> NDArray[np.float64]:
+        """(3, 3): directions of C = 0, of C = 90° and of γ = 0 of the profile, as rows, world.
+
+        Of a lamp that points straight down they are +x, +y and −z. Another axis turns them the shortest way; straight
+        up, about x. Then C = 0 is put where C = roll was. `InputError` for a lamp without an axis.
+        """
+        if self.axis is None:
+            raise InputError(f"lamp {self.name!r} has no axis: give one")
+        turn = np.diag([1.0, -1.0, -1.0])
+        if self.axis[2] < 1.0 - 1e-12:  # Rodrigues' rotation of −z to the axis, of sine w and cosine −axis z
+            w = np.cross(DOWN, self.axis)
+            across = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+            turn = np.eye(3) + across + across @ across / (1.0 - self.axis[2])
+        (c, s), (first, second) = (np.cos(self.roll), np.sin(self.roll)), turn.T[:2]
+        return np.stack([c * first + s * second, c * second - s * first, self.axis])
+
+    def relative_intensity(self, directions: ArrayLike) -> NDArray[np.float64]:
+        """Intensity in the unit `directions` (..., 3) away from a point lamp, relative to the brightest: (...)."""
+        directions = np.asarray(directions, np.float64)
+        if self.profile is not None:
+            return self.profile.towards(directions, self.frame)
+        if self.axis is None:
+            return np.ones(directions.shape[:-1])
+        return np.maximum(directions @ self.axis, 0.0) ** self.axis_power
 
     def direction_and_irradiance(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit directions to the lamp (..., 3) and irradiance facing the lamp at `points` (..., 3) [m].
 
-        E = intensity cosᵘ / d² for a point lamp, E = intensity for a far one; shape (...), or (..., channel) when the
-        intensity has one number per channel. A point at the lamp itself has no direction: NaN, and E = inf.
+        E = intensity · relative intensity / d² for a point lamp, intensity for a far one; shape (...), or (...,
+        channel) when the intensity has one number per channel. A point at the lamp itself has no direction: NaN, and
+        E = inf.
         """
         points = np.asarray(points, dtype=np.float64)
         intensity = np.asarray(self.intensity)
@@ -85,14 +136,14 @@ class Lamp:
         with np.errstate(divide="ignore", invalid="ignore"):
             to_lamp, falloff = offset / distance, 1.0 / distance**2
             if self.axis is not None:
-                falloff = falloff * np.maximum(-to_lamp @ self.axis, 0.0)[..., None] ** self.axis_power
+                falloff = falloff * self.relative_intensity(-to_lamp)[..., None]
             return to_lamp, intensity * (falloff if intensity.ndim else falloff[..., 0])
 
     def shifted(self, by: ArrayLike) -> Lamp:
         """The lamp with `by` (3,) added to its position [m], or to its direction [rad]."""
         position = None if self.position is None else self.position + np.asarray(by)
         to_lamp = None if self.to_lamp is None else self.to_lamp + np.asarray(by)
-        return Lamp(position, to_lamp, self.intensity, self.spectrum, self.name, self.axis, self.axis_power)
+        return replace(self, position=position, to_lamp=to_lamp)
 
 
 def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +18,7 @@ from hagoromo.camera.sensor import MOSAICS, Sensor
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Count, Positive, Record, Vector, WrittenBy, about, decode, inside, like, one_of
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_profile import PROFILE, LampProfile
 from hagoromo.light.spectrum import SOURCE, Spectrum
 
 # Assumed where a file does not describe the sensor: typical of a consumer camera at ISO 100.
@@ -55,8 +57,19 @@ class LampRecord(Record, frozen=True, kw_only=True):
         Any, SOURCE, about("relative spectrum: a name such as D65, a CSV file, a number or a table")
     ] = 1.0
     name: Annotated[str, about("name of the lamp")] = ""
-    axis: Annotated[Vector | None, about("direction in which a near lamp is brightest, world axes")] = None
+    axis: Annotated[
+        Vector | None,
+        about("direction in which a near lamp is brightest, or of γ = 0 of its profile (default: down), world axes"),
+    ] = None
     axis_power: Annotated[float, about("exponent μ of the fall-off cosᵘ from the axis; 1: a bare LED")] = 1.0
+    profile: Annotated[
+        Any, PROFILE, about("intensity of a near lamp over the direction: an IES file in the folder, or a table")
+    ] = None
+    roll_deg: Annotated[float, about("angle by which C = 0 of the profile is turned about the axis [°]")] = 0.0
+    candela_from_profile: Annotated[
+        bool,
+        about("whether the intensity is a factor on the candela of the profile; else that of its brightest direction"),
+    ] = False
 
 
 class ImageSettings(ViewRecord, frozen=True, kw_only=True):
@@ -136,7 +149,16 @@ def lamp_from_record(record: Any, folder: Path, where: str) -> Lamp:
     lamp = decode(record, LampRecord, where)
     with described(where):
         spectrum = Spectrum.load(lamp.spectrum, folder)
-        return Lamp(lamp.position, lamp.to_lamp, lamp.intensity, spectrum, lamp.name, lamp.axis, lamp.axis_power)
+        profile = None if lamp.profile is None else LampProfile.load(lamp.profile, folder)
+        intensity = lamp.intensity
+        if lamp.candela_from_profile:
+            if profile is None or isinstance(intensity, tuple):
+                raise InputError("candela_from_profile needs a profile, and one number as intensity")
+            intensity *= profile.intensity_of(spectrum)
+        turn = math.radians(lamp.roll_deg)
+        return Lamp(
+            lamp.position, lamp.to_lamp, intensity, spectrum, lamp.name, lamp.axis, lamp.axis_power, profile, turn
+        )
 
 
 def record_from_lamp(lamp: Lamp) -> dict[str, Any]:
@@ -147,8 +169,18 @@ def record_from_lamp(lamp: Lamp) -> dict[str, Any]:
         "intensity": list(lamp.intensity) if isinstance(lamp.intensity, tuple) else lamp.intensity,
         "spectrum": lamp.spectrum.record(),
         "name": lamp.name,
-        **({} if lamp.axis is None else {"axis": lamp.axis.tolist(), "axis_power": lamp.axis_power}),
+        **_axis_record(lamp),
     }
+
+
+def _axis_record(lamp: Lamp) -> dict[str, Any]:
+    """Keys of a lamp that is brighter in some directions."""
+    if lamp.axis is None:
+        return {}
+    axis = {"axis": lamp.axis.tolist()}
+    if lamp.profile is None:
+        return {**axis, "axis_power": lamp.axis_power}
+    return {**axis, "roll_deg": math.degrees(lamp.roll), "profile": lamp.profile.record()}
 
 
 def lamps_of_frame(frame: FrameRecord, lamps: Sequence[Lamp], where: str) -> tuple[Lamp, ...]:

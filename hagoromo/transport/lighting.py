@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -22,6 +22,7 @@ from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body,
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
+from hagoromo.transport.emission import Emission, emission_of
 from hagoromo.transport.medium import Element, TexelHit
 
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
@@ -31,11 +32,17 @@ Attenuation = Callable[[int, Array3f, Array3f, Float, TexelHit | None], Float]
 
 @dataclass(frozen=True)
 class Palette:
-    """The distinct spectra of a scene's body colours, interface colours and lamps."""
+    """The distinct spectra of a scene's body colours, interface colours and lamps.
+
+    lamps: the spectrum of each group of lamps. lamp_names, lamp_groups: name and group of every lamp, in the order of
+    the scene; empty where they are not known, as in images of version 0.2.
+    """
 
     bodies: tuple[Spectrum, ...]
     interfaces: tuple[Spectrum, ...]
     lamps: tuple[Spectrum, ...]
+    lamp_names: tuple[str, ...] = ()
+    lamp_groups: tuple[int, ...] = ()
 
     @property
     def colours(self) -> tuple[Spectrum, ...]:
@@ -46,6 +53,14 @@ class Palette:
     def channels(self) -> int:
         """Number of weights of a pixel."""
         return len(self.lamps) * len(self.colours)
+
+    def with_lamps(self, lamps: Sequence[Lamp], separate: bool = False) -> Palette:
+        """With the groups of `lamps`: those of one spectrum together, or each lamp its own (`separate`)."""
+        spectra = [lamp.spectrum for lamp in lamps]
+        distinct_spectra = tuple(spectra) if separate else distinct(spectra)
+        groups = range(len(lamps)) if separate else [position_of(one, distinct_spectra) for one in spectra]
+        names = tuple(lamp.name or f"lamp {k + 1}" for k, lamp in enumerate(lamps))
+        return replace(self, lamps=distinct_spectra, lamp_names=names, lamp_groups=tuple(groups))
 
 
 class Materials:
@@ -121,6 +136,19 @@ class Materials:
         return dr.fma(at - jit.Float(first), high - low, low)
 
 
+class LampRow(NamedTuple):
+    """A lamp as kernels read it: where it is [m], or the direction to it; its intensity; and its group in the palette.
+
+    emission: relative intensity over the direction; None for a lamp that shines alike all around.
+    """
+
+    where: Array3f
+    intensity: Float
+    near: bool
+    group: int
+    emission: Emission | None
+
+
 class Lighting:
     """Lamps as kernels read them, and the `attenuation` of their light on its way to a point."""
 
@@ -135,17 +163,17 @@ class Lighting:
         jit, self.materials, self.attenuation = arrays(), materials, attenuation
         bodies = materials.palette.bodies
         self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
-        self.lamps: list[tuple[Any, Any, bool, int]] = []
-        for lamp in lamps:
+        self.lamps: list[LampRow] = []
+        for number, lamp in enumerate(lamps):
             if not isinstance(lamp.intensity, (int, float)):
                 raise InputError(f"lamp {lamp.name!r} has an intensity per channel: rendering needs one and a spectrum")
-            if lamp.axis is not None:
-                raise InputError(f"lamp {lamp.name!r} has an axis: rendering knows lamps that shine alike all around")
             place = lamp.position if lamp.position is not None else lamp.to_lamp
             assert place is not None
-            where = opaque_vector(place)
-            group = position_of(lamp.spectrum, materials.palette.lamps)
-            self.lamps.append((where, dr.opaque(jit.Float, float(lamp.intensity)), lamp.position is not None, group))
+            groups = materials.palette.lamp_groups
+            group = groups[number] if groups else position_of(lamp.spectrum, materials.palette.lamps)
+            intensity = dr.opaque(jit.Float, float(lamp.intensity))
+            near = lamp.position is not None
+            self.lamps.append(LampRow(opaque_vector(place), intensity, near, group, emission_of(lamp)))
 
     def with_voxel_colour(self, coefficients: list[Float], box: UInt, colour: Array4f) -> list[Float]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""
@@ -172,13 +200,15 @@ class Lighting:
         palette = self.materials.palette
         channels: list[Any] = [arrays().Float(0)] * palette.channels
         eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
-        for number, (where, intensity, near, group) in enumerate(self.lamps):
+        for number, (where, intensity, near, group, emission) in enumerate(self.lamps):
             to_lamp, distance, irradiance = where, math.inf, intensity
             if near:
                 offset = where - point
                 squared = dr.squared_norm(offset)
                 inverse = dr.rsqrt(squared)
                 to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
+            if emission is not None:
+                irradiance = irradiance * emission(to_lamp)
             ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
             weights, lit = [], arrays().Bool(False)
             for element in elements:
@@ -191,6 +221,8 @@ class Lighting:
                         for light, scale in zip((body, interface), scales, strict=True)
                     )
                 weights.append((body * element.share, interface * element.share))
+            if emission is not None:
+                lit &= irradiance > 0.0
             origin = elements[0].shadow_origin(point, to_lamp)
             irradiance = irradiance * self._transmittance(number, lit, origin, to_lamp, distance, texel_hit)
             for (body, interface), share in zip(weights, coefficients, strict=True):
