@@ -90,7 +90,8 @@ class PreparedScene:
         self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
         reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
         bases = [box.basis for box in scene.boxes]
-        self.palette = palette_of(reflectances, [s for b in bases for s in b], [lamp.spectrum for lamp in scene.lamps])
+        colours = palette_of(reflectances, [s for b in bases for s in b], [])
+        self.palette = colours.with_lamps(scene.lamps, settings.separate_lamps)
         self.channels = self.palette.channels
         self.medium = _medium(scene, settings, cache)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))

@@ -106,6 +106,9 @@ class RenderRecord(Record, frozen=True, kw_only=True):
         Settings.tolerance
     )
     seed: Annotated[Count, about("seed of the random numbers")] = Settings.seed
+    separate_lamps: Annotated[
+        bool, about("whether every lamp has weights of its own, so that `expose` can change its strength and colour")
+    ] = Settings.separate_lamps
 
 
 class SceneRecord(Record, frozen=True, kw_only=True):

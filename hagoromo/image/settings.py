@@ -17,7 +17,9 @@ class Settings:
     """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting).
 
     tolerance: of the picture, root mean square over its mean where there is matter: the steps of the march follow it
-    and the voxels, so that halving it changes the picture by less.
+    and the voxels, so that halving it changes the picture by less. separate_lamps: whether every lamp has weights of
+    its own, so that its strength and colour can be changed afterwards (`Image.with_lamps`); otherwise lamps of one
+    spectrum share them. Memory grows with the number of lamps, and time a little.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'
@@ -32,6 +34,7 @@ class Settings:
     shadow_resolution: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     seed: int = 0
+    separate_lamps: bool = False
 
     def __post_init__(self) -> None:
         if self.samples < 1:
