@@ -138,7 +138,8 @@ def pixel_points(samples: int, seed: int) -> np.ndarray:
 def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
     """Keys of the medium and of its shadow maps: equal for scenes that may share them."""
     boxes = tuple(
-        (b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), len(b.materials), b.shadow_bias) for b in scene.boxes
+        (b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), tuple(m.element for m in b.materials), b.shadow_bias)
+        for b in scene.boxes
     )
     places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
     lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)

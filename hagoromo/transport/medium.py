@@ -27,6 +27,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
+from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
 from hagoromo.transport.crossing import LATTICE_MARGIN, Cone, Crossing, MarchState, Step
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
@@ -34,7 +35,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.texel import LightScale
-from hagoromo.volume.voxels import BRICK, STORED, PackedVoxels, Voxels, corner, packets
+from hagoromo.volume.voxels import BRICK, CORNERS, PackedVoxels, Voxels, corner, packets_around, shares
 
 NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty
 NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
@@ -77,6 +78,32 @@ class TexelHit:
     frame: SurfaceFrame  # world axes
 
 
+class Kinds:
+    """Elements of the materials of all boxes: a tangent, of a cylinder, may have either sign; a normal may not."""
+
+    def __init__(self, boxes: Sequence[VolumeBox]) -> None:
+        elements = [[material.element for material in box.materials] for box in boxes]
+        distinct = {element for each in elements for element in each}
+        self.tangents = "cylinder" in distinct
+        self.mixed = any(len(set(each)) > 1 for each, box in zip(elements, boxes, strict=True) if not box.texel)
+        self._only = distinct == {"cylinder"}
+        self._row = lookup(arrays().UInt8, np.array([ELEMENTS.index(e) for each in elements for e in each], np.uint8))
+
+    def of(self, material: UInt) -> UInt:
+        """The element of a material, numbered in the row of all boxes' materials: its place in ELEMENTS."""
+        return arrays().UInt(dr.gather(arrays().UInt8, self._row, material))
+
+    def tangent(self, material: UInt) -> Bool | None:
+        """Where the axes of a material are tangents; None: nowhere."""
+        if not self.tangents or self._only:
+            return arrays().Bool(True) if self._only else None
+        return self.of(material) == ELEMENTS.index("cylinder")
+
+    def population(self, first: UInt, k: int) -> Bool | None:
+        """As `tangent`, of population k of a texel whose materials are numbered from `first` on."""
+        return self.tangent(dr.minimum(first + k, dr.opaque(arrays().UInt, dr.width(self._row) - 1)))
+
+
 class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
 
@@ -93,6 +120,7 @@ class Medium:
         self.materials, self.material_shift = self._optional("material")
         counts = np.cumsum([0, *(len(box.materials) for box in self.boxes)])
         self.first_material = lookup(jit.UInt, counts[:-1].astype(np.uint32))
+        self.kinds = Kinds(self.boxes)
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, tolerance)
         self.textures = self.frames.textures
@@ -163,7 +191,10 @@ class Medium:
     def elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
         """Elements of a sample in a stored brick, and its place in a texel (None: no box has one)."""
         shadow_bias = None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.box)
-        plain = Element(self.axis(step), self.material(step), shadow_bias=shadow_bias)
+        material = self.material(step)
+        if shadow_bias is not None and self.kinds.tangents:  # a tangent has no outside
+            shadow_bias = dr.select(self.kinds.tangent(material), 0.0, shadow_bias)
+        plain = Element(self.axis(step, material), material, shadow_bias=shadow_bias)
         textures = self.textures
         if textures is None:
             return [plain], None
@@ -174,11 +205,12 @@ class Medium:
         elements, each = [], textures.densities(lattice, here)
         scale = dr.rcp(dr.fmax(sum(each), 1e-9))
         scales = textures.scales(step.level)
-        for k, axis in enumerate(textures.axes(lattice, here)):
+        tangents = [self.kinds.population(material, k) for k in range(len(each))]
+        for k, axis in enumerate(textures.axes(lattice, here, tangents)):
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
             share = dr.select(textured, each[k] * scale, float(k == 0))
-            material = plain.material + dr.select(textured, k, arrays().UInt(0))
-            elements.append(Element(axis, material, share, scales[k], shadow_bias))
+            number = material + dr.select(textured, k, arrays().UInt(0))
+            elements.append(Element(axis, number, share, scales[k], shadow_bias))
         return elements, TexelHit(textured, step.box, step.level, step.tau, here, frame)
 
     def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
@@ -193,27 +225,47 @@ class Medium:
         bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
         return surface_point_at(self.charts, self.voxels, bricks, step.place, self.textures.chart_scale(step.box))
 
-    def axis(self, step: Step) -> Array3f:
-        """Unit axis, in the world, at a sample in a stored brick."""
-        axis = self.voxels.axis(arrays().UInt(step.brick), step.place)
+    def axis(self, step: Step, material: UInt | None = None) -> Array3f:
+        """Unit axis, in the world, at a sample in a stored brick; `material`: that of the sample, where it is known."""
+        if material is None:
+            material = self.material(step)
+        tangent, same = self.kinds.tangent(material), self._of_its_kind(step, material)
+        axis = self.voxels.axis(arrays().UInt(step.brick), step.place, tangent, same)
         return dr.normalize(self._in_world(step.box, axis) + 1e-9)
 
     def colour(self, step: Step) -> Array4f:
-        """Coefficients of the body colour at a sample in a stored brick of a box that has them."""
+        """Coefficients of the body colour at a sample in a stored brick of a box that has them, weighed by density."""
         assert self.colours is not None
-        return packets(self.colours, self._brick_in(self.colour_shift, step), step.place)
+        colours = packets_around(self.colours, self._brick_in(self.colour_shift, step), step.place)
+        each = shares(self.voxels, arrays().UInt(step.brick), step.place)
+        mean = sum((colour * share for colour, share in zip(colours, each, strict=True)), arrays().Array4f(0.0))
+        return mean / dr.fmax(sum(each), 1e-30)
 
     def material(self, step: Step) -> UInt:
-        """Number of the sample's material in the row of all boxes' materials, that of the nearest voxel."""
+        """Number of the sample's material in the row of all boxes' materials: of the voxel that adds most matter."""
         UInt = arrays().UInt
         first = dr.gather(UInt, self.first_material, step.box)
         if self.materials is None:
             return first
-        start, part = corner(self._brick_in(self.material_shift, step), step.place)
-        nearest = dr.select(part > 0.5, arrays().Array3u(1), arrays().Array3u(0))
-        offset = (nearest.z * STORED + nearest.y) * STORED + nearest.x
+        each = shares(self.voxels, UInt(step.brick), step.place)
+        offset, most = UInt(CORNERS[0]), each[0]
+        for there, share in zip(CORNERS[1:], each[1:], strict=True):
+            offset, most = dr.select(share > most, there, offset), dr.fmax(share, most)
+        start, _ = corner(self._brick_in(self.material_shift, step), step.place)
+        return first + self._material_of_voxel(step, start + offset)
+
+    def _material_of_voxel(self, step: Step, voxel: UInt) -> UInt:
+        """Number of a voxel's material in its box."""
         has = dr.gather(arrays().Int, self.material_shift, step.box) != NO_GRID
-        return first + UInt(dr.gather(arrays().UInt8, self.materials, start + offset, has))
+        return arrays().UInt(dr.gather(arrays().UInt8, self.materials, voxel, has))
+
+    def _of_its_kind(self, step: Step, material: UInt) -> list[Bool] | None:
+        """Which of the eight voxels around a sample have the element of its `material`; None: all."""
+        if not self.kinds.mixed or self.materials is None:
+            return None
+        start, _ = corner(self._brick_in(self.material_shift, step), step.place)
+        first, kind = dr.gather(arrays().UInt, self.first_material, step.box), self.kinds.of(material)
+        return [self.kinds.of(first + self._material_of_voxel(step, start + offset)) == kind for offset in CORNERS]
 
     def _in_world(self, box: UInt, vector: Array3f) -> Array3f:
         """A vector in box axes as one in the world."""

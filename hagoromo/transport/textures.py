@@ -151,15 +151,15 @@ class Textures:
             each.append(dr.select(number > 0, value, 0.0))
         return each
 
-    def axes(self, lattice: Lattice, here: SurfacePoint) -> list[Array3f]:
-        """Axis of every population along (u, v, normal), not normalised."""
+    def axes(self, lattice: Lattice, here: SurfacePoint, tangents: Sequence[Bool | None]) -> list[Array3f]:
+        """Axis of every population along (u, v, normal), not normalised; tangents: see `Voxels.axis`, of each."""
         corner = lattice.corner(here)
         steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
         each = []
         for k in range(self.populations):
             start = corner.node + dr.select(lattice.populations > k, (k + 1) * lattice.nodes, 0)
             words = [dr.gather(arrays().Int, self.axes_pool, start + step) for step in steps]
-            each.append(axis_between(words, corner.part))
+            each.append(axis_between(words, corner.part, tangents[k]))
         return each
 
     def scales(self, level: UInt) -> list[tuple[LightScale, LightScale]]:

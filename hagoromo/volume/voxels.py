@@ -3,17 +3,21 @@
 A brick stores 9³ voxels: its own 8³ and the next layer of its neighbours, so that trilinear interpolation stays inside.
 Packed (7.6 bytes a voxel): densities from 6e-5 on as pairs of halves along x, so that four reads give the eight around
 a sample; axes as 11, 11 and 10 bits (to 0.05°). Plain: four floats a voxel, by which the march can be differentiated.
+
+Empty voxels have no say between voxels: their axes are stored as 0, and whatever else a voxel holds is weighed by its
+density (`shares`; Wittenbrink, Malzbender & Goss 1998). The sign of a tangent has no meaning: see `between_tangents`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Array4f, Float, Int, UInt, arrays, clip
+from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip
 
 BRICK = 8  # voxels a side
 STORED = BRICK + 1  # voxels a side as stored
@@ -34,8 +38,18 @@ class Voxels(Protocol):
         """Trilinear density."""
         ...
 
-    def axis(self, brick: UInt, place: Array3f) -> Array3f:
-        """Trilinear axis in box axes, not normalised."""
+    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
+        """Densities of the eight voxels around a place, in the order of CORNERS."""
+        ...
+
+    def axis(
+        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+    ) -> Array3f:
+        """Trilinear axis in box axes, not normalised.
+
+        tangent: where axes are tangents, of either sign; None: nowhere. among: of the eight voxels in the order of
+        CORNERS, those whose axes count; None: all.
+        """
         ...
 
 
@@ -68,11 +82,16 @@ class PackedVoxels:
         start = brick * PAIRS + (inner.z * STORED + inner.y) * BRICK + inner.x
         return [dr.gather(UInt, self.densities, start + r) for r in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK)]
 
-    def axis(self, brick: UInt, place: Array3f) -> Array3f:
-        """Trilinear axis in box axes, not normalised."""
+    def axis(
+        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+    ) -> Array3f:
+        """Trilinear axis in box axes, not normalised; see `Voxels`."""
         jit = arrays()
         start, part = corner(brick, place)
-        return axis_between([dr.gather(jit.Int, self.axes, start + offset) for offset in CORNERS], part)
+        words = [dr.gather(jit.Int, self.axes, start + offset) for offset in CORNERS]
+        if among is not None:
+            words = [dr.select(counts, word, 0) for counts, word in zip(among, words, strict=True)]
+        return axis_between(words, part, tangent)
 
 
 @dataclass
@@ -83,12 +102,20 @@ class PlainVoxels:
 
     def density(self, brick: UInt, place: Array3f) -> Float:
         """Trilinear density."""
-        return packets(self.values, brick, place)[0]
+        return trilinear(self.densities_around(brick, place), corner(brick, place)[1])
 
-    def axis(self, brick: UInt, place: Array3f) -> Array3f:
-        """Trilinear axis in box axes, not normalised."""
-        read = packets(self.values, brick, place)
-        return arrays().Array3f(read[1], read[2], read[3])
+    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
+        """Densities of the eight voxels around a place, in the order of CORNERS."""
+        return [packet[0] for packet in packets_around(self.values, brick, place)]
+
+    def axis(
+        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+    ) -> Array3f:
+        """Trilinear axis in box axes, not normalised; see `Voxels`."""
+        axes = [arrays().Array3f(p[1], p[2], p[3]) for p in packets_around(self.values, brick, place)]
+        if among is not None:
+            axes = [dr.select(counts, axis, 0.0) for counts, axis in zip(among, axes, strict=True)]
+        return between_axes(axes, corner(brick, place)[1], tangent)
 
 
 CORNERS = tuple((z * STORED + y) * STORED + x for z in (0, 1) for y in (0, 1) for x in (0, 1))
@@ -102,23 +129,53 @@ def corner(brick: UInt, place: Array3f) -> tuple[UInt, Array3f]:
     return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place - jit.Array3f(cell)
 
 
-def packets(grid: Float, brick: UInt, place: Array3f) -> Array4f:
-    """Trilinear packet of four from a grid of halves or floats (bricks · 729 · 4)."""
+def packets_around(grid: Float, brick: UInt, place: Array3f) -> list[Array4f]:
+    """The packets of four of the eight voxels around a place, from a grid of halves or floats (bricks · 729 · 4)."""
     jit = arrays()
     kind = jit.Array4f16 if type(grid) is jit.Float16 else jit.Array4f
-    start, part = corner(brick, place)
-    return trilinear([jit.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS], part)
+    start, _ = corner(brick, place)
+    return [jit.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS]
 
 
-def axis_between(words: list[Int], part: Array3f) -> Array3f:
+def shares(voxels: Voxels, brick: UInt, place: Array3f) -> list[Float]:
+    """What each of the eight voxels around a place adds to the density there, in the order of CORNERS."""
+    weights = corner_weights(place - arrays().Array3f(arrays().Array3u(place)))
+    return [w * density for w, density in zip(weights, voxels.densities_around(brick, place), strict=True)]
+
+
+def corner_weights(part: Array3f) -> list[Float]:
+    """Trilinear weights of the eight voxels around a place that is `part` (0…1) of the way between them."""
+    along = [(1.0 - part[k], part[k]) for k in range(3)]
+    across = [z * y for z in along[2] for y in along[1]]
+    return [zy * x for zy in across for x in along[0]]
+
+
+def axis_between(words: list[Int], part: Array3f, tangent: Bool | None = None) -> Array3f:
     """Trilinear axis between eight packed ones (Int, in the order of CORNERS), not normalised: Array3f."""
     jit = arrays()
     # each number is read with the bits of the next below it, which stand for what `packed_axis` cut off
-    return jit.Array3f(
-        trilinear([jit.Float(word << (Y_BITS + Z_BITS)) for word in words], part) * X_UNIT,
-        trilinear([jit.Float(word << Z_BITS) for word in words], part) * Y_UNIT,
-        trilinear([jit.Float(word) for word in words], part) * Z_UNIT,
-    )
+    axes = [jit.Array3f(word << (Y_BITS + Z_BITS), word << Z_BITS, word) for word in words]
+    return between_axes(axes, part, tangent) * jit.Array3f(X_UNIT, Y_UNIT, Z_UNIT)
+
+
+def between_axes(axes: list[Array3f], part: Array3f, tangent: Bool | None) -> Array3f:
+    """Trilinear axis between eight, those of voxels without matter being 0, not normalised; tangent: see `Voxels`."""
+    if tangent is None:
+        return arrays().Array3f(*(trilinear([axis[k] for axis in axes], part) for k in range(3)))
+    return between_tangents(axes, corner_weights(part), tangent)
+
+
+def between_tangents(axes: list[Array3f], weights: list[Float], tangent: Bool) -> Array3f:
+    """Σ w a over eight axes; where `tangent`, each with the sign that brings it to the side of the heaviest."""
+    heaviest, most = axes[0], dr.select(dr.any(axes[0] != 0.0), weights[0], 0.0)
+    for axis, weight in zip(axes[1:], weights[1:], strict=True):
+        heavier = dr.any(axis != 0.0) & (weight > most)
+        heaviest, most = dr.select(heavier, axis, heaviest), dr.select(heavier, weight, most)
+    mean = arrays().Array3f(0.0)
+    for axis, weight in zip(axes, weights, strict=True):
+        opposite = tangent & (dr.dot(axis, heaviest) < 0.0)
+        mean = dr.fma(axis, dr.select(opposite, -weight, weight), mean)
+    return mean
 
 
 def unpacked(word: Int) -> Array3f:

@@ -123,7 +123,9 @@ class Layer:
         way = self.rays.to_lamp
         depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau)
         arrived, radiance = dr.exp(-depth), []
-        densities, axes = self.textures.densities(self.lattice, here), self.textures.axes(self.lattice, here)
+        densities = self.textures.densities(self.lattice, here)
+        tangents = [arrays().Bool(True) if m.element == "cylinder" else None for m in self.materials]
+        axes = self.textures.axes(self.lattice, here, tangents)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
             unit = dr.normalize(axis + 1e-9)
             weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n, m.nu)

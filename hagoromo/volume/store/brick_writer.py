@@ -10,7 +10,7 @@ from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError
 from hagoromo.volume.bricks import Bricks, Grid, Shape, check_bricks, check_shape, table_shape
 from hagoromo.volume.table import in_table_order
-from hagoromo.volume.voxels import PAIRS, VOXELS, packed_axis, packed_density
+from hagoromo.volume.voxels import PAIRS, SMALLEST_DENSITY, VOXELS, packed_axis, packed_density
 
 DENSEST = 6e4  # density that fits a half
 
@@ -72,13 +72,17 @@ def packed_voxels(
     density = _flat(density, jit.Float)
     check_density(density)
     axis = _flat(axis, jit.Array3f)
+    matter = density >= SMALLEST_DENSITY
     if chart is None:
-        axis = dr.select(density > 0, axis, 0)
+        axis = dr.select(matter, axis, 0)
     if not bool(np.array(dr.all(dr.isfinite(dr.squared_norm(axis)))).ravel()[0]):
         raise InputError("the axis of a voxel with matter is not finite: give unit vectors or zeros")
     values = {"density": packed_density(density), "axis": packed_axis(axis)}
     if colour is not None:
-        values["colour"] = dr.ravel(jit.Array4f16(_flat(colour, jit.Array4f)))
+        colour = jit.Array4f16(_flat(colour, jit.Array4f))
+        if not bool(np.array(dr.all(dr.all(dr.isfinite(dr.select(matter, colour, 0))))).ravel()[0]):
+            raise InputError("the body colour of a voxel with matter is not finite: give numbers that fit a half")
+        values["colour"] = dr.ravel(dr.select(dr.isfinite(colour), colour, 0))
     if material is not None:
         values["material"] = jit.UInt8(_flat(material, jit.UInt))
     if chart is not None:
