@@ -21,7 +21,7 @@ class FigureTable(RecipeTable, frozen=True, kw_only=True):
 
 def _plan(recipe: Recipe[FigureTable]) -> BoxPlan:
     table = recipe.table
-    return figure_part(table.figure, table.part, recipe.material, table.resolution, table.seed)
+    return figure_part(table.figure, table.part, recipe.material, table.resolution, table.seed, table.extinction)
 
 
 def _element(table: FigureTable) -> str:

@@ -80,6 +80,7 @@ def _box(path: Path) -> Facts:
         "size": [n * box.header.voxel_size for n in box.shape[::-1]],
         "pose": box.header.pose.tolist(),
         "tau": box.header.tau,
+        "extinction": box.header.extinction,
         "shadow_bias": box.header.shadow_bias,
         "materials": [material.name for material in box.header.materials],
         "bricks": f"{box.kept} hold matter, {box.bytes / 2**20:.1f} MiB",

@@ -78,7 +78,8 @@ class Scene:
             "boxes": [
                 {
                     "name": box.name, "voxels": list(box.bricks.shape[::-1]), "voxel_size": box.voxel_size,
-                    "tau": box.tau, "shadow_bias": box.shadow_bias, "pose": box.pose.tolist(),
+                    "tau": box.tau, "extinction": box.extinction, "shadow_bias": box.shadow_bias,
+                    "pose": box.pose.tolist(),
                     "materials": [m.record() for m in box.materials], "provenance": box.provenance,
                 }
                 for box in self.boxes

@@ -37,8 +37,9 @@ from hagoromo.image.settings import SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo.volume.store.box_store import load_box
+from hagoromo.volume.store.header import EXTINCTION
 
 NOWHERE = (0.0, 0.0, 0.0)
 
@@ -77,6 +78,7 @@ class SceneBox(Place, frozen=True, kw_only=True):
     file: Annotated[str | None, about("volume box, a folder such as cloth.zarr")] = None
     recipe: Annotated[str | None, about("recipe, a file such as cloth.toml, in place of file")] = None
     tau: Annotated[Positive | None, about("extinction coefficient where the density is 1 [1/m]")] = None
+    extinction: Annotated[Extinction | None, EXTINCTION] = None
     materials: Annotated[
         list[Annotated[dict[str, Any], MATERIAL]] | None, about("materials in place of the box's own, in their order")
     ] = None
@@ -177,7 +179,12 @@ def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
     if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
     box = load_box(inside(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
-    stated = {"tau": key.tau, "name": key.name}
+    if box.texel and key.extinction not in (None, box.extinction):
+        raise InputError(
+            f"{where}: extinction is {key.extinction!r}, the box's texel was matched for {box.extinction!r}: "
+            f"state it in the recipe and build the box again"
+        )
+    stated = {"tau": key.tau, "name": key.name, "extinction": key.extinction}
     box = replace(box, **{name: value for name, value in stated.items() if value is not None})
     if key.materials is not None:
         listed = [

@@ -2,8 +2,9 @@
 
 The box is built in memory, or straight to disk, where it may be larger than the memory. Each file of `matter.recipes`
 documents the keys of one kind of matter. Keys of all kinds: [material]; name; seed (whole number); resolution (1: as
-stated; 2: voxels half as large); except for the figure, also voxel_mm and mean_free_path_mm (of light where the density
-is 1: matter several times as thick is opaque). Paths are relative to the folder of the recipe.
+stated; 2: voxels half as large); extinction ("isotropic" or "projected", see `VolumeBox`); except for the figure, also
+voxel_mm and mean_free_path_mm (of light where the density is 1: matter several times as thick is opaque; with projected
+extinction it is divided by the projected area of the elements). Paths are relative to the folder of the recipe.
 
 [material] is {alpha, beta, gamma [rad], n, body_colour, interface_colour, element, name} or a measured one:
 {file = "materials.json", material = "name", element, response, lamp}. Without `element` it is the kind's.
@@ -74,7 +75,7 @@ def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path
     table = decode(record, kind.record, where)
     element = kind.element_of(table) if kind.element_of else kind.element
     with described(where):
-        plan = kind.plan(Recipe(table, element, folder, where))
+        plan = kind.plan(Recipe(table, element, folder, where)).with_extinction(table.extinction)
     return plan.named(table.name, {"recipe": record}), where, folder
 
 

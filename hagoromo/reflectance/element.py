@@ -58,6 +58,24 @@ def element_weights(
     return Weights(alpha * sphere_body(cos_phase), mirror * sphere_facets(cos_phase, gamma, nu))
 
 
+def projected_area(element: str, cos_axis: Float) -> Float:
+    """Area of an element as seen along a direction, over half of its surface: A = mean |N·ω| over its normals, 0…1.
+
+    A is |a·ω| of a plane (which has two faces), (2/π) sin∠(a, ω) of a cylinder and ½ of a sphere; its mean over all
+    directions is ½ for each. cos_axis: a·ω of the unit axis and direction; its sign does not matter.
+    With σ(ω) = τ ρ A(ω) the medium is one of micro-flakes (Jakob et al. 2010; Heitz et al. 2015): the light that it
+    scatters from L to V, σ(V) f(a; L, V), is the same from V to L, and ∫ σ(V) f(a; L, V) dV ≤ σ(L).
+
+    >>> projected_area("plane", 0.5), round(projected_area("cylinder", 0.0), 4), projected_area("sphere", 0.5)
+    (0.5, 0.6366, 0.5)
+    """
+    if element == "plane":
+        return dr.abs(cos_axis)
+    if element == "cylinder":
+        return (2.0 / math.pi) * dr.sqrt(dr.fmax(1.0 - cos_axis * cos_axis, 1e-12))
+    return 0.5 + 0.0 * cos_axis
+
+
 def sphere_body(cos_phase: Float) -> Float:
     """Mean of cosθ_i over the visible sphere: (2/3π)(sin χ + (π−χ) cos χ), cosχ = L·V."""
     cosine = clip(cos_phase, -1.0, 1.0)

@@ -71,7 +71,7 @@ def radiance_from_sample(
 ) -> list[Float]:
     """Radiance that the matter of one sample sends back along the ray: its weights, one per channel."""
     point = dr.fma(direction, step.distance, origin)
-    elements, texel_hit = medium.elements(step)
+    elements, texel_hit = medium.elements(step, direction)
     coefficients = [lighting.materials.coefficients(element.material) for element in elements]
     if lighting.voxel_bases:
         coefficients[0] = lighting.with_voxel_colour(coefficients[0], step.box, medium.colour(step))

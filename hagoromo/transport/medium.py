@@ -20,7 +20,7 @@ Grids are fields of a plain object, so that Dr.Jit's loops do not take them into
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -30,6 +30,7 @@ from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, c
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
 from hagoromo.transport.crossing import LATTICE_MARGIN, Cone, Crossing, MarchState, Step
+from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
@@ -123,7 +124,7 @@ class Medium:
         self.kinds = Kinds(self.boxes)
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
         self.frames = Frames(self.boxes, starts, tolerance)
-        self.textures = self.frames.textures
+        self.textures, self.flakes = self.frames.textures, flakes_of(boxes)
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
@@ -164,11 +165,25 @@ class Medium:
         return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
 
     def extinction(self, step: Step, direction: Array3f) -> tuple[Float, Float | None]:
-        """Extinction σ = τ ρ [1/m] at a sample in a stored brick for light along the unit `direction` (world), and the
+        """Extinction σ [1/m] at a sample in a stored brick for light along the unit `direction` (world), and the
         distance [m] around it without matter (None: unknown).
+
+        τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`.
         """
         density, clearance = self.density(step)
-        return step.tau * density, clearance
+        extinction = step.tau * density
+        if self.flakes is not None:
+            extinction *= dr.if_stmt(
+                (step, direction), self.flakes.in_box(step.box) & (density > 0.0),
+                self.projected_area, lambda step, direction: arrays().Float(1),
+            )  # fmt: skip
+        return extinction, clearance
+
+    def projected_area(self, step: Step, direction: Array3f) -> Float:
+        """Projected area along `direction` of the elements of a sample in a stored brick, in their mean: 0…1."""
+        assert self.flakes is not None
+        elements, _ = self._elements(step)
+        return sum(e.share * self.flakes.area(e.material, e.axis, direction) for e in elements)
 
     def density(self, step: Step) -> tuple[Float, Float | None]:
         """Density at a sample in a stored brick, and the distance [m] around it without matter (None: unknown)."""
@@ -188,8 +203,20 @@ class Medium:
         nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
         return dr.if_stmt((step, density), textures.textured(step.box), looked_up, nothing)
 
-    def elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
-        """Elements of a sample in a stored brick, and its place in a texel (None: no box has one)."""
+    def elements(self, step: Step, direction: Array3f) -> tuple[list[Element], TexelHit | None]:
+        """Elements of a sample in a stored brick as a ray along `direction` sees them: shares are those of extinction.
+
+        With them its place in a texel (None: no box has one).
+        """
+        elements, texel_hit = self._elements(step)
+        if self.flakes is None or len(elements) == 1:
+            return elements, texel_hit
+        shares = [e.share * self.flakes.area(e.material, e.axis, direction) for e in elements]
+        scale = dr.rcp(dr.fmax(sum(shares), 1e-9))
+        return [replace(e, share=share * scale) for e, share in zip(elements, shares, strict=True)], texel_hit
+
+    def _elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
+        """Elements of a sample in a stored brick, shares being those of density; and its place in a texel."""
         shadow_bias = None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.box)
         material = self.material(step)
         if shadow_bias is not None and self.kinds.tangents:  # a tangent has no outside
@@ -216,8 +243,13 @@ class Medium:
     def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
         """Optical depth of the texel from a sample towards the lamp, and the length of that way [m]."""
         assert self.textures is not None
-        way = texel_hit.frame.inwards(to_lamp)
-        return self.textures.optical_depth(texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau)
+        way, area = texel_hit.frame.inwards(to_lamp), None
+        if (flakes := self.flakes) is not None:
+            first = dr.gather(arrays().UInt, self.first_material, texel_hit.box)
+            area = lambda population, axis: flakes.area(first + population, axis, way)  # noqa: E731
+        return self.textures.optical_depth(
+            texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau, area
+        )
 
     def _charted(self, step: Step) -> tuple[SurfacePoint, Array3f, Array3f]:
         """Where a sample in a stored brick of a box with a chart is on its surface, tangent along u and normal."""

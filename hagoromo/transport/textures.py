@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -22,6 +22,7 @@ LONGEST_PATH = 6.0  # longest path of light through a texel, in thicknesses: far
 MOST_SHADOW_STEPS = 64.0  # towards one lamp within the texel
 HEIGHT_ERROR = 0.35  # [voxel] error of interpolated heights where sheets are close
 CELL_MARGIN = 1e-3  # [cell] by which the last cell along the height ends before its last node
+PopulationArea = Callable[[int, Array3f], Float]  # (population, unit axis along u, v, normal) → projected area
 
 
 @dataclass
@@ -142,6 +143,15 @@ class Textures:
         density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
         return dr.select(inside, density, 0.0)
 
+    def seen_densities(self, lattice: Lattice, here: SurfacePoint, area: PopulationArea) -> list[Float]:
+        """Density of every population times the projected area of its elements; 0 above and below the texel."""
+        inside = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
+        each = zip(self.densities(lattice, here), self.axes(lattice, here), strict=True)
+        return [
+            dr.select(inside, density * area(k, dr.normalize(axis + 1e-9)), 0.0)
+            for k, (density, axis) in enumerate(each)
+        ]
+
     def densities(self, lattice: Lattice, here: SurfacePoint) -> list[Float]:
         """Density of every population."""
         each = []
@@ -170,12 +180,19 @@ class Textures:
         return list(zip(each[::2], each[1::2], strict=True))
 
     def optical_depth(
-        self, box: UInt, level: UInt, here: SurfacePoint, way: Array3f, stop: Float, tau: Float
+        self,
+        box: UInt,
+        level: UInt,
+        here: SurfacePoint,
+        way: Array3f,
+        stop: Float,
+        tau: Float,
+        area: PopulationArea | None = None,
     ) -> tuple[Float, Float]:
         """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
-        is taken for flat.
+        is taken for flat. area: projected area along the way; None where extinction is isotropic.
         """
         jit, lattice = arrays(), self.lattice(box, level)
         per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
@@ -190,7 +207,8 @@ class Textures:
 
         def one(k: Float, passed: Float) -> tuple[Float, Float]:
             there = here.moved((k + 0.5) * length, way, per_metre)
-            return k + 1.0, passed + self.density(lattice, there)
+            density = sum(self.seen_densities(lattice, there, area)) if area else self.density(lattice, there)
+            return k + 1.0, passed + density
 
         start = jit.Float(0), jit.Float(0)
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.bricks import MATERIALS, Bricks
 from hagoromo.volume.texel import Texel
 
+Extinction = Literal["isotropic", "projected"]
+EXTINCTIONS: tuple[Extinction, ...] = get_args(Extinction)
 Field = Callable[[Any], tuple[Any, ...]]
 
 
@@ -26,12 +28,14 @@ Field = Callable[[Any], tuple[Any, ...]]
 class VolumeBox:
     """A volume box: `bricks` of edge-to-edge voxels [m], in its own axes from 0 to shape · voxel_size.
 
-    pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m] (σ = τ ρ). materials: one Reflectance
+    pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m]. materials: one Reflectance
     per material number. basis: spectra that the per-voxel body colours are coefficients of (empty: a material's own).
     texel: micro-structure that the box's chart maps onto a surface; `bricks` then hold shares 0…1 of the `band` of
     heights [m] instead of densities, and normals instead of axes (see `chart`). shadow_bias: offset of the
     origin of shadow rays along the normal [m], and twice as far towards the lamp; above 0 for an opaque skin of plane
-    elements that stands for a surface and must not shade itself.
+    elements that stands for a surface and must not shade itself. extinction: "isotropic", σ = τ ρ in all directions, as
+    in the paper; or "projected", σ(ω) = τ ρ A(ω) with the projected area A of the elements (see `projected_area`), by
+    which scattered light keeps its energy and is reciprocal.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> density, axis = np.ones((3, 5, 7)), np.zeros((3, 5, 7, 3))  # (z, y, x)
@@ -52,6 +56,7 @@ class VolumeBox:
     texel: Texel | None = None
     band: tuple[float, float] = (0.0, 1.0)
     shadow_bias: float = 0.0
+    extinction: Extinction = "isotropic"
 
     def __post_init__(self) -> None:
         for key in ("voxel_size", "tau"):
@@ -61,6 +66,10 @@ class VolumeBox:
         if not (np.isfinite(self.shadow_bias) and self.shadow_bias >= 0 and not (self.shadow_bias and self.texel)):
             raise InputError(
                 f"volume box {self.name!r}: shadow_bias is {self.shadow_bias}: give 0 or more [m]; with a texel give 0"
+            )
+        if self.extinction not in EXTINCTIONS:
+            raise InputError(
+                f"volume box {self.name!r}: extinction is {self.extinction!r}: give one of {', '.join(EXTINCTIONS)}"
             )
         if not self.materials:
             raise InputError(f"volume box {self.name!r} has no material: give at least one Reflectance")
@@ -90,7 +99,7 @@ class VolumeBox:
             "voxel size": f"{1e3 * self.voxel_size:.4g} mm",
             "size (x, y, z)": " × ".join(f"{1e3 * n * self.voxel_size:.4g}" for n in self.bricks.shape[::-1]) + " mm",
             "bricks that hold matter": str(self.bricks.kept),
-            "extinction τ": f"{self.tau:.4g} per metre at density 1",
+            "extinction τ": f"{self.tau:.4g} per metre at density 1, {self.extinction}",
             "materials": ", ".join(material.name or "without a name" for material in self.materials),
         }
         rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in facts.items())

@@ -10,6 +10,7 @@ from dataclasses import replace
 from hagoromo.errors import InputError
 from hagoromo.matter.feather.wing import wing_of
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_figures.figure.figure_skin import SKIN_PLACES, figure_skin
 from hagoromo_figures.figure.tresses import hair_of
@@ -24,7 +25,14 @@ FIGURE_ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
 FIGURE_PARTS = tuple(sorted({part for parts in PART_MATERIALS.values() for part in parts}))
 
 
-def figure_part(name: str, part: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
+def figure_part(
+    name: str,
+    part: str,
+    material: Reflectance,
+    resolution: float = 1.0,
+    seed: int = 1,
+    extinction: Extinction = "isotropic",
+) -> BoxPlan:
     """The plan of one part of the "angel" or the "nun"; its material is of the element that the matter has."""
     parts = _parts(name)
     if part not in parts:
@@ -32,12 +40,12 @@ def figure_part(name: str, part: str, material: Reflectance, resolution: float =
     if material.element != element_of(name, part):
         material = replace(material, element=element_of(name, part))
     if part in SKIN_PLACES[name]:
-        return figure_skin(name, part, material, resolution, seed)
+        return figure_skin(name, part, material, resolution, seed).with_extinction(extinction)
     if part == "hair":
-        return hair_of(name, material, resolution, seed)
+        return hair_of(name, material, resolution, seed).with_extinction(extinction)
     if part == "wings":
-        return wing_of(material, resolution, seed)
-    return garment_of(name, part, material, resolution, seed)
+        return wing_of(material, resolution, seed).with_extinction(extinction)
+    return garment_of(name, part, material, resolution, seed, extinction)
 
 
 def element_of(name: str, part: str) -> str:

@@ -16,6 +16,7 @@ from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.texel.micro_structure import texel
 from hagoromo.matter.texel.shell import Chart, shell
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
 from hagoromo_figures.figure.garment import garments
@@ -49,7 +50,14 @@ WARDROBE = {
 }
 
 
-def garment_of(figure: str, name: str, material: Reflectance, resolution: float = 1.0, seed: int = 1) -> BoxPlan:
+def garment_of(
+    figure: str,
+    name: str,
+    material: Reflectance,
+    resolution: float = 1.0,
+    seed: int = 1,
+    extinction: Extinction = "isotropic",
+) -> BoxPlan:
     """One garment of the "angel" or the "nun". material: of its fibres (cylinders). resolution: of all its lattices."""
     known = WARDROBE.get(figure, {})
     if name not in known:
@@ -64,7 +72,7 @@ def garment_of(figure: str, name: str, material: Reflectance, resolution: float 
     record = {"kind": "figure", "figure": figure, "part": name, "resolution": resolution, "seed": seed}
     return shell(
         lambda point: Chart(*chart(point)), bound, extent, chart_mm, block, PATH, (material,) * block.populations,
-        name=f"{figure}, {name}", provenance=record,
+        extinction, name=f"{figure}, {name}", provenance=record,
     )  # fmt: skip
 
 

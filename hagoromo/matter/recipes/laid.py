@@ -68,7 +68,7 @@ def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], na
     reach = max(abs(height) for height in fabric.heights_mm) + CARRIER_MARGIN * carrier
     chart, bound, extent = sheet_chart(_sheets(recipe, NARROW * carrier), reach, HEM * carrier, fabric.period_mm)
     path = recipe.fineness.mean_free_path_mm
-    return shell(chart, bound, extent, carrier, made, path, materials, name=name)
+    return shell(chart, bound, extent, carrier, made, path, materials, recipe.table.extinction, name=name)
 
 
 def _patch(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:

@@ -10,6 +10,8 @@ from hagoromo.files.record import Count, Positive, Record, about, inside
 from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import Extinction
+from hagoromo.volume.store.header import EXTINCTION
 from hagoromo.volume.store.plan import BoxPlan
 
 Voxel = Annotated[Positive, about("edge of a voxel, at resolution 1 [mm]")]
@@ -27,6 +29,7 @@ class RecipeTable(Record, frozen=True, kw_only=True):
     name: Annotated[str, about("name of the box")] = ""
     seed: Annotated[Count, about("seed of the random numbers: another one grows another piece")] = 0
     resolution: Annotated[Positive, about("1: voxels as stated; 2: voxels half as large")] = 1.0
+    extinction: Annotated[Extinction, EXTINCTION] = "isotropic"
 
 
 T = TypeVar("T", bound=RecipeTable)

@@ -13,6 +13,7 @@ from hagoromo.matter.shape import Shape
 from hagoromo.matter.texel.texel_match import matched
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import chart_words
+from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
@@ -46,13 +47,15 @@ def shell(
     texel: Texel,
     mean_free_path_mm: float,
     materials: Sequence[Reflectance],
+    extinction: Extinction = "isotropic",
     **record: Any,
 ) -> BoxPlan:
     """The box whose `chart`, a function of the point [mm], lays the texel on a surface.
 
     bound: a Shape [mm], a lower bound of the distance to the surface (height 0). extent: low and high corner
     [mm]. voxel_mm: edge of the voxels of the chart; the curvature of the surface decides it. mean_free_path_mm: of
-    light where the density is 1. materials: one per population of the texel. record: name and provenance.
+    light where the density is 1. materials: one per population of the texel. extinction: see `VolumeBox`. record:
+    name and provenance.
     """
     bottom, top = texel.bottom / MM, texel.top / MM
     low, high = bottom - ENCODED_BAND * voxel_mm, top + ENCODED_BAND * voxel_mm
@@ -70,10 +73,11 @@ def shell(
         }
 
     tau = 1.0 / (mean_free_path_mm * MM)
-    texel = matched(texel, tau, materials)
+    texel = matched(texel, tau, materials, extinction)
     reach = max(abs(bottom), abs(top)) + AROUND * voxel_mm
     blocks, pose = blocks_in(field, lambda p: bound(p) - reach, extent, voxel_mm)
     header = BoxHeader(
-        voxel_mm * MM, tau, tuple(materials), pose, texel=texel, band=(low * MM, high * MM), **record
+        voxel_mm * MM, tau, tuple(materials), pose, texel=texel, band=(low * MM, high * MM), extinction=extinction,
+        **record,
     )  # fmt: skip
     return BoxPlan(header, blocks)

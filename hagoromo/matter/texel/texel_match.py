@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.reflectance.element import element_weights
+from hagoromo.reflectance.element import element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
-from hagoromo.transport.textures import STEPS_PER_CELL, Textures
+from hagoromo.transport.textures import STEPS_PER_CELL, PopulationArea, Textures
+from hagoromo.volume.box import Extinction
 from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 
 DIRECTION_PAIRS = 128  # pairs of directions, to the eye and to a lamp
@@ -59,37 +60,49 @@ class Rays:
         self.tile = lookup(jit.Int, rng.integers(0, 1 << 12, lanes).astype(np.int32))
 
 
-def matched(texel: Texel, tau: float, materials: Sequence[Reflectance]) -> Texel:
-    """The texel with its coarse levels matched to the finest; tau [1/m], one material per population."""
+def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extinction: Extinction = "isotropic") -> Texel:
+    """The texel with its coarse levels matched to the finest; tau [1/m], one material per population.
+
+    extinction: of the box that is to have the texel.
+    """
     if len(materials) != texel.populations:
         raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
     rays, count = Rays(), len(texel.levels)
     textures = _textures(texel)
-    depths = [tau * np.array(_through(Layer(textures, rays, texel, k, tau))[0]) for k in range(count)]
+    elements = tuple(m.element for m in materials) if extinction == "projected" else ()
+    depths = [
+        tau * np.array(_through(Layer(textures, rays, texel, k, tau, elements=elements))[0]) for k in range(count)
+    ]
     passed = float(np.exp(-depths[0]).mean())
     factors = [1.0, *(_factor(depth, passed) for depth in depths[1:])]
     levels = [_denser(level, factor) for level, factor in zip(texel.levels, factors, strict=True)]
     texel = replace(texel, levels=tuple(levels))
     textures = _textures(texel)
-    sent = [_sent(Layer(textures, rays, texel, k, tau, materials)) for k in range(count)]
+    sent = [_sent(Layer(textures, rays, texel, k, tau, materials, elements)) for k in range(count)]
     scales = [unscaled(texel.populations), *(_scale(rays, light, sent[0]) for light in sent[1:])]
     levels = [replace(level, scale=scale) for level, scale in zip(levels, scales, strict=True)]
     return replace(texel, levels=tuple(levels))
 
 
-def light_sent(texel: Texel, level: int, tau: float, materials: Sequence[Reflectance]) -> NDArray[np.float64]:
+def light_sent(
+    texel: Texel, level: int, tau: float, materials: Sequence[Reflectance], extinction: Extinction = "isotropic"
+) -> NDArray[np.float64]:
     """Light that a flat layer of one level reflects, per direction pair, population, body and interface [1/sr].
 
     (DIRECTION_PAIRS, populations, 2), per unit of irradiance on a plane that faces the lamp.
     """
     rays = Rays()
-    sent = _sent(Layer(_textures(texel), rays, texel, level, tau, materials))
+    elements = tuple(m.element for m in materials) if extinction == "projected" else ()
+    sent = _sent(Layer(_textures(texel), rays, texel, level, tau, materials, elements))
     scales = texel.levels[level].scale.astype(float)
     return sent * np.maximum(np.einsum("rf,pcf->rpc", rays.features, scales), 0.0)
 
 
 class Layer:
-    """A flat layer of one level of a texel, and the rays through it."""
+    """A flat layer of one level of a texel, and the rays through it.
+
+    elements: of every population where extinction is by their projected area; empty where it is isotropic.
+    """
 
     def __init__(
         self,
@@ -99,8 +112,9 @@ class Layer:
         level: int,
         tau: float,
         materials: Sequence[Reflectance] = (),
+        elements: tuple[str, ...] = (),
     ) -> None:
-        jit = arrays()
+        jit, self.elements = arrays(), elements
         self.textures, self.rays, self.tau, self.materials = textures, rays, tau, tuple(materials)
         self.box, self.row = jit.UInt(0), dr.opaque(jit.UInt, level)
         self.lattice = textures.lattice(self.box, self.row)
@@ -118,14 +132,36 @@ class Layer:
         """Points of the rays at a distance `on` [m] behind the face of the layer."""
         return self.face.moved(-on, self.rays.to_eye, self.per_metre)
 
+    def area(self, direction: Any) -> PopulationArea | None:
+        """Projected areas of the populations along a direction; None where extinction is isotropic."""
+        if not self.elements:
+            return None
+        return lambda population, axis: projected_area(self.elements[population], dr.dot(axis, direction))
+
+    def densities(self, here: SurfacePoint) -> list[Any]:
+        """Density of every population, times its projected area towards the eye where extinction is projected."""
+        area = self.area(self.rays.to_eye)
+        if area is None:
+            return self.textures.densities(self.lattice, here)
+        return self.textures.seen_densities(self.lattice, here, area)
+
+    def density(self, here: SurfacePoint) -> Any:
+        """All populations together."""
+        return sum(self.densities(here)) if self.elements else self.textures.density(self.lattice, here)
+
     def light(self, here: SurfacePoint) -> list[Any]:
         """Density times the light that the elements at a place reflect: body and interface of every population."""
         way = self.rays.to_lamp
-        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau)
+        area = self.area(way)
+        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau, area)
         arrived, radiance = dr.exp(-depth), []
+<<<<<<< HEAD
         densities = self.textures.densities(self.lattice, here)
         tangents = [arrays().Bool(True) if m.element == "cylinder" else None for m in self.materials]
         axes = self.textures.axes(self.lattice, here, tangents)
+=======
+        densities, axes = self.densities(here), self.textures.axes(self.lattice, here)
+>>>>>>> 6b30575 (A box may have projected extinction: σ(ω) = τ ρ times the projected area of its elements)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
             unit = dr.normalize(axis + 1e-9)
             weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
@@ -141,7 +177,7 @@ def _through(layer: Layer) -> tuple[Any, list[Any]]:
     sent = [dr.zeros(jit.Float, count) for _ in range(2 * len(layer.materials))]
     while k < layer.steps:
         here = layer.place((k + 0.5) * layer.part)
-        density = layer.textures.density(layer.lattice, here)
+        density = layer.density(here)
         depth = tau * density * layer.part
         if depth > NEGLIGIBLE_OPTICAL_DEPTH:
             if dr.hint(len(layer.materials) > 0, mode="scalar"):

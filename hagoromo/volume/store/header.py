@@ -13,12 +13,13 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import Count, Matrix, Pair, Positive, Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, reflectance_from_record
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo.volume.bricks import Bricks
 from hagoromo.volume.texel import Texel
 
 FORMAT = 1
 MOST_LEVELS = 32  # of a texel
+EXTINCTION = about("isotropic: tau times density; projected: that times the projected area of the elements")
 
 
 class TexelRecord(Record, frozen=True, kw_only=True):
@@ -53,6 +54,7 @@ class BoxRecord(Record, frozen=True, kw_only=True):
     texel: Annotated[TexelRecord | None, about("the micro-structure of a shell")] = None
     band: Annotated[Pair, about("heights of a shell above its surface [m]")] = (0.0, 1.0)
     shadow_bias: Annotated[float, about("offset of the origin of shadow rays along the normal [m]")] = 0.0
+    extinction: Annotated[Extinction, EXTINCTION] = "isotropic"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class BoxHeader:
     texel: Texel | None = None
     band: tuple[float, float] = (0.0, 1.0)
     shadow_bias: float = 0.0
+    extinction: Extinction = "isotropic"
 
     def box(self, bricks: Bricks) -> VolumeBox:
         """The volume box of this header and `bricks`."""
@@ -78,7 +81,8 @@ class BoxHeader:
         """Plain values, as the attribute `hagoromo` of a box on disk has them."""
         chart = {"texel": self.texel.record(), "band": list(self.band)} if self.texel else {}
         shadow_bias = {"shadow_bias": self.shadow_bias} if self.shadow_bias else {}
-        return chart | shadow_bias | {
+        extinction = {"extinction": self.extinction} if self.extinction != "isotropic" else {}
+        return chart | shadow_bias | extinction | {
             "format": FORMAT, "voxel_size": self.voxel_size, "tau": self.tau, "name": self.name,
             "pose": self.pose.ravel().tolist(), "materials": [m.record() for m in self.materials],
             "basis": [s.record() for s in self.basis], "provenance": self.provenance,
@@ -105,4 +109,5 @@ def header_from_record(record: Any, where: str) -> BoxHeader:
         given.provenance,
         band=given.band,
         shadow_bias=given.shadow_bias,
+        extinction=given.extinction,
     )

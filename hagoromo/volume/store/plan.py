@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.volume.box import VolumeBox
+from hagoromo.errors import InputError
+from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo.volume.bricks import Bricks
 from hagoromo.volume.store.blocks import Block
 from hagoromo.volume.store.header import BoxHeader
@@ -48,5 +49,12 @@ class BoxPlan:
 
     def named(self, name: str, provenance: dict[str, Any]) -> BoxPlan:
         """The same plan under another name (as it is where that is empty) and of another provenance."""
-        header = BoxHeader(**vars(self.header) | {"name": name or self.header.name, "provenance": provenance})
-        return BoxPlan(header, self.blocks)
+        return BoxPlan(replace(self.header, name=name or self.header.name, provenance=provenance), self.blocks)
+
+    def with_extinction(self, extinction: Extinction) -> BoxPlan:
+        """The same plan with another `extinction`, see `VolumeBox`; `InputError` where its texel is matched for one."""
+        if extinction == self.header.extinction:
+            return self
+        if self.header.texel:
+            raise InputError(f"extinction is {extinction!r}: this kind of matter knows {self.header.extinction!r} only")
+        return BoxPlan(replace(self.header, extinction=extinction), self.blocks)
