@@ -112,6 +112,7 @@ from .image.scene import Scene as Scene
 from .image.scene_file import load_scene as load_scene
 from .transport.lighting import Palette as Palette
 from .image.image import Image as Image, read_image as read_image
+from .image.expose import expose as expose
 from .image.settings import Settings as Settings
 from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render

@@ -261,6 +261,7 @@ def render(
     out: Out,
     mode: Literal["march"] = "march",
     tolerance: float | None = None,
+    separate_lamps: bool = False,
     force: Force = False,
 ) -> None:
     """Scene → EXR (linear, with its weights) and PNG (sRGB).
@@ -270,15 +271,57 @@ def render(
         mode: march computes single scattering, without noise.
         tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
             0.04).
+        separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
     """
     for path in (out, out.with_suffix(".png")):
         replaceable_file(path, force)
     loaded, settings = hg.load_scene(scene)
     if tolerance is not None:
         settings = replace(settings, tolerance=tolerance)
+    if separate_lamps:
+        settings = replace(settings, separate_lamps=True)
     with progress_bar("render") as progress:
         image = hg.render(loaded, settings, progress)
     wrote(*image.save(out, loaded.camera.response, force))
+
+
+@verb(verbs)
+def expose(
+    image: Positional[Path],
+    out: Out,
+    strength: tuple[str, ...] = (),
+    spectrum: tuple[str, ...] = (),
+    response: str | None = None,
+    force: Force = False,
+) -> None:
+    """Rendered EXR → EXR and PNG under lamps of other strength or colour, or through another camera; no new rendering.
+
+    Args:
+        image: EXR of `render`; with `--separate-lamps`, each lamp can be changed by itself.
+        strength: NAME=FACTOR on the intensity of a lamp, such as key=0.5.
+        spectrum: NAME=SPECTRUM of a lamp: the name of an illuminant such as A or D65, or a CSV.
+        response: response of the camera: a name or a CSV (default: linear sRGB).
+    """
+    for path in (out, out.with_suffix(".png")):
+        replaceable_file(path, force)
+    factors = {name: _factor(value, name) for name, value in map(_named_value, strength)}
+    exposed = hg.expose(image, factors, dict(map(_named_value, spectrum)))
+    wrote(*exposed.save(out, None if response is None else hg.Response.load(response), force))
+
+
+def _named_value(text: str) -> tuple[str, str]:
+    """A lamp's name and the value for it."""
+    name, equals, value = text.rpartition("=")
+    if not (name and equals and value):
+        raise InputError(f"{text!r} does not say which lamp: give NAME=VALUE, such as key=0.5")
+    return name, value
+
+
+def _factor(text: str, name: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"the strength of lamp {name!r} is {text!r}: give a factor such as 0.5") from None
 
 
 @verb(verbs)

@@ -22,6 +22,8 @@ from hagoromo.files.raw import RAW_SUFFIXES, read_raw
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
 from hagoromo.files.tiff import read_tiff
+from hagoromo.image.image import read_image
+from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.photograph.capture import count_absent
 
 Facts = dict[str, Any]
@@ -92,7 +94,18 @@ def _exr(path: Path) -> Facts:
     channels, metadata = read_exr(path)
     height, width = next(iter(channels.values())).shape
     ranges = {name: [float(np.nanmin(values)), float(np.nanmax(values))] for name, values in channels.items()}
-    return {"kind": "EXR image", "size": [width, height], **ranges, **{k: _short(v) for k, v in metadata.items()}}
+    lamps = {"lamps": list(read_image(path).lamp_names)} if "palette" in metadata else {}
+    shown = {k: _short(v) for k, v in metadata.items()}
+    return {"kind": "EXR image", "size": [width, height], **lamps, **ranges, **shown}
+
+
+def _ies(path: Path) -> Facts:
+    profile = LampProfile.from_ies(path)
+    angles = {key: [float(a[0]), float(a[-1]), len(a)] for key, a in
+              (("lateral", profile.lateral), ("vertical", profile.vertical))}  # fmt: skip
+    peak = profile.peak_candela or 0.0
+    lumens = peak * profile.solid_angle()
+    return {"kind": "IES profile", **angles, "peak_candela": peak, "lumens": lumens, **profile.keywords}
 
 
 def _picture(path: Path) -> Facts:
@@ -200,6 +213,7 @@ KIND_READERS: dict[str, Callable[[Path], Facts]] = {
     ".toml": _toml,
     ".json": _json,
     ".csv": _csv,
+    ".ies": _ies,
     ".yml": _cameras,
     ".yaml": _cameras,
     ".txt": _cameras,

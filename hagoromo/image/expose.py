@@ -1,17 +1,38 @@
-"""Expose: image → Photograph, through the camera's response (eq. 10) and its sensor (MODEL §6)."""
+"""Expose: image → image under other lamps; image → Photograph, through response (eq. 10) and sensor (MODEL §6)."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.sensor import develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
-from hagoromo.image.image import Image
+from hagoromo.image.image import Image, read_image
 from hagoromo.image.scene import Scene
+from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.photograph import Photograph
 
 LEAST_LIT_SHARE = 0.05  # share of a picture
+
+
+def expose(
+    image: Image | str | Path,
+    strength: Mapping[str | int, float] | None = None,
+    spectrum: Mapping[str | int, Spectrum | str | Path | float] | None = None,
+) -> Image:
+    """An image with the strengths and spectra of lamps changed, without a new rendering; see `Image.with_lamps`.
+
+    image: or the path of an EXR that `Image.save` wrote. strength: factor on the intensity of a lamp, by its name or
+    its number from 0. spectrum: likewise, what `Spectrum.load` takes, such as the name of an illuminant or a CSV file.
+    `InputError` as `read_image`, `Spectrum.load` and `Image.with_lamps`.
+
+        hg.expose("scene.exr", strength={"key": 2.0}, spectrum={"fill": "A"}).save("warm.exr")
+    """
+    taken = image if isinstance(image, Image) else read_image(image)
+    return taken.with_lamps(strength, {name: Spectrum.load(source) for name, source in (spectrum or {}).items()})
 
 
 def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percentile: float = 99.5) -> Photograph:

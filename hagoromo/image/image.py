@@ -7,8 +7,9 @@ of the scene (MODEL §5): the integrals are small matrices, so another camera or
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.whole import whole_file
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.lighting import Palette, distinct
 
 KEY = 0.9  # display value that the brightest half percent of a picture is exposed to
 
@@ -70,6 +71,58 @@ class Image:
         matrix = np.concatenate([response_matrix(self.palette.colours, lamp, response) for lamp in lamps], axis=1)
         return (self.weights @ matrix.T.astype(np.float32)).astype(np.float32)
 
+    @property
+    def lamp_names(self) -> tuple[str, ...]:
+        """Names of the lamps, in the order of the scene; of the groups of lamps where the file does not name them."""
+        groups = range(len(self.palette.lamps))
+        return self.palette.lamp_names or tuple(f"lamp group {k + 1}" for k in groups)
+
+    def with_lamps(
+        self, strength: Mapping[str | int, float] | None = None, spectrum: Mapping[str | int, Spectrum] | None = None
+    ) -> Image:
+        """The image under changed lamps, without a new rendering: what `render` gives of the scene with them.
+
+        strength: factor on the intensity of a lamp, 0 or more. spectrum: its spectrum in place of its own. Both by the
+        name of a lamp, or its number from 0. Lamps that share weights can only be changed alike: `InputError` unless
+        all of them are, and for a lamp that the image does not have. `Settings.separate_lamps` parts them.
+
+        >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+        >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
+        >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=matte)
+        >>> lamps = hg.Lamp(to_lamp=(0, -1, 0), name="key"), hg.Lamp(to_lamp=(1, -1, 0), name="fill")
+        >>> image = hg.render(hg.Scene(camera, lamps, surfaces=(ball,)), hg.Settings(separate_lamps=True))
+        >>> dimmed = image.with_lamps(strength={"fill": 0.5}, spectrum={"key": hg.Spectrum.named("A")})
+        >>> image.lamp_names, bool((dimmed.weights == image.weights * [1, 1, 0.5, 0.5]).all())
+        (('key', 'fill'), True)
+        """
+        factors = self._of_groups(strength or {}, 1.0, "strength")
+        for factor in factors:
+            if not (isinstance(factor, (int, float)) and math.isfinite(factor) and factor >= 0.0):
+                raise InputError(f"the strength of a lamp is {factor!r:.60}: give a factor of 0 or more")
+        spectra = self._of_groups(spectrum or {}, None, "spectrum")
+        lamps = tuple(old if new is None else new for old, new in zip(self.palette.lamps, spectra, strict=True))
+        each = np.repeat(np.array(factors, np.float32), len(self.palette.colours))
+        record = _with_lamps(self.metadata, self.palette, factors, spectra)
+        return replace(self, weights=self.weights * each, palette=replace(self.palette, lamps=lamps), metadata=record)
+
+    def _of_groups(self, of_lamps: Mapping[str | int, Any], otherwise: Any, what: str) -> list[Any]:
+        """A value for each group of lamps from those of single lamps."""
+        names = self.lamp_names
+        groups = self.palette.lamp_groups or tuple(range(len(names)))
+        values: list[Any] = [otherwise] * len(names)
+        for key, value in of_lamps.items():
+            places = [k for k, name in enumerate(names) if key in (k, name)]
+            if len(places) != 1:
+                known = ", ".join(names)
+                raise InputError(f"{what}: {len(places)} lamps are called {key!r}: the image has {known} (or 0, 1, …)")
+            values[places[0]] = value
+        for group in range(len(self.palette.lamps)):
+            alike = [k for k, own in enumerate(groups) if own == group]
+            if not all(_same(values[k], values[alike[0]]) for k in alike):
+                shared = ", ".join(names[k] for k in alike)
+                raise InputError(f"{what}: {shared} share weights: render with separate_lamps (--separate-lamps)")
+        return [values[groups.index(group)] for group in range(len(self.palette.lamps))]
+
     def xyz(self, lamps: Sequence[Spectrum] | None = None) -> NDArray[np.float32]:
         """CIE XYZ, Y = 1 for a white diffuser seen under an irradiance of π of the first lamp's spectrum."""
         observer = Response.load("cie1931")
@@ -103,7 +156,7 @@ class Image:
         header = {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
             "hagoromo": json.dumps(self.metadata),
-            "palette": json.dumps({key: [s.record() for s in getattr(self.palette, key)] for key in PALETTE_KEYS}),
+            "palette": json.dumps(_palette_record(self.palette)),
         }
         picture = target.with_suffix(".png")
         with whole_file(target, force) as exr, whole_file(picture, force) as png:
@@ -127,7 +180,7 @@ def read_image(path: str | Path) -> Image:
     channels, header = read_exr(path)
     try:
         record = json.loads(header["palette"])
-        palette = Palette(*(tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS))
+        palette = _palette_from_record(record)
         metadata = json.loads(header["hagoromo"])
         empty = np.zeros(channels["A"].shape, np.float32)
         names = Image(empty[..., None], empty, palette).channel_names()
@@ -135,6 +188,44 @@ def read_image(path: str | Path) -> Image:
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path} holds no weights of Hagoromo: render it again ({error})") from error
     return Image(weights, channels["A"], palette, metadata)
+
+
+def _palette_record(palette: Palette) -> dict[str, Any]:
+    """What `read_image` reads back."""
+    spectra = {key: [s.record() for s in getattr(palette, key)] for key in PALETTE_KEYS}
+    return spectra | {"lamp_names": list(palette.lamp_names), "lamp_groups": list(palette.lamp_groups)}
+
+
+def _palette_from_record(record: dict[str, Any]) -> Palette:
+    """Files of version 0.2 do not name the lamps."""
+    names, groups = tuple(map(str, record.get("lamp_names", ()))), tuple(map(int, record.get("lamp_groups", ())))
+    palette = Palette(*(tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS), names, groups)
+    if len(names) != len(groups) or (groups and set(groups) != set(range(len(palette.lamps)))):
+        raise ValueError("its lamp_groups do not fit its lamps")
+    return palette
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two strengths, or two spectra, are alike."""
+    if isinstance(one, Spectrum) and isinstance(other, Spectrum):
+        return len(distinct([one, other])) == 1
+    return one is other or one == other
+
+
+def _with_lamps(
+    metadata: dict[str, Any], palette: Palette, factors: Sequence[float], spectra: Sequence[Spectrum | None]
+) -> dict[str, Any]:
+    """The metadata, with the scene's record of changed lamps."""
+    scene = metadata.get("scene", {})
+    lamps = scene.get("lamps", [])
+    if len(lamps) != len(palette.lamp_groups):
+        return metadata
+    changed = []
+    for lamp, group in zip(lamps, palette.lamp_groups, strict=True):
+        spectrum = spectra[group]
+        colour = {} if spectrum is None else {"spectrum": spectrum.record()}
+        changed.append(lamp | {"intensity": lamp["intensity"] * factors[group]} | colour)
+    return metadata | {"scene": scene | {"lamps": changed}}
 
 
 def auto_exposure(rgb: NDArray, alpha: NDArray) -> float:

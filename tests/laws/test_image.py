@@ -1,12 +1,17 @@
 """Laws of the exposure (MODEL §5): weights are the spectral render, for any camera and lamp spectrum."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png
+from hagoromo.image.expose import expose
 from hagoromo.image.image import read_image
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
@@ -109,3 +114,95 @@ def test_an_image_written_and_read_is_the_same_image(tmp_path):
 def test_the_same_seed_gives_the_same_bits():
     first, second, other = (render(a_scene(), Settings(samples=3, seed=s)).weights for s in (1, 1, 2))
     assert np.array_equal(first, second) and not np.array_equal(first, other)
+
+
+SLIDERS = {"key": 0.3, "fill": 2.5, "rim": 0.0}
+OTHERS = {"key": WARM, "rim": Spectrum([380, 500, 730], [1.4, 0.9, 0.3])}
+
+
+def a_named_scene(strength=None, spectrum=None) -> Scene:
+    """`a_scene` with lamps called key, fill and rim, of which key and rim have one spectrum."""
+    scene = a_scene()
+    lamps = [
+        replace(lamp, name=name, intensity=(strength or {}).get(name, 1.0),
+                spectrum=(spectrum or {}).get(name, lamp.spectrum))
+        for name, lamp in zip(SLIDERS, scene.lamps, strict=True)
+    ]  # fmt: skip
+    return scene.with_lamps(*lamps)
+
+
+def test_separate_lamps_add_up_to_the_joint_picture():
+    """Weights of the lamps of one spectrum, added: the joint weights to 1e-6 of the largest, single precision.
+
+    Each lamp's weights are those of a scene with this lamp alone.
+    """
+    joint, apart = (render(a_named_scene(), Settings(separate_lamps=way)) for way in (False, True))
+    colours = len(joint.palette.colours)
+    assert len(joint.palette.lamps) == 2 and len(apart.palette.lamps) == 3
+    assert joint.palette.lamp_groups == (0, 1, 0) and apart.palette.lamp_groups == (0, 1, 2)
+    key, fill, rim = (apart.weights[..., k * colours : (k + 1) * colours] for k in range(3))
+    for ours, theirs in ((joint.weights[..., :colours], key + rim), (joint.weights[..., colours:], fill)):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * ours.max())
+    alone = render(a_named_scene().with_lamps(a_named_scene().lamps[2]))
+    np.testing.assert_allclose(rim, alone.weights, rtol=0, atol=1e-6 * rim.max())
+    response = Response.load("canon_eos_300d")
+    exposed = joint.expose(response)
+    np.testing.assert_allclose(apart.expose(response), exposed, rtol=0, atol=2e-6 * exposed.max())
+
+
+def test_changed_strengths_and_spectra_of_lamps_equal_a_new_rendering(tmp_path):
+    """Exposed through a camera and as XYZ, to 2e-6 of the largest value; also from the file, and by its numbers."""
+    image = render(a_named_scene(), Settings(separate_lamps=True))
+    image.save(tmp_path / "apart.exr")
+    again = render(a_named_scene(SLIDERS, OTHERS), Settings(separate_lamps=True))
+    by_number = {0: 0.3, 1: 2.5, 2: 0.0}, {0: OTHERS["key"], 2: OTHERS["rim"]}
+    for changed in (
+        image.with_lamps(SLIDERS, OTHERS),
+        expose(tmp_path / "apart.exr", SLIDERS, OTHERS),
+        image.with_lamps(*by_number),
+    ):
+        assert changed.lamp_names == ("key", "fill", "rim")
+        response = Response.load("canon_eos_300d")
+        for ours, theirs in ((changed.expose(response), again.expose(response)), (changed.xyz(), again.xyz())):
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=2e-6 * theirs.max())
+        assert changed.metadata["scene"]["lamps"] == again.metadata["scene"]["lamps"]
+    assert not np.allclose(image.expose(response), again.expose(response), rtol=0.1)  # the sliders change much
+
+
+@pytest.mark.parametrize(
+    ("strength", "spectrum", "said"),
+    [
+        ({"sun": 2.0}, {}, "0 lamps are called 'sun': the image has key, fill, rim"),
+        ({7: 2.0}, {}, "0 lamps are called 7"),
+        ({"key": 2.0}, {}, "key, rim share weights: render with separate_lamps"),
+        ({}, {"rim": WARM}, "key, rim share weights"),
+        ({"fill": -1.0}, {}, "factor of 0 or more"),
+        ({"fill": np.nan}, {}, "factor of 0 or more"),
+    ],
+)
+def test_lamps_that_cannot_be_changed_are_refused(joint_image, strength, spectrum, said):
+    with pytest.raises(InputError, match=said):
+        joint_image.with_lamps(strength, spectrum)
+    dimmed = joint_image.with_lamps({"key": 0.5, "rim": 0.5})  # those that share weights, alike
+    np.testing.assert_array_equal(dimmed.weights[..., :5], 0.5 * joint_image.weights[..., :5])
+
+
+def test_an_image_of_version_0_2_is_changed_by_its_groups(tmp_path, joint_image):
+    """Its file does not name the lamps."""
+    joint_image.save(tmp_path / "new.exr")
+    channels, header = read_exr(tmp_path / "new.exr")
+    record = json.loads(header["palette"])
+    header["palette"] = json.dumps({key: record[key] for key in ("bodies", "interfaces", "lamps")})
+    write_exr(tmp_path / "old.exr", channels, {key: header[key] for key in ("palette", "hagoromo")})
+    old = read_image(tmp_path / "old.exr")
+    assert old.lamp_names == ("lamp group 1", "lamp group 2")
+    np.testing.assert_array_equal(old.with_lamps({1: 0.0}).weights[..., 5:], 0.0)
+    header["palette"] = json.dumps(record | {"lamp_groups": [0, 7, 0]})
+    write_exr(tmp_path / "odd.exr", channels, {key: header[key] for key in ("palette", "hagoromo")})
+    with pytest.raises(InputError, match="lamp_groups"):
+        read_image(tmp_path / "odd.exr")
+
+
+@pytest.fixture(scope="module")
+def joint_image():
+    return render(a_named_scene())
