@@ -1,0 +1,75 @@
+"""Eq. (2)–(12) with one scattering event: the march against an independent oracle in float64, in absolute radiance.
+
+`tests/oracle` computes the same light from the equations alone; first it is held to closed forms and to its own
+convergence. The promise of `Settings.tolerance`, root mean square over the mean where there is matter, is then tested
+as it is told, with marched shadows and with shadow maps.
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from tests.oracle.radiance import radiance
+from tests.oracle.scenes import GREY, WAVELENGTHS, Case, block, cases, error_and_ratio, lamp_above_face
+
+CASES = {case.name: case for case in cases()}
+LARGEST_BIAS = 0.25  # of the mean radiance, as a share of the tolerance: less than the error, which changes sign
+NOT_YET = {
+    "hard ball": "march 0.04, march 0.01, map 0.01",
+    "hard ball, two lamps": "march 0.04, march 0.01, map 0.01",
+    "turned ball, parallel rays": "march 0.04, march 0.01, map 0.01",
+    "two equal boxes in one place": "march 0.04, march 0.01, map 0.04, map 0.01",
+    "two boxes that overlap": "map 0.04, map 0.01",
+    "threads": "map 0.01",
+    "block, 1 depth a voxel, lamp at 5°": "march 0.04, march 0.01, map 0.04, map 0.01",
+}
+
+
+@cache
+def truth(name: str):
+    return CASES[name].truth()
+
+
+def promised(case: Case, shadows: str, tolerance: float):
+    """A case, marked where the march does not keep its promise yet."""
+    mark = pytest.mark.xfail(strict=False, reason="the first order is being mended")
+    not_yet = f"{shadows} {tolerance}" in NOT_YET.get(case.name, "")
+    return pytest.param(case.name, shadows, tolerance, marks=mark if not_yet else ())
+
+
+@pytest.mark.parametrize(
+    ("name", "shadows", "tolerance"),
+    [promised(case, shadows, t) for case in CASES.values() for shadows in ("march", "map") for t in (0.04, 0.01)],
+)
+def test_the_error_of_a_picture_is_within_its_tolerance(name, shadows, tolerance):
+    true, transmittance = truth(name)
+    seen = CASES[name].seen(hg.Settings(shadows=shadows, tolerance=tolerance))
+    error, ratio = error_and_ratio(seen, true, transmittance)
+    assert error < tolerance
+    assert abs(ratio - 1.0) < LARGEST_BIAS * tolerance
+
+
+@pytest.mark.parametrize("name", ["Gaussian ball", "hard ball", "block, 1 depth a voxel, lamp at 5°"])
+def test_the_oracle_has_converged(name):
+    """Parts half as deep and a tenth of the accuracy asked change its picture by less than 0.02 %."""
+    case, (true, transmittance) = CASES[name], truth(name)
+    finer, _ = radiance(case.boxes, case.scene.lamps, case.rays, WAVELENGTHS, accuracy=1e-5, fineness=0.25)
+    assert error_and_ratio(true, finer, transmittance)[0] < 2e-4
+
+
+@pytest.mark.parametrize("margin", [0, 2])
+@pytest.mark.parametrize(("each", "degrees"), [(0.3, 60.0), (0.3, 20.0), (3.0, 5.0), (1e4, 20.0)])
+def test_the_oracle_sees_a_plate_as_its_closed_form(each, degrees, margin):
+    """E f μ_L/(μ_L+μ_V) (1 − exp(−τ (1/μ_L + 1/μ_V))), whatever the profile of density along the normal."""
+    voxels, lamp = block(each, margin, (5 + margin, 83, 83)), lamp_above_face(degrees, GREY)
+    x, to_eye = np.linspace(-0.02, 0.02, 5), np.array([0.3, 0.4, math.sqrt(0.75)])
+    point = np.stack([x, 0.7 * x, np.full(5, 0.5 * voxels.density.shape[0] * voxels.voxel_size)], axis=-1)
+    seen, passed = radiance([voxels], [lamp], (point + to_eye, np.broadcast_to(-to_eye, point.shape)), 550.0)
+    depth, cosines = each * voxels.density[:, 0, 0].sum(), (math.sin(math.radians(degrees)), to_eye[2])
+    rate = 1.0 / cosines[0] + 1.0 / cosines[1]
+    true = 0.3 * cosines[0] / (cosines[0] + cosines[1]) * cosines[0] * -math.expm1(-depth * rate)
+    assert np.allclose(seen[:, 0], true, rtol=3e-5)
+    assert np.allclose(passed, math.exp(-depth / cosines[1]), rtol=1e-9)

@@ -1,0 +1,182 @@
+"""A volume box as plain float64 arrays, and its optical depth along rays, exact to rounding.
+
+Density is trilinear between voxel centres and constant over the outer half voxels; along a ray it is a cubic in each
+cell of the lattice, so that two Gauss points a cell give ∫ σ du exactly. Nothing here steps by a chosen length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hagoromo as hg
+
+DEEPEST = 45.0  # optical depth at which a ray ends: exp(−45) = 3e-20
+TINY = 1e-300
+LEAST_DENSITY = 1e-4  # less is no matter
+GAUSS = 0.5 / np.sqrt(3.0)  # of the two points, from the middle, as a share of the segment
+Array = NDArray[np.float64]
+BITS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])  # corners of a cell
+
+
+@dataclass(frozen=True)
+class Voxels:
+    """Arrays (z, y, x, …) of which a box is made, and its other figures as `hg.VolumeBox` has them.
+
+    Densities and colours are rounded to halves, as boxes store them; axes are not, so that their rounding shows. An
+    empty voxel has no axis: it has no part in the axes between voxels.
+    """
+
+    density: NDArray
+    axis: NDArray
+    voxel_size: float
+    tau: float
+    materials: tuple[hg.Reflectance, ...]
+    pose: Array = field(default_factory=lambda: np.eye(4))
+    material: NDArray[np.uint8] | None = None
+    body_colour: NDArray | None = None
+    basis: tuple[hg.Spectrum, ...] = ()
+
+    def __post_init__(self) -> None:
+        density = np.where(self.density < LEAST_DENSITY, 0.0, self.density)
+        object.__setattr__(self, "density", density.astype(np.float16).astype(np.float64))
+        object.__setattr__(self, "axis", np.where(density[..., None] > 0.0, self.axis, 0.0))
+        if self.body_colour is not None:
+            object.__setattr__(self, "body_colour", self.body_colour.astype(np.float16).astype(np.float64))
+
+    def box(self) -> hg.VolumeBox:
+        """The box that the march sees."""
+        return hg.VolumeBox.from_arrays(**vars(self))
+
+
+class Lattice:
+    """Fields of one box. Coordinates u along (x, y, z): voxel k has its centre at k + 1; matter at ½ ≤ u ≤ n + ½."""
+
+    def __init__(self, voxels: Voxels) -> None:
+        self.tau, self.materials, self.basis = voxels.tau, voxels.materials, voxels.basis
+        self.rotation, self.offset = voxels.pose[:3, :3], voxels.pose[:3, 3]
+        self.voxel, self.material = voxels.voxel_size, voxels.material
+        density, self.axis = padded(voxels.density), padded(voxels.axis)
+        self.colour = None if voxels.body_colour is None else padded(voxels.body_colour)
+        self.shape = np.array(voxels.density.shape[::-1])
+        self.size = np.array(density.shape[::-1]) - 1  # cells
+        parts = [density[z : z + self.size[2], y : y + self.size[1], x : x + self.size[0]] for x, y, z in BITS]
+        self.corners = np.stack(parts, axis=-1).reshape(-1, 8)
+        full: NDArray[np.bool_] = np.any(self.corners, axis=1)
+        held = np.argwhere(full.reshape(self.size[::-1]))[:, ::-1]
+        if len(held) == 0:
+            held = np.zeros((1, 3), int)
+        self.full = full
+        self.low = np.maximum(held.min(axis=0), 0.5)
+        self.high = np.minimum(held.max(axis=0) + 1.0, self.shape + 0.5)
+
+    def ray(self, origin: Array, direction: Array) -> tuple[Array, Array, Array, Array]:
+        """Origin (rays, 3) and direction in u and u per metre; where the ray enters and leaves the matter [m]."""
+        start = (origin - self.offset) @ self.rotation / self.voxel + 0.5
+        along = direction @ self.rotation / self.voxel
+        along = np.where(np.abs(along) < 1e-12, 1e-12, along)
+        a, b = (self.low - start) / along, (self.high - start) / along
+        return start, along, np.minimum(a, b).max(axis=1), np.maximum(a, b).min(axis=1)
+
+    def planes(self, origin: Array, direction: Array) -> Array:
+        """Distances at which rays cross planes between cells and between voxels of other materials: (rays, planes)."""
+        start, along, enter, leave = self.ray(origin, direction)
+        step = 1.0 if self.material is None else 0.5
+        cuts = [(np.arange(1, self.shape[k] + 1, step) - start[:, k, None]) / along[:, k, None] for k in range(3)]
+        cuts = np.concatenate([*cuts, enter[:, None], leave[:, None]], axis=1)
+        enter = np.maximum(enter, 0.0)
+        return np.clip(cuts, enter[:, None], np.maximum(leave, enter)[:, None])
+
+    def depth_between(self, origin: Array, direction: Array, near: Array, far: Array) -> Array:
+        """Optical depth of segments that lie in one cell each, or outside the matter: (segments,)."""
+        start, along, enter, leave = self.ray(origin, direction)
+        middle, length = 0.5 * (near + far), far - near
+        depth = np.zeros(len(near))
+        inside = np.flatnonzero((middle > enter) & (middle < leave))
+        start, along, middle, length = start[inside], along[inside], middle[inside], length[inside]
+        cell = np.floor(start + along * middle[:, None])
+        depth[inside] = self._cell_depth(start, along, cell, middle, length)
+        return depth
+
+    def depth_to(self, origin: Array, direction: Array, distance: Array) -> Array:
+        """Optical depth from points to `distance` [m] along directions, cell by cell: (rays,)."""
+        start, along, enter, leave = self.ray(origin, direction)
+        at, end = np.maximum(enter, 0.0), np.minimum(leave, distance)
+        depth, alive = np.zeros(len(at)), np.flatnonzero(end > at)
+        start, along, at, end = start[alive], along[alive], at[alive], end[alive]
+        sign = np.where(along > 0.0, 1.0, -1.0)
+        place = start + along * at[:, None]
+        cell = np.floor(place + 1e-9 * sign)
+        while len(alive):
+            cuts = (cell + (sign > 0.0) - start) / along
+            which = np.argmin(cuts, axis=1)
+            leaving = np.clip(np.take_along_axis(cuts, which[:, None], axis=1)[:, 0], at, end)
+            depth[alive] += self._cell_depth(start, along, cell, 0.5 * (at + leaving), leaving - at)
+            rows = np.arange(len(alive))
+            cell[rows, which] += sign[rows, which]
+            at = leaving
+            on = (at < end) & (depth[alive] < DEEPEST)
+            if not on.all():
+                alive, start, along, at = alive[on], start[on], along[on], at[on]
+                end, cell, sign = end[on], cell[on], sign[on]
+        return depth
+
+    def _cell_depth(self, start: Array, along: Array, cell: Array, middle: Array, length: Array) -> Array:
+        """∫ σ over segments of given middle and length [m], each in the cell given: (segments,)."""
+        flat = self.flat(cell)
+        depth, held = np.zeros(len(flat)), np.flatnonzero(self.full[flat])
+        if len(held) == 0:
+            return depth
+        corners, length = self.corners[flat[held]], length[held]
+        place, half = (start + along * middle[:, None] - cell)[held], along[held] * (GAUSS * length)[:, None]
+        both = trilinear(corners, place - half) + trilinear(corners, place + half)
+        depth[held] = np.maximum(0.5 * self.tau * length * both, 0.0)
+        return depth
+
+    def flat(self, cell: Array) -> NDArray[np.intp]:
+        """Row of each cell in `corners`."""
+        x, y, z = np.clip(cell, 0, self.size - 1).astype(np.intp).T
+        return (z * self.size[1] + y) * self.size[0] + x
+
+    def extinction(self, place: Array) -> Array:
+        """σ [1/m] at places u; 0 outside the matter."""
+        cell = np.floor(place)
+        inside = ((place >= self.low) & (place <= self.high)).all(axis=1)
+        return self.tau * trilinear(self.corners[self.flat(cell)], place - cell) * inside
+
+    def between(self, grid: NDArray, place: Array) -> Array:
+        """Trilinear vector of a padded grid (z, y, x, k) at places u: (places, k)."""
+        cell = np.clip(np.floor(place), 0, self.size - 1).astype(np.intp)
+        part = place - cell
+        value = np.zeros((len(place), grid.shape[-1]))
+        for bits in BITS:
+            x, y, z = (cell + bits).T
+            value += np.prod(np.where(bits, part, 1.0 - part), axis=1)[:, None] * grid[z, y, x]
+        return value
+
+    def axes(self, place: Array) -> Array:
+        """Unit axes, world: trilinear, then normalised."""
+        axis = self.between(self.axis, place) @ self.rotation.T
+        return axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), TINY)
+
+    def material_numbers(self, place: Array) -> NDArray[np.intp]:
+        """Number of the material of the nearest voxel."""
+        if self.material is None:
+            return np.zeros(len(place), np.intp)
+        x, y, z = np.clip(np.floor(place - 0.5), 0, self.shape - 1).astype(np.intp).T
+        return self.material[z, y, x].astype(np.intp)
+
+
+def trilinear(corners: Array, part: Array) -> Array:
+    """Between the eight corners (cells, 8) of cells, x fastest, at parts 0…1 (cells, 3)."""
+    x, y, z = part[:, 0, None], part[:, 1, None], part[:, 2]
+    along = corners[:, 0::2] * (1.0 - x) + corners[:, 1::2] * x
+    across = along[:, 0::2] * (1.0 - y) + along[:, 1::2] * y
+    return across[:, 0] * (1.0 - z) + across[:, 1] * z
+
+
+def padded(grid: NDArray) -> Array:
+    """With its outer voxels repeated once on every side."""
+    return np.pad(grid.astype(np.float64), [(1, 1)] * 3 + [(0, 0)] * (grid.ndim - 3), mode="edge")
