@@ -138,22 +138,16 @@ def pixel_points(samples: int, seed: int) -> np.ndarray:
 
 def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
     """Keys of the medium and of its shadow maps: equal for scenes that may share them."""
-    boxes = tuple(
-<<<<<<< HEAD
-        (b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), tuple(m.element for m in b.materials), b.shadow_bias)
-=======
-        (b.bricks, b.voxel_size, b.tau, b.pose.tobytes(), len(b.materials), b.shadow_bias, _seen_elements(b))
->>>>>>> 6b30575 (A box may have projected extinction: σ(ω) = τ ρ times the projected area of its elements)
-        for b in scene.boxes
-    )
+    boxes = tuple((*_matter(box), box.pose.tobytes()) for box in scene.boxes)
     places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
     lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)
     return (boxes, settings.tolerance), lamps
 
 
-def _seen_elements(box: VolumeBox) -> tuple[str, ...]:
-    """The elements of the materials of a box of projected extinction, which depends on them."""
-    return tuple(m.element for m in box.materials) if box.extinction == "projected" else ()
+def _matter(box: VolumeBox) -> tuple:
+    """What the medium takes from a box but its pose."""
+    elements = tuple(material.element for material in box.materials)
+    return box.bricks, box.voxel_size, box.tau, elements, box.shadow_bias, box.extinction
 
 
 def _medium(scene: Scene, settings: Settings, cache: SceneCache) -> Medium | None:

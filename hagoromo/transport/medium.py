@@ -32,6 +32,7 @@ from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, 
 from hagoromo.transport.crossing import LATTICE_MARGIN, Cone, Crossing, MarchState, Step
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
+from hagoromo.transport.textures import SeenAlong
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
@@ -243,12 +244,13 @@ class Medium:
     def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
         """Optical depth of the texel from a sample towards the lamp, and the length of that way [m]."""
         assert self.textures is not None
-        way, area = texel_hit.frame.inwards(to_lamp), None
+        way, seen = texel_hit.frame.inwards(to_lamp), None
         if (flakes := self.flakes) is not None:
             first = dr.gather(arrays().UInt, self.first_material, texel_hit.box)
-            area = lambda population, axis: flakes.area(first + population, axis, way)  # noqa: E731
+            tangents = [self.kinds.population(first, k) for k in range(self.textures.populations)]
+            seen = SeenAlong(lambda population, axis: flakes.area(first + population, axis, way), tangents)
         return self.textures.optical_depth(
-            texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau, area
+            texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau, seen
         )
 
     def _charted(self, step: Step) -> tuple[SurfacePoint, Array3f, Array3f]:

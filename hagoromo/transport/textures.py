@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -22,7 +23,16 @@ LONGEST_PATH = 6.0  # longest path of light through a texel, in thicknesses: far
 MOST_SHADOW_STEPS = 64.0  # towards one lamp within the texel
 HEIGHT_ERROR = 0.35  # [voxel] error of interpolated heights where sheets are close
 CELL_MARGIN = 1e-3  # [cell] by which the last cell along the height ends before its last node
-PopulationArea = Callable[[int, Array3f], Float]  # (population, unit axis along u, v, normal) → projected area
+
+
+class SeenAlong(NamedTuple):
+    """How a direction sees the elements of populations, in a box of projected extinction.
+
+    area: (population, unit axis along u, v, normal) → projected area. tangents: see `Textures.axes`.
+    """
+
+    area: Callable[[int, Array3f], Float]
+    tangents: Sequence[Bool | None]
 
 
 @dataclass
@@ -143,12 +153,12 @@ class Textures:
         density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
         return dr.select(inside, density, 0.0)
 
-    def seen_densities(self, lattice: Lattice, here: SurfacePoint, area: PopulationArea) -> list[Float]:
+    def seen_densities(self, lattice: Lattice, here: SurfacePoint, seen: SeenAlong) -> list[Float]:
         """Density of every population times the projected area of its elements; 0 above and below the texel."""
         inside = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
-        each = zip(self.densities(lattice, here), self.axes(lattice, here), strict=True)
+        each = zip(self.densities(lattice, here), self.axes(lattice, here, seen.tangents), strict=True)
         return [
-            dr.select(inside, density * area(k, dr.normalize(axis + 1e-9)), 0.0)
+            dr.select(inside, density * seen.area(k, dr.normalize(axis + 1e-9)), 0.0)
             for k, (density, axis) in enumerate(each)
         ]
 
@@ -187,12 +197,12 @@ class Textures:
         way: Array3f,
         stop: Float,
         tau: Float,
-        area: PopulationArea | None = None,
+        seen: SeenAlong | None = None,
     ) -> tuple[Float, Float]:
         """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
-        is taken for flat. area: projected area along the way; None where extinction is isotropic.
+        is taken for flat. seen: of the elements along the way; None where extinction is isotropic.
         """
         jit, lattice = arrays(), self.lattice(box, level)
         per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
@@ -207,7 +217,7 @@ class Textures:
 
         def one(k: Float, passed: Float) -> tuple[Float, Float]:
             there = here.moved((k + 0.5) * length, way, per_metre)
-            density = sum(self.seen_densities(lattice, there, area)) if area else self.density(lattice, there)
+            density = sum(self.seen_densities(lattice, there, seen)) if seen else self.density(lattice, there)
             return k + 1.0, passed + density
 
         start = jit.Float(0), jit.Float(0)

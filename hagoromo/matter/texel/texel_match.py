@@ -23,7 +23,7 @@ from hagoromo.reflectance.element import element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
-from hagoromo.transport.textures import STEPS_PER_CELL, PopulationArea, Textures
+from hagoromo.transport.textures import STEPS_PER_CELL, SeenAlong, Textures
 from hagoromo.volume.box import Extinction
 from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
 
@@ -132,18 +132,25 @@ class Layer:
         """Points of the rays at a distance `on` [m] behind the face of the layer."""
         return self.face.moved(-on, self.rays.to_eye, self.per_metre)
 
-    def area(self, direction: Any) -> PopulationArea | None:
-        """Projected areas of the populations along a direction; None where extinction is isotropic."""
+    @property
+    def tangents(self) -> list[Any]:
+        """Of every population, whether its axes are tangents; see `Textures.axes`."""
+        elements = self.elements or [material.element for material in self.materials]
+        return [arrays().Bool(True) if element == "cylinder" else None for element in elements]
+
+    def seen_along(self, direction: Any) -> SeenAlong | None:
+        """How a direction sees the elements; None where extinction is isotropic."""
         if not self.elements:
             return None
-        return lambda population, axis: projected_area(self.elements[population], dr.dot(axis, direction))
+        area = lambda population, axis: projected_area(self.elements[population], dr.dot(axis, direction))  # noqa: E731
+        return SeenAlong(area, self.tangents)
 
     def densities(self, here: SurfacePoint) -> list[Any]:
         """Density of every population, times its projected area towards the eye where extinction is projected."""
-        area = self.area(self.rays.to_eye)
-        if area is None:
+        seen = self.seen_along(self.rays.to_eye)
+        if seen is None:
             return self.textures.densities(self.lattice, here)
-        return self.textures.seen_densities(self.lattice, here, area)
+        return self.textures.seen_densities(self.lattice, here, seen)
 
     def density(self, here: SurfacePoint) -> Any:
         """All populations together."""
@@ -152,16 +159,10 @@ class Layer:
     def light(self, here: SurfacePoint) -> list[Any]:
         """Density times the light that the elements at a place reflect: body and interface of every population."""
         way = self.rays.to_lamp
-        area = self.area(way)
-        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau, area)
+        seen = self.seen_along(way)
+        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau, seen)
         arrived, radiance = dr.exp(-depth), []
-<<<<<<< HEAD
-        densities = self.textures.densities(self.lattice, here)
-        tangents = [arrays().Bool(True) if m.element == "cylinder" else None for m in self.materials]
-        axes = self.textures.axes(self.lattice, here, tangents)
-=======
-        densities, axes = self.densities(here), self.textures.axes(self.lattice, here)
->>>>>>> 6b30575 (A box may have projected extinction: σ(ω) = τ ρ times the projected area of its elements)
+        densities, axes = self.densities(here), self.textures.axes(self.lattice, here, self.tangents)
         for density, axis, m in zip(densities, axes, self.materials, strict=True):
             unit = dr.normalize(axis + 1e-9)
             weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
