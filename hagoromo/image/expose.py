@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.sensor import develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
-from hagoromo.image.image import Image, read_image
+from hagoromo.image.image import Image, StrengthOfLamp, read_image
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.photograph import Photograph
@@ -20,8 +21,8 @@ LEAST_LIT_SHARE = 0.05  # share of a picture
 
 def expose(
     image: Image | str | Path,
-    strength: Mapping[str | int, float] | None = None,
-    spectrum: Mapping[str | int, Spectrum | str | Path | float] | None = None,
+    strength: StrengthOfLamp | None = None,
+    spectrum: Mapping[Any, Any] | None = None,
 ) -> Image:
     """An image with the strengths and spectra of lamps changed, without a new rendering; see `Image.with_lamps`.
 

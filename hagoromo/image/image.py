@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.lighting import Palette, distinct
 
+StrengthOfLamp: TypeAlias = Mapping[Any, float]  # by name, or by number from 0
+SpectrumOfLamp: TypeAlias = Mapping[Any, Spectrum]
 KEY = 0.9  # display value that the brightest half percent of a picture is exposed to
 
 
@@ -77,9 +79,7 @@ class Image:
         groups = range(len(self.palette.lamps))
         return self.palette.lamp_names or tuple(f"lamp group {k + 1}" for k in groups)
 
-    def with_lamps(
-        self, strength: Mapping[str | int, float] | None = None, spectrum: Mapping[str | int, Spectrum] | None = None
-    ) -> Image:
+    def with_lamps(self, strength: StrengthOfLamp | None = None, spectrum: SpectrumOfLamp | None = None) -> Image:
         """The image under changed lamps, without a new rendering: what `render` gives of the scene with them.
 
         strength: factor on the intensity of a lamp, 0 or more. spectrum: its spectrum in place of its own. Both by the
@@ -105,7 +105,7 @@ class Image:
         record = _with_lamps(self.metadata, self.palette, factors, spectra)
         return replace(self, weights=self.weights * each, palette=replace(self.palette, lamps=lamps), metadata=record)
 
-    def _of_groups(self, of_lamps: Mapping[str | int, Any], otherwise: Any, what: str) -> list[Any]:
+    def _of_groups(self, of_lamps: Mapping[Any, Any], otherwise: Any, what: str) -> list[Any]:
         """A value for each group of lamps from those of single lamps."""
         names = self.lamp_names
         groups = self.palette.lamp_groups or tuple(range(len(names)))
@@ -199,7 +199,8 @@ def _palette_record(palette: Palette) -> dict[str, Any]:
 def _palette_from_record(record: dict[str, Any]) -> Palette:
     """Files of version 0.2 do not name the lamps."""
     names, groups = tuple(map(str, record.get("lamp_names", ()))), tuple(map(int, record.get("lamp_groups", ())))
-    palette = Palette(*(tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS), names, groups)
+    bodies, interfaces, lamps = (tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS)
+    palette = Palette(bodies, interfaces, lamps, names, groups)
     if len(names) != len(groups) or (groups and set(groups) != set(range(len(palette.lamps)))):
         raise ValueError("its lamp_groups do not fit its lamps")
     return palette
