@@ -18,6 +18,7 @@ from hagoromo.files.checks import existing_file
 
 LARGEST_FILE = 1 << 24  # bytes; a table in steps of half a degree has 2 MiB
 MOST_VALUES = 1 << 20  # candela values of a table
+MOST_NUMBERS = 2 * MOST_VALUES  # numbers that are read; the rest of a file is never split
 HEADER = 13  # numbers before the angles: lamps, lumens, multiplier, counts, types, size, ballast, watts
 TYPE_C, PHOTOMETRY = 1, {2: "B", 3: "A"}
 # up to 1995 the number after the ballast factor multiplies the candela; from 2002 on it is 1, or says who measured
@@ -60,7 +61,7 @@ def read_ies(path: str | Path) -> IesTable:
 
 def _numbers(text: str, source: Path) -> NDArray[np.float64]:
     """All numbers after the line TILT=, which blanks, commas and line ends part."""
-    words = text.replace(",", " ").replace("\x1a", " ").split()
+    words = text.replace(",", " ").replace("\x1a", " ").split(maxsplit=MOST_NUMBERS)[:MOST_NUMBERS]
     try:
         values = np.array(words, np.float64)
     except ValueError:
@@ -134,7 +135,7 @@ def _count(values: NDArray[np.float64], place: int, what: str, source: Path) -> 
 
 def _keywords(shell: list[str]) -> dict[str, str]:
     """Keywords of the lines before TILT=."""
-    found: dict[str, str] = {}
+    found: dict[str, list[str]] = {}
     name = ""
     for line in shell:
         match = re.match(r"\s*\[([^\]]+)\]\s*(.*)", line)
@@ -142,7 +143,7 @@ def _keywords(shell: list[str]) -> dict[str, str]:
             continue
         key, text = match.group(1).strip().upper(), match.group(2).strip()
         if key == "MORE" and name:
-            found[name] = f"{found[name]} {text}".strip()
+            found[name].append(text)
         else:
-            name, found[key] = key, text
-    return found
+            name, found[key] = key, [text]
+    return {key: " ".join(parts).strip() for key, parts in found.items()}

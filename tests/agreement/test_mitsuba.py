@@ -41,8 +41,21 @@ def camera() -> hg.Camera:
     return pinhole.look_at(EYE, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
-def pictures_of_mitsuba(integrator: str, objects: dict) -> tuple[np.ndarray, np.ndarray]:
-    """Mean radiance (height, width) [W m⁻² sr⁻¹] of independent renders, and the variance of that mean."""
+def lamp_of(cutoff_deg: float | None) -> hg.Lamp:
+    """A point lamp, or Mitsuba's spot towards the middle as a profile: its edge lies within the picture."""
+    if cutoff_deg is None:
+        return hg.Lamp(position=LAMP, intensity=INTENSITY)
+    spot = hg.LampProfile([0], [0, 0.25 * cutoff_deg, cutoff_deg], [[1, 1, 0]])
+    return hg.Lamp(position=LAMP, intensity=INTENSITY, axis=-np.array(LAMP), profile=spot)
+
+
+def pictures_of_mitsuba(
+    integrator: str, objects: dict, cutoff_deg: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean radiance (height, width) [W m⁻² sr⁻¹] of independent renders, and the variance of that mean.
+
+    cutoff_deg: of Mitsuba's spot towards the middle, whose light falls to nothing there, linearly with the angle.
+    """
     mi = mitsuba()
     look = mi.ScalarTransform4f().look_at(EYE, [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     film = {"type": "hdrfilm", "width": PIXELS, "height": PIXELS, "component_format": "float32",
@@ -50,6 +63,10 @@ def pictures_of_mitsuba(integrator: str, objects: dict) -> tuple[np.ndarray, np.
     fov = 2.0 * math.degrees(math.atan(0.5 / FOCAL))
     sensor = {"type": "perspective", "fov": fov, "to_world": look, "near_clip": 0.01, "far_clip": 100.0}
     lamp = {"type": "point", "position": list(LAMP), "intensity": {"type": "rgb", "value": INTENSITY}}
+    if cutoff_deg is not None:
+        aimed = mi.ScalarTransform4f().look_at(list(LAMP), [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        lamp = {"type": "spot", "intensity": lamp["intensity"], "to_world": aimed,
+                "cutoff_angle": cutoff_deg, "beam_width": 0.25 * cutoff_deg}  # fmt: skip
     scene = mi.load_dict({
         "type": "scene", "integrator": {"type": integrator, "max_depth": 2, "rr_depth": 1000},
         "sensor": {**sensor, "film": film, "sampler": {"type": "independent"}}, "lamp": lamp, **objects,
@@ -65,15 +82,18 @@ def assert_same_radiance(ours: hg.Image, mean: np.ndarray, variance: np.ndarray)
     assert not blocks_agree(mean, 1.03 * radiance, variance, BLOCK, relative_bias=OURS_BIAS)
 
 
-@pytest.mark.parametrize("tau", [TAU, 10.0 * TAU])
-def test_the_march_sees_the_radiance_of_volpath(tau):
-    """A cloud of optical depth 3, and of 30, with its own shadow: the albedo of matter of spheres is π α."""
+@pytest.mark.parametrize(("tau", "cutoff_deg"), [(TAU, None), (10.0 * TAU, None), (TAU, 14.0)])
+def test_the_march_sees_the_radiance_of_volpath(tau, cutoff_deg):
+    """A cloud of optical depth 3, and of 30, with its own shadow: the albedo of matter of spheres is π α.
+
+    Also under Mitsuba's spot, see `lamp_of`.
+    """
     mi, density = mitsuba(), cloud()
     pose = np.eye(4)
     pose[:3, 3] = -1.0
     matter = hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, MATTE, element="sphere")
     box = hg.VolumeBox.from_arrays(density, np.zeros((*density.shape, 3)), 2.0 / VOXELS, tau, [matter], pose=pose)
-    ours = hg.render(hg.Scene(camera(), (hg.Lamp(position=LAMP, intensity=INTENSITY),), (box,)), SOFT)
+    ours = hg.render(hg.Scene(camera(), (lamp_of(cutoff_deg),), (box,)), SOFT)
     # f [1/sr] of a matte sphere, at χ = ∠(L, V); Mitsuba counts the angle from straight on
     phase = np.arccos(-np.linspace(-1.0, 1.0, 361))
     values = np.sin(phase) + (math.pi - phase) * np.cos(phase)
@@ -83,18 +103,24 @@ def test_the_march_sees_the_radiance_of_volpath(tau):
         "type": "heterogeneous", "albedo": {"type": "constvolume", "value": math.pi * ALPHA}, "scale": tau,
         "sigma_t": grid, "phase": {"type": "tabphase", "values": ",".join(f"{value:.9g}" for value in values)},
     }  # fmt: skip
-    theirs = pictures_of_mitsuba("volpath", {"box": {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}})
+    theirs = pictures_of_mitsuba(
+        "volpath", {"box": {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}}, cutoff_deg
+    )
     assert_same_radiance(ours, *theirs)
 
 
-def test_surfaces_see_the_radiance_of_path():
-    """A Lambert ball before a wall that it shades: f = α cos θ of ours is a reflectance of π α."""
+@pytest.mark.parametrize("cutoff_deg", [None, 12.0])
+def test_surfaces_see_the_radiance_of_path(cutoff_deg):
+    """A Lambert ball before a wall that it shades: f = α cos θ of ours is a reflectance of π α.
+
+    Also under Mitsuba's spot, see `lamp_of`.
+    """
     mi, matter = mitsuba(), hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, MATTE)
     wall = np.diag([2.0, 2.0, 1.0, 1.0])
     wall[2, 3] = -0.9
     surfaces = (hg.Surface.sphere((0.1, -0.2, 0.0), 0.6, matter), hg.Surface(matter, "rectangle", pose=wall))
-    ours = hg.render(hg.Scene(camera(), (hg.Lamp(position=LAMP, intensity=INTENSITY),), (), surfaces), SHARP)
+    ours = hg.render(hg.Scene(camera(), (lamp_of(cutoff_deg),), (), surfaces), SHARP)
     paint = {"type": "diffuse", "reflectance": {"type": "rgb", "value": math.pi * ALPHA}}
     ball = {"type": "sphere", "center": [0.1, -0.2, 0.0], "radius": 0.6, "bsdf": paint}
     plane = {"type": "rectangle", "to_world": mi.ScalarTransform4f(wall.tolist()), "bsdf": paint}
-    assert_same_radiance(ours, *pictures_of_mitsuba("path", {"ball": ball, "plane": plane}))
+    assert_same_radiance(ours, *pictures_of_mitsuba("path", {"ball": ball, "plane": plane}, cutoff_deg))

@@ -166,3 +166,79 @@ def test_a_rendered_scene_file_is_its_scene_rendered(scene_path):
     np.testing.assert_array_equal(read_image(paths[0]).weights, render(scene, settings).weights)
     with pytest.raises(InputError, match=r"a\.exr exists"):
         image.save(paths[0])
+
+
+IES = """IESNA:LM-63-2002
+TILT=NONE
+1 -1 1 3 2 1 2 0 0 0
+1 1 40
+0 40 90
+0 180
+900 600 10
+900 300 0
+"""
+SPOTS = """
+axis = [-0.2, 1.0, -0.5]
+axis_power = 8.0
+
+[[lamp]]
+name = "flood"
+position = [0.1, 0.1, 0.9]
+profile = "flood.ies"
+roll_deg = 90.0
+intensity = 0.5
+candela_from_profile = true
+spectrum = "A"
+"""
+
+
+def test_a_scene_file_has_spots_and_measured_profiles(scene_path):
+    """The flood's plane C = 0 is turned to +y, where its file has twice the light of −y at 40°; 450 cd on its axis."""
+    from hagoromo.light.colour import colour_matching
+    from hagoromo.light.spectrum import Spectrum, integrate_product
+
+    (scene_path.parent / "flood.ies").write_text(IES)
+    scene_path.write_text(SCENE.replace("intensity = 3.0\n", "intensity = 3.0" + SPOTS))
+    scene, _ = load_scene(scene_path)
+    spot, flood, _ = scene.lamps
+    assert spot.axis_power == 8.0
+    np.testing.assert_allclose(np.array(spot.axis), np.array([-0.2, 1.0, -0.5]) / np.sqrt(1.29))
+    s, c = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
+    np.testing.assert_allclose(
+        flood.relative_intensity([[0, 0, -1], [0, s, -c], [0, -s, -c], [0, 0, 1]]), [1, 2 / 3, 1 / 3, 0], atol=1e-12
+    )
+    bright = integrate_product(Spectrum.named("A"), colour_matching()[1], lo=360.0, hi=830.0)
+    assert 683.0 * np.array(flood.intensity) * bright == pytest.approx(450.0, rel=1e-12)
+    assert "profile 'flood'" in repr(flood)
+
+
+def test_photographs_under_spots_and_profiles_keep_their_lamps(scene_path, tmp_path):
+    """transforms.json holds the table, so that the capture needs no IES file; light falls off as in the scene."""
+    (scene_path.parent / "flood.ies").write_text(IES)
+    scene_path.write_text(SCENE.replace("intensity = 3.0\n", "intensity = 3.0" + SPOTS))
+    scene, _ = load_scene(scene_path)
+    simulate(scene_path).save(tmp_path / "capture")
+    lamps = [shot.lamps[0] for shot in load_capture(tmp_path / "capture").photographs]
+    points = np.random.default_rng(3).uniform(-0.3, 0.3, (17, 3))
+    for lamp, true in zip(lamps, scene.lamps, strict=True):
+        ours, theirs = (one.direction_and_irradiance(points)[1] for one in (lamp, true))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"flood.ies"', '"../flood.ies"', "points outside"),
+        ('"flood.ies"', '"none.ies"', "does not exist"),
+        ('"flood.ies"', "7", "a profile is an IES file"),
+        ('profile = "flood.ies"\nroll_deg = 90.0\n', "", "candela_from_profile needs a profile"),
+        ("roll_deg = 90.0", 'axis_power = 3.0', "leave axis_power out"),
+        ('"flood.ies"', "{lateral = [0], vertical = [0, 90], intensity = [[1, 2], [3]]}", "rows of different lengths"),
+        ('"flood.ies"', "{lateral = [0], vertical = [0, 90], intensity = [[1, 2]]}", "states no candela"),
+    ],
+)  # fmt: skip
+def test_wrong_lamps_of_a_scene_are_refused(scene_path, old, new, said):
+    (scene_path.parent / "flood.ies").write_text(IES)
+    scene_path.write_text(SCENE.replace("intensity = 3.0\n", "intensity = 3.0" + SPOTS.replace(old, new)))
+    with pytest.raises(InputError, match=said):
+        load_scene(scene_path)
