@@ -37,7 +37,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.texel import LightScale
-from hagoromo.volume.voxels import BRICK, CORNERS, PackedVoxels, Voxels, corner, packets_around, shares
+from hagoromo.volume.voxels import BRICK, CORNERS, PackedVoxels, PlainVoxels, Voxels, corner, packets_around, shares
 
 NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty
 NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
@@ -173,12 +173,15 @@ class Medium:
         """
         density, clearance = self.density(step)
         extinction = step.tau * density
-        if self.flakes is not None:
-            extinction *= dr.if_stmt(
-                (step, direction), self.flakes.in_box(step.box) & (density > 0.0),
-                self.projected_area, lambda step, direction: arrays().Float(1),
-            )  # fmt: skip
-        return extinction, clearance
+        if self.flakes is None:
+            return extinction, clearance
+        if isinstance(self.voxels, PlainVoxels):  # a derivative by densities needs the area where there is none, too
+            return extinction * self.projected_area(step, direction), clearance
+        area = dr.if_stmt(
+            (step, direction), self.flakes.in_box(step.box) & (density > 0.0),
+            self.projected_area, lambda step, direction: arrays().Float(1),
+        )  # fmt: skip
+        return extinction * area, clearance
 
     def projected_area(self, step: Step, direction: Array3f) -> Float:
         """Projected area along `direction` of the elements of a sample in a stored brick, in their mean: 0…1."""

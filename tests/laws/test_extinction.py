@@ -11,16 +11,22 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from hagoromo.app.info import info
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
 from hagoromo.image.ray_march import RayMarch
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_file import load_scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.build import build
 from hagoromo.reflectance.element import ELEMENTS, element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.store.header import header_from_record, header_of
 
 WHITE = Spectrum.constant(1.0)
 CAMERA = Camera(31, 29, (40.0, 40.0), (15.5, 14.5))
@@ -202,3 +208,64 @@ def test_the_opaque_limit_does_not_depend_on_the_extinction(element):
                 a, b = (1.0, 1.0) if extinction == "isotropic" else (area_eye, area_lamp)
                 limit = a * -lamp[2] / (a * -lamp[2] + b * -eye[2])
             assert light.weights[0] == pytest.approx(limit * np.array([body, interface]), rel=0.01)
+
+
+def test_spheres_of_half_the_area_are_isotropic():
+    """A sphere's projected area is ½: twice the τ gives the same bits as isotropic extinction."""
+    there, same = (cloud("sphere", *how) for how in (("projected", 240.0), ("isotropic", 120.0)))
+    way = unit([[0.3, -0.9, 0.2], [-0.1, 0.8, 0.5]])
+    one, other = (through_middle(box, [Lamp(to_lamp=(0.4, -0.8, 0.6))], way, "march") for box in (there, same))
+    assert np.array_equal(one.weights, other.weights) and np.array_equal(one.transmittance, other.transmittance)
+
+
+def test_each_box_of_a_scene_keeps_its_own_extinction():
+    """Rays through one of two boxes that stand apart bring what they bring without the other: rounding.
+
+    Without a box of projected extinction kernels know nothing of it.
+    """
+    away = np.eye(4)
+    away[:3, 3] = (0.5, 0.0, 0.0)
+    boxes = cloud("plane", "isotropic"), cloud("cylinder", "projected").with_pose(away)
+    assert Medium(boxes[:1]).flakes is None and Medium(boxes).flakes is not None
+    lamp, eye = Lamp(to_lamp=(0.1, -0.8, 0.6)), unit([-0.05, -0.7, 0.3])
+    together = replace(scene_of(boxes[0], [lamp]), boxes=boxes)
+    for box in boxes:
+        middle = box.corners().mean(axis=0) + 0.02 * np.random.default_rng(2).normal(size=(23, 3))
+        alone, among = (
+            RayMarch(scene, Settings(shadows="march"))(middle + eye, np.broadcast_to(-eye, middle.shape))
+            for scene in (scene_of(box, [lamp]), together)
+        )
+        assert among.transmittance == pytest.approx(alone.transmittance, rel=1e-4)
+        assert among.weights.sum(axis=1) == pytest.approx(alone.weights.sum(axis=1), rel=1e-4, abs=1e-7)
+
+
+def test_the_extinction_is_kept_in_files_and_must_be_known(tmp_path):
+    """Boxes stored without the key are isotropic; a scene may name another extinction, but no unknown one."""
+    box = full_box(matter("cylinder"), "projected")
+    box.save(tmp_path / "box.zarr")
+    assert VolumeBox.load(tmp_path / "box.zarr").extinction == "projected"
+    assert info(tmp_path / "box.zarr")["extinction"] == "projected"
+    record = header_of(box).record()
+    assert record.pop("extinction") == "projected" and header_from_record(record, "here").extinction == "isotropic"
+    assert "extinction" not in header_of(replace(box, extinction="isotropic")).record()
+    with pytest.raises(InputError, match="extinction is 'opaque': give one of isotropic, projected"):
+        replace(box, extinction="opaque")
+    text = """
+        camera = {size = [31, 29], focal = [40, 40], eye = [0.03, -1, 0.03]}
+        lamp = [{to_lamp = [0, -1, 1]}]
+        box = [{file = "box.zarr"}, {file = "box.zarr", extinction = "isotropic"}]
+    """
+    (tmp_path / "scene.toml").write_text("\n".join(line.strip() for line in text.splitlines()))
+    scene, _ = load_scene(tmp_path / "scene.toml")
+    assert [box.extinction for box in scene.boxes] == ["projected", "isotropic"]
+    assert scene.record()["boxes"][0]["extinction"] == "projected"
+
+
+def test_recipes_name_the_extinction():
+    """Of plain boxes and of texels, which are matched for it and cannot have another one later."""
+    material = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
+    ball = {"kind": "solid", "shape": {"form": "sphere", "radius_mm": 2.0}, "voxel_mm": 0.5, "material": material}
+    assert build(ball).extinction == "isotropic"
+    assert build(ball | {"extinction": "projected"}).extinction == "projected"
+    with pytest.raises(InputError, match="extinction"):
+        build(ball | {"extinction": "opaque"})

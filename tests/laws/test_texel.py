@@ -59,17 +59,17 @@ def flat(jump=0.0, turned=False):
     return chart
 
 
-def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH):
+def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction="isotropic"):
     """A shell of the bars on a plane, size × size mm around the origin."""
     half = 0.5 * size
     box = shell(
         chart or flat(), lambda p: dr.abs(p.y), ((-half, -2.5, -half), (half, 2.5, half)), voxel, made or block(), path,
-        (MATTER, MATTER),
+        (MATTER, MATTER), extinction,
     )  # fmt: skip
     return box.box()
 
 
-def plain(size=12.0, voxel=VOXEL):
+def plain(size=12.0, voxel=VOXEL, extinction="isotropic"):
     """The same bars in a plain box."""
     half = 0.5 * size
 
@@ -79,7 +79,11 @@ def plain(size=12.0, voxel=VOXEL):
         return density, jit.Array3f(axis.x, -axis.z, axis.y)
 
     extent = (-half, -0.6, -half), (half, 0.6, half)
-    return fill(field, lambda p: dr.abs(p.y) - 0.5, extent, Fineness(voxel, PATH), MATTER).box()
+    return (
+        fill(field, lambda p: dr.abs(p.y) - 0.5, extent, Fineness(voxel, PATH), MATTER)
+        .with_extinction(extinction)
+        .box()
+    )
 
 
 def seen(box, samples=4, shadows="map", distance=0.08, pixels=40, towards=(0.3, -1.0, 0.4), lamps=LAMPS, **more):
@@ -101,12 +105,18 @@ def depth(box, origin, direction):
     return float(optical_depth(Medium([box]), *ray, deepest=math.inf)[0])
 
 
-@pytest.mark.parametrize("shadows", ["none", "march"])
-def test_a_texel_on_a_plane_looks_like_the_same_matter_in_a_plain_box(shadows):
-    """2 %: both interpolate the same nodes, on lattices that are half a voxel apart, with steps of their own."""
-    laid, full = seen(sheet(), 36, shadows), seen(plain(), 36, shadows)
+@pytest.mark.parametrize(
+    ("shadows", "extinction", "samples"),
+    [("none", "isotropic", 36), ("march", "isotropic", 36), ("march", "projected", 9), ("map", "projected", 9)],
+)
+def test_a_texel_on_a_plane_looks_like_the_same_matter_in_a_plain_box(shadows, extinction, samples):
+    """2 %: both interpolate the same nodes, on lattices that are half a voxel apart, with steps of their own.
+
+    With maps 4 %: what leaves the texel is taken as straight.
+    """
+    laid, full = (seen(make(extinction=extinction), samples, shadows) for make in (sheet, plain))
     assert laid[1].mean() == pytest.approx(full[1].mean(), rel=0.02)
-    assert laid[0].mean() == pytest.approx(full[0].mean(), rel=0.02)
+    assert laid[0].mean() == pytest.approx(full[0].mean(), rel=0.04 if shadows == "map" else 0.02)
 
 
 def test_maps_and_the_way_out_of_the_texel_agree_with_the_brute_march():
@@ -174,12 +184,13 @@ def test_levels_keep_means_and_close_periods():
         assert found == pytest.approx(wanted, rel=1e-3)
 
 
-def test_matched_levels_pass_and_send_back_what_the_finest_does():
+@pytest.mark.parametrize("extinction", ["isotropic", "projected"])
+def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
     """3 % of the mean light over all pairs of directions, which the scales are fitted to."""
-    made, tau = matched(block(), 1e3 / PATH, (MATTER, MATTER)), 1e3 / PATH
-    finest = light_sent(made, 0, tau, (MATTER, MATTER)).sum(axis=(1, 2))
+    made, tau = matched(block(), 1e3 / PATH, (MATTER, MATTER), extinction), 1e3 / PATH
+    finest = light_sent(made, 0, tau, (MATTER, MATTER), extinction).sum(axis=(1, 2))
     for level in range(1, len(made.levels)):
-        found = light_sent(made, level, tau, (MATTER, MATTER)).sum(axis=(1, 2))
+        found = light_sent(made, level, tau, (MATTER, MATTER), extinction).sum(axis=(1, 2))
         assert found.mean() == pytest.approx(finest.mean(), rel=0.03)
 
 
