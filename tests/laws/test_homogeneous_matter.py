@@ -5,13 +5,11 @@ half a mean free path a voxel to matter that nothing passes, lamps from 60° dow
 in the same place. Every lamp has a spectrum of its own, so that one march gives its light apart.
 """
 
-import math
-
 import numpy as np
 import pytest
 
 import hagoromo as hg
-from tests.oracle.scenes import MATTE, SIDE, block, lamp_above_face
+from tests.oracle.scenes import MATTE, block, lamp_above_face
 
 HEIGHTS = (90.0, 60.0, 20.0, 5.0)  # of the lamps above the face [degrees]
 LAMPS = tuple(lamp_above_face(height, hg.Spectrum.constant(1.0 + k)) for k, height in enumerate(HEIGHTS))

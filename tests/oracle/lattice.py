@@ -57,12 +57,15 @@ class Lattice:
     def __init__(self, voxels: Voxels) -> None:
         self.tau, self.materials, self.basis = voxels.tau, voxels.materials, voxels.basis
         self.rotation, self.offset = voxels.pose[:3, :3], voxels.pose[:3, 3]
-        self.voxel, self.material = voxels.voxel_size, voxels.material
-        density, self.axis = padded(voxels.density), padded(voxels.axis)
+        self.voxel, self.element = voxels.voxel_size, np.array([m.element for m in voxels.materials])
+        self.density, self.axis = padded(voxels.density), padded(voxels.axis)
+        self.mixed = voxels.material is not None
+        material = voxels.material if voxels.material is not None else np.zeros(voxels.density.shape)
+        self.material = padded(material).astype(np.intp)
         self.colour = None if voxels.body_colour is None else padded(voxels.body_colour)
         self.shape = np.array(voxels.density.shape[::-1])
-        self.size = np.array(density.shape[::-1]) - 1  # cells
-        parts = [density[z : z + self.size[2], y : y + self.size[1], x : x + self.size[0]] for x, y, z in BITS]
+        self.size = np.array(self.density.shape[::-1]) - 1  # cells
+        parts = [self.density[z : z + self.size[2], y : y + self.size[1], x : x + self.size[0]] for x, y, z in BITS]
         self.corners = np.stack(parts, axis=-1).reshape(-1, 8)
         full: NDArray[np.bool_] = np.any(self.corners, axis=1)
         held = np.argwhere(full.reshape(self.size[::-1]))[:, ::-1]
@@ -83,7 +86,7 @@ class Lattice:
     def planes(self, origin: Array, direction: Array) -> Array:
         """Distances at which rays cross planes between cells and between voxels of other materials: (rays, planes)."""
         start, along, enter, leave = self.ray(origin, direction)
-        step = 1.0 if self.material is None else 0.5
+        step = 0.5 if self.mixed else 1.0
         cuts = [(np.arange(1, self.shape[k] + 1, step) - start[:, k, None]) / along[:, k, None] for k in range(3)]
         cuts = np.concatenate([*cuts, enter[:, None], leave[:, None]], axis=1)
         enter = np.maximum(enter, 0.0)
@@ -146,27 +149,30 @@ class Lattice:
         inside = ((place >= self.low) & (place <= self.high)).all(axis=1)
         return self.tau * trilinear(self.corners[self.flat(cell)], place - cell) * inside
 
-    def between(self, grid: NDArray, place: Array) -> Array:
-        """Trilinear vector of a padded grid (z, y, x, k) at places u: (places, k)."""
+    def matter(self, place: Array) -> tuple[NDArray[np.intp], Array, Array | None]:
+        """At places u: number of the material, unit axis (world), and coefficients of the colour (None: no colours).
+
+        A voxel adds its density times its weight. The material is that of the voxel that adds most; colour is the mean
+        by what voxels add. Axes are blended, by weight alone, among voxels with matter of that element; tangents, which
+        have no sign, after each is turned to the side of the heaviest.
+        """
         cell = np.clip(np.floor(place), 0, self.size - 1).astype(np.intp)
-        part = place - cell
-        value = np.zeros((len(place), grid.shape[-1]))
-        for bits in BITS:
-            x, y, z = (cell + bits).T
-            value += np.prod(np.where(bits, part, 1.0 - part), axis=1)[:, None] * grid[z, y, x]
-        return value
-
-    def axes(self, place: Array) -> Array:
-        """Unit axes, world: trilinear, then normalised."""
-        axis = self.between(self.axis, place) @ self.rotation.T
-        return axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), TINY)
-
-    def material_numbers(self, place: Array) -> NDArray[np.intp]:
-        """Number of the material of the nearest voxel."""
-        if self.material is None:
-            return np.zeros(len(place), np.intp)
-        x, y, z = np.clip(np.floor(place - 0.5), 0, self.shape - 1).astype(np.intp).T
-        return self.material[z, y, x].astype(np.intp)
+        corner = tuple((cell[:, None] + BITS).T[::-1])
+        part = (place - cell)[:, None]
+        weight = np.prod(np.where(BITS, part, 1.0 - part), axis=-1).T  # (8, places)
+        added = weight * self.density[corner]
+        number = self.material[corner]
+        chosen = np.take_along_axis(number, np.argmax(added, axis=0)[None], axis=0)[0]
+        colour = None
+        if self.colour is not None:
+            colour = np.einsum("vp,vpk->pk", added, self.colour[corner]) / np.maximum(added.sum(axis=0), TINY)[:, None]
+        weight = np.where(self.element[number] == self.element[chosen], weight, 0.0)
+        axis = self.axis[corner]
+        heaviest = np.argmax(np.where(axis.any(axis=-1), weight, -1.0), axis=0)
+        towards = np.take_along_axis(axis, heaviest[None, :, None], axis=0)
+        turned = (np.sum(axis * towards, axis=-1) < 0.0) & (self.element[chosen] == "cylinder")
+        mean = np.einsum("vp,vpk->pk", np.where(turned, -weight, weight), axis) @ self.rotation.T
+        return chosen, mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), TINY), colour
 
 
 def trilinear(corners: Array, part: Array) -> Array:

@@ -184,15 +184,15 @@ class Oracle:
         for box in self.boxes:
             place = (point - box.offset) @ box.rotation / box.voxel + 0.5
             sigma = box.extinction(place)
-            numbers = box.material_numbers(place)
+            held = np.flatnonzero(sigma > 0.0)
+            numbers, axes, mixture = box.matter(place[held])
             for number, material in enumerate(box.materials):
-                here = np.flatnonzero((sigma > 0.0) & (numbers == number))
-                axis = box.axes(place[here])
-                body, interface = element_weights(material, axis, to_lamp[here], to_eye[here])
+                chosen = numbers == number
+                here = held[chosen]
+                body, interface = element_weights(material, axes[chosen], to_lamp[here], to_eye[here])
                 colour = at(material.body_colour, self.wavelengths)
-                if box.colour is not None and box.basis:
-                    basis = np.array([at(spectrum, self.wavelengths) for spectrum in box.basis])
-                    colour = box.between(box.colour, place[here])[:, : len(basis)] @ basis
+                if mixture is not None and box.basis:
+                    colour = mixture[chosen] @ np.array([at(spectrum, self.wavelengths) for spectrum in box.basis])
                 f = body[:, None] * colour + interface[:, None] * at(material.interface_colour, self.wavelengths)
                 total[here] += sigma[here, None] * f
         return total

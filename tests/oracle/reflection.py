@@ -7,6 +7,7 @@ body and interface [1/sr], (points,) each. f = body · c_b(λ) + interface · e(
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,11 @@ def dot(a: Array, b: Array) -> Array:
 
 def gauss(count: int, first: Any, last: Any) -> Weights:
     """Gauss–Legendre nodes and weights between `first` and `last`, along a last axis."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = _legendre(count)
     half = 0.5 * (np.asarray(last) - first)
     return first + half * (1.0 + nodes), half * weights
+
+
+@cache
+def _legendre(count: int) -> Weights:
+    return np.polynomial.legendre.leggauss(count)

@@ -158,7 +158,7 @@ def half_dense() -> Voxels:
 
 
 def threads() -> Voxels:
-    """Five layers of soft threads, across each other in turn, of cylinders along them."""
+    """Ten layers of soft threads, across each other in turn, of cylinders along them; tangents of either sign."""
     count = 31
     x, y, z = centres((count, count, count))
     pitch = SIDE / 5.0
@@ -168,7 +168,8 @@ def threads() -> Voxels:
     across = (np.where(along_x, y, x) / pitch - 0.5) % 1.0 * pitch - 0.5 * pitch
     core = np.clip(1.5 - np.sqrt(across**2 + (1.6 * height) ** 2) / (0.25 * pitch), 0.0, 1.0)
     inside = (np.abs(z) < 0.07) & (np.maximum(np.abs(x), np.abs(y)) < 0.1)
-    tangent = np.where(along_x[..., None], (1.0, 0.1, 0.0), (-0.1, 1.0, 0.0))
+    tangent = np.where(along_x[..., None], (1.0, 0.3, 0.0), (-0.1, 1.0, 0.0))
+    tangent = tangent * np.random.default_rng(2).choice([-1.0, 1.0], (*core.shape, 1))
     return box_of(core * inside, tangent / np.linalg.norm(tangent, axis=-1, keepdims=True), 0.8, THREADS)
 
 
