@@ -1,12 +1,15 @@
 """Colour response of a camera R_c(λ), and its reading of light: ρ_c = ∫ S(λ) E(λ) R_c(λ) dλ (MODEL §5, eq. 10).
 
-Enters: spectral sensitivities, by name or CSV. All curves are piecewise linear and all integrals are exact.
+Enters: spectral sensitivities, by name or CSV. All curves are piecewise linear and all integrals are exact. The limits
+of the integral belong to the response: 400–700 nm of a camera, as in the paper, 360–830 nm of the CIE's observer.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +21,8 @@ from hagoromo.files.record import inside
 from hagoromo.light.colour import colour_matching
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
 
+OBSERVER_CHANNELS = ("X", "Y", "Z")  # colour matching functions
+LIMITS_LINE = re.compile(r"# *limits_nm *= *(\d+(?:\.\d+)?) *, *(\d+(?:\.\d+)?) *\r?\n")  # the first line of a CSV
 # Two-sided Gaussians of the stand-in for the EOS 300D: height, centre [nm], widths below and above it [nm].
 CANON_EOS_300D = {
     "R": ((0.66, 588.0, 15.0, 31.0), (0.18, 654.0, 37.0, 10.0)),
@@ -31,6 +36,8 @@ class Response:
     """Spectral sensitivities of a sensor's channels, linear between the wavelengths and 0 outside.
 
     wavelengths: (n,) [nm], strictly increasing. values: (n, channels), finite, relative. channels: their names.
+    limits: lowest and highest wavelength of eq. (10) [nm]; 400–700 by default, as in the paper, and for an observer
+    (channels X, Y, Z) the range of its wavelengths. `InputError` for limits that do not increase.
 
     >>> camera = hg.Response.load("canon_eos_300d")
     >>> camera.channels, [int(camera.wavelengths[k]) for k in camera.values.argmax(axis=0)]  # most sensitive at [nm]
@@ -41,9 +48,15 @@ class Response:
     values: NDArray[np.float64]
     channels: tuple[str, ...]
     name: str
+    limits: tuple[float, float]
 
     def __init__(
-        self, wavelengths: ArrayLike, values: ArrayLike, channels: Sequence[str] = ("R", "G", "B"), name: str = ""
+        self,
+        wavelengths: ArrayLike,
+        values: ArrayLike,
+        channels: Sequence[str] = ("R", "G", "B"),
+        name: str = "",
+        limits: tuple[float, float] | None = None,
     ) -> None:
         values = np.array(values, np.float64)
         if values.ndim != 2 or values.shape[1] != len(channels) or len(set(channels)) != len(channels):
@@ -54,6 +67,7 @@ class Response:
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "channels", tuple(channels))
         object.__setattr__(self, "name", name)
+        object.__setattr__(self, "limits", _limits(limits, curves[0].wavelengths, self.channels))
 
     def __repr__(self) -> str:
         """The name, the channels and the range of the wavelengths."""
@@ -72,7 +86,8 @@ class Response:
     def load(source: str | Path, folder: str | Path | None = None) -> Response:
         """Response by name or from a CSV file (wavelength column first, then one column per channel).
 
-        folder: where a file that names the CSV lies; the CSV must be inside it.
+        folder: where a file that names the CSV lies; the CSV must be inside it. A first line such as
+        "# limits_nm = 360, 1000" states its limits.
 
         Names: "cie1931" (colour matching functions x̄ ȳ z̄), "canon_eos_300d", and colour-science's measured cameras.
         "canon_eos_300d" is a smooth stand-in, not a measurement: per channel two Gaussians with unequal flanks, fitted
@@ -88,15 +103,27 @@ class Response:
 
         `InputError` for a name that does not end in .csv, or a file that exists without `force`.
         """
-        from hagoromo.files.table import write_table
         from hagoromo.files.whole import whole_file
 
         if Path(path).suffix.lower() != ".csv":
             raise InputError(f"{path} is to be a table: give a name that ends in .csv")
         with whole_file(path, force) as partial:
-            columns = dict(zip(self.channels, self.values.T, strict=True))
-            write_table(partial, {"wavelength_nm": self.wavelengths, **columns})
+            self.write_table(partial)
         return Path(path)
+
+    def write_table(self, path: Path) -> None:
+        """Write the CSV of `save` to `path`, with the limits in its first line where they are not the default."""
+        from hagoromo.files.table import write_table
+
+        low, high = self.limits
+        stated = self.limits != _limits(None, self.wavelengths, self.channels)
+        columns = dict(zip(self.channels, self.values.T, strict=True))
+        comment = f"limits_nm = {low!r}, {high!r}" if stated else ""
+        write_table(path, {"wavelength_nm": self.wavelengths, **columns}, comment)
+
+    def with_limits(self, low: float, high: float) -> Response:
+        """The same curves, read from `low` to `high` nm in eq. (10): for bands beyond the visible, say."""
+        return replace(self, limits=(low, high))
 
     def curve(self, channel: int) -> Spectrum:
         """R_c(λ) of one channel."""
@@ -104,28 +131,48 @@ class Response:
 
 
 def camera_response(
-    reflectance: Spectrum, lamp: Spectrum, response: Response, lo: float = VISIBLE[0], hi: float = VISIBLE[1]
+    reflectance: Spectrum, lamp: Spectrum, response: Response, lo: float | None = None, hi: float | None = None
 ) -> NDArray[np.float64]:
-    """ρ_c (channels,) of a surface with spectrum `reflectance` S under `lamp` E, integrated over [lo, hi] nm.
+    """ρ_c (channels,) of a surface with spectrum `reflectance` S under `lamp` E, over [lo, hi] nm.
 
-    The unit is that of S·E·R·nm.
+    lo, hi: by default `response.limits`. S keeps its end values where it is not known, see `Spectrum.held`; E and R are
+    0 there. The unit is that of S·E·R·nm.
     """
+    lo, hi = _range(response, lo, hi)
+    surface = reflectance.held(lo, hi)
     # Tanaka eq. (10)
-    return np.array([integrate_product(reflectance, lamp, curve, lo=lo, hi=hi) for curve in _curves(response)])
+    return np.array([integrate_product(surface, lamp, curve, lo=lo, hi=hi) for curve in _curves(response)])
 
 
 def response_matrix(
-    bases: Sequence[Spectrum], lamp: Spectrum, response: Response, lo: float = VISIBLE[0], hi: float = VISIBLE[1]
+    bases: Sequence[Spectrum], lamp: Spectrum, response: Response, lo: float | None = None, hi: float | None = None
 ) -> NDArray[np.float64]:
     """∫ B_j E R_c dλ (channels, bases): ρ of the surface Σ_j b_j B_j(λ) is this matrix times b."""
     return np.stack([camera_response(basis, lamp, response, lo, hi) for basis in bases], axis=1)
 
 
 def camera_white(
-    lamp: Spectrum, response: Response, lo: float = VISIBLE[0], hi: float = VISIBLE[1]
+    lamp: Spectrum, response: Response, lo: float | None = None, hi: float | None = None
 ) -> NDArray[np.float64]:
     """∫ E R_c dλ (channels,): reading of a perfect white, S = 1 at every wavelength, under `lamp`, over [lo, hi] nm."""
+    lo, hi = _range(response, lo, hi)
     return np.array([integrate_product(lamp, curve, lo=lo, hi=hi) for curve in _curves(response)])
+
+
+def _range(response: Response, lo: float | None, hi: float | None) -> tuple[float, float]:
+    return response.limits[0] if lo is None else lo, response.limits[1] if hi is None else hi
+
+
+def _limits(
+    stated: tuple[float, float] | None, wavelengths: NDArray[np.float64], channels: tuple[str, ...]
+) -> tuple[float, float]:
+    if stated is None:
+        observer = channels == OBSERVER_CHANNELS
+        return (float(wavelengths[0]), float(wavelengths[-1])) if observer else VISIBLE
+    low, high = (float(limit) for limit in stated)
+    if not (math.isfinite(high - low) and low < high):
+        raise InputError(f"the limits of a response are {low:g} and {high:g} nm: give a lower and a higher wavelength")
+    return low, high
 
 
 def _curves(response: Response) -> list[Spectrum]:
@@ -133,6 +180,7 @@ def _curves(response: Response) -> list[Spectrum]:
 
 
 def _from_csv(path: Path) -> Response:
+    from hagoromo.files.checks import read_bytes
     from hagoromo.files.table import read_table
 
     table = read_table(path)
@@ -140,8 +188,10 @@ def _from_csv(path: Path) -> Response:
     wavelengths = table.pop(key)
     if not table:
         raise InputError(f"{path} has the column {key} only: add one column per channel")
+    stated = LIMITS_LINE.match(read_bytes(path)[:200].decode("utf-8-sig", "replace"))
     try:
-        return Response(wavelengths, np.stack(list(table.values()), axis=1), tuple(table), path.stem)
+        limits = None if stated is None else (float(stated[1]), float(stated[2]))
+        return Response(wavelengths, np.stack(list(table.values()), axis=1), tuple(table), path.stem, limits)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -41,12 +41,16 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     return {name: values[:, column].copy() for column, name in enumerate(names)}
 
 
-def write_table(path: str | Path, columns: Mapping[str, ArrayLike]) -> None:
-    """Write `columns`, name → (rows,), such that `read_table` returns the same float64 numbers."""
+def write_table(path: str | Path, columns: Mapping[str, ArrayLike], comment: str = "") -> None:
+    """Write `columns`, name → (rows,), such that `read_table` returns the same float64 numbers.
+
+    comment: a line before the columns, which `read_table` skips.
+    """
     arrays = [np.asarray(values, dtype=np.float64) for values in columns.values()]
     if len({array.shape for array in arrays}) != 1 or arrays[0].ndim != 1:
         raise InputError(f"a table needs columns of one length: given shapes {[array.shape for array in arrays]}")
     with Path(path).open("w", newline="", encoding="utf-8") as file:
+        file.write(f"# {comment}\n" if comment else "")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows([repr(float(value)) for value in row] for row in zip(*arrays, strict=True))

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.record import Record, about, decode, inside, like
 
-VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10)
+VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10), of cameras
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions
 WAVELENGTH_COLUMNS = ("wavelength_nm", "wavelength", "nm", "lambda")
 
@@ -124,6 +124,20 @@ class Spectrum:
         """Values at `wavelength` [nm], of the same shape; 0 outside the range."""
         return np.interp(np.asarray(wavelength, dtype=np.float64), self.wavelengths, self.values, left=0.0, right=0.0)
 
+    def held(self, lo: float, hi: float) -> Spectrum:
+        """With its end values held as far as [lo, hi] nm: of a reflectance, the value nearest to an unmeasured one.
+
+        CIE 15 recommends it where a reflectance was measured over a part of 360–830 nm.
+
+        >>> hg.Spectrum([400, 700], [0.2, 0.6]).held(360, 830).at([380, 780]).tolist()
+        [0.2, 0.6]
+        """
+        knots = self.wavelengths
+        if lo >= knots[0] and hi <= knots[-1]:
+            return self
+        wide = np.concatenate([[lo] if lo < knots[0] else [], knots, [hi] if hi > knots[-1] else []])
+        return Spectrum(wide, np.interp(wide, knots, self.values))
+
     def scaled(self, factor: float) -> Spectrum:
         """This spectrum times a number."""
         return Spectrum(self.wavelengths, self.values * float(factor))
@@ -152,9 +166,10 @@ class Spectrum:
         return {"wavelengths": self.wavelengths.tolist(), "values": self.values.tolist()}
 
 
-def integrate_product(*spectra: Spectrum, lo: float = VISIBLE[0], hi: float = VISIBLE[1]) -> float:
-    """∫ s₁(λ) s₂(λ) … dλ over [lo, hi] nm, exact: Gauss–Legendre between the knots of all the spectra.
+def integrate_product(*spectra: Spectrum, lo: float = -np.inf, hi: float = np.inf) -> float:
+    """∫ s₁(λ) s₂(λ) … dλ over [lo, hi] nm (default: wherever all spectra reach), exact.
 
+    Gauss–Legendre between the knots of all the spectra.
     Between knots the product of m linear functions is a polynomial of degree m; ⌊m/2⌋ + 1 points integrate degree
     2⌊m/2⌋ + 1 ≥ m exactly.
 

@@ -26,7 +26,6 @@ from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import ForeignRecord, decode, inside, read_json, write_json, written_by
-from hagoromo.files.table import write_table
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
@@ -168,8 +167,7 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
         }
         if response:
             name = re.sub(r"[^\w .()-]", "_", response.name or "response") + ".csv"
-            curves = dict(zip(response.channels, response.values.T, strict=True))
-            write_table(home / name, {"wavelength_nm": response.wavelengths, **curves})
+            response.write_table(home / name)
             shared["sensor"] = {**shared.get("sensor", {}), "response": name}
         for what, vectors in (("points", capture.points), ("normals", capture.normals)):
             if vectors is not None:
@@ -256,7 +254,7 @@ def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str
 def _same(one: Response | None, other: Response | None) -> bool:
     if one is None or other is None or one is other:
         return one is other
-    knots = np.array_equal(one.wavelengths, other.wavelengths)
+    knots = np.array_equal(one.wavelengths, other.wavelengths) and one.limits == other.limits
     return knots and one.channels == other.channels and np.array_equal(one.values, other.values)
 
 

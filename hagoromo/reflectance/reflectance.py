@@ -15,13 +15,12 @@ import numpy as np
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
-from hagoromo.light.spectrum import SOURCE, Spectrum, SpectrumRecord
+from hagoromo.light.spectrum import CONSTANT_RANGE, SOURCE, Spectrum, SpectrumRecord
 from hagoromo.reflectance.element import ELEMENTS, Element
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.torrance_sparrow import cosines, weights_at
 
-VISIBLE = (400.0, 700.0)  # nm, the range of eq. (10)
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 LARGEST_GAMMA = math.pi / 2
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
@@ -102,7 +101,7 @@ class Reflectance:
 
     @property
     def body_albedo(self) -> float:
-        """π α c_b at the wavelength (400–700 nm) where the body reflects most."""
+        """π α c_b at the wavelength (360–830 nm) where the body reflects most."""
         return math.pi * self.alpha * _largest(self.body_colour)
 
     @property
@@ -216,6 +215,7 @@ def _direction(polar: Any, turn: Any) -> tuple[Any, Any, Any]:
 
 
 def _largest(colour: Spectrum) -> float:
-    """Largest value between 400 and 700 nm; a piecewise linear spectrum has it at a knot or at a limit."""
-    inside = [w for w in colour.wavelengths if VISIBLE[0] < w < VISIBLE[1]]
-    return float(np.max(colour.at(np.array([*VISIBLE, *inside]))))
+    """Largest value between 360 and 830 nm; a piecewise linear spectrum has it at a knot or at a limit."""
+    lo, hi = CONSTANT_RANGE
+    inside = [w for w in colour.wavelengths if lo < w < hi]
+    return float(np.max(colour.at(np.array([lo, hi, *inside]))))

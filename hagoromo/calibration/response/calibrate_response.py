@@ -64,8 +64,7 @@ class ResponseCalibration:
             for k, end in enumerate(("low", "high"))
         }
         with whole_file(curves, force) as response, whole_file(bounds, force) as intervals:
-            values = dict(zip(self.response.channels, self.response.values.T, strict=True))
-            write_table(response, wavelength | values)
+            self.response.write_table(response)
             write_table(intervals, wavelength | ends)
         return curves, bounds
 

@@ -14,7 +14,6 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import write_views
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
-from hagoromo.files.table import write_table
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
@@ -61,7 +60,7 @@ class Stage:
                 f"photograph {photograph.name!r} is of a camera of unknown response, unlike those that were measured: "
                 "give its response"
             )
-        _write_response(home / f"response_{number:02d}.csv", response)
+        response.write_table(home / f"response_{number:02d}.csv")
         scene = {
             "camera": {
                 "size": [camera.width, camera.height], "focal": list(camera.focal),
@@ -82,7 +81,7 @@ class Stage:
         recipe: dict[str, Any] = {"kind": "relief", "measured": "measured", "camera": "camera.json", "dim": self.dim}
         if self.spectrum is not None:
             assert self.camera.response is not None  # as the spectrum is known
-            _write_response(home / "response.csv", self.camera.response)
+            self.camera.response.write_table(home / "response.csv")
             recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
         (home / RELIEF_RECIPE).write_text(_toml(recipe), encoding="utf-8")
 
@@ -141,11 +140,6 @@ def _spectrum(capture: Capture) -> Spectrum | None:
     scalar = not any(isinstance(lamp.intensity, tuple) for lamp in lamps)
     known = all(photograph.camera.response is not None for photograph in capture.photographs)
     return first if alike and scalar and known else None
-
-
-def _write_response(path: Path, response: Response) -> None:
-    curves = dict(zip(response.channels, response.values.T, strict=True))
-    write_table(path, {"wavelength_nm": response.wavelengths, **curves})
 
 
 def _conserves_energy(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float) -> bool:

@@ -107,12 +107,15 @@ def reflectance_spectrum(
 
 
 def reading_matrix(lamp: Spectrum, response: Response) -> Array:
-    """(channels, wavelengths): readings, relative to white, of a reflectance that is linear between `WAVELENGTHS`."""
+    """(channels, wavelengths): readings, relative to white, of a reflectance that is linear between `WAVELENGTHS`.
+
+    Beyond them it keeps its end values.
+    """
     tents = [Spectrum(WAVELENGTHS, row) for row in np.eye(len(WAVELENGTHS))]
     reads = camera_white(lamp, response)
     if not (reads > 0.0).all():
-        dark = response.channels[int(np.argmin(reads))]
-        raise InputError(f"channel {dark} has no response to this lamp over 400–700 nm: leave the channel out")
+        dark, (low, high) = response.channels[int(np.argmin(reads))], response.limits
+        raise InputError(f"channel {dark} has no response to this lamp over {low:g}–{high:g} nm: leave the channel out")
     return response_matrix(tents, lamp, response) / reads[:, None]
 
 
