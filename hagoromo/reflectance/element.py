@@ -73,7 +73,7 @@ def projected_area(element: str, cos_axis: Float) -> Float:
         return dr.abs(cos_axis)
     if element == "cylinder":
         return (2.0 / math.pi) * dr.sqrt(dr.fmax(1.0 - cos_axis * cos_axis, 1e-12))
-    return 0.5 + 0.0 * cos_axis
+    return 0.5
 
 
 def sphere_body(cos_phase: Float) -> Float:

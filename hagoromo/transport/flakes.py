@@ -44,7 +44,7 @@ class Flakes:
         cosine, area = dr.dot(axis, direction), None
         kind = dr.gather(arrays().UInt, self.kind_of, material) if len(self.kinds) > 1 else None
         for k in self.kinds:
-            own = arrays().Float(1) if k == ISOTROPIC else projected_area(ELEMENTS[k], cosine)
+            own = arrays().Float(1.0 if k == ISOTROPIC else projected_area(ELEMENTS[k], cosine))
             area = own if area is None else dr.select(kind == k, own, area)
         assert area is not None
         return area

@@ -22,6 +22,7 @@ from hagoromo.matter.texel.texel_match import light_sent, matched
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
+from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
 
 WHITE = Spectrum.constant(1.0)
@@ -59,7 +60,7 @@ def flat(jump=0.0, turned=False):
     return chart
 
 
-def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction="isotropic"):
+def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction: Extinction = "isotropic"):
     """A shell of the bars on a plane, size × size mm around the origin."""
     half = 0.5 * size
     box = shell(
@@ -69,7 +70,7 @@ def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction="is
     return box.box()
 
 
-def plain(size=12.0, voxel=VOXEL, extinction="isotropic"):
+def plain(size=12.0, voxel=VOXEL, extinction: Extinction = "isotropic"):
     """The same bars in a plain box."""
     half = 0.5 * size
 
