@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | figures | gallery | real | relit | lamps | near | spectra |
-# coverage | merl: each sets up what it needs.
+# coverage | merl | first-order: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl figures gallery schemas
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order figures gallery schemas
 
 setup: $(READY)
 
@@ -79,6 +79,11 @@ spectra: $(READY)
 coverage: $(READY)
 	$(BIN)/python -m studies.coverage --out out/coverage --force
 	cp out/coverage/coverage.md docs/ && cp out/coverage/coverage.png docs/figures/
+
+# The march against an oracle of its equations in float64, before and now (a minute): docs/first_order.md.
+first-order: $(READY)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.first_order --out out/first_order --force
+	cp out/first_order/first_order.md docs/ && cp out/first_order/*.png docs/figures/
 
 # 80 measured materials, fitted with our model and with GGX + Lambert (minutes; needs the fits beside): docs/merl.md.
 merl: $(READY)

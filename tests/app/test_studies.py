@@ -31,6 +31,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "spectra_rivals.py": {"reflectance.spectra.prior_spectra"},
     # files of the data are checked as the package checks its own
     "merl_truth.py": {"files.record"},
+    # the steps that a tolerance stands for
+    "first_order.py": {"transport.frames"},
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
     "gallery/gallery_item.py": {"backend"},
