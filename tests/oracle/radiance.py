@@ -183,7 +183,7 @@ class Oracle:
         total = np.zeros((len(point), len(self.wavelengths)))
         for box in self.boxes:
             place = (point - box.offset) @ box.rotation / box.voxel + 0.5
-            sigma = box.extinction(place)
+            sigma = box.extinction(place, to_eye)
             held = np.flatnonzero(sigma > 0.0)
             numbers, axes, mixture = box.matter(place[held])
             for number, material in enumerate(box.materials):

@@ -65,6 +65,8 @@ def cases() -> list[Case]:
         _case("two equal boxes in one place", [half_dense(), half_dense()], [DAYLIGHT]),
         _case("two boxes that overlap", [gaussian_ball(), cloud(6.0, (0.05, -0.04, 0.03), 30.0)], [DAYLIGHT]),
         _case("threads", [threads()], [DAYLIGHT]),
+        _case("threads, projected area", [threads(count=21, extinction="projected")], [DAYLIGHT]),
+        _case("ball of flakes", [flakes()], [DAYLIGHT]),
         _case("lamp close to a box", [gaussian_ball(8.0)], [hg.Lamp(position=(0.06, -0.16, 0.1), intensity=0.05)]),
         _case("two materials, colour of voxels", [coloured_block()], [DAYLIGHT, LOW_LAMP]),
         _orthographic("turned ball, parallel rays", [hard_ball(20.0, 35.0)], [DAYLIGHT]),
@@ -131,6 +133,15 @@ def gaussian_ball(depth: float = 3.0, count: int = 29) -> Voxels:
     return box_of(np.exp(-0.5 * (radius / 0.04) ** 2), normal, per_voxel, SHINY)
 
 
+def flakes(count: int = 13) -> Voxels:
+    """A soft ball of flakes that lean this way and that; extinction by their projected area."""
+    x, y, z = centres((count, count, count))
+    axis = np.stack([np.sin(30.0 * y) + 0.3, np.cos(25.0 * z) - 0.8, 1.0 + np.sin(20.0 * x)], axis=-1)
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    density = np.exp(-0.5 * (x * x + y * y + z * z) / 0.05**2)
+    return box_of(density, axis, 1.0, SHINY, extinction="projected")
+
+
 def hard_ball(depth: float = 20.0, degrees: float = 0.0, count: int = 29) -> Voxels:
     """Density 1 within 9 cm, else 0; `depth` through the middle."""
     radius, normal = outwards(*centres((count, count, count)))
@@ -157,9 +168,8 @@ def half_dense() -> Voxels:
     return box_of(np.ones((13, 17, 19)), (0.0, -0.6, 0.8), 0.6, MATTE)
 
 
-def threads() -> Voxels:
+def threads(count: int = 31, **fields: Any) -> Voxels:
     """Ten layers of soft threads, across each other in turn, of cylinders along them; tangents of either sign."""
-    count = 31
     x, y, z = centres((count, count, count))
     pitch = SIDE / 5.0
     layer = np.floor(z / (0.5 * pitch)).astype(int)
@@ -170,7 +180,9 @@ def threads() -> Voxels:
     inside = (np.abs(z) < 0.07) & (np.maximum(np.abs(x), np.abs(y)) < 0.1)
     tangent = np.where(along_x[..., None], (1.0, 0.3, 0.0), (-0.1, 1.0, 0.0))
     tangent = tangent * np.random.default_rng(2).choice([-1.0, 1.0], (*core.shape, 1))
-    return box_of(core * inside, tangent / np.linalg.norm(tangent, axis=-1, keepdims=True), 0.8, THREADS)
+    return box_of(
+        core * inside, tangent / np.linalg.norm(tangent, axis=-1, keepdims=True), 24.8 / count, THREADS, **fields
+    )
 
 
 def coloured_block() -> Voxels:
