@@ -240,7 +240,7 @@ class Medium:
         for k, axis in enumerate(textures.axes(lattice, here, tangents)):
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
             share = dr.select(textured, each[k] * scale, float(k == 0))
-            number = material + dr.select(textured, k, arrays().UInt(0))
+            number = material + dr.select(textured & (lattice.populations > k), k, arrays().UInt(0))
             elements.append(Element(axis, number, share, scales[k], shadow_bias))
         return elements, TexelHit(textured, step.box, step.level, step.tau, here, frame)
 

@@ -134,6 +134,28 @@ def test_a_jump_by_whole_periods_is_not_seen():
     assert mean_difference(jumped[0], smooth[0]) < 0.01
 
 
+def test_a_texel_of_one_population_names_no_material_of_another_box():
+    """Beside a texel of two populations, the second of a texel of one has no share and no material of its own."""
+
+    def one(point, variant):
+        density, axis, _ = bars(point)
+        return density, axis, arrays().UInt(0)
+
+    last = texel(one, PERIOD, HEIGHTS, VOXEL, 1)
+    box = shell(flat(), lambda p: dr.abs(p.y), ((-3, -2, -3), (3, 2, 3)), 0.7, last, PATH, (MATTER,)).box()
+    away = np.eye(4)
+    away[:3, 3] = (0.1, 0.0, 0.0)
+    medium, jit = Medium([sheet(size=6.0), box.with_pose(away @ box.pose)]), arrays()
+    x = jit.Float(np.linspace(0.0985, 0.1015, 5, dtype=np.float32))
+    crossing = medium.cross(jit.Array3f(x, -0.02, 0.0003), jit.Array3f(0, 1, 0), jit.Float(0), jit.Float(dr.inf))
+    state = crossing.start()
+    while np.array(medium.next(crossing, state).brick).max() < 0:
+        state = crossing.skip_empty(medium.next(crossing, state), state)
+    elements, _ = medium.elements(medium.next(crossing, state), crossing.direction)
+    assert [int(np.array(element.material).max()) for element in elements] == [2, 2]
+    assert np.array(elements[1].share).max() == 0.0
+
+
 def test_sheets_closer_than_two_voxels_stay_apart():
     """Light through two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
 
