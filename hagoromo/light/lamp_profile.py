@@ -73,17 +73,7 @@ class LampProfile:
     ) -> None:
         who = f"profile {name!r}" if name else "a lamp's profile"
         c, gamma, values = (_numbers(v, who) for v in (lateral, vertical, intensity))
-        if c.ndim != 1 or gamma.ndim != 1 or values.shape != (len(c), len(gamma)):
-            raise InputError(
-                f"{who} has {c.shape} lateral and {gamma.shape} vertical angles, and values {values.shape}: "
-                "give (C,), (γ,) and (C, γ)"
-            )
-        if len(gamma) < 2 or gamma[0] < 0.0 or gamma[-1] > 180.0:
-            raise InputError(f"{who}: give two or more vertical angles within 0° to 180°")
-        _check_steps(c, f"{who}: lateral angles")
-        _check_steps(gamma, f"{who}: vertical angles")
-        if (values < 0.0).any() or not values.max() > 0.0:
-            raise InputError(f"{who}: intensities must be 0 or more, one of them above 0")
+        _check_table(c, gamma, values, who)
         if peak_candela is not None and not (math.isfinite(peak_candela) and peak_candela > 0.0):
             raise InputError(f"{who}: peak_candela is {peak_candela}: give a number above 0")
         c, values = _unfolded(c, values / values.max(), who)
@@ -218,6 +208,22 @@ def _interval(knots: NDArray[np.float64], at: NDArray[np.float64]) -> tuple[NDAr
     """Number of the interval, and the place in it, 0…1."""
     i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     return i, np.clip((at - knots[i]) / (knots[i + 1] - knots[i]), 0.0, 1.0)
+
+
+def _check_table(
+    lateral: NDArray[np.float64], vertical: NDArray[np.float64], values: NDArray[np.float64], who: str
+) -> None:
+    if lateral.ndim != 1 or vertical.ndim != 1 or values.shape != (len(lateral), len(vertical)):
+        raise InputError(
+            f"{who} has {lateral.shape} lateral and {vertical.shape} vertical angles, and values {values.shape}: "
+            "give (C,), (γ,) and (C, γ)"
+        )
+    if len(vertical) < 2 or vertical[0] < 0.0 or vertical[-1] > 180.0:
+        raise InputError(f"{who}: give two or more vertical angles within 0° to 180°")
+    _check_steps(lateral, f"{who}: lateral angles")
+    _check_steps(vertical, f"{who}: vertical angles")
+    if (values < 0.0).any() or not values.max() > 0.0:
+        raise InputError(f"{who}: intensities must be 0 or more, one of them above 0")
 
 
 def _check_steps(angles: NDArray[np.float64], what: str) -> None:

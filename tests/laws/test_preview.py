@@ -15,6 +15,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
@@ -134,6 +135,25 @@ def test_another_reflectance_compiles_nothing():
     """Its energy is checked, and a sphere's facets tabled, by the same kernels for every γ and n."""
     sphere_table(Reflectance(0.2, 0.3, 0.25, 1.5, GREY, element="sphere").gamma, 7)
     assert compilations(lambda: sphere_table(Reflectance(0.2, 0.3, 0.26, 1.41, GREY, element="sphere").gamma, 7)) == 0
+
+
+def test_a_turned_spot_and_another_luminaire_compile_nothing():
+    """Angles, sizes of tables, axes and powers are read from memory; the preview ends with the bits of the render."""
+    random, floor = np.random.default_rng(2), Surface.floor(0.0, 0.5, Reflectance(0.2, 0.3, 0.2, 1.5, GREY))
+
+    def scene_under(angles: int, tilt: float) -> Scene:
+        profile = LampProfile([0, 20, 90], np.linspace(0, 90, angles), random.random((3, angles)))
+        luminaire = Lamp((0.1, -0.2, 0.9), axis=(tilt, 0.2, -1.0), profile=profile, roll=tilt)
+        spot = Lamp((0.3, -0.2, 0.8), axis=(-tilt, 0.1, -1.0), axis_power=10.0 * tilt)
+        return Scene(a_camera(), (luminaire, spot), surfaces=(floor,))
+
+    def look(seen: Scene) -> None:
+        *_, last = coarse_view().pictures(seen)
+        assert np.array_equal(last.weights, render(seen, SETTINGS).weights)
+
+    gc.collect()  # a kernel with surfaces depends on how many of them are alive
+    look(scene_under(7, 0.3))
+    assert compilations(lambda: look(scene_under(19, 0.5))) == 0
 
 
 def test_a_scene_is_let_go_with_its_picture(scene):
