@@ -29,6 +29,14 @@ def is_gaussian(nu: Float) -> bool:
     return isinstance(nu, (int, float)) and math.isinf(nu)
 
 
+def facet_density_at(squared_angle: Float, gamma: Float, nu: Float = GAUSSIAN) -> Float:
+    """D = exp(−E) at the squared angle φ² [rad²] between normal and half vector, see `facet_exponent`."""
+    if is_gaussian(nu):
+        # Tanaka eq. (4)
+        return dr.exp(-LN2 * squared_angle / (gamma * gamma))
+    return dr.exp(-facet_exponent(squared_angle, gamma, nu))
+
+
 def facet_exponent(squared_angle: Float, gamma: Float, nu: Float) -> Float:
     """E = −ln D = ν ln(1 + (2^{1/ν} − 1) φ²/γ²) ≥ 0 of facets at the squared angle φ² [rad²].
 
@@ -49,6 +57,22 @@ def facet_exponent(squared_angle: Float, gamma: Float, nu: Float) -> Float:
 def tail_rise(t: Float) -> Float:
     """(2^t − 1)/t of t = 1/ν, the slope of E by φ²/γ² at φ = 0; ln2 at t = 0."""
     return LN2 * expm1_quotient(LN2 * t)
+
+
+def facet_mass(squared_angle: Float, gamma: Float, nu: Float) -> Float:
+    """Facets within the squared angle φ² [rad²]: M = (2g/γ²) ∫₀^φ D φ dφ, with g of `tail_rise`; 1 − D without tails.
+
+    M = (1 − e^{−(1−t)E})/(1 − t), smooth at t = 1.
+    """
+    exponent = facet_exponent(squared_angle, gamma, nu)
+    return exponent * expm1_quotient((1.0 / nu - 1.0) * exponent)
+
+
+def squared_angle_of_mass(mass: Float, gamma: Float, nu: Float) -> Float:
+    """φ² [rad²] within which facets have the `mass` M: the inverse of `facet_mass`."""
+    t = 1.0 / nu
+    exponent = mass * log1p_quotient((t - 1.0) * mass)
+    return gamma * gamma * exponent * expm1_quotient(t * exponent) / tail_rise(t)
 
 
 def tail_scale(gamma: Float, nu: Float, offset: Float = 0.0) -> Float:
@@ -77,7 +101,7 @@ def expm1_quotient(z: Float) -> Float:
     """(e^z − 1)/z, smooth at z = 0, where it is 1."""
     near = abs(z) < 0.1
     away = _nonzero(near, z)
-    return dr.select(near, _polynomial(z, EXPM1_TERMS), (dr.exp(away) - 1.0) / away)
+    return dr.select(near, polynomial(z, EXPM1_TERMS), (dr.exp(away) - 1.0) / away)
 
 
 def log1p_quotient(z: Float) -> Float:
@@ -85,7 +109,7 @@ def log1p_quotient(z: Float) -> Float:
     near = abs(z) < 0.25
     away = _nonzero(near, z)
     s = dr.select(near, z / (2.0 + z), 0.0)
-    series = 2.0 / (2.0 + z) * _polynomial(s * s, LOG1P_TERMS)
+    series = 2.0 / (2.0 + z) * polynomial(s * s, LOG1P_TERMS)
     return dr.select(near, series, dr.log(1.0 + away) / away)
 
 
@@ -94,7 +118,7 @@ def _nonzero(near: Bool, z: Float) -> Float:
     return dr.select(near, 1.0, z)
 
 
-def _polynomial(z: Float, terms: tuple[float, ...]) -> Float:
+def polynomial(z: Float, terms: tuple[float, ...]) -> Float:
     """Σ terms[k] z^k by Horner's rule."""
     total: Any = terms[-1]
     for term in reversed(terms[:-1]):

@@ -6,13 +6,15 @@ differentiable; NumPy arrays are not accepted (Dr.Jit would treat them element b
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import drjit as dr
 
 from hagoromo.backend import Array3f, Float, clip
-from hagoromo.reflectance.facets import GAUSSIAN, LN2, facet_exponent, is_gaussian
+from hagoromo.reflectance.facets import GAUSSIAN, facet_density_at, is_gaussian, polynomial
 
+ARCSIN_TERMS = tuple(4.0**k / (2.0 * k * k * math.comb(2 * k, k)) for k in range(1, 10))  # of arcsin²(√x)/x
 SMALLEST_COSINE = 1e-6  # keeps quotients of cosines finite where the reflectance is 0 anyway
 
 
@@ -55,10 +57,7 @@ def facet_density(cos_half: Float, gamma: Float, nu: Float = GAUSSIAN) -> Float:
     infinity, the default, is eq. (4), D = exp(−ln2 φ²/γ²). Stable for every ν; a Dr.Jit array may hold infinity, too.
     φ² is taken as arccos² through a form that stays smooth at φ = 0 (where arccos has an infinite slope).
     """
-    if is_gaussian(nu):
-        # Tanaka eq. (4)
-        return dr.exp(-LN2 * squared_angle(cos_half) / (gamma * gamma))
-    return dr.exp(-facet_exponent(squared_angle(cos_half), gamma, nu))
+    return facet_density_at(squared_angle(cos_half), gamma, nu)
 
 
 def squared_angle(cosine: Float) -> Float:
@@ -68,6 +67,17 @@ def squared_angle(cosine: Float) -> Float:
     near = s * (2.0 + s * (1.0 / 3.0 + s * (4.0 / 45.0 + s / 35.0)))
     far = dr.acos(clip(cosine, -1.0 + 1e-7, 1.0 - 0.004))
     return dr.select(s < 0.005, near, far * far)
+
+
+def squared_angle_of(sine_squared: Float, cosine: Float) -> Float:
+    """φ² from sin²φ and cosφ, with the digits that cosφ has lost near φ = 0, and a finite slope there.
+
+    In single precision cosφ keeps φ² to 1e-7, which is the whole square of a half width of 0.0003.
+    """
+    # arcsin²(√x) = x + x²/3 + 8x³/45 + 4x⁴/35 + …  (relative error < 1e-14 for x < 0.04)
+    x = dr.fmin(sine_squared, 0.04)
+    near = x * polynomial(x, ARCSIN_TERMS)
+    return dr.select((sine_squared < 0.04) & (cosine > 0.0), near, squared_angle(cosine))
 
 
 def fresnel(cos_deviation: Float, n: Float) -> Float:
@@ -99,13 +109,23 @@ def torrance_sparrow(
     f = α cosθ_i c_b + β D(φ; γ, ν) F(θ_Q,n) G(N,V,L) / cosθ_r e; both are 0 where cosθ_i ≤ 0 or cosθ_r ≤ 0.
     nu: exponent ν of the facets' tails; infinity: Gaussian facets.
     """
-    return weights_at(cosines(normal, to_lamp, to_eye), alpha, beta, gamma, n, nu)
+    at = cosines(normal, to_lamp, to_eye)
+    if is_gaussian(nu):
+        return weights_at(at, alpha, beta, gamma, n)
+    across = dr.cross(normal, to_lamp + to_eye)  # of length 2 cosθ_Q sinφ
+    sine_squared = dr.squared_norm(across) / dr.square(2.0 * at.deviation)
+    return _weights(at, squared_angle_of(sine_squared, at.half), alpha, beta, gamma, n, nu)
 
 
 def weights_at(at: Cosines, alpha: Float, beta: Float, gamma: Float, n: Float, nu: Float = GAUSSIAN) -> Weights:
     """As `torrance_sparrow`, from the cosines."""
+    return _weights(at, squared_angle(at.half), alpha, beta, gamma, n, nu)
+
+
+def _weights(at: Cosines, squared_half: Float, alpha: Float, beta: Float, gamma: Float, n: Float, nu: Float) -> Weights:
+    """As `weights_at`, with φ² [rad²]."""
     lit = (at.incidence > 0.0) & (at.view > 0.0)
     # Tanaka eq. (3); below a horizon the divisor is 1, so that no inf or NaN arises
     view = dr.select(lit, at.view, 1.0)
-    interface = beta * facet_density(at.half, gamma, nu) * fresnel(at.deviation, n) * masking(at) / view
+    interface = beta * facet_density_at(squared_half, gamma, nu) * fresnel(at.deviation, n) * masking(at) / view
     return Weights(dr.select(lit, alpha * at.incidence, 0.0), dr.select(lit, interface, 0.0))

@@ -18,7 +18,7 @@ from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.element import ELEMENTS, element_weights, sphere_body, sphere_table
+from hagoromo.reflectance.element import ELEMENTS, element_weights, graded_place, sphere_body, sphere_table
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
@@ -77,7 +77,11 @@ class Materials:
         rows = np.array([_row(r, palette) + [r.nu] * self.have_tails for r in reflectances], np.float32)
         self.width = rows.shape[1]
         self.rows = lookup(jit.Float, rows)
-        tables = [sphere_table(r.gamma, SPHERE_ENTRIES, nu=r.nu) for r in reflectances if r.element == "sphere"]
+        tables = [
+            sphere_table(r.gamma, SPHERE_ENTRIES, nu=r.nu, graded=self.have_tails)
+            for r in reflectances
+            if r.element == "sphere"
+        ]
         self.spheres = lookup(jit.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
         self.sphere_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32))
@@ -129,7 +133,10 @@ class Materials:
     def _sphere(self, material: UInt, cos_phase: Float) -> Float:
         """Linear look-up of the sphere's facets at χ = arccos(L·V)."""
         jit = arrays()
-        at = dr.acos(dr.fmin(dr.fmax(cos_phase, -1.0), 1.0)) * ((SPHERE_ENTRIES - 1) / math.pi)
+        if self.have_tails:
+            at = graded_place(cos_phase) * (SPHERE_ENTRIES - 1)
+        else:
+            at = dr.acos(dr.fmin(dr.fmax(cos_phase, -1.0), 1.0)) * ((SPHERE_ENTRIES - 1) / math.pi)
         first = dr.minimum(jit.UInt(at), SPHERE_ENTRIES - 2)
         start = dr.gather(jit.UInt, self.sphere_of, material) * SPHERE_ENTRIES + first
         low, high = (dr.gather(jit.Float, self.spheres, start + k) for k in (0, 1))

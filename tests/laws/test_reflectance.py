@@ -171,14 +171,25 @@ def test_figures_outside_their_range_are_refused(figures):
         Reflectance(alpha, beta, gamma, n, Spectrum.constant(0.5))
 
 
-@pytest.mark.parametrize(("gamma", "tilt"), [(0.1, 0.3), (0.3, 0.9), (0.6, 1.3)])
-def test_sampled_directions_follow_their_density(gamma, tilt):
+@pytest.mark.parametrize(
+    ("gamma", "tilt", "nu"),
+    [
+        (0.1, 0.3, math.inf),
+        (0.3, 0.9, math.inf),
+        (0.6, 1.3, math.inf),
+        (0.1, 0.6, 0.4),
+        (0.2, 0.9, 1.0),
+        (0.2, 0.3, 2.5),
+    ],
+)
+def test_sampled_directions_follow_their_density(gamma, tilt, nu):
     """Chi-square of 400,000 directions in cells of equal area against the integrated density; significance 0.1 %."""
     jit, count, seed = arrays(), 400_000, 17
     choice, u, v = (jit.Float64(row) for row in np.random.default_rng(seed).random((3, count)))
     V = jit.Array3f64(math.sin(tilt), 0.0, math.cos(tilt))
     share, width = jit.Float64(0.6), jit.Float64(gamma)
-    L = np.array(sample_to_lamp(V + dr.zeros(jit.Array3f64, count), share, width, choice, u, v))
+    tails = nu if math.isinf(nu) else dr.opaque(jit.Float64, nu)
+    L = np.array(sample_to_lamp(V + dr.zeros(jit.Array3f64, count), share, width, choice, u, v, tails))
     rows, columns, fine = 20, 30, 48  # fine: the density grows as 1/cosθ_Q where L = −V
     cell = _cell(L.T, rows, columns)
     seen = np.bincount(cell, minlength=rows * columns)
@@ -186,7 +197,7 @@ def test_sampled_directions_follow_their_density(gamma, tilt):
     turn = 2 * np.pi * (np.arange(columns * fine) + 0.5) / (columns * fine)
     z, turn = (grid.ravel() for grid in np.meshgrid(z, turn, indexing="ij"))
     grid = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
-    density = np.array(density_to_lamp(arrays3(grid), V + dr.zeros(jit.Array3f64, len(grid)), share, width))
+    density = np.array(density_to_lamp(arrays3(grid), V + dr.zeros(jit.Array3f64, len(grid)), share, width, tails))
     expected = np.bincount(_cell(grid, rows, columns), density, rows * columns) * 4 * np.pi / len(grid) * count
     assert expected.sum() == pytest.approx(count, rel=2e-3)  # the density integrates to 1
     assert sampler_follows_density(seen, expected, significance=1e-3, expected_error=0.01)  # 1 %: of the fine grid
