@@ -22,6 +22,17 @@ def directions(seed, count=301):
 @pytest.mark.parametrize("element", ELEMENTS)
 @pytest.mark.parametrize("which", range(4), ids=("alpha", "beta", "gamma", "n"))
 def test_gradient_of_f(element, which):
+    gradient_is_the_difference(element, which, FIGURES)
+
+
+@pytest.mark.parametrize("element", ["plane", "cylinder"])
+@pytest.mark.parametrize("which", [2, 3, 4], ids=("gamma", "n", "nu"))
+def test_gradient_of_f_with_tails(element, which):
+    """The forms of D that are stable for every ν have derivatives that are."""
+    gradient_is_the_difference(element, which, (*FIGURES, 0.8))
+
+
+def gradient_is_the_difference(element, which, all_figures):
     def f(values):
         weights = element_weights(element, *directions(3), *values)
         return weights.body + weights.interface
@@ -30,14 +41,14 @@ def test_gradient_of_f(element, which):
         """Kernels read these numbers from memory: one kernel serves all of an element's parameters and steps."""
         return [dr.opaque(arrays().Float64, value) for value in values]
 
-    figures = opaque(FIGURES)
+    figures = opaque(all_figures)
     dr.enable_grad(figures)
     value = f(figures)
-    for figure, tangent in zip(figures, opaque(np.eye(4)[which].tolist()), strict=True):
+    for figure, tangent in zip(figures, opaque(np.eye(len(all_figures))[which].tolist()), strict=True):
         dr.set_grad(figure, tangent)
     derivative = np.array(dr.forward_to(value)) * np.ones(301)
     h = 1e-6
-    ends = [np.array(f(opaque(v + sign * h * (k == which) for k, v in enumerate(FIGURES)))) for sign in (1, -1)]
+    ends = [np.array(f(opaque(v + sign * h * (k == which) for k, v in enumerate(all_figures)))) for sign in (1, -1)]
     difference = (ends[0] - ends[1]) / (2 * h)
     # a central difference in double precision: h² and 1e-16/h, both below 1e-8; the cylinder's reach has kinks
     assert np.abs(derivative).max() > 1e-3

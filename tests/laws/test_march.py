@@ -94,10 +94,11 @@ def test_a_turned_box_is_met_where_it_stands():
     assert depth([slab(10.0, pose=turn)], (-2, 0.05, 0.05), (1, 0, 0)) == pytest.approx(10 * 0.17, rel=6e-4)
 
 
+@pytest.mark.parametrize("nu", [math.inf, 0.6])
 @pytest.mark.parametrize("element", ["plane", "cylinder", "sphere"])
-def test_an_opaque_box_is_its_surface(element):
+def test_an_opaque_box_is_its_surface(element, nu):
     """τ → ∞: the radiance is f(a; L, V) of the element at the face."""
-    material = Reflectance(0.2, 0.3, 0.3, 1.5, WHITE, element=element)
+    material = Reflectance(0.2, 0.1, 0.3, 1.5, WHITE, element=element, nu=nu)
     axis = np.array([0.6, 0.0, -0.8])
     to_lamp = np.array([0.3, 0.2, -1.0]) / math.sqrt(1.13)
     medium, lighting = lit([slab(1e7, material=material, axis=axis)], [Lamp(to_lamp=to_lamp, intensity=2.0)])
@@ -105,7 +106,7 @@ def test_an_opaque_box_is_its_surface(element):
         medium, lighting, vector(0.055, 0.085, -1), vector(*AHEAD), arrays().Float(0), arrays().Float(9)
     )
     normal, lamp, eye = (vector(*v) for v in (axis, to_lamp, (0.0, 0.0, -1.0)))
-    true = element_weights(element, normal, lamp, eye, 0.2, 0.3, 0.3, 1.5)
+    true = element_weights(element, normal, lamp, eye, 0.2, 0.1, 0.3, 1.5, nu)
     for mine, real in zip(channels, true, strict=True):
         # the axis is stored in halves (5e-4); the sphere's table is linear between 256 entries
         assert float(mine[0]) == pytest.approx(2.0 * float(real[0]), rel=4e-3)
