@@ -21,7 +21,7 @@ from hagoromo.image.scene_file import load_scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.build import build
+from hagoromo.matter.build import build, build_to
 from hagoromo.reflectance.element import ELEMENTS, element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.medium import Medium
@@ -261,11 +261,12 @@ def test_the_extinction_is_kept_in_files_and_must_be_known(tmp_path):
     assert scene.record()["boxes"][0]["extinction"] == "projected"
 
 
-def test_recipes_name_the_extinction():
-    """Of plain boxes and of texels, which are matched for it and cannot have another one later."""
+def test_recipes_name_the_extinction(tmp_path):
     material = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
     ball = {"kind": "solid", "shape": {"form": "sphere", "radius_mm": 2.0}, "voxel_mm": 0.5, "material": material}
     assert build(ball).extinction == "isotropic"
     assert build(ball | {"extinction": "projected"}).extinction == "projected"
-    with pytest.raises(InputError, match="extinction"):
+    build_to(ball | {"extinction": "projected"}, tmp_path / "ball.zarr")
+    assert VolumeBox.load(tmp_path / "ball.zarr").extinction == "projected"
+    with pytest.raises(InputError, match="extinction must be one of isotropic, projected: given 'opaque'"):
         build(ball | {"extinction": "opaque"})

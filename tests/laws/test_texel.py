@@ -11,6 +11,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_file import load_scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -215,6 +216,19 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
     for level in range(1, len(made.levels)):
         found = light_sent(made, level, tau, (MATTER, MATTER), extinction).sum(axis=(1, 2))
         assert found.mean() == pytest.approx(finest.mean(), rel=0.03)
+
+
+def test_a_scene_gives_a_texel_no_extinction_that_it_is_not_matched_for(tmp_path):
+    save_box(sheet(size=6.0), tmp_path / "sheet.zarr")
+    scene = "camera = {size = [9, 7], focal = [20, 20], eye = [0, -0.1, 0]}\nlamp = [{to_lamp = [0, -1, 1]}]\n"
+    for extinction in ("isotropic", "projected"):
+        text = f'{scene}box = [{{file = "sheet.zarr", extinction = "{extinction}"}}]\n'
+        (tmp_path / f"{extinction}.toml").write_text(text)
+    assert load_scene(tmp_path / "isotropic.toml")[0].boxes[0].extinction == "isotropic"
+    with pytest.raises(
+        InputError, match="'projected', the box's texel was matched for 'isotropic': state it in the rec"
+    ):
+        load_scene(tmp_path / "projected.toml")
 
 
 @pytest.mark.parametrize("towards", [(0.3, -1.0, 0.4), (-0.8, -0.7, 0.1), (0.1, -0.5, -0.9)])
