@@ -103,12 +103,12 @@ class Oracle:
             halves = self.halves(parts)
             done = parts.depth <= self.fineness
             which = np.flatnonzero(done)
-            whole, even = self.light(parts.chosen(which))
-            if np.isfinite(largest).all():
-                both, _ = self.light(halves.chosen(np.concatenate([which, which + len(parts.ray)])))
-                both = both[: len(which)] + both[len(which) :]
-                even &= (np.abs(both - whole) <= largest).all(axis=1)
-                whole = both
+            whole, even, most = self.light(parts.chosen(which))
+            bright = np.flatnonzero(most > largest.min())
+            both, _, _ = self.light(halves.chosen(np.concatenate([which[bright], which[bright] + len(parts.ray)])))
+            both = both[: len(bright)] + both[len(bright) :]
+            even[bright] &= (np.abs(both - whole[bright]) <= largest).all(axis=1)
+            whole[bright] = both
             np.add.at(light, parts.ray[which[even]], whole[even])
             done[which] = even
             parts = halves.chosen(np.tile(~done, 2))
@@ -142,41 +142,47 @@ class Oracle:
         """Optical depth of parts that cross no plane of cells."""
         return sum((b.depth_between(self.origin[ray], self.direction[ray], near, far) for b in self.boxes), np.zeros(1))
 
-    def light(self, parts: Parts) -> tuple[Array, NDArray[np.bool_]]:
-        """Light of parts, (parts, wavelengths), and whether they are fine enough for the way of every lamp."""
+    def light(self, parts: Parts) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Light of parts, (parts, wavelengths), whether they are fine enough for the way of every lamp, and how much
+        light they would send if f were 1 /sr.
+        """
         count = len(parts.ray)
         distance, weight = (v.ravel() for v in gauss(NODES, parts.near[:, None], parts.far[:, None]))
         ray, near = np.repeat(parts.ray, NODES), np.repeat(parts.near, NODES)
         before = np.repeat(parts.before, NODES) + self.eye_depth(ray, near, distance)
         point = self.origin[ray] + distance[:, None] * self.direction[ray]
         share = np.exp(-parts.before) * -np.expm1(-parts.depth)
-        even, sent = np.ones(count, bool), np.zeros((len(ray), len(self.wavelengths)))
+        even, most, sent = np.ones(count, bool), np.zeros(count), np.zeros((len(ray), len(self.wavelengths)))
         for lamp in self.lamps:
-            depth, radiance = self.lit(lamp, point, -self.direction[ray])
+            depth, irradiance, reflected = self.lit(lamp, point, -self.direction[ray])
             low, high = (end(depth.reshape(count, NODES), axis=1) for end in (np.min, np.max))
             change = (high - low) / NODE_SPAN
             brightest = np.exp(-np.maximum(0.5 * (low + high - change), 0.0))
             even &= (change <= self.fineness) | (share * brightest < UNLIT)
-            sent += radiance
+            most += share * brightest * irradiance.max(axis=1).reshape(count, NODES).max(axis=1)
+            sent += np.exp(-depth)[:, None] * irradiance * reflected
         sent *= (weight * np.exp(-before))[:, None]
-        return sent.reshape(count, NODES, len(self.wavelengths)).sum(axis=1), even
+        return sent.reshape(count, NODES, len(self.wavelengths)).sum(axis=1), even, most
 
-    def lit(self, lamp: hg.Lamp, point: Array, to_eye: Array) -> tuple[Array, Array]:
-        """Optical depth from points to a lamp, and Σ σ f E exp(−depth) towards the eye per wavelength."""
+    def lit(self, lamp: hg.Lamp, point: Array, to_eye: Array) -> tuple[Array, Array, Array]:
+        """Optical depth from points to a lamp; irradiance facing it without matter, and Σ σ f, per wavelength."""
+        irradiance = np.full(len(point), np.asarray(lamp.intensity, float))
         if lamp.position is None:
-            to_lamp = np.broadcast_to(lamp.to_lamp / np.linalg.norm(lamp.to_lamp), point.shape)  # type: ignore[operator]
-            distance, irradiance = np.full(len(point), np.inf), np.full(len(point), float(lamp.intensity))  # type: ignore[arg-type]
+            assert lamp.to_lamp is not None
+            to_lamp = np.broadcast_to(lamp.to_lamp / np.linalg.norm(lamp.to_lamp), point.shape)
+            distance = np.full(len(point), np.inf)
         else:
-            offset = lamp.position - point
-            distance = np.linalg.norm(offset, axis=1)
-            to_lamp, irradiance = offset / distance[:, None], float(lamp.intensity) / distance**2  # type: ignore[arg-type]
+            distance = np.linalg.norm(lamp.position - point, axis=1)
+            to_lamp = (lamp.position - point) / distance[:, None]
+            irradiance /= distance**2
+            if lamp.axis is not None:
+                irradiance *= np.maximum(-to_lamp @ lamp.axis, 0.0) ** lamp.axis_power
         reflected = self.reflected(point, to_lamp, to_eye)
         seen = reflected.any(axis=1)
         depth = np.full(len(point), np.nan)
         depth[seen] = sum(box.depth_to(point[seen], to_lamp[seen], distance[seen]) for box in self.boxes)
         depth = np.where(seen, depth, _nearest(depth))
-        spectrum = at(lamp.spectrum, self.wavelengths)
-        return depth, (irradiance * np.exp(-depth))[:, None] * reflected * spectrum
+        return depth, irradiance[:, None] * at(lamp.spectrum, self.wavelengths), reflected
 
     def reflected(self, point: Array, to_lamp: Array, to_eye: Array) -> Array:
         """Σ over boxes of σ f(a; L, V) [1/m/sr]: (points, wavelengths)."""

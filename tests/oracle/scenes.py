@@ -27,6 +27,9 @@ GRAINS = hg.Reflectance(0.25, 0.3, 0.3, 1.4, BLUE, element="sphere")
 THREADS = hg.Reflectance(0.25, 0.3, 0.3, 1.5, RED, element="cylinder")
 
 
+TAILED = hg.Reflectance(0.2, 0.25, 0.15, 1.6, RED, BLUE, nu=1.2)
+
+
 @dataclass(frozen=True, repr=False)
 class Case:
     """A scene, and the rays to compare: those of its camera's pixels, or given ones (an orthographic camera's)."""
@@ -67,6 +70,7 @@ def cases() -> list[Case]:
         _case("threads", [threads()], [DAYLIGHT]),
         _case("threads, projected area", [threads(count=21, extinction="projected")], [DAYLIGHT]),
         _case("ball of flakes", [flakes()], [DAYLIGHT]),
+        _case("tailed facets under a spot", [hard_ball(matter=TAILED)], [SPOT]),
         _case("lamp close to a box", [gaussian_ball(8.0)], [hg.Lamp(position=(0.06, -0.16, 0.1), intensity=0.05)]),
         _case("two materials, colour of voxels", [coloured_block()], [DAYLIGHT, LOW_LAMP]),
         _orthographic("turned ball, parallel rays", [hard_ball(20.0, 35.0)], [DAYLIGHT]),
@@ -82,6 +86,7 @@ def lamp_above_face(degrees: float, spectrum: hg.Spectrum = DAY) -> hg.Lamp:
     return hg.Lamp(to_lamp=(0.8 * math.cos(angle), -0.6 * math.cos(angle), math.sin(angle)), spectrum=spectrum)
 
 
+SPOT = hg.Lamp(position=(0.5, -0.5, 0.6), axis=(-0.5, 0.6, -0.6), axis_power=40.0, spectrum=BULB)
 DAYLIGHT = hg.Lamp(to_lamp=(0.5, -0.6, 0.7), intensity=2.0, spectrum=DAY)
 LOW_LAMP = hg.Lamp(position=(-0.6, -0.9, 0.4), intensity=1.5, spectrum=BULB)
 
@@ -142,10 +147,10 @@ def flakes(count: int = 13) -> Voxels:
     return box_of(density, axis, 1.0, SHINY, extinction="projected")
 
 
-def hard_ball(depth: float = 20.0, degrees: float = 0.0, count: int = 29) -> Voxels:
+def hard_ball(depth: float = 20.0, degrees: float = 0.0, matter: hg.Reflectance = SHINY, count: int = 29) -> Voxels:
     """Density 1 within 9 cm, else 0; `depth` through the middle."""
     radius, normal = outwards(*centres((count, count, count)))
-    return box_of((radius < 0.09).astype(float), normal, depth / (0.18 / (SIDE / count)), SHINY, degrees=degrees)
+    return box_of((radius < 0.09).astype(float), normal, depth / (0.18 / (SIDE / count)), matter, degrees=degrees)
 
 
 def noisy_slab(depth: float, seed: int = 3) -> Voxels:
