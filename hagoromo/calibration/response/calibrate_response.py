@@ -19,6 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_file
 from hagoromo.least_squares import FitStatus
+from hagoromo.light.spectrum import VISIBLE
 
 FEWEST_PAIRS = 5  # least number of pairs: smoothness and noise are estimated, too
 
@@ -143,8 +144,10 @@ def solve_response(
         curve = fit_positive_curve(wavelengths, matrix, reading)
         curves.append(curve)
         residuals.append(np.sqrt(np.mean((matrix @ curve.values - reading) ** 2)) / reading.mean())
+    # the readings were explained by light at all of the wavelengths, so that eq. (10) takes them all
+    limits = min(VISIBLE[0], float(wavelengths[0])), max(VISIBLE[1], float(wavelengths[-1]))
     response = Response(
-        wavelengths, np.stack([curve.values for curve in curves], axis=1), tuple(readings), "calibrated"
+        wavelengths, np.stack([curve.values for curve in curves], axis=1), tuple(readings), "calibrated", limits
     )
     return ResponseCalibration(
         response,
