@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from hagoromo.measurement.sight import Array, Sight
-from hagoromo.reflectance.torrance_sparrow import LN2, Cosines
+from hagoromo.reflectance.facets import LN2
+from hagoromo.reflectance.torrance_sparrow import Cosines
 
 FLAT = np.log(1e3)  # ln γ at which every facet density is 1
 

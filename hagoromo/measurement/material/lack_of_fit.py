@@ -20,7 +20,7 @@ from scipy.stats import norm as normal
 
 from hagoromo.measurement.material.sandwich import MaterialFit
 from hagoromo.measurement.sight import Array, Sight
-from hagoromo.reflectance.torrance_sparrow import LN2
+from hagoromo.reflectance.facets import LN2
 
 LEVEL = 1e-4  # rate of false alarms: a capture has several materials
 FLAT = np.log(1e3)  # ln γ at which every facet density is 1
