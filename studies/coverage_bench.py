@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.measurement.material.material_objective import expected
-from hagoromo.measurement.material.quantity import pack_theta
+from hagoromo.measurement.parameters import pack_theta
 from studies.goniometer import Directions, cosines_of
 
 Array = NDArray[np.float64]

@@ -1,8 +1,9 @@
-"""The study of MERL: 80 measured materials, read by a goniometer, fitted with Torrance–Sparrow and with GGX + Lambert.
+"""The study of MERL: measured materials, read by a goniometer, fitted with our facets and with GGX + Lambert.
 
     python -m studies.merl ../shared/data/merl_fits --out out/merl
 
 Enters: a folder with merl_sgd.json and merl_abc.json. Leaves: results.json, merl.md and merl.png, which belong to docs.
+Each model is fitted by the package, and ours and GGX by SciPy as well, so that models and fits can be told apart.
 """
 
 from __future__ import annotations
@@ -19,15 +20,24 @@ from tyro.conf import Positional
 import hagoromo as hg
 from hagoromo.measurement.material.lack_of_fit import LEVEL
 from hagoromo.measurement.material.material_objective import expected
+from hagoromo.measurement.material.model_choice import Facets, Interface, choose_fit
+from hagoromo.measurement.parameters import unpack_theta
 from studies.goniometer import cosines_of, goniometer, readings
 from studies.merl_page import write_merl_page
-from studies.merl_rival import fit_ggx
+from studies.merl_rival import GGX, GGX_COLOURED, RIVALS, fit_rival
 from studies.merl_truth import Truth, read_truths
 
 Array = NDArray[np.float64]
 MERL_NOISE = 0.01  # relative, of each reading
 MERL_SEED = 0
-MERL_MODELS = ("Torrance–Sparrow", "GGX + Lambert", "GGX + Lambert, coloured")
+OURS: dict[str, tuple[Facets, Interface]] = {
+    "Gaussian": ("gaussian", "neutral"),
+    "Student-t": ("student-t", "neutral"),
+    "Student-t, coloured": ("student-t", "coloured"),
+    "by evidence": ("auto", "auto"),
+}
+BY_EVIDENCE = "by evidence"  # the model that the package chooses: what `measure` gives
+METHODS = (*OURS, *RIVALS)
 
 
 @dataclass(frozen=True)
@@ -35,6 +45,7 @@ class Row:
     """One material: median relative error over directions and channels of each method, and the statements of our fit.
 
     rejected: whether the test reports lack of fit. p_value: of that test. model_error: relative, stated by the fit.
+    nu, interface_colour: of the model chosen by evidence; nu is None for Gaussian facets.
     """
 
     truth: str
@@ -43,6 +54,8 @@ class Row:
     rejected: bool
     p_value: float
     model_error: float
+    nu: float | None
+    interface_colour: tuple[float, ...]
 
 
 def merl_study(
@@ -77,24 +90,29 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
     values = clean * (1.0 + MERL_NOISE * random.standard_normal(clean.shape))
     observed = readings(directions, values, (MERL_NOISE * values) ** 2)
     used = np.asarray(observed.used.all(axis=1))
-    colours = {
-        method: fit_ggx(flat, values, used, coloured)
-        for method, coloured in zip(MERL_MODELS[1:], (False, True), strict=True)
+    error = {
+        method: _median_error(fit_rival(rival, flat, values, used), clean, used) for method, rival in RIVALS.items()
     }
     try:
-        fit = hg.fit_material(observed)
+        fits = {method: choose_fit(observed, None, *model).fitted.fit for method, model in OURS.items()}
     except hg.InputError as refused:
         raise hg.InputError(f"{name}: {refused}") from refused
-    tested = hg.lack_of_fit(fit)
-    models = {MERL_MODELS[0]: expected(observed.sight, fit.theta), **colours}
-    error = {method: _median_error(model, clean, used) for method, model in models.items()}
+    error |= {method: _median_error(expected(observed.sight, fit.theta), clean, used) for method, fit in fits.items()}
+    best = fits[BY_EVIDENCE]
+    tested = hg.lack_of_fit(best)
     rejected, p_value = (tested.rejected, tested.p_value) if tested else (False, 1.0)
-    return Row(kind, name, error, rejected, p_value, fit.residuals.model_error)
+    _, _, _, _, nu, colour = unpack_theta(best.theta)
+    ordered = {method: error[method] for method in METHODS}
+    shape = nu if np.isfinite(nu) else None, tuple(colour.tolist())
+    return Row(kind, name, ordered, rejected, p_value, best.residuals.model_error, *shape)
 
 
 def summary(rows: list[Row]) -> dict[str, Any]:
-    """Median, quartiles and worst over the materials, of each method; the share that our result calls ill fitted."""
-    errors = {method: np.array([row.error[method] for row in rows]) for method in MERL_MODELS}
+    """Median, quartiles and worst over the materials, of each method; the share that our result calls ill fitted.
+
+    nearer: share of the materials whose error is below that of GGX + Lambert, and of it with a coloured interface.
+    """
+    errors = {method: np.array([row.error[method] for row in rows]) for method in METHODS}
     figures = {
         method: {
             "quartile_1": float(np.percentile(of, 25)),
@@ -102,18 +120,21 @@ def summary(rows: list[Row]) -> dict[str, Any]:
             "quartile_3": float(np.percentile(of, 75)),
             "worst": float(of.max()),
             "worst_material": rows[int(of.argmax())].material,
+            "nearer_than_ggx": float(np.mean(of < errors[GGX])),
+            "nearer_than_ggx_coloured": float(np.mean(of < errors[GGX_COLOURED])),
         }
         for method, of in errors.items()
     }
-    off = errors[MERL_MODELS[0]] > 3.0 * MERL_NOISE
+    off = errors[BY_EVIDENCE] > 3.0 * MERL_NOISE
     rejected = np.array([row.rejected for row in rows])
     return {
         "materials": len(rows),
         "error": figures,
+        "with_tails": int(sum(row.nu is not None for row in rows)),
+        "coloured": int(sum(len(set(row.interface_colour)) > 1 for row in rows)),
         "rejected": int(rejected.sum()),
         "off": int(off.sum()),
         "off_and_told": int((off & rejected).sum()),
-        "ours_better": int(np.sum(errors[MERL_MODELS[0]] < errors[MERL_MODELS[1]])),
     }
 
 
@@ -134,7 +155,9 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
     for kind, of in record["summary"].items():
         for method, figures in of["error"].items():
             low, middle, high, worst = (100 * figures[key] for key in ("quartile_1", "median", "quartile_3", "worst"))
-            print(f"{kind}, {method}: {low:.1f} / {middle:.1f} / {high:.1f} %, worst {worst:.0f} %")
+            nearer = 100 * figures["nearer_than_ggx"]
+            print(f"{kind}, {method}: {low:.1f} / {middle:.1f} / {high:.1f} %, worst {worst:.0f} %", end="; ")
+            print(f"nearer than GGX + Lambert for {nearer:.0f} %")
         print(f"{kind}: {of['rejected']} of {of['materials']} told as ill fitted")
     print(f"wrote {out / 'merl.md'}")
 

@@ -219,7 +219,13 @@ def convert(
 
 @verb(verbs)
 def measure(
-    capture: Positional[Path], out: Out, n: float | None = None, distance: float | None = None, force: Force = False
+    capture: Positional[Path],
+    out: Out,
+    n: float | None = None,
+    distance: float | None = None,
+    facets: Literal["auto", "gaussian", "student-t"] = "auto",
+    interface: Literal["auto", "neutral", "coloured"] = "auto",
+    force: Force = False,
 ) -> None:
     """Capture → materials.json, normals.exr, labels.png, a picture of each photograph's residuals, report.html.
 
@@ -227,9 +233,13 @@ def measure(
         capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
         n: refractive index, where it is known.
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
+        facets: of known shape: Gaussian, with tails (student-t), or by evidence (auto).
+        interface: of known shape: in the colour of the lamp (neutral), coloured, or by evidence (auto).
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
-        measurement = hg.measure(capture, n=n, distance=distance, scratch=home, progress=progress)
+        measurement = hg.measure(
+            capture, n=n, distance=distance, facets=facets, interface=interface, scratch=home, progress=progress
+        )
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)
     for material in measurement.materials:

@@ -19,6 +19,7 @@ from hagoromo.measurement.material.body_map import BodyMap, body_map
 from hagoromo.measurement.material.clipped import clipped, without_clipped_gloss, without_plateaus
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lamp_colour import LampColour, lamp_colour
+from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
 from hagoromo.measurement.material.segment import interior, segment
 from hagoromo.measurement.material.separation import Separation, separated
 from hagoromo.measurement.measurement import Measurement
@@ -38,20 +39,25 @@ def measure_known_shape(
     n: float | None = None,
     colour_from_highlights: bool = False,
     progress: Progress = silent,
+    facets: Facets = "auto",
+    interface: Interface = "auto",
 ) -> Measurement:
     """Reflectance of every material of `capture`, whose points and normals are known.
 
     labels: (h, w) materials 0, 1, …, −1 unknown; by default they follow from body colours and gloss. n: refractive
     index where it is known. colour_from_highlights: measure the colour of the lamps, which the capture then does not
     know; without it the spectra of the lamps and the camera's response are used (without a response, white is 1).
+    facets, interface: whether tails of the facets and a colour of the interface are estimated: by evidence, never, or
+    always (`choose_fit`). Highlights that give the colour of the lamps give none of the interface: it is neutral then.
     Raises `InputError` when the shape or the lamps are missing, no pixel is usable, or a fit does not converge.
     """
     _check(capture, labels, n)
+    model = _model(facets, interface, colour_from_highlights)
     capture = without_plateaus(capture)
     progress(0.0, "materials")
     labels = split_by_gloss(capture, segment(capture)) if labels is None else np.asarray(labels, np.int64)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
-    materials, labels = _materials(capture, labels, n, colour, progress)
+    materials, labels = _materials(capture, labels, n, colour, model, progress)
     white = None if colour is None else colour.value
     materials, gloss = gloss_map(capture, labels, materials, white)
     body = body_map(capture, labels, materials, white, gloss)
@@ -88,8 +94,22 @@ def _check(capture: Capture, labels: NDArray[np.integer] | None, n: float | None
         raise InputError(f"capture {capture.name!r} has no pixel with a point and a unit normal: give its shape")
 
 
+def _model(facets: Facets, interface: Interface, colour_from_highlights: bool) -> tuple[Facets, Interface]:
+    check_model(facets, interface)
+    if not colour_from_highlights:
+        return facets, interface
+    if interface == "coloured":
+        raise InputError("interface is 'coloured' and the lamps' colour is measured from highlights: give one of them")
+    return facets, "neutral"
+
+
 def _materials(
-    capture: Capture, labels: NDArray[np.integer], n: float | None, colour: LampColour | None, progress: Progress
+    capture: Capture,
+    labels: NDArray[np.integer],
+    n: float | None,
+    colour: LampColour | None,
+    model: tuple[Facets, Interface],
+    progress: Progress,
 ) -> tuple[tuple[MaterialEstimate, ...], NDArray[np.integer]]:
     """The estimate of each label that can be measured, and the labels (h, w) as indices into the estimates.
 
@@ -101,7 +121,7 @@ def _materials(
     for i, number in enumerate(numbers):
         progress((i + 1) / (len(numbers) + 2), f"material {i + 1} of {len(numbers)}")
         try:
-            estimates[number] = _material(capture, labels, number, n, colour)
+            estimates[number] = _material(capture, labels, number, n, colour, model)
         except InputError as error:
             refused.append(str(error))
     if not estimates:
@@ -115,14 +135,20 @@ def _materials(
 
 
 def _material(
-    capture: Capture, labels: NDArray[np.integer], number: int, n: float | None, colour: LampColour | None
+    capture: Capture,
+    labels: NDArray[np.integer],
+    number: int,
+    n: float | None,
+    colour: LampColour | None,
+    model: tuple[Facets, Interface],
 ) -> MaterialEstimate:
     region = known_shape(capture) & interior(labels, number)
     samples = observe(capture, region, None if colour is None else colour.value, SEED)
     error = None if colour is None else colour.relative_covariance
     cut = clipped(capture, region)
     try:
-        estimate = estimate_material(samples, f"material {number + 1}", int(np.sum(labels == number)), n, error)
+        pixels = int(np.sum(labels == number))
+        estimate = estimate_material(samples, f"material {number + 1}", pixels, n, error, *model)
     except InputError as wrong:
         if cut.hidden > np.sum(samples.used.any(axis=1)):
             raise InputError(f"{wrong}; {cut.hidden} of its values are clipped: expose shorter") from wrong

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from hagoromo.errors import InputError
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
+from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals
@@ -39,6 +40,8 @@ def measure(
     distance: float | None = None,
     labels: NDArray[np.integer] | None = None,
     colour_from_highlights: bool = False,
+    facets: Facets = "auto",
+    interface: Interface = "auto",
     scratch: str | Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -52,40 +55,72 @@ def measure(
     n: refractive index where it is known; of a capture with known shape only. distance: from the camera to an object of
     unknown shape [m], by default to the world's origin; under near lamps it is a first guess. labels: (h, w) materials
     0, 1, …, −1 unknown, and colour_from_highlights: whether to measure the colour of the lamps; both of a capture with
-    known shape only. scratch: folder for the temporary files of tiles (default: the system's). progress: called with
-    the share of the work done (0 … 1) and the name of the step.
+    known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
+    there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto"; both of a capture
+    with known shape only. scratch: folder for the temporary files of tiles (default: the system's). progress: called
+    with the share of the work done (0 … 1) and the name of the step.
 
     Warns of photographs that moved. Raises `InputError` for a capture that can be measured in no way.
     """
+    check_model(facets, interface)
     settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
-    measurement = _measured(capture, n, distance, labels, colour_from_highlights, scratch, progress)
+    settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
+    wanted = KnownShape(n, labels, colour_from_highlights, facets, interface)
+    measurement = _measured(capture, wanted, distance, scratch, progress)
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
 
 
+@dataclass(frozen=True, eq=False)
+class KnownShape:
+    """What is asked of a capture with known shape: see `measure`."""
+
+    n: float | None
+    labels: NDArray[np.integer] | None
+    colour_from_highlights: bool
+    facets: Facets
+    interface: Interface
+
+    def check_unknown_shape(self) -> None:
+        """`InputError` where something is asked that has no effect on a capture of unknown shape."""
+        if self.n is not None:
+            raise InputError(
+                "with unknown shape the refractive index has no effect: omit n (--n), or give the capture its shape"
+            )
+        if self.labels is not None or self.colour_from_highlights:
+            raise InputError(
+                "with unknown shape, labels and colour_from_highlights have no effect: omit them, or give the shape"
+            )
+        if self.facets == "student-t" or self.interface == "coloured":
+            raise InputError(
+                "with unknown shape the facets are Gaussian and the interface is neutral: omit facets (--facets) and "
+                "interface (--interface), or give the capture its shape"
+            )
+
+
 def _measured(
     capture: Capture | str | Path,
-    n: float | None,
+    wanted: KnownShape,
     distance: float | None,
-    labels: NDArray[np.integer] | None,
-    colour_from_highlights: bool,
     scratch: str | Path | None,
     progress: Progress,
 ) -> Measurement:
     """`measure`, without its settings."""
-    of_known_shape = labels is not None or colour_from_highlights
     if not isinstance(capture, Capture):
         source = large_source(capture)
         if source is not None:
-            away = _distance(source.photograph(0).camera, distance, n, of_known_shape)
+            away = _distance(source.photograph(0).camera, distance, wanted)
             return _measure_tiles(source, Path(scratch or tempfile.gettempdir()), away, progress)
         capture = load_capture(capture)
     _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
-        measurement = measure_known_shape(capture, labels, n, colour_from_highlights, progress)
+        model = wanted.facets, wanted.interface
+        measurement = measure_known_shape(
+            capture, wanted.labels, wanted.n, wanted.colour_from_highlights, progress, *model
+        )
         measurement = replace(measurement, points=capture.points, capture=capture)
     else:
-        away = _distance(capture.photographs[0].camera, distance, n, of_known_shape)
+        away = _distance(capture.photographs[0].camera, distance, wanted)
         normals, surface = _solve(capture, away, progress)
         measurement = _with_shape(capture, normals, surface)
         assert measurement.capture is not None
@@ -131,7 +166,7 @@ def _warn_of_motion(capture: Capture) -> None:
         )
 
 
-def _distance(camera: Camera, distance: float | None, n: float | None, of_known_shape: bool) -> float:
+def _distance(camera: Camera, distance: float | None, wanted: KnownShape) -> float:
     """Distance to an object of unknown shape [m]; `InputError` where it is unknown, or n, labels … are given."""
     away = float(np.linalg.norm(camera.position)) if distance is None else distance
     if away == 0.0:
@@ -139,12 +174,5 @@ def _distance(camera: Camera, distance: float | None, n: float | None, of_known_
             "the capture has no shape and its camera stands at the world's origin: give the distance of the object "
             "(--distance) [m]"
         )
-    if n is not None:
-        raise InputError(
-            "with unknown shape the refractive index has no effect: omit n (--n), or give the capture its shape"
-        )
-    if of_known_shape:
-        raise InputError(
-            "with unknown shape, labels and colour_from_highlights have no effect: omit them, or give the shape"
-        )
+    wanted.check_unknown_shape()
     return away

@@ -6,7 +6,7 @@ each sample, and a mask of those that may be fitted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,12 @@ class Observations:
     def channels(self) -> int:
         """Number of channels."""
         return self.values.shape[1]
+
+    def of(self, rows: NDArray) -> Observations:
+        """The samples `rows`: indices, or a mask (N,)."""
+        sight = Sight(Cosines(*(cosine[rows] for cosine in self.sight.cosines)), self.sight.irradiance[rows])
+        keys = ("values", "noise", "gain", "used", "ceiling", "tile", "pixel")
+        return replace(self, sight=sight, **{key: getattr(self, key)[rows] for key in keys})
 
     def variance_at(self, model: Array, model_error: float = 0.0) -> Array:
         """Variance of a value of expectation `model` (…, N, C), and of a relative error `model_error` of the model.

@@ -1,8 +1,7 @@
 """Robust least squares of eq. (2)–(6) on observed values: Levenberg–Marquardt for many starting points at once.
 
-Enters: `Observations` of one material and rows of parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), with
-F₀ = F(0, n), since β itself is strongly correlated with n. Leaves: rows at their minimum. Each row is a fit of its
-own, so that all starts, and all points of a profile, share every kernel.
+Enters: `Observations` of one material and rows of `parameters` θ. Leaves: rows at their minimum. Each row is a fit of
+its own, so that all starts, and all points of a profile, share every kernel.
 """
 
 from __future__ import annotations
@@ -13,18 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares import Damping, FitStatuses, Loss, RowsProblem, Tolerance, levenberg_marquardt
+from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.parameters import (
+    LOG_GAMMA,
+    LOG_N1,
+    STRENGTH,
+    TAIL,
+    channels_of,
+    colour_slice,
+    contrasts,
+    interface_colour,
+)
 from hagoromo.measurement.sight import Array
 
-GAMMA_RANGE = (0.01, 1.2)  # [rad] admissible: below, a sphere's pixel is wider than the lobe; above, it is diffuse
+GAMMA_RANGE = (0.001, 1.2)  # [rad] admissible: below, lamps and pixels are wider than any lobe; above, it is diffuse
 N_RANGE = (1.05, 3.0)  # admissible refractive index: above a gas, up to the densest dielectrics
 SMALLEST_DECREMENT = 1e-6  # of Σρ: a row whose next step would lower it by less has converged (0.1 % of an error)
+STRONGEST_CONTRAST = 5.0  # largest number of the interface colour: channels that differ by a factor of 1000
 MATERIAL_FIT_STEPS = 60  # largest number of steps of one row
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """K fits: parameters theta (K, C+3), cost (K,) = Σρ, curvature (K, C+3, C+3) = JᵀWJ, and how each ended."""
+    """K fits: parameters theta (K, P), cost (K,) = Σρ, curvature (K, P, P) = JᵀWJ, and how each ended."""
 
     theta: Array
     cost: Array
@@ -36,21 +47,22 @@ class Rows:
 class Objective:
     """The cost: Σρ of the residuals of `observations` over √variance, or with frozen `weights` Σ w r²/2.
 
-    variance: (N, C) of the values. weights: (N, C) or None.
+    variance: (N, C) of the values. weights: (N, C) or None. shaped: (P,) parameters of the interface colour and the
+    tail that are estimated: the slopes by the others among them are not needed, and are 0.
     """
 
     observations: Observations
     variance: Array
     loss: Loss
     weights: Array | None = None
+    shaped: tuple[int, ...] = ()
 
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
         """Cost (K,), gradient (K, P) and Gauss–Newton curvature (K, P, P) at rows theta (K, P)."""
         c = self.observations.channels
         body = self.observations.sight.body
-        s, by_gamma, by_n = self.observations.sight.interface(theta[:, -2], theta[:, -1])
-        strength = theta[:, c, None, None]
-        deviation = self.observations.values - theta[:, None, :c] * body - strength * s
+        interface, shared = self.interface(theta)
+        deviation = self.observations.values - theta[:, None, :c] * body - interface
         r = deviation / np.sqrt(self.variance)
         known = self.observations.used
         if self.weights is None:
@@ -59,24 +71,40 @@ class Objective:
         else:
             weight = np.broadcast_to(np.where(known, self.weights, 0.0) / self.variance, r.shape)
             cost = 0.5 * np.sum(weight * deviation**2, axis=(1, 2))
-        shared = (s, strength * by_gamma, strength * by_n)  # derivatives by β F₀, ln γ, ln(n − 1)
-        gradient = np.empty_like(theta)
+        gradient = np.zeros_like(theta)
         curvature = np.zeros((*theta.shape, theta.shape[1]))
         gradient[:, :c] = -np.einsum("knc,nc,knc->kc", weight, body, deviation)
         curvature[:, range(c), range(c)] = np.einsum("knc,nc->kc", weight, body**2)
-        for i, column in enumerate(shared, c):
+        for k, (i, column) in enumerate(shared):
             weighted = weight * column
             gradient[:, i] = -np.einsum("knc,knc->k", weighted, deviation)
             curvature[:, :c, i] = curvature[:, i, :c] = np.einsum("knc,nc->kc", weighted, body)
-            for j, other in enumerate(shared[: i - c + 1], c):
+            for j, other in shared[: k + 1]:
                 curvature[:, i, j] = curvature[:, j, i] = np.einsum("knc,knc->k", weighted, other)
         return cost, gradient, curvature
+
+    def interface(self, theta: Array) -> tuple[Array, list[tuple[int, Array]]]:
+        """The interface (K, N, C) at rows theta (K, P); the slopes (K, N, C) by its parameters, with their places."""
+        c, places = self.observations.channels, theta.shape[1]
+        lobe = self.observations.sight.lobe(
+            theta[:, LOG_GAMMA], theta[:, LOG_N1], theta[:, TAIL], places + TAIL in self.shaped
+        )
+        colour = interface_colour(theta)[:, None]
+        strength = theta[:, STRENGTH, None, None] * colour
+        value = strength * lobe.value
+        slopes = [(i, value * contrasts(c)[:, i - c]) for i in self.shaped if i < places + TAIL]
+        if places + TAIL in self.shaped:
+            slopes.append((places + TAIL, strength * lobe.by_tail))
+        slopes.append((places + STRENGTH, colour * lobe.value))
+        slopes.append((places + LOG_GAMMA, strength * lobe.by_log_gamma))
+        slopes.append((places + LOG_N1, strength * lobe.by_log_n1))
+        return value, slopes
 
 
 def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps: int = MATERIAL_FIT_STEPS) -> Rows:
     """Rows theta (K, P) moved to their nearest minimum; parameters where `free` (P,) is false stay fixed.
 
-    β F₀ stays 0 or more, ln γ and ln(n − 1) in their admissible range. `Rows.statuses` states which rows had not
+    β F₀ stays 0 or more, the others in their admissible range. `Rows.statuses` states which rows had not
     converged after `steps` steps.
     """
     problem = RowsProblem(objective.evaluate, *_bounds(theta.shape[1]), free)
@@ -93,6 +121,9 @@ def at_bound(theta: Array) -> NDArray[np.bool_]:
 
 def _bounds(size: int) -> tuple[Array, Array]:
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
-    low[-3] = 0.0
-    low[-2:], high[-2:] = np.log([(GAMMA_RANGE[0], N_RANGE[0] - 1), (GAMMA_RANGE[1], N_RANGE[1] - 1)])
+    colours = colour_slice(channels_of(low))
+    low[colours], high[colours] = -STRONGEST_CONTRAST, STRONGEST_CONTRAST
+    low[TAIL], high[TAIL] = TAIL_RANGE
+    low[STRENGTH] = 0.0
+    low[LOG_GAMMA:], high[LOG_GAMMA:] = np.log([(GAMMA_RANGE[0], N_RANGE[0] - 1), (GAMMA_RANGE[1], N_RANGE[1] - 1)])
     return low, high

@@ -1,13 +1,14 @@
 """Sight: the geometry of lamps, eye and surface at points of known shape, and the irradiance there.
 
 Enters: points [m], normals (unit, world), the lamps and the camera of a photograph. Leaves: the value per unit of
-α c_b and of β F₀ at each point, for any γ and n, with its derivatives; F₀ = F(0, n) = ((n − 1)/(n + 1))².
+α c_b and of β F₀ at each point, for any γ, ν and n, with its derivatives; F₀ = F(0, n) = ((n − 1)/(n + 1))².
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -16,13 +17,24 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.camera.response import camera_white
 from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.facets import facet_density
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.torrance_sparrow import Cosines, fresnel, weights_at
 
 Array = NDArray[np.float64]
 
 GRAZING_COSINE = 0.17  # cos 80°: there an error of 1° in the normal changes the cosine, and so the value, by 10 %
+FLAT_GAMMA = 1e6  # [rad] at which every facet density is 1
 NO_LAMP = Cosines(-1.0, -1.0, 1.0, 1.0)  # fills the place of an absent lamp: its irradiance is 0
+
+
+class Lobe(NamedTuple):
+    """The interface per unit of β F₀ and its derivatives by ln γ, ln(n − 1) and the tail 1/ν: each (K, N, C)."""
+
+    value: Array
+    by_log_gamma: Array
+    by_log_n1: Array
+    by_tail: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,28 +54,49 @@ class Sight:
         facing = (self.cosines.incidence > 0.0) & (self.cosines.view > 0.0)
         return np.einsum("nlc,nl->nc", self.irradiance, np.where(facing, self.cosines.incidence, 0.0))
 
-    def interface(self, log_gamma: Array, log_n1: Array) -> tuple[Array, Array, Array]:
-        """Value per unit of β F₀ at K pairs (ln γ, ln(n − 1)), and its derivatives by the two: three (K, N, C).
+    def interface(self, log_gamma: Array, log_n1: Array, tail: Array | None = None) -> tuple[Array, Array, Array]:
+        """Value per unit of β F₀ at K rows (ln γ, ln(n − 1), 1/ν), and its derivatives by the first two: (K, N, C).
 
-        Forward-mode derivatives of the package's one implementation of eq. (3), in double precision.
+        tail: 1/ν; None: 0, Gaussian facets.
         """
-        k, shape = len(log_gamma), self.cosines.half.shape
+        lobe = self.lobe(log_gamma, log_n1, np.zeros(len(log_gamma)) if tail is None else tail)
+        return lobe.value, lobe.by_log_gamma, lobe.by_log_n1
+
+    def lobe(self, log_gamma: Array, log_n1: Array, tail: Array, with_tail: bool = False) -> Lobe:
+        """Value per unit of β F₀ at K rows (ln γ, ln(n − 1), 1/ν), and its derivatives: each (K, N, C).
+
+        All but the facet density are the package's one implementation of eq. (3), in double precision, with its
+        forward-mode derivative. with_tail: whether the derivative by 1/ν is needed; else it is 0.
+        """
+        flat, by_n = self._flat(log_n1)
+        width, beyond = (np.asarray(row, np.float64)[:, None, None] for row in (log_gamma, tail))
+        density = facet_density(self._angle2, width, beyond, with_tail)
+        parts = (flat * density.value, flat * density.by_log_gamma, by_n * density.value)
+        by_tail = self._sum_of_lamps(flat * density.by_tail) if with_tail else np.zeros(1)
+        value, by_gamma, by_index = (self._sum_of_lamps(part) for part in parts)
+        return Lobe(value, by_gamma, by_index, by_tail)
+
+    @cached_property
+    def _angle2(self) -> Array:
+        """(N, L) φ² [rad²]."""
+        return np.arccos(np.clip(self.cosines.half, -1.0, 1.0)) ** 2
+
+    def _flat(self, log_n1: Array) -> tuple[Array, Array]:
+        """F G / cosθ_r over F₀ at K values of ln(n − 1), and its derivative by it: two (K, N, L), 0 where unlit."""
+        different, row = np.unique(log_n1, return_inverse=True)
+        k, shape = len(different), self.cosines.half.shape
         real: Any = arrays().Float64
         cosines = Cosines(*(dr.tile(real(cosine.ravel()), k) for cosine in self.cosines))
-        rows = [dr.repeat(real(row), shape[0] * shape[1]) for row in (log_gamma, log_n1)]
-        parts = []
-        for row in rows:
-            dr.enable_grad(row)
-            dr.set_grad(row, 1.0)
-            n = 1.0 + dr.exp(rows[1])
-            value = weights_at(cosines, 0.0, 1.0 / fresnel(1.0, n), dr.exp(rows[0]), n).interface
-            slope = dr.forward_to(value)
-            parts = parts or [dr.detach(value)]
-            parts.append(slope)
-            dr.disable_grad(row)
+        log_index = dr.repeat(real(different), shape[0] * shape[1])
+        dr.enable_grad(log_index)
+        dr.set_grad(log_index, 1.0)
+        n = 1.0 + dr.exp(log_index)
+        value = weights_at(cosines, 0.0, 1.0 / fresnel(1.0, n), FLAT_GAMMA, n).interface
+        slope = dr.forward_to(value)
+        parts = [dr.detach(value), slope]
         dr.eval(parts)
-        s, by_gamma, by_n = (self._sum_of_lamps(np.asarray(part).reshape(k, *shape)) for part in parts)
-        return s, by_gamma, by_n
+        flat, by_n = (np.asarray(part).reshape(k, *shape)[row] for part in parts)
+        return flat, by_n
 
     def _sum_of_lamps(self, weights: Array) -> Array:
         """(K, N, L) → (K, N, C)."""

@@ -9,8 +9,13 @@ STUDIES = Path(__file__).parents[2] / "studies"
 FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
 INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
     # the models that the fits minimise, to predict readings from parameters that no fit has found
-    "coverage_bench.py": {"measurement.material.material_objective", "measurement.material.quantity"},
-    "merl.py": {"measurement.material.material_objective", "measurement.material.lack_of_fit"},
+    "coverage_bench.py": {"measurement.material.material_objective", "measurement.parameters"},
+    "merl.py": {
+        "measurement.material.material_objective",
+        "measurement.material.lack_of_fit",
+        "measurement.material.model_choice",
+        "measurement.parameters",
+    },
     "encoding.py": {"measurement.normals.normals", "measurement.normals.photometric_model"},
     "leave_one_out.py": {"measurement.normals.normals"},
     "predicted_photograph.py": {"measurement.normals.photometric_model"},

@@ -18,12 +18,14 @@ FULL_WELL, READ_NOISE = 45_000.0, 10.0  # electrons
 
 @dataclass(frozen=True)
 class Truth:
-    """Parameters of a material: alpha_body is α c_b per channel."""
+    """Parameters of a material: alpha_body is α c_b per channel; interface_colour has mean 1."""
 
     alpha_body: tuple
     beta: float
     gamma: float
     n: float
+    nu: float = np.inf
+    interface_colour: tuple = (1.0, 1.0, 1.0)
 
     @property
     def alpha(self):
@@ -40,14 +42,15 @@ def reflected(normal, to_lamp, to_eye, truth):
     half = half / np.linalg.norm(half, axis=-1, keepdims=True)
     cos_i, cos_r = (normal * to_lamp).sum(-1), (normal * to_eye).sum(-1)
     cos_q, phi = (to_eye * half).sum(-1), np.arccos(np.clip((normal * half).sum(-1), -1, 1))
-    d = np.exp(-np.log(2) * (phi / truth.gamma) ** 2)
+    u = (phi / truth.gamma) ** 2
+    d = 2.0**-u if np.isinf(truth.nu) else (1 + (2 ** (1 / truth.nu) - 1) * u) ** -truth.nu
     g = np.sqrt(truth.n**2 + cos_q**2 - 1)
     f = (g - cos_q) ** 2 / (g + cos_q) ** 2 / 2
     f = f * (1 + (cos_q * (g + cos_q) - 1) ** 2 / (cos_q * (g - cos_q) + 1) ** 2)
     masked = np.minimum(1, 2 * np.cos(phi) * np.minimum(cos_r, cos_i) / cos_q)
     seen = (cos_i > 0) & (cos_r > 0)
     interface = truth.beta * d * f * masked / np.where(seen, cos_r, 1)
-    both = cos_i[..., None] * np.array(truth.alpha_body) + interface[..., None]
+    both = cos_i[..., None] * np.array(truth.alpha_body) + interface[..., None] * np.array(truth.interface_colour)
     return np.where(seen[..., None], both, 0)
 
 

@@ -16,9 +16,9 @@ from hagoromo.files.record import read_json, write_json
 from hagoromo.least_squares import TUKEY
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import measure_known_shape
-from hagoromo.measurement.material.quantity import pack_theta
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.observations import Pixels, known_shape, observe
+from hagoromo.measurement.parameters import pack_theta
 from hagoromo.measurement.robust_fit import Objective
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
@@ -27,6 +27,7 @@ from hagoromo.reflectance.material.materials_file import read_materials, write_m
 from tests.inverse.simulated_ball import LAMPS, Truth, simulate
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")
+OF_THE_INTERFACE = ("beta", "gamma", "n", "nu", "interface_colour")
 RED = Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
 BLUE = Truth((0.06, 0.15, 0.10), 0.3, 0.25, 1.4)
 HALVES = np.repeat([0, 1], [36, 37])[:, None] * np.ones((1, 73), int)
@@ -50,8 +51,8 @@ def two_balls_in_one():
 def test_gradient_of_the_fit_is_that_of_its_cost(ball):
     """Oracle: central differences of Σρ; their error is of the order step² and rounding/step, each below 1e-5 here."""
     seen = observe(ball, known_shape(ball), None, 0)
-    objective = Objective(seen, seen.noise, TUKEY)
-    theta = pack_theta(np.array(RED.alpha_body), RED.beta, RED.gamma, RED.n) * 1.01
+    objective = Objective(seen, seen.noise, TUKEY, shaped=(3, 4, 5))
+    theta = pack_theta(np.array(RED.alpha_body), RED.beta, RED.gamma, RED.n, 40.0, np.array([1.01, 1.0, 0.99])) * 1.01
     gradient = objective.evaluate(theta[None])[1][0]
     for i, step in enumerate(1e-6 * np.eye(len(theta))):
         cost = objective.evaluate(np.stack([theta + step, theta - step]))[0]
@@ -79,7 +80,8 @@ def test_two_materials_are_told_apart_and_measured_under_a_lamp_of_unknown_colou
     assert (np.abs(colour.value - [1.3, 1.0, 0.7]) < 4 * colour.standard_error).all()
     assert colour.standard_error.max() < 0.01
     for found, truth in zip(measured.materials, (RED, BLUE) if red == 0 else (BLUE, RED), strict=True):
-        assert close(found, truth) and all(found.identifiable.values())
+        assert close(found, truth) and all(found.identifiable[key] for key in (*PARAMETERS, "nu"))
+        assert not found.identifiable["interface_colour"]  # that of the lamp was read off it
 
 
 def test_lamp_colour_is_not_made_up(ball):
@@ -90,7 +92,7 @@ def test_lamp_colour_is_not_made_up(ball):
 def test_matte_ball_tells_nothing_of_its_interface():
     matte = replace(RED, beta=0.0)
     (found,) = measure_known_shape(simulate([matte], 4)).materials
-    assert found.identifiable == {"alpha": True, "beta": False, "gamma": False, "n": False}
+    assert found.identifiable == {"alpha": True} | dict.fromkeys(OF_THE_INTERFACE, False)
     assert found.beta == 0.0 and found.standard_error["beta"] is None
     assert found.interval_95["specular_albedo"][1] < 1e-3 * math.pi * found.alpha
     assert close(found, matte, ["alpha"])
@@ -100,7 +102,8 @@ def test_matte_ball_tells_nothing_of_its_interface():
 def test_one_lamp_does_not_tell_n_and_the_interval_of_beta_says_so(ball):
     one = replace(ball, photographs=ball.photographs[:1])
     (free,), (given,) = measure_known_shape(one).materials, measure_known_shape(one, n=1.5).materials
-    assert free.identifiable == {"alpha": True, "beta": False, "gamma": True, "n": False}
+    known = {"alpha": True, "beta": False, "gamma": True, "n": False, "nu": True, "interface_colour": True}
+    assert free.identifiable == known
     assert free.n == 1.5 and "n is not identifiable" in free.remarks[0]
     assert free.interval_95["beta"][0] < RED.beta / 2 and free.interval_95["beta"][1] > RED.beta * 2
     assert given.identifiable["beta"] and not given.identifiable["n"] and given.interval_95["n"] == (1.5, 1.5)

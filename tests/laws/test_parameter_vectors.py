@@ -3,15 +3,17 @@
 import numpy as np
 
 from hagoromo.calibration.lamps.uncalibrated import joint_surface
-from hagoromo.measurement.material.quantity import pack_theta, unpack_theta
 from hagoromo.measurement.normals import photometric_step
+from hagoromo.measurement.parameters import pack_theta, unpack_theta
 
 
 def test_theta_of_a_material_is_unpacked_as_it_was_packed():
     alpha_body = np.array([0.3, 0.2, 0.1])
-    unpacked = unpack_theta(pack_theta(alpha_body, 0.4, 0.2, 1.5))
-    np.testing.assert_allclose(unpacked[0], alpha_body)
-    np.testing.assert_allclose(unpacked[1:], (0.4, 0.2, 1.5), rtol=1e-14)
+    for nu, colour in ((np.inf, np.ones(3)), (1.7, np.array([1.5, 1.2, 0.3]))):
+        unpacked = unpack_theta(pack_theta(alpha_body, 0.4, 0.2, 1.5, nu, colour))
+        np.testing.assert_allclose(unpacked[0], alpha_body)
+        np.testing.assert_allclose(unpacked[1:5], (0.4, 0.2, 1.5, nu), rtol=1e-14)
+        np.testing.assert_allclose(unpacked[5], colour, rtol=1e-14)
 
 
 def test_shared_parameters_of_the_photometric_fit_are_unpacked_as_they_were_packed():

@@ -26,6 +26,7 @@ from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.material.material_objective import expected, theta_of
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
@@ -157,11 +158,8 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
         if not region.any():
             continue
         view = sight_of(photograph, relief.points[region].astype(np.float64), relief.normals[region].astype(np.float64))
-        width, index = np.array([np.log(material.gamma)]), np.array([np.log(material.n - 1.0)])
-        facing = ((material.n - 1.0) / (material.n + 1.0)) ** 2
-        values[region] = (
-            view.body * (relief.body[region] @ matrix.T) + material.beta * facing * view.interface(width, index)[0][0]
-        )
+        interface = expected(view, theta_of(material, np.zeros(3)))
+        values[region] = view.body * (relief.body[region] @ matrix.T) + interface
     return values
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from hagoromo.measurement.material.interval import CHI_SQUARE_95, inflation
 from hagoromo.measurement.material.quantity import Quantity, albedo_per_strength, alpha
 from hagoromo.measurement.material.sandwich import MaterialFit
+from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, channels_of
 from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.measurement.sight import Array
 
-WIDTHS = np.geomspace(*GAMMA_RANGE, 16)  # γ [rad] of the grid
+WIDTHS = np.geomspace(0.01, GAMMA_RANGE[1], 16)  # γ [rad] of the grid; narrower lobes would fall between pixels
 INDICES = (N_RANGE[0], 1.3, 1.5, 1.9, N_RANGE[1])  # n of the grid
 STRENGTHS = 24  # β F₀ of the grid, from 0 to the largest possible
 FARTHEST = 3.0  # standard errors above the best strength
@@ -35,17 +36,17 @@ class Sweep:
 
 def sweep_of_gloss(fit: MaterialFit, n: float | None = None) -> Sweep:
     """All lobes that the noise allows in addition to the matte `fit`; n: refractive index, if known."""
-    c = len(fit.theta) - 3
+    c, place = channels_of(fit.theta), len(fit.theta) + STRENGTH
     grid = np.array([(width, index) for width in WIDTHS for index in (INDICES if n is None else (n,))])
     start = np.tile(fit.theta, (len(grid), 1))
-    start[:, c] = 0.0
-    start[:, -2], start[:, -1] = np.log(grid[:, 0]), np.log(grid[:, 1] - 1.0)
+    start[:, STRENGTH] = 0.0
+    start[:, LOG_GAMMA], start[:, LOG_N1] = np.log(grid[:, 0]), np.log(grid[:, 1] - 1.0)
     cost, gradient, curvature = fit.objective.evaluate(start)  # quadratic in body and strength: the weights are frozen
-    body, across, along = curvature[:, :c, :c], curvature[:, :c, c], curvature[:, c, c]
+    body, across, along = curvature[:, :c, :c], curvature[:, :c, place], curvature[:, place, place]
     inverse = np.linalg.inv(body)
     tilt = np.einsum("kpq,kq->kp", inverse, across)  # fall of the body per unit of strength
     own = np.maximum(along - np.einsum("kp,kp->k", across, tilt), 1e-12 * np.maximum(along, 1e-300))
-    rhs = gradient[:, c] - np.einsum("kp,kp->k", tilt, gradient[:, :c])
+    rhs = gradient[:, place] - np.einsum("kp,kp->k", tilt, gradient[:, :c])
     best, spread = -rhs / own, 1.0 / np.sqrt(own)
     # no lobe may reflect more than it receives
     ceiling = 1.0 / albedo_per_strength(start)[0]
@@ -55,12 +56,13 @@ def sweep_of_gloss(fit: MaterialFit, n: float | None = None) -> Sweep:
     base = np.einsum("kpq,kq->kp", inverse, gradient[:, :c])
     theta = np.tile(start, (STRENGTHS, 1, 1))
     theta[..., :c] -= base + strength[..., None] * tilt
-    theta[..., c] = strength
+    theta[..., place] = strength
     value = cost - 0.5 * np.einsum("kp,kp->k", base, gradient[:, :c]) + fall
     covariance = np.zeros((*theta.shape, theta.shape[2]))
     covariance[..., :c, :c] = inverse
-    rows = theta.reshape(-1, c + 3)
-    return Sweep(fit, rows, 2.0 * (value - value.min()).ravel(), covariance.reshape(len(rows), c + 3, c + 3))
+    size = theta.shape[-1]
+    rows = theta.reshape(-1, size)
+    return Sweep(fit, rows, 2.0 * (value - value.min()).ravel(), covariance.reshape(len(rows), size, size))
 
 
 def swept_interval(sweep: Sweep, quantity: Quantity) -> tuple[float, float]:
@@ -75,4 +77,4 @@ def swept_interval(sweep: Sweep, quantity: Quantity) -> tuple[float, float]:
 
 def albedo(theta: Array) -> tuple[Array, Array]:
     """The specular albedo, for lobes of any strength from 0 on; it does not depend on the body."""
-    return theta[:, -3] * albedo_per_strength(theta)[0], np.zeros_like(theta)
+    return theta[:, STRENGTH] * albedo_per_strength(theta)[0], np.zeros_like(theta)

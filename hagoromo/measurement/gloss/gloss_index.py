@@ -88,6 +88,6 @@ def _with_index(fit: PixelFit, gloss: Array, n: float, log_n1: float) -> tuple[P
     """`fit` at another ln(n − 1) with its weights, and `gloss` (P, 2) rescaled to the same β."""
     other = 1.0 + float(np.exp(log_n1))
     ratio = (other - 1.0) / (other + 1.0) * (n + 1.0) / (n - 1.0)
-    moved = PixelFit(fit.observations, other, fit.noise)
+    moved = PixelFit(fit.observations, other, fit.noise, fit.shape)
     moved.weigh(fit.weight)
     return moved, gloss + np.array([2.0 * np.log(ratio), 0.0])

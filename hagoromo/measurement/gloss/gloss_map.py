@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from hagoromo.measurement.gloss.gloss_difference import WIDTHS, Lobe, glosses_differ
 from hagoromo.measurement.gloss.gloss_record import with_gloss
 from hagoromo.measurement.gloss.gloss_spread import GlossSpread, gloss_spread
+from hagoromo.measurement.gloss.lobes import LobeShape
 from hagoromo.measurement.gloss.pixel_gloss import PixelFit, PixelGloss
-from hagoromo.measurement.material.quantity import pack_theta
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Observations, Pixels, known_shape, observe, observe_pixels
 from hagoromo.measurement.sight import Array
@@ -72,7 +72,7 @@ def gloss_map(
     for number, (material, spread) in enumerate(zip(updated, spreads, strict=True)):
         pixels = Pixels.where(capture, (labels == number) & known_shape(capture))
         if spread is not None and spread.varies:
-            _fill(maps, capture, pixels, spread, white)
+            _fill(maps, capture, pixels, spread, LobeShape.of(material), white)
         else:
             index = pixels.rows, pixels.columns
             for key in ("beta", "gamma"):
@@ -89,20 +89,20 @@ def _spread(
         return None
     region = known_shape(capture) & interior(labels, number)
     samples = observe(capture, region, white, SEED)
-    theta = pack_theta(np.ones(samples.channels), material.beta, material.gamma, material.n)
-    start = np.array([np.log(theta[-3]), theta[-2]])
-    spread = gloss_spread(samples, start, material.n, is_given=not material.identifiable["n"])
+    facing = ((material.n - 1.0) / (material.n + 1.0)) ** 2
+    start = np.log([material.beta * facing, material.gamma])
+    spread = gloss_spread(samples, start, material.n, not material.identifiable["n"], LobeShape.of(material))
     if spread is None or not spread.varies:
         return spread
-    return replace(spread, follows_angles=not _is_of_the_pixels(capture, samples, spread))
+    return replace(spread, follows_angles=not _is_of_the_pixels(capture, samples, spread, LobeShape.of(material)))
 
 
-def _is_of_the_pixels(capture: Capture, samples: Observations, spread: GlossSpread) -> bool:
+def _is_of_the_pixels(capture: Capture, samples: Observations, spread: GlossSpread, shape: LobeShape) -> bool:
     """Whether pixels of high and of low gloss differ at the same angles; an unsuitable lobe shape does not cause that.
 
     The pixels are divided into halves by β, then by γ, and `glosses_differ` compares the facet densities of the halves.
     """
-    fit = PixelFit(samples, spread.n, spread.noise)
+    fit = PixelFit(samples, spread.n, spread.noise, shape)
     gloss, region = fit.solve(spread.law).gloss, np.zeros(capture.photographs[0].mask.shape, bool)
     region.flat[fit.pixels] = True
     pixels = Pixels.where(capture, region)  # in the order of the pixels of `fit`
@@ -118,7 +118,9 @@ def _lobe(gloss: Array) -> Lobe:
     return Lobe(int(np.argmin(np.abs(np.log(WIDTHS) - gloss[1]))), float(np.exp(gloss[0])))
 
 
-def _fill(maps: GlossMap, capture: Capture, pixels: Pixels, spread: GlossSpread, white: Array | None) -> None:
+def _fill(
+    maps: GlossMap, capture: Capture, pixels: Pixels, spread: GlossSpread, shape: LobeShape, white: Array | None
+) -> None:
     """Solve `pixels` of one material and write them into `maps`; the error of n is added to theirs."""
     index = pixels.rows, pixels.columns
     mean = np.exp(spread.law.mean) * (spread.beta_per_strength, 1.0)
@@ -131,7 +133,7 @@ def _fill(maps: GlossMap, capture: Capture, pixels: Pixels, spread: GlossSpread,
         samples = observe_pixels(capture, pixels[np.arange(start, min(start + size, len(pixels)))], white)
         if not samples.used.any():
             continue
-        fit = PixelFit(samples, spread.n, spread.noise)
+        fit = PixelFit(samples, spread.n, spread.noise, shape)
         _put(maps, np.divmod(fit.pixels, maps.beta.shape[1]), fit.solve(spread.law), spread)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.gloss.gloss_difference import WIDTHS, Lobe
-from hagoromo.measurement.material.quantity import pack_theta
 from hagoromo.measurement.observations import Pixels
+from hagoromo.measurement.parameters import pack_theta
 from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
 

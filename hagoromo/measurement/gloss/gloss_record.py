@@ -9,7 +9,8 @@ import numpy as np
 
 from hagoromo.least_squares import NORMAL_95
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, GlossSpread
-from hagoromo.measurement.material.quantity import log_albedo, pack_theta
+from hagoromo.measurement.material.quantity import log_albedo
+from hagoromo.measurement.parameters import pack_theta
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 
@@ -55,7 +56,7 @@ def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEst
     """β, γ, n and specular albedo of the mean of the law; one shared gloss would fit none of the pixels."""
     n, n_identifiable = spread.n, spread.index.variance > 0.0
     beta, gamma = (np.exp(spread.law.mean) * (spread.beta_per_strength, 1.0)).tolist()
-    of_albedo, by = log_albedo(pack_theta(np.ones(len(material.body_colour)), beta, gamma, n)[None])
+    of_albedo, by = log_albedo(pack_theta(np.ones(len(material.body_colour)), beta, gamma, n, material.nu)[None])
     value = {"beta": beta, "gamma": gamma, "n": n, "specular_albedo": float(np.exp(of_albedo[0]))}
     covariance = np.zeros((3, 3))  # of ln β F₀, ln γ, ln(n − 1)
     covariance[:2, :2], covariance[2, 2] = spread.covariance, spread.index.variance

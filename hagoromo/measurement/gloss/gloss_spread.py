@@ -22,6 +22,7 @@ from hagoromo.least_squares import (
 )
 from hagoromo.measurement.gloss.gloss_index import Index, refractive_index
 from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, likeliest
+from hagoromo.measurement.gloss.lobes import LobeShape
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit, PixelGloss
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
@@ -92,13 +93,16 @@ class GlossSpread:
         return self.index.variance * np.array([4.0 / (self.n + 1.0), 0.0]) ** 2
 
 
-def gloss_spread(observations: Observations, start: Array, n: float, is_given: bool) -> GlossSpread | None:
+def gloss_spread(
+    observations: Observations, start: Array, n: float, is_given: bool, shape: LobeShape | None = None
+) -> GlossSpread | None:
     """The spread of gloss over the pixels `observations`; None where they are too few.
 
     start: (2,) ln(β F₀) and ln γ of one gloss for all pixels. n: their refractive index: fixed where it `is_given`,
-    else the start of a search, since the fit of one gloss to pixels that differ biases n.
+    else the start of a search, since the fit of one gloss to pixels that differ biases n. shape: of their lobes; None:
+    Gaussian facets and a neutral interface.
     """
-    fit = PixelFit(observations, n)
+    fit = PixelFit(observations, n, shape=shape)
     if len(fit) < FEWEST_PIXELS:
         return None
     shared, _ = _shared(fit, start)  # a start: whether it converged does not matter
@@ -112,16 +116,16 @@ def gloss_spread(observations: Observations, start: Array, n: float, is_given: b
         return GlossSpread(law, first, 1.0, (chi_square, chi_square), Index(n), np.zeros((2, 2)), (status,))
     law, noise, index = wide, 1.0, Index(n)
     for turn in range(GLOSS_SPREAD_ROUNDS):
-        fit = PixelFit(observations, index.n, noise)
+        fit = PixelFit(observations, index.n, noise, shape)
         estimates = fit.solve(law)
         (law, status), noise = likeliest(estimates, law), max(noise * _scale(fit, estimates.gloss), 1.0)
         if turn == GLOSS_SPREAD_ROUNDS // 2 and not is_given:
             last, index = index.n, refractive_index(fit, estimates, index.n)
             ratio = (index.n - 1.0) / (index.n + 1.0) * (last + 1.0) / (last - 1.0)
             law = GlossLaw(law.mean + 2.0 * np.log(ratio) * np.array([1.0, 0.0]), law.covariance)  # at the same β
-    fit = PixelFit(observations, index.n, noise)
+    fit = PixelFit(observations, index.n, noise, shape)
     estimates = fit.solve(law)
-    one = PixelFit(observations, n, noise)
+    one = PixelFit(observations, n, noise, shape)
     one.weigh(fit.weight)
     best, shared_status = _shared(one, shared[0], reweighed=False)
     parameters = int(

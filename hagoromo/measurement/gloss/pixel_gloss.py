@@ -8,17 +8,16 @@ highlight has no information: its estimate is the mean of the law, with the spre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares import HUBER, Damping, FitStatuses, Tolerance, levenberg_marquardt
-from hagoromo.measurement.gloss.lobes import Lobes
+from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
-from hagoromo.measurement.sight import Array, Sight
-from hagoromo.reflectance.torrance_sparrow import Cosines
+from hagoromo.measurement.sight import Array
 
 START_WIDTHS = np.geomspace(0.35, 2.8, 7)  # times the law's γ: a start within a factor of 1.3 overlaps with the data
 STARTS_WITHIN = 2.5  # standard deviations of the law around its mean in which starts lie
@@ -66,10 +65,12 @@ class PixelFit:
     noise: standard deviation of the residuals, in stated standard deviations.
     """
 
-    def __init__(self, observations: Observations, n: float, noise: float = 1.0) -> None:
-        self.observations, self.n, self.noise = observations, n, noise
+    def __init__(
+        self, observations: Observations, n: float, noise: float = 1.0, shape: LobeShape | None = None
+    ) -> None:
+        self.observations, self.n, self.noise, self.shape = observations, n, noise, shape
         self.pixels, self.pixel = np.unique(observations.pixel, return_inverse=True)
-        self._lobes = Lobes(observations.sight, n)
+        self._lobes = Lobes(observations.sight, n, shape)
         self._lit = observations.sight.body
         self.weigh(np.where(observations.used, 1.0 / (noise**2 * observations.noise), 0.0))
 
@@ -79,18 +80,13 @@ class PixelFit:
     def of(self, chosen: NDArray[np.bool_]) -> PixelFit:
         """The fit of the pixels that are `chosen` (P,), with their present weights."""
         observations, rows = self.observations, chosen[self.pixel]
-        sight = Sight(
-            Cosines(*(cosine[rows] for cosine in observations.sight.cosines)), observations.sight.irradiance[rows]
-        )
-        keys = ("values", "noise", "gain", "used", "ceiling", "tile", "pixel")
-        part = replace(observations, sight=sight, **{key: getattr(observations, key)[rows] for key in keys})
-        few = PixelFit(part, self.n, self.noise)
+        few = PixelFit(observations.of(rows), self.n, self.noise, self.shape)
         few.weigh(self.weight[rows])
         return few
 
     def with_values(self, observations: Observations) -> PixelFit:
         """The fit of other values of the same samples, with the same weights."""
-        other = PixelFit(observations, self.n, self.noise)
+        other = PixelFit(observations, self.n, self.noise, self.shape)
         other.weigh(self.weight)
         return other
 

@@ -95,8 +95,8 @@ def fit_albedo_variation(fit: MaterialFit) -> MaterialFit:
         loss = TUKEY if biweight else HUBER
         spread = variance * max(scale, 1.0) ** 2
         weights = loss.weight((observations.values - model) / np.sqrt(spread))
-        objective = AlbedoVariationObjective(observations, spread, loss, weights)
-        theta[:-3] = np.nanmean(objective.bodies(theta), axis=0)
+        objective = AlbedoVariationObjective(observations, spread, loss, weights, fit.objective.shaped)
+        theta[: observations.channels] = np.nanmean(objective.bodies(theta), axis=0)
         rows = minimise(objective, theta[None], free)
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
@@ -111,7 +111,11 @@ def fit_albedo_variation(fit: MaterialFit) -> MaterialFit:
 def _objective(fit: MaterialFit, theta: Array, weights: Array) -> AlbedoVariationObjective:
     observations = fit.objective.observations
     return AlbedoVariationObjective(
-        observations, observations.variance_at(fit.objective.model(theta)), fit.objective.loss, weights
+        observations,
+        observations.variance_at(fit.objective.model(theta)),
+        fit.objective.loss,
+        weights,
+        fit.objective.shaped,
     )
 
 

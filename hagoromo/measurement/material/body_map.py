@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares import HUBER
 from hagoromo.measurement.gloss.gloss_map import GlossMap
-from hagoromo.measurement.gloss.lobes import Lobes
-from hagoromo.measurement.material.quantity import pack_theta
+from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
+from hagoromo.measurement.material.material_objective import expected, theta_of
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
@@ -64,13 +64,11 @@ class BodyMap:
             index = pixels.rows, pixels.columns
             body[index] = self.value[index] * geometry.body
             if self.gloss is None:
-                theta = pack_theta(np.zeros(self.value.shape[2]), material.beta, material.gamma, material.n)
-                interface[index] = theta[-3] * geometry.interface(theta[-2:-1], theta[-1:])[0][0]
+                interface[index] = expected(geometry, theta_of(material, np.zeros(self.value.shape[2])))
             else:
                 strength = self.gloss.beta[index] * ((material.n - 1.0) / (material.n + 1.0)) ** 2
-                interface[index] = (
-                    strength[:, None] * Lobes(geometry, material.n).evaluate(np.log(self.gloss.gamma[index]))[0]
-                )
+                lobes = Lobes(geometry, material.n, LobeShape.of(material))
+                interface[index] = strength[:, None] * lobes.evaluate(np.log(self.gloss.gamma[index]))[0]
             light[index] = geometry.irradiance.sum(axis=1)
         return Parts(body, interface, light)
 
@@ -114,7 +112,7 @@ def body_map(
 def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Array | None) -> tuple[Array, Array]:
     """Body (M, C) of each pixel by robust least squares, and its standard error, inf where no photograph shows it."""
     mean = material.alpha * np.array(material.body_colour)
-    theta = pack_theta(mean, material.beta, material.gamma, material.n)
+    theta = theta_of(material, np.zeros_like(mean))
     body, index = np.tile(mean, (len(pixels), 1)), (pixels.rows, pixels.columns)
     photographs_parts = [_view(photograph, pixels, theta, white) for photograph in capture.photographs]
     power = np.zeros_like(body)
@@ -140,4 +138,4 @@ def _view(
     used = np.asarray(geometry.fit_to_use & photograph.mask[index])[:, None] & np.asarray(
         lit > DARKEST * lit.max(initial=0.0)
     )
-    return lit, used, photograph.values[index] - theta[-3] * geometry.interface(theta[-2:-1], theta[-1:])[0][0]
+    return lit, used, photograph.values[index] - expected(geometry, theta)

@@ -7,17 +7,20 @@ unknown; if it is, n may still be.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from hagoromo.errors import InputError
+from hagoromo.least_squares import NORMAL_95
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
-from hagoromo.measurement.material.albedo_variation import AlbedoVariation, find_albedo_variation
-from hagoromo.measurement.material.interval import Profile, inflation, profile_over_n
+from hagoromo.measurement.material.albedo_variation import find_albedo_variation
+from hagoromo.measurement.material.interval import Profile, inflation, largest_tail, profile_over_n
 from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
-from hagoromo.measurement.material.quantity import alpha, body_colour, coordinate
+from hagoromo.measurement.material.model_choice import ChosenFit, Facets, Fitted, Interface, choose_fit, fit_as
+from hagoromo.measurement.material.quantity import Quantity, alpha, body_colour, colour_of_interface, coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, with_colour_error
 from hagoromo.measurement.material.uncertainty import (
     correlation_of,
@@ -28,78 +31,83 @@ from hagoromo.measurement.material.uncertainty import (
     values_at,
 )
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL, channels_of, colour_slice
 from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE, minimise
 from hagoromo.measurement.sight import Array
+from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
-DETECTION = 21.1  # fall of χ² that noise reaches with probability 1e-4 for three parameters
+DETECTION = 1e-4  # probability that noise lowers χ² as much as an interface term has to
 PRIOR_N = 1.5  # refractive index of most dielectrics, plastic, skin and fibre among them: 1.3–1.7
 
 
 def estimate_material(
-    observations: Observations, name: str, pixels: int, n: float | None = None, white_error: Array | None = None
+    observations: Observations,
+    name: str,
+    pixels: int,
+    n: float | None = None,
+    white_error: Array | None = None,
+    facets: Facets = "auto",
+    interface: Interface = "auto",
 ) -> MaterialEstimate:
-    """α, β, γ, n and body colour of the material of `observations`.
+    """α, β, γ, n and body colour of the material of `observations`; ν and interface colour where there is evidence.
 
-    n: refractive index, if known. white_error: (C, C) covariance of ln white, if that was estimated.
+    n: refractive index, if known. white_error: (C, C) covariance of ln white, if that was estimated. facets,
+    interface: whether tails and a colour of the interface are estimated: by evidence, never, or always (`choose_fit`).
     Raises `InputError` that names the material when there are too few values or the fit does not converge.
     """
     error = np.zeros((observations.channels, observations.channels)) if white_error is None else white_error
     try:
-        fitted = _fitted(observations, error, n)
-        if _detected(fitted.fit):
-            return _glossy(observations, fitted, name, pixels, error)
-        return _matte(_fitted(observations, error, n, with_interface=False), name, pixels, n)
+        chosen = choose_fit(observations, n, facets, interface)
+        if _detected(chosen.fitted.fit):
+            return _glossy(observations, chosen, name, pixels, error)
+        matte = Fitted(*find_albedo_variation(fit_material(observations, n, with_interface=False)))
+        return _matte(_with_error(matte, error), name, pixels, n)
     except InputError as wrong:
         raise InputError(f"{name}: {wrong}") from wrong
 
 
-class Fitted(NamedTuple):
-    """A fit with one body colour or one per pixel, and the test for its variation."""
-
-    fit: MaterialFit
-    albedo_variation: AlbedoVariation | None
-
-
-def _fitted(observations: Observations, error: Array, n: float | None, with_interface: bool = True) -> Fitted:
-    fit, albedo_variation = find_albedo_variation(fit_material(observations, n, with_interface))
-    return Fitted(with_colour_error(fit, error), albedo_variation)
+def _with_error(fitted: Fitted, error: Array) -> Fitted:
+    return fitted._replace(fit=with_colour_error(fitted.fit, error))
 
 
 def _detected(fit: MaterialFit) -> bool:
     """Whether the interface term lowers χ² by more than DETECTION, in units of the robust estimate's variance."""
-    c = len(fit.theta) - 3
-    if fit.theta[c] <= 0.0:
+    places, channels = np.arange(fit.theta.size), channels_of(fit.theta)
+    if fit.theta[STRENGTH] <= 0.0:
         return False
-    without = np.where(np.arange(c + 3) == c, 0.0, fit.theta)[None]
-    matte = minimise(fit.objective, without, np.arange(c + 3) < c)
+    without = np.where(places == places[STRENGTH], 0.0, fit.theta)[None]
+    matte = minimise(fit.objective, without, places < channels)
     if not matte.statuses.converged[0]:
         raise InputError(matte.statuses[0].remark("the matte material that a highlight is detected against"))
     fall = 2.0 * (matte.cost[0] - fit.objective.evaluate(fit.theta[None])[0][0])
-    return bool(fall > DETECTION * inflation(fit, coordinate(c)))
+    limit = chi2.isf(DETECTION, max(int(fit.free[channels:].sum()), 3))
+    return bool(fall > limit * inflation(fit, coordinate(STRENGTH)))
 
 
-def _glossy(observations: Observations, fitted: Fitted, name: str, pixels: int, error: Array) -> MaterialEstimate:
+def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: int, error: Array) -> MaterialEstimate:
     """Estimate with the interface term: n is estimated, given, or not identifiable and then chosen."""
+    fitted = _with_error(chosen.fitted, error)
     fit = fitted.fit
     profile = profile_over_n(fit)
-    intervals = intervals_of(profile)
+    intervals = _with_wide(chosen, intervals_of(profile))
     identifiable = identifiable_of(fit, intervals)
     tested = lack_of_fit(fit)
     remarks, values, covered = _remarks(fitted, tested, profile), values_at(fit.theta), fit
     if not fit.free[-1]:
         remarks.append(f"n = {values['n']:.4g} was given, not measured")
     elif not identifiable["n"]:
-        chosen = float(np.clip(PRIOR_N, *intervals["n"]))
-        values, covered = values_at(_fitted(observations, error, chosen).fit.theta), None
-        remarks.append(f"n is not identifiable from these photographs: {chosen:.3g} was chosen, intervals allow any n")
+        index = float(np.clip(PRIOR_N, *intervals["n"]))
+        start = np.where(np.arange(fit.theta.size) == fit.theta.size + LOG_N1, np.log(index - 1.0), fit.theta)
+        values, covered = values_at(fit_as(observations, index, chosen.model, start).fit.theta), None
+        remarks.append(f"n is not identifiable from these photographs: {index:.3g} was chosen, intervals allow any n")
+    remarks += _remarks_on_model(chosen, intervals)
     unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
     if unknown:
         remarks.append(f"not identifiable from these photographs: {', '.join(unknown)}")
     return MaterialEstimate(
         name,
         pixels,
-        interface_colour=(1.0,) * observations.channels,
         standard_error=errors_of(covered, values, intervals),
         interval_95=intervals,
         correlation=correlation_of(fit),
@@ -115,13 +123,14 @@ def _glossy(observations: Observations, fitted: Fitted, name: str, pixels: int, 
 
 def _matte(fitted: Fitted, name: str, pixels: int, n: float | None) -> MaterialEstimate:
     """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded above."""
-    fit, c = fitted.fit, len(fitted.fit.theta) - 3
+    fit, c = fitted.fit, channels_of(fitted.fit.theta)
     sweep, values = sweep_of_gloss(fit, n), values_at(fit.theta)
     intervals: dict[str, Any] = {
         "alpha": swept_interval(sweep, alpha),
         "beta": (0.0, math.inf),
         "gamma": GAMMA_RANGE,
         "n": N_RANGE if n is None else (n, n),
+        "nu": (LEAST_NU, math.inf),
         "specular_albedo": (0.0, min(swept_interval(sweep, albedo)[1], 1.0)),
         "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
     }
@@ -130,11 +139,11 @@ def _matte(fitted: Fitted, name: str, pixels: int, n: float | None) -> MaterialE
     return MaterialEstimate(
         name,
         pixels,
-        interface_colour=(1.0,) * c,
         standard_error=errors_of(fit, values, intervals) | dict.fromkeys(("beta", "gamma", "n", "specular_albedo")),
         interval_95=intervals,
         correlation=correlation_of(fit),
-        identifiable={"alpha": alpha_identifiable, "beta": False, "gamma": False, "n": False},
+        identifiable=dict.fromkeys(("beta", "gamma", "n", "nu", "interface_colour"), False)
+        | {"alpha": alpha_identifiable},
         chi_square=fit.residuals.chi_square,
         remarks=(
             *_remarks(fitted, tested),
@@ -145,6 +154,42 @@ def _matte(fitted: Fitted, name: str, pixels: int, n: float | None) -> MaterialE
         convergence=fit.status.record(),
         **values,
     )
+
+
+def _with_wide(chosen: ChosenFit, intervals: dict[str, Any]) -> dict[str, Any]:
+    """`intervals` with those of ν and the interface colour of the wide fit, where the chosen one has none."""
+    wide, c = chosen.wide.fit, channels_of(chosen.wide.fit.theta)
+    missing: dict[str, Any] = {"nu": (LEAST_NU, math.inf)}
+    if wide.free[TAIL]:
+        missing["nu"] = (1.0 / largest_tail(wide), math.inf)
+    if c == 1:
+        missing["interface_colour"] = ((1.0, 1.0),)
+    elif wide.free[colour_slice(c)].any():
+        values, errors = zip(*(_value_and_error(wide, colour_of_interface(i)) for i in range(c)), strict=True)
+        missing["interface_colour"] = tuple(
+            (v - NORMAL_95 * e, v + NORMAL_95 * e) for v, e in zip(values, errors, strict=True)
+        )
+    return missing | intervals
+
+
+def _remarks_on_model(chosen: ChosenFit, intervals: dict[str, Any]) -> list[str]:
+    """What was chosen between Gaussian facets and such with tails, a neutral interface and a coloured one, and why."""
+    remarks = []
+    if chosen.failure:
+        remarks.append(f"facets with tails and a coloured interface were not tried: {chosen.failure}")
+    if chosen.tails is not None:
+        found = "have tails" if chosen.model.tails else "cannot be told from Gaussian ones"
+        least = "" if chosen.model.tails else f"; nu is above {intervals['nu'][0]:.2g}"
+        remarks.append(f"the facets {found} (χ² rises by {chosen.tails:.3g} without tails{least})")
+    if chosen.coloured is not None:
+        found = "has a colour of its own" if chosen.model.coloured else "cannot be told from a neutral one"
+        remarks.append(f"the interface {found} (χ² rises by {chosen.coloured:.3g} with the colour of the lamp)")
+    return remarks
+
+
+def _value_and_error(fit: MaterialFit, quantity: Quantity) -> tuple[float, float]:
+    value, gradient = quantity(fit.theta[None])
+    return float(value[0]), float(np.sqrt(gradient[0] @ fit.covariance @ gradient[0]))
 
 
 def _remarks(fitted: Fitted, tested: LackOfFit | None, profile: Profile | None = None) -> list[str]:

@@ -15,18 +15,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import t as student
 
 from hagoromo.least_squares import FitStatuses
+from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.quantity import Quantity, coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over
+from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL
 from hagoromo.measurement.robust_fit import N_RANGE, at_bound, minimise
 from hagoromo.measurement.sight import Array
 
 CHI_SQUARE_95 = 3.841458820694124  # 0.95 quantile of χ² with one degree of freedom
 NODES = np.array([-4.5, -3.5, -2.7, -2.0, -1.4, -0.9, -0.4, 0.0, 0.4, 0.9, 1.4, 2.0, 2.7, 3.5, 4.5])  # standard errors
 COARSE = 13  # points through the whole range of n
+STRAIGHT = 1.0  # largest step along the direction of a profile for which it is taken to be straight
+COARSE_TAILS = 6  # points through the whole range of 1/ν
 FINE = 48  # points interpolated between two nodes of the profile
 
 
@@ -51,12 +56,11 @@ class Profile:
 
 def profile_over_n(fit: MaterialFit) -> Profile:
     """Profile of `fit` along n; one point where n was given."""
-    others = fit.free & (np.arange(fit.theta.size) < fit.theta.size - 1)
+    others = _without(fit, -1)
     starts = fit.theta[None]
     if fit.free[-1]:
         nodes = _nodes(fit)
-        starts = fit.theta + (nodes - fit.theta[-1])[:, None] * _along_n(fit)
-        starts[:, -1] = nodes
+        starts = _starts(fit, LOG_N1, nodes)
     rows = minimise(fit.objective, starts, others)
     pairs = zip(rows.curvature, rows.theta, strict=True)
     covariance = np.stack([inverse_over(curvature, others & ~at_bound(theta)) for curvature, theta in pairs])
@@ -71,10 +75,17 @@ def _nodes(fit: MaterialFit) -> Array:
     return np.unique(np.concatenate([np.clip(near, low, high), np.linspace(low, high, COARSE)]))
 
 
-def _along_n(fit: MaterialFit) -> Array:
-    """dθ/dln(n − 1) along the profile (P,), at the estimate; 0 where n is at the end of its range."""
-    inverse = inverse_over(fit.curvature, fit.inside)
-    return inverse[:, -1] / inverse[-1, -1] if fit.inside[-1] else np.zeros_like(fit.theta)
+def _starts(fit: MaterialFit, place: int, nodes: Array) -> Array:
+    """Starts (K, P) of a profile with θ[place] at `nodes`: along its direction dθ/dθ[place] at the estimate.
+
+    The direction is 0 where the estimate is at the end of its range.
+    """
+    inverse, along = inverse_over(fit.curvature, fit.inside), np.zeros_like(fit.theta)
+    if fit.inside[place]:
+        along = inverse[:, place] / inverse[place, place]
+    starts = fit.theta + np.clip(nodes - fit.theta[place], -STRAIGHT, STRAIGHT)[:, None] * along
+    starts[:, place] = nodes
+    return starts
 
 
 def interval(profile: Profile, quantity: Quantity) -> tuple[float, float]:
@@ -102,6 +113,40 @@ def interval_of_n(profile: Profile) -> tuple[float, float]:
     return float(inside[0]), float(inside[-1])
 
 
+def interval_of_tail(fit: MaterialFit) -> tuple[float, float]:
+    """95 % interval of 1/ν, by the profile along it; 0, Gaussian facets, may belong to it.
+
+    Where 1/ν = 0 is the estimate, κ is that of β F₀.
+    """
+    spread = np.sqrt(inverse_over(fit.curvature, fit.free)[TAIL, TAIL] * inflation(fit, coordinate(TAIL)))
+    near = np.clip(fit.theta[TAIL] + spread * NODES[1::2], *TAIL_RANGE)
+    nodes = np.unique(np.concatenate([near, np.linspace(*TAIL_RANGE, COARSE_TAILS)]))
+    rows = minimise(fit.objective, _starts(fit, TAIL, nodes), _without(fit, TAIL))
+    best = min(fit.objective.evaluate(fit.theta[None])[0][0], rows.cost.min())
+    u = _fine(nodes)
+    inside = u[PchipInterpolator(nodes, 2.0 * (rows.cost - best))(u) <= allowance(fit, coordinate(TAIL))]
+    low, high = (inside[0], inside[-1]) if inside.size else (fit.theta[TAIL],) * 2
+    return float(low), float(high)
+
+
+def largest_tail(fit: MaterialFit) -> float:
+    """Largest 1/ν of its 95 % interval, to second order about the estimate, which may be 0."""
+    _, (gradient,), (curvature,) = fit.objective.evaluate(fit.theta[None])
+    inside = fit.inside.copy()
+    inside[TAIL] = True
+    own = 1.0 / max(float(inverse_over(curvature, inside)[TAIL, TAIL]), 1e-300)
+    slope, limit = max(float(gradient[TAIL]), 0.0), allowance(fit, coordinate(TAIL))
+    step = (np.sqrt(slope**2 + own * limit) - slope) / own  # 2 (slope · step + own · step²/2) = limit
+    return float(min(fit.theta[TAIL] + step, TAIL_RANGE[1]))
+
+
+def _without(fit: MaterialFit, place: int) -> NDArray[np.bool_]:
+    """(P,) the parameters that are estimated, but for the one at `place`."""
+    others = fit.free.copy()
+    others[place] = False
+    return others
+
+
 def allowance(fit: MaterialFit, quantity: Quantity) -> float:
     """t² κ: the rise of χ² that the 95 % interval of `quantity` allows."""
     return float(student.ppf(0.975, degrees_of_freedom(fit, quantity)) ** 2) * inflation(fit, quantity)
@@ -121,7 +166,7 @@ def inflation(fit: MaterialFit, quantity: Quantity) -> float:
     """
     gradient = quantity(fit.theta[None])[1][0] * fit.inside
     if not gradient.any():
-        gradient = np.eye(len(fit.theta))[-3]
+        gradient = np.eye(len(fit.theta))[STRENGTH]
     return float(gradient @ fit.covariance @ gradient / (gradient @ inverse_over(fit.curvature, fit.inside) @ gradient))
 
 

@@ -2,7 +2,7 @@
 
 Two kinds of test; the smallest p-value counts, times their number (Bonferroni):
 * Score test (Rao 1948, with the variance of White 1982). The model is extended where it is a choice: the facet density
-  of eq. (4) may have another peak, other flanks or heavier tails than a Gaussian, and the body may follow squares of
+  may have another peak, other flanks or other tails than those that were fitted, and the body may follow squares of
   cosθ_i and cosθ_r. If the model is right, the gradient of the fit by those extensions is noise. Its variance is
   estimated from the residuals, summed over each pixel.
 * Runs test (Wald & Wolfowitz 1940). Ordered by φ, θ_i or θ_r, the signs of the residuals change as often as by chance.
@@ -19,6 +19,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import norm as normal
 
 from hagoromo.measurement.material.sandwich import MaterialFit
+from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, TAIL, channels_of, interface_colour
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.facets import LN2
 
@@ -28,8 +29,7 @@ FEWEST = 10.0  # smallest effective number of pixels that an extension of the mo
 FEWEST_SIGNS = 20
 LOBE = 4.0  # φ/γ up to which the highlight reaches
 BODY = tuple(f"the body is not Lambert's: it varies with {of} beside the model" for of in ("θ_i", "θ_i", "θ_r", "θ_r"))
-FACETS = tuple(f"the facets are not Gaussian: their density has {what}" for what in ("another peak", "other flanks",
-               "other tails", "other far tails"))  # fmt: skip
+FACETS = ("another peak", "other flanks", "other tails", "other far tails")
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,8 @@ def _runs(fit: MaterialFit, deviation: Array) -> list[Verdict]:
     of_pixel = np.asarray(np.bincount(pixel, score.sum(axis=1)), np.float64)
     of_pixel[np.abs(of_pixel) < 1e-9 * np.bincount(pixel, np.abs(score).sum(axis=1))] = 0.0  # its own body was fitted
     cosines, phi = observations.sight.cosines, observations.sight.least_half_angle
-    lobe = phi < LOBE * np.exp(fit.theta[-2]) if fit.theta[-3] > 0.0 else np.zeros(len(phi), bool)
+    glossy = fit.theta[STRENGTH] > 0.0
+    lobe = phi < LOBE * np.exp(fit.theta[LOG_GAMMA]) if glossy else np.zeros(len(phi), bool)
     each = score.sum(axis=1)
     orders = (
         ("φ", phi, each),
@@ -158,12 +159,16 @@ def _freedoms(fit: MaterialFit) -> tuple[Array, list[str]]:
     incidence, view = sight.cosines.incidence, sight.cosines.view
     tilts = np.stack([cosine**power for cosine in (incidence, view) for power in (1, 2)], axis=-1)
     shape = (*sight.body.shape, -1)
-    columns, names = theta[:-3, None] * _spread(sight, tilts).body.reshape(shape), [*BODY]
-    if theta[-3] > 0.0 and fit.free[-2]:
-        u = (np.arccos(np.clip(sight.cosines.half, -1.0, 1.0)) / np.exp(theta[-2])) ** 2  # (φ/γ)²
+    c = channels_of(theta)
+    columns, names = theta[:c, None] * _spread(sight, tilts).body.reshape(shape), [*BODY]
+    if theta[STRENGTH] > 0.0 and fit.free[LOG_GAMMA]:
+        u = (np.arccos(np.clip(sight.cosines.half, -1.0, 1.0)) / np.exp(theta[LOG_GAMMA])) ** 2  # (φ/γ)²
         shapes = np.stack([u**2 * np.exp(-2 * LN2 * u), u**2 * np.exp(-LN2 * u), (1 + u) ** -2, (1 + u) ** -1], axis=-1)
-        facets = _spread(sight, shapes).interface(np.array([FLAT]), theta[-1:])[0][0]
-        columns, names = np.concatenate([columns, theta[-3] * facets.reshape(shape)], axis=2), [*names, *FACETS]
+        facets = _spread(sight, shapes).interface(np.array([FLAT]), theta[LOG_N1:])[0][0].reshape(shape)
+        strength = theta[STRENGTH] * interface_colour(theta)[:, None]
+        of = "Student's of one ν" if theta[TAIL] > 0.0 else "Gaussian"
+        names += [f"the facets are not {of}: their density has {what}" for what in FACETS]
+        columns = np.concatenate([columns, strength * facets], axis=2)
     return columns, names
 
 

@@ -1,7 +1,6 @@
-"""Fit of one material: variance-weighted robust least squares for α c_b, β, γ, n.
+"""Fit of one material: variance-weighted robust least squares for α c_b, β, γ, n and, on request, ν and e.
 
 Weights and variances depend on the model, so they are updated until the estimate no longer changes.
-Parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
 """
 
 from __future__ import annotations
@@ -13,43 +12,60 @@ from numpy.typing import NDArray
 from scipy.optimize import root_scalar
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import HUBER, NORMAL_MEDIAN, TUKEY, FitStatus, Status
+from hagoromo.least_squares import HUBER, NORMAL_MEDIAN, TUKEY, FitStatus, Loss, Status
 from hagoromo.measurement.material.material_objective import MaterialObjective, expected
 from hagoromo.measurement.material.sandwich import MaterialFit, with_covariance
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, TAIL, colour_slice
 from hagoromo.measurement.robust_fit import Objective, Rows, minimise
 from hagoromo.measurement.sight import Array
 
-START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a start within a factor of 1.3 of the width overlaps with the data
+START_GAMMA = np.geomspace(0.0025, 0.7, 14)  # [rad] a start within a factor of 1.3 of the width overlaps with the data
 START_N = (1.2, 1.7)
+START_TAIL = 0.5  # 1/ν
+STARTS_SOLVED = 3  # starts, the best of all, that are moved to their minimum
+START_SAMPLES = 2000  # samples, at most, on which starts are compared: half of them those nearest to a highlight
 START_RANKING_STEPS = 6  # of the linear fits at the starts, which only rank them
 MATERIAL_FIT_ROUNDS = 30
 LOSS_ROUNDS = 6  # rounds after which the choice of the loss is final and no excluded value returns
 MODEL_ERROR_ROUNDS = 15  # rounds after which the model error is final too
 MATERIAL_FIT_STANDSTILL = 0.01  # change of the estimate in a round, in standard errors
 INCOMPLETE_SCALE = 1.2  # robust scale above which the model is incomplete: 10 % of outliers would raise it only to 1.14
+LEAST_ABSOLUTE = Loss("huber", 0.5)  # for errors of a model: most values nearly right rather than all a little wrong
 SATURATION_MARGIN = 4.0  # standard deviations below the ceiling
 LOG_MODEL_ERROR = (np.log(1e-6), np.log(10.0))  # range of the search, relative
 
 
-def fit_material(observations: Observations, n: float | None = None, with_interface: bool = True) -> MaterialFit:
+def fit_material(
+    observations: Observations,
+    n: float | None = None,
+    with_interface: bool = True,
+    tails: bool = False,
+    coloured: bool = False,
+    start: Array | None = None,
+) -> MaterialFit:
     """α c_b, β, γ and n of one material; n is fixed if given, β = 0 without `with_interface`.
 
-    Huber's loss gives the estimate. If the residuals are then as large as the noise, Tukey's biweight takes over: what
+    tails: whether the facets are Student's, with ν estimated, or Gaussian. coloured: whether the interface has a colour
+    of its own, or that of the lamp. start: (P,) θ to start from; by default the best of many.
+    Huber's loss gives the start. If the residuals are then as large as the noise, Tukey's biweight takes over: what
     remains beyond 6σ is not reflection of this kind (cast shadow, dust). If they are larger, they may be errors of the
-    model, so no value is excluded: Huber's loss remains, and a relative model error is added to the variance.
+    model, so no value is excluded: a relative model error is added to the variance, and as such errors are far from
+    normal, the loss is that of least absolute deviations but for the smallest. The error is relative to model and value
+    alike (`_size`): relative to the model alone, a model that is too bright would be wrong by less than 100 %, and one
+    that is too dark by any amount, so that the fit would come out too bright.
     Raises `InputError` when there are too few values or the rounds do not converge.
     """
-    free = np.ones(observations.channels + 3, bool)
-    free[-1] = n is None and with_interface
-    free[-3:-1] = with_interface
+    free = _free(observations.channels, n is None, with_interface, tails, coloured)
     if np.sum(observations.used) < 10 * free.sum():
         raise InputError(
             f"{np.sum(observations.used)} usable values for {free.sum()} parameters are too few: give more pixels"
         )
-    theta = _start(observations, n, free) if with_interface else _matte_start(observations, n)
+    if start is None:
+        start = _start(observations, n, free) if with_interface else _matte_start(observations, n)
+    theta = start
     usable, lacks, model_error, change = observations.used, False, 0.0, np.inf
-    signal = np.abs(expected(observations.sight, theta))
+    signal = _size(observations, expected(observations.sight, theta))
     for turn in range(MATERIAL_FIT_ROUNDS):
         model = expected(observations.sight, theta)
         # updated in the first rounds only: a choice between two near equals could otherwise alternate for ever
@@ -59,10 +75,10 @@ def fit_material(observations: Observations, n: float | None = None, with_interf
         lacks = scale > INCOMPLETE_SCALE if turn < LOSS_ROUNDS else lacks
         if turn < MODEL_ERROR_ROUNDS:
             # geometric mean over the rounds: a lobe and the variance that follows it could otherwise alternate for ever
-            signal = np.sqrt(signal * np.abs(model))
+            signal = np.sqrt(signal * _size(observations, model))
             model_error = _model_error(observations, model, signal) if lacks else 0.0
         variance = observations.variance_at(model) + (model_error * signal) ** 2
-        objective = MaterialObjective(observations, variance, HUBER if lacks else TUKEY)
+        objective = MaterialObjective(observations, variance, LEAST_ABSOLUTE if lacks else TUKEY, shaped=_shaped(free))
         rows = minimise(objective, theta[None], free)
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
@@ -93,14 +109,34 @@ def _start(observations: Observations, n: float | None, free: NDArray[np.bool_])
     grid = np.array([(g, m) for g in START_GAMMA for m in (START_N if n is None else (n,))])
     matte = _matte_start(observations, n)
     theta = np.tile(matte, (len(grid), 1))
-    theta[:, -2:] = np.log(grid - [0.0, 1.0])
+    theta[:, TAIL] = START_TAIL if free[TAIL] else 0.0
+    theta[:, LOG_GAMMA], theta[:, LOG_N1] = np.log(grid[:, 0]), np.log(grid[:, 1] - 1.0)
+    full, observations = observations, _few(observations)
     # if the model is incomplete, residuals of many standard deviations would make the loss a sum of absolute values
     scale = max(_scale(observations, expected(observations.sight, matte)), 1.0)
     objective = Objective(observations, scale**2 * observations.noise, HUBER)
-    linear = np.arange(theta.shape[1]) <= observations.channels
+    linear = np.arange(theta.shape[1]) < observations.channels
+    linear[STRENGTH] = True
     ranked = minimise(objective, theta, linear, START_RANKING_STEPS)
-    rows = minimise(objective, ranked.theta[np.argsort(ranked.cost)[:3]], free)
-    return rows.theta[np.argmin(rows.cost)]
+    solved = replace(objective, shaped=_shaped(free))
+    rows = minimise(solved, ranked.theta[np.argsort(ranked.cost)[:STARTS_SOLVED]], free)
+    best = rows.theta[np.argmin(rows.cost)]
+    if full is observations:
+        return best
+    scale = max(_scale(full, expected(full.sight, matte)), 1.0)
+    whole = Objective(full, scale**2 * full.noise, HUBER, shaped=_shaped(free))
+    return minimise(whole, best[None], free).theta[0]
+
+
+def _few(observations: Observations) -> Observations:
+    """The samples on which starts are compared, evenly over φ and the highlights in full."""
+    count = len(observations.values)
+    if count <= START_SAMPLES:
+        return observations
+    order = np.argsort(observations.sight.least_half_angle, kind="stable")
+    near, half = order[: START_SAMPLES // 2], START_SAMPLES // 2
+    far = order[half :: -(-(count - half) // half)]
+    return observations.of(np.sort(np.concatenate([near, far])))
 
 
 def _matte_start(observations: Observations, n: float | None) -> Array:
@@ -108,7 +144,30 @@ def _matte_start(observations: Observations, n: float | None) -> Array:
     body, weight = observations.sight.body, np.where(observations.used, 1.0 / observations.noise, 0.0)
     matte = np.sum(weight * body * observations.values, axis=0) / np.maximum(np.sum(weight * body**2, axis=0), 1e-300)
     middle = np.sqrt(START_GAMMA[0] * START_GAMMA[-1])
-    return np.array([*matte, 0.0, np.log(middle), np.log((n or 1.5) - 1.0)])
+    neutral = np.zeros(observations.channels)  # no contrasts of colour and no tail
+    return np.array([*matte, *neutral, 0.0, np.log(middle), np.log((n or 1.5) - 1.0)])
+
+
+def _free(channels: int, with_n: bool, with_interface: bool, tails: bool, coloured: bool) -> NDArray[np.bool_]:
+    """(P,) parameters that are estimated."""
+    free = np.zeros(2 * channels + 3, bool)
+    free[:channels] = True
+    free[colour_slice(channels)] = with_interface and coloured
+    free[TAIL:] = with_interface and tails, with_interface, with_interface, with_interface and with_n
+    return free
+
+
+def _shaped(free: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Places of the numbers of the interface colour and of the tail that are estimated."""
+    places = np.arange(len(free))
+    chosen = free & (places >= (len(free) - 3) // 2) & (places < len(free) + STRENGTH)
+    return tuple(np.flatnonzero(chosen).tolist())
+
+
+def _size(observations: Observations, model: Array) -> Array:
+    """What a relative error of the model is relative to: the root mean square of model and value, less its noise."""
+    seen = np.maximum(observations.values**2 - observations.noise, 0.0)
+    return np.sqrt(0.5 * (model**2 + seen))
 
 
 def _below_ceiling(observations: Observations, model: Array) -> NDArray[np.bool_]:

@@ -1,6 +1,6 @@
 """Objectives: the least squares of one material, with one body colour or one per pixel, and its expected values.
 
-Parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
+Rows θ are those of `parameters`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, TAIL, channels_of, interface_colour, pack_theta
 from hagoromo.measurement.robust_fit import Objective
 from hagoromo.measurement.sight import Array, Sight
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,11 @@ class MaterialObjective(Objective):
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives of the values by θ (N, C, P); parameters that are eliminated follow."""
-        return jacobian(self.observations.sight, theta)
+        c, columns = self.observations.channels, np.zeros((*self.observations.values.shape, len(theta)))
+        columns[..., :c] = self.observations.sight.body[:, :, None] * np.eye(c)
+        for i, slope in self.interface(theta[None])[1]:
+            columns[..., i] = slope[0]
+        return columns
 
     def within(self, columns: Array) -> Array:
         """Directions (N, C, Q) in the space of the values, with eliminated parameters projected out."""
@@ -40,7 +46,7 @@ class MaterialObjective(Objective):
 class AlbedoVariationObjective(MaterialObjective):
     """The least squares with a body colour per pixel and a shared interface; `weights` (N, C) are frozen.
 
-    For given β F₀, γ and n the body colour of a pixel has a closed form, so it is eliminated (variable projection,
+    For a given interface the body colour of a pixel has a closed form, so it is eliminated (variable projection,
     Golub & Pereyra 1973). In θ, α c_b is the mean over the pixels.
     """
 
@@ -56,7 +62,7 @@ class AlbedoVariationObjective(MaterialObjective):
 
     def bodies(self, theta: Array) -> Array:
         """Body colours α c_b (P, C) that fit best with the interface of θ (P,), NaN for channels not measured."""
-        bodies = self._body_of(self.observations.values - theta[-3] * self._interface(theta)[0])
+        bodies = self._body_of(self.observations.values - self._interface(theta))
         return np.where(self.power > 0.0, bodies, np.nan)
 
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
@@ -67,7 +73,7 @@ class AlbedoVariationObjective(MaterialObjective):
 
     def model(self, theta: Array) -> Array:
         """Expected values (N, C) with the body colour of each pixel."""
-        interface = theta[-3] * self._interface(theta)[0]
+        interface = self._interface(theta)
         return (
             self.observations.sight.body * self._body_of(self.observations.values - interface)[self.pixel] + interface
         )
@@ -117,30 +123,33 @@ class AlbedoVariationObjective(MaterialObjective):
     def _at(self, theta: Array) -> tuple[Array, Array, Array]:
         c = self.observations.channels
         columns = self._columns(theta)
-        rest = self.observations.values - theta[-3] * columns[..., 0]
+        rest = self.observations.values - self._interface(theta)
         bodies = self._body_of(rest)
         deviation = rest - self.observations.sight.body * bodies[self.pixel]
         beside = (theta[:c] - bodies.sum(axis=0) / self._count) / self._mean_variance
         within, mean = self.within(columns), self._mean(columns)
         cost = 0.5 * np.sum(self._weight * deviation**2) + 0.5 * np.sum(beside**2 * self._mean_variance)
         gradient = np.r_[beside, beside @ mean - np.einsum("nc,ncq,nc->q", self._weight, within, deviation)]
-        curvature = np.diag(np.r_[1.0 / self._mean_variance, np.zeros(3)])
+        curvature = np.diag(np.r_[1.0 / self._mean_variance, np.zeros(columns.shape[2])])
         curvature[:c, c:] = mean / self._mean_variance[:, None]
         curvature[c:, :c] = curvature[:c, c:].T
         curvature[c:, c:] = np.einsum("nc,ncp,ncq->pq", self._weight, within, within) + mean.T @ curvature[:c, c:]
         return np.asarray(cost), gradient, curvature
 
     def _columns(self, theta: Array) -> Array:
-        """(N, C, 3) slopes of the interface by β F₀, ln γ, ln(n − 1)."""
-        value, by_gamma, by_n = self._interface(theta)
-        return np.stack([value, theta[-3] * by_gamma, theta[-3] * by_n], axis=-1)
+        """(N, C, P − C) slopes of the interface by what follows the body in θ."""
+        c = self.observations.channels
+        columns = np.zeros((*self.observations.values.shape, len(theta) - c))
+        for i, slope in self.interface(theta[None])[1]:
+            columns[..., i - c] = slope[0]
+        return columns
 
-    def _interface(self, theta: Array) -> tuple[Array, Array, Array]:
-        value, by_gamma, by_n = self.observations.sight.interface(theta[-2:-1], theta[-1:])
-        return value[0], by_gamma[0], by_n[0]
+    def _interface(self, theta: Array) -> Array:
+        """(N, C) values of the interface at θ (P,)."""
+        return self.interface(theta[None])[0][0]
 
     def _mean(self, columns: Array) -> Array:
-        """(C, 3) change of the mean body per change along the columns."""
+        """(C, P − C) change of the mean body per change along the columns."""
         means = [self._body_of(column).sum(axis=0) / self._count for column in np.moveaxis(columns, 2, 0)]
         return np.stack(means, axis=-1)
 
@@ -153,15 +162,13 @@ class AlbedoVariationObjective(MaterialObjective):
         return np.stack([np.bincount(self.pixel, column).astype(np.float64) for column in values.T], axis=1)
 
 
+def theta_of(material: MaterialEstimate, alpha_body: Array) -> Array:
+    """θ (P,) of an estimate, with the body α c_b `alpha_body` (C,)."""
+    colour = np.array(material.interface_colour)
+    return pack_theta(alpha_body, material.beta, material.gamma, material.n, material.nu, colour)
+
+
 def expected(sight: Sight, theta: Array) -> Array:
     """Expected values (N, C) at θ (P,)."""
-    interface = sight.interface(theta[-2:-1], theta[-1:])[0][0]
-    return theta[:-3] * sight.body + theta[-3] * interface
-
-
-def jacobian(sight: Sight, theta: Array) -> Array:
-    """Derivatives of the expected values by θ: (N, C, P)."""
-    interface, by_gamma, by_n = (part[0] for part in sight.interface(theta[-2:-1], theta[-1:]))
-    body = sight.body[:, :, None] * np.eye(len(theta) - 3)
-    shared = np.stack([interface, theta[-3] * by_gamma, theta[-3] * by_n], axis=-1)
-    return np.concatenate([body, shared], axis=-1)
+    lobe = sight.lobe(theta[LOG_GAMMA, None], theta[LOG_N1:], theta[TAIL, None]).value[0]
+    return theta[: channels_of(theta)] * sight.body + theta[STRENGTH] * interface_colour(theta) * lobe

@@ -1,6 +1,6 @@
 """The fit of one material with the sandwich covariance of its estimate and the influence of each value.
 
-Parameters θ = (α c_b per channel, β F₀, ln γ, ln(n − 1)), as in `robust_fit`.
+Rows θ are those of `parameters`.
 """
 
 from __future__ import annotations

@@ -13,42 +13,59 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95
-from hagoromo.measurement.material.interval import Profile, interval, interval_of_n
+from hagoromo.measurement.facets import TAIL_RANGE
+from hagoromo.measurement.material.interval import Profile, interval, interval_of_n, interval_of_tail
 from hagoromo.measurement.material.quantity import (
     Quantity,
     albedo_per_strength,
     alpha,
     body_colour,
+    colour_of_interface,
     coordinate,
     log_albedo,
     log_beta,
-    unpack_theta,
 )
 from hagoromo.measurement.material.sandwich import MaterialFit
+from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, TAIL, channels_of, colour_slice, unpack_theta
 from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.measurement.sight import Array
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
+NEARLY_GAUSSIAN = 0.1  # 1/ν of facets that differ little from Gaussian ones
 WIDTH_95 = 2 * NORMAL_95  # width of a 95 % interval in standard errors
 
 
 def intervals_of(profile: Profile) -> dict[str, Any]:
-    """95 % intervals of all reported quantities."""
-    channels = len(profile.fit.theta) - 3
-    return {
+    """95 % intervals of all reported quantities; of nu and the interface colour only where they were estimated."""
+    fit, channels = profile.fit, channels_of(profile.fit.theta)
+    shape: dict[str, Any] = {"nu": nu_interval(interval_of_tail(fit))} if fit.free[TAIL] else {}
+    if fit.free[colour_slice(channels)].any():
+        shape["interface_colour"] = tuple(interval(profile, colour_of_interface(c)) for c in range(channels))
+    return shape | {
         "alpha": interval(profile, alpha),
         "beta": _exp(interval(profile, log_beta)),
-        "gamma": _exp(interval(profile, coordinate(-2))),
+        "gamma": _exp(interval(profile, coordinate(LOG_GAMMA))),
         "n": tuple(1.0 + bound for bound in _exp(interval_of_n(profile))),
         "specular_albedo": _exp(interval(profile, log_albedo)),
         "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(channels)),
     }
 
 
+def nu_interval(tail: tuple[float, float]) -> tuple[float, float]:
+    """The interval of ν for one of 1/ν; it reaches to infinity where that of 1/ν reaches to 0."""
+    return 1.0 / tail[1] if tail[1] > 0.0 else math.inf, 1.0 / tail[0] if tail[0] > 0.0 else math.inf
+
+
 def identifiable_of(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bool]:
-    """Which parameters are identifiable. A given n is not, nor is a β that only the admissible range of n bounds."""
+    """Which parameters are identifiable. A given n is not, nor is a β that only the admissible range of n bounds.
+
+    ν is judged by 1/ν, whose error counts against at least NEARLY_GAUSSIAN. An interface colour is one number per
+    channel, of mean 1, and each error counts against 1.
+    """
     values, given = values_at(fit.theta), not fit.free[-1]
+    tail = tuple(1.0 / bound for bound in reversed(intervals["nu"])) if "nu" in intervals else (0.0, math.inf)
+    colours = intervals.get("interface_colour", ((0.0, math.inf),))
     n1 = tuple(bound - 1.0 for bound in intervals["n"])
     return {
         "alpha": is_identifiable(values["alpha"], intervals["alpha"], (0.0, math.inf)),
@@ -56,12 +73,16 @@ def identifiable_of(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bo
         and (given or _inside(n1, ADMISSIBLE_N)),
         "gamma": is_identifiable(values["gamma"], intervals["gamma"], GAMMA_RANGE),
         "n": not given and is_identifiable(values["n"] - 1.0, n1, ADMISSIBLE_N),
+        "nu": tail[1] < TAIL_RANGE[1] * (1 - 1e-6)
+        and tail[1] - tail[0] <= WIDTH_95 * RELATIVE_LIMIT * max(1.0 / values["nu"], NEARLY_GAUSSIAN),
+        "interface_colour": all(high - low <= WIDTH_95 * RELATIVE_LIMIT for low, high in colours),
     }
 
 
 def errors_of(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[str, Any]) -> dict[str, Any]:
     """Standard errors by the covariance of `fit`, or (None) those that correspond to the intervals."""
     if fit is None:
+        intervals = {key: bounds for key, bounds in intervals.items() if key != "nu" or math.isfinite(values["nu"])}
         widths = {
             key: np.diff(np.array(interval, np.float64), axis=-1)[..., 0] / WIDTH_95
             for key, interval in intervals.items()
@@ -75,16 +96,20 @@ def errors_of(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[s
     return {
         "alpha": error(alpha),
         "beta": values["beta"] * error(log_beta),
-        "gamma": values["gamma"] * error(coordinate(-2)),
-        "n": (values["n"] - 1.0) * error(coordinate(-1)) if fit.inside[-1] else None,
+        "gamma": values["gamma"] * error(coordinate(LOG_GAMMA)),
+        "n": (values["n"] - 1.0) * error(coordinate(LOG_N1)) if fit.inside[LOG_N1] else None,
+        "nu": values["nu"] ** 2 * error(coordinate(TAIL)) if fit.inside[TAIL] else None,
+        "interface_colour": tuple(error(colour_of_interface(channel)) for channel in range(channels_of(fit.theta)))
+        if fit.free[colour_slice(channels_of(fit.theta))].any()
+        else None,
         "specular_albedo": values["specular_albedo"] * error(log_albedo),
-        "body_colour": tuple(error(body_colour(channel)) for channel in range(len(fit.theta) - 3)),
+        "body_colour": tuple(error(body_colour(channel)) for channel in range(channels_of(fit.theta))),
     }
 
 
 def correlation_of(fit: MaterialFit) -> tuple[tuple[float | None, ...], ...]:
     """Correlation of α, β, γ, n (in the order of PARAMETERS), None where one was not estimated."""
-    quantities = (alpha, log_beta, coordinate(-2), coordinate(-1))
+    quantities = (alpha, log_beta, coordinate(LOG_GAMMA), coordinate(LOG_N1))
     gradients = np.stack([quantity(fit.theta[None])[1][0] for quantity in quantities])
     covariance = gradients @ fit.covariance @ gradients.T
     spread = np.sqrt(np.diag(covariance))
@@ -98,7 +123,7 @@ def correlation_of(fit: MaterialFit) -> tuple[tuple[float | None, ...], ...]:
 
 def values_at(theta: Array) -> dict[str, Any]:
     """The parameters of θ, by their names in `MaterialEstimate`."""
-    body, beta, gamma, n = unpack_theta(theta)
+    body, beta, gamma, n, nu, colour = unpack_theta(theta)
     mean = float(body.mean())
     if not mean > 0.0:
         raise InputError(f"its body reflects nothing (α = {mean:.2g}): there is no body colour to measure")
@@ -108,7 +133,9 @@ def values_at(theta: Array) -> dict[str, Any]:
         "beta": beta,
         "gamma": gamma,
         "n": n,
-        "specular_albedo": float(theta[-3] * albedo_per_strength(theta[None])[0][0]),
+        "nu": nu,
+        "interface_colour": tuple(colour.tolist()),
+        "specular_albedo": beta * ((n - 1.0) / (n + 1.0)) ** 2 * float(albedo_per_strength(theta[None])[0][0]),
     }
 
 

@@ -9,13 +9,14 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95, Status
-from hagoromo.measurement.material.quantity import log_albedo, pack_theta
+from hagoromo.measurement.material.quantity import log_albedo
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
 from hagoromo.measurement.normals.shading import N
 from hagoromo.measurement.normals.views import Array
+from hagoromo.measurement.parameters import pack_theta
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate

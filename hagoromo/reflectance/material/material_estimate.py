@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +12,6 @@ import numpy as np
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
-from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.material.material_html import decimals, materials_html
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
@@ -25,17 +25,17 @@ LONGEST_PRINTED_NAME = 40  # characters of a name that `repr` shows
 class MaterialEstimate:
     """One measured material of a capture.
 
-    pixels: number of pixels with its label. body_colour: one value per channel, of mean 1. interface_colour: one value
-    per channel. alpha [1/sr], beta [1/sr], gamma [rad], n: see `torrance_sparrow`. specular_albedo: integral of the
-    interface part over all directions, for light along the normal.
-    standard_error, interval_95: of each of these, None where there is none; body_colour has one per channel.
+    pixels: number of pixels with its label. body_colour, interface_colour: one value per channel, of mean 1; an
+    interface of ones is neutral. alpha [1/sr], beta [1/sr], gamma [rad], n: see `torrance_sparrow`. nu: ν of the tails
+    of the facets, inf for Gaussian ones. specular_albedo: integral of the interface part over all directions, for light
+    along the normal, the mean of the channels.
+    standard_error, interval_95: of each of these, None where there is none; colours have one per channel.
     correlation: (4, 4) between PARAMETERS, None where one of the two was not estimated.
     identifiable: whether the photographs determine the parameter; where they do not, its value is a stated choice (see
     `remarks`).
     chi_square: of the residuals, per degree of freedom. lack_of_fit: the test whether the model has the right shape, as
     `LackOfFit.record` gives it. texture: whether the body colour varies over the pixels. gloss: whether β and γ vary,
     with the standard deviations of ln β and ln γ. Each of these three is None where the data are too few for the test.
-    nu: exponent ν of the facets' tails; infinity: Gaussian facets.
     convergence: how the fit ended, as `FitStatus.record` gives it; None where that is not known.
     """
 
@@ -59,11 +59,12 @@ class MaterialEstimate:
     texture: Mapping[str, Any] | None = None
     gloss: Mapping[str, Any] | None = None
     convergence: Mapping[str, Any] | None = None
-    nu: float = GAUSSIAN
+    nu: float = math.inf
 
     def __repr__(self) -> str:
         name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
-        return f"MaterialEstimate({name!r}, {', '.join(self._parameter(key) for key in PARAMETERS)})"
+        keys = PARAMETERS if math.isinf(self.nu) else (*PARAMETERS, "nu")
+        return f"MaterialEstimate({name!r}, {', '.join(self._parameter(key) for key in keys)})"
 
     def _repr_html_(self) -> str:
         return materials_html([self])
@@ -80,27 +81,45 @@ class MaterialEstimate:
     def reflectance(
         self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None
     ) -> Reflectance:
-        """The reflectance whose smooth body spectrum gives `body_colour` in this camera under this lamp.
+        """The reflectance whose smooth spectra give the colours of body and interface in this camera under this lamp.
 
-        The spectrum is Σ q_j B_j of `smooth_rgb_basis`, with q solved exactly from Σ_j q_j ∫B_j E R_c = b_c ∫E R_c.
-        Without `response` the channels are taken as the coefficients of the basis. `InputError` for other than three
-        channels, a colour that no such spectrum has, or a reflectance that breaks energy conservation.
+        A spectrum is Σ q_j B_j of `smooth_rgb_basis`, with q solved exactly from Σ_j q_j ∫B_j E R_c = b_c ∫E R_c; that
+        of a neutral interface is 1. Without `response` the channels are taken as the coefficients of the basis.
+        `InputError` for other than three channels, a colour that no such spectrum has, or a reflectance that breaks
+        energy conservation.
         """
         if len(self.body_colour) != 3:
             raise InputError(f"material {self.name!r} has {len(self.body_colour)} channels: a spectrum needs three")
-        basis, weights = smooth_rgb_basis(), np.array(self.body_colour)
+        body = self._spectrum("body", self.body_colour, response, lamp_spectrum)
+        interface = Spectrum.constant(1.0)
+        if len(set(self.interface_colour)) > 1:
+            interface = self._spectrum("interface", self.interface_colour, response, lamp_spectrum)
+        return Reflectance(
+            self.alpha,
+            self.beta,
+            self.gamma,
+            self.n,
+            body,
+            interface,
+            element or self.element,
+            self.name,
+            nu=self.nu,
+        )
+
+    def _spectrum(
+        self, part: str, colour: tuple[float, ...], response: Response | None, lamp_spectrum: Spectrum | None
+    ) -> Spectrum:
+        """The smooth spectrum of the `colour` of a `part`: see `reflectance`."""
+        basis, weights = smooth_rgb_basis(), np.array(colour)
         if response is not None:
             lamp = Spectrum.constant(1.0) if lamp_spectrum is None else lamp_spectrum
             weights = np.linalg.solve(response_matrix(basis, lamp, response), weights * camera_white(lamp, response))
         if weights.min() < 0.0:
             raise InputError(
-                f"material {self.name!r}: no smooth spectrum above 0 has the body colour {_short(self.body_colour)} "
+                f"material {self.name!r}: no smooth spectrum above 0 has the {part} colour {_short(colour)} "
                 f"(its weights would be {_short(weights)}): check the lamp's spectrum and the camera's response"
             )
-        spectrum = Spectrum(basis[0].wavelengths, np.array([band.values for band in basis]).T @ weights)
-        constant = Spectrum.constant(1.0)
-        parameters = self.alpha, self.beta, self.gamma, self.n
-        return Reflectance(*parameters, spectrum, constant, element or self.element, self.name, self.nu)
+        return Spectrum(basis[0].wavelengths, np.array([band.values for band in basis]).T @ weights)
 
     def body_spectrum(
         self, response: Response, lamp_spectrum: Spectrum, priors: Sequence[ReflectancePrior] | None = None

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
-PARAMETER_SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
+PARAMETER_SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n", "nu": "ν"}
 PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
@@ -28,12 +28,16 @@ def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
     for key, symbol in PARAMETER_SYMBOLS.items():
         error = material.standard_error.get(key)
         digits = decimals(error)
-        low, high = (f"{bound:.{digits}f}" for bound in material.interval_95[key])
-        identifiable = "yes" if material.identifiable[key] else Markup('<span class="no">no</span>')
-        figures = [f"{getattr(material, key):.{digits}f}", "" if error is None else f"{error:.{digits}f}"]
+        low, high = (_figure(bound, digits) for bound in material.interval_95.get(key, (0.0, math.inf)))
+        identifiable = "yes" if material.identifiable.get(key) else Markup('<span class="no">no</span>')
+        figures = [_figure(getattr(material, key), digits), "" if error is None else f"{error:.{digits}f}"]
         first = ["", ""] if rows else [material.name, str(material.pixels)]
         rows.append([*first, symbol, *figures, f"{low} … {high}", identifiable])
     return rows
+
+
+def _figure(value: float, digits: int) -> str:
+    return "∞" if value == math.inf else f"{value:.{digits}f}"
 
 
 def materials_html(materials: Sequence[MaterialEstimate]) -> str:

@@ -29,12 +29,18 @@ class StandardErrors(Record, frozen=True, kw_only=True):
     beta: Annotated[float | None, about("of beta [1/sr]")] = None
     gamma: Annotated[float | None, about("of gamma [rad]")] = None
     n: Annotated[float | None, about("of n")] = None
+    nu: Annotated[float | None, about("of nu; null for Gaussian facets")] = None
     specular_albedo: Annotated[float | None, about("of the specular albedo")] = None
     body_colour: Annotated[tuple[float | None, ...] | None, about("of the body colour, one per channel")] = None
+    interface_colour: Annotated[
+        tuple[float | None, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
+    ] = None
 
 
 class Intervals(Record, frozen=True, kw_only=True):
     """95 % confidence intervals [low, high], each in the unit of its parameter; null: no bound on that side."""
+
+    takes_null = True
 
     alpha: Annotated[Bounds, about("of alpha [1/sr]")]
     beta: Annotated[Bounds, about("of beta [1/sr]")]
@@ -42,6 +48,10 @@ class Intervals(Record, frozen=True, kw_only=True):
     n: Annotated[Bounds, about("of n")]
     specular_albedo: Annotated[Bounds, about("of the specular albedo")]
     body_colour: Annotated[tuple[Bounds, ...], about("of the body colour, one per channel")]
+    nu: Annotated[Bounds, about("of nu; null above: up to Gaussian facets")] = (0.0, None)
+    interface_colour: Annotated[
+        tuple[Bounds, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
+    ] = None
 
 
 class Identifiable(Record, frozen=True, kw_only=True):
@@ -51,6 +61,8 @@ class Identifiable(Record, frozen=True, kw_only=True):
     beta: bool
     gamma: bool
     n: bool
+    nu: bool = False
+    interface_colour: bool = False
 
 
 class MaterialRecord(Record, frozen=True, kw_only=True):
@@ -88,6 +100,7 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
+OF_PARAMETERS = {"standard_error": StandardErrors, "interval_95": Intervals, "identifiable": Identifiable}
 FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hagoromo")
 
 
@@ -103,10 +116,18 @@ def write_materials(
     settings, seed: those that the materials were estimated with.
     """
     records = [
-        {name: getattr(material, name) for name in FIELDS} | {"hagoromo": written_by(settings, seed)}
+        {name: getattr(material, name) for name in FIELDS}
+        | {name: _whole(kind, getattr(material, name)) for name, kind in OF_PARAMETERS.items()}
+        | {"hagoromo": written_by(settings, seed)}
         for material in materials
     ]
     return save_json(path, _plain(records), force)
+
+
+def _whole(kind: type[Record], of: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a table of parameters, those that are missing with their default."""
+    defaults = {field.name: field.default for field in msgspec.structs.fields(kind) if not field.required}
+    return {name: of.get(name, defaults.get(name)) for name in kind.__struct_fields__}
 
 
 def read_materials(path: str | Path) -> tuple[MaterialEstimate, ...]:
@@ -125,13 +146,13 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     if len(record.interface_colour) != len(record.body_colour):
         raise InputError(f"{where}: body_colour and interface_colour must have one number per channel each")
     fields = {name: getattr(record, name) for name in FIELDS}
-    for name in ("standard_error", "interval_95", "identifiable"):
+    for name in OF_PARAMETERS:
         fields[name] = msgspec.structs.asdict(fields[name])
     fields["nu"] = GAUSSIAN if record.nu is None else record.nu
     intervals = fields["interval_95"]
-    fields["interval_95"] = {
-        name: tuple(_interval(one) for one in value) if name == "body_colour" else _interval(value)
-        for name, value in intervals.items()
+    colours = {name: intervals.pop(name) for name in ("body_colour", "interface_colour")}
+    fields["interval_95"] = {name: _interval(value) for name, value in intervals.items()} | {
+        name: tuple(_interval(one) for one in value) for name, value in colours.items() if value is not None
     }
     return MaterialEstimate(**fields)
 
