@@ -4,11 +4,13 @@ The oracle is the density as it is printed, (1 + (2^{1/ν} − 1) φ²/γ²)^{�
 """
 
 import math
+from dataclasses import replace
 
 import drjit as dr
 import numpy as np
 import pytest
 
+import hagoromo as hg
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
@@ -17,6 +19,8 @@ from hagoromo.reflectance.facets import expm1_quotient, facet_mass, log1p_quotie
 from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albedo, reflectance_from_record
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, facet_density, fresnel, squared_angle, torrance_sparrow
 from hagoromo.transport.lighting import Materials, palette_of
+from tests.oracle.radiance import camera_rays
+from tests.oracle.scenes import DAYLIGHT, Case, camera, coloured_block, error_and_ratio, threads
 
 WHITE = Spectrum.constant(1.0)
 NUS = (0.3, 0.5, 0.77, 1.0, 1.6, 3.0, 9.0, 60.0)
@@ -331,3 +335,36 @@ def test_the_mass_of_facets_and_its_inverse(nu):
     there = mass < 1 - 1e-9  # beyond, the Gaussian has no digit left that would tell one angle from another
     back = np.array(squared_angle_of_mass(mass, gamma, exponent))[np.array(there)]
     np.testing.assert_allclose(back, last[np.array(there)] ** 2, rtol=1e-6)
+
+
+def glossy(element, nu):
+    """Little of the body, so that the picture is that of the facets."""
+    return Reflectance(0.002, 0.2, 0.1, 1.5, WHITE, element=element, nu=nu)
+
+
+def case_of(voxels):
+    scene = hg.Scene(camera(), (DAYLIGHT,), (voxels.box(),))
+    return Case("facets with tails", [voxels], scene, camera_rays(scene.camera))
+
+
+@pytest.mark.parametrize(
+    "voxels",
+    [
+        replace(coloured_block(), body_colour=None, basis=(), materials=(glossy("plane", 0.8), glossy("sphere", 0.5))),
+        replace(threads(count=15), materials=(glossy("cylinder", 0.4),)),
+        replace(
+            coloured_block(), body_colour=None, basis=(), materials=(glossy("plane", math.inf), glossy("sphere", 0.4))
+        ),
+    ],
+    ids=["planes and spheres", "cylinders", "with and without tails"],
+)
+def test_pictures_of_facets_with_tails_are_those_of_the_oracle(voxels):
+    """Absolute radiance of a box against eq. (2)–(12) in double precision, at a tolerance of 1 %."""
+    case = case_of(voxels)
+    true, transmittance = case.truth()
+    settings = hg.Settings(shadows="march", tolerance=0.01)
+    error, ratio = error_and_ratio(case.seen(settings), true, transmittance)
+    assert error < 0.01 and abs(ratio - 1) < 0.005
+    gaussian = replace(voxels, materials=tuple(replace(m, nu=math.inf) for m in voxels.materials))
+    other = case_of(gaussian).seen(settings)
+    assert error_and_ratio(other, true, transmittance)[0] > 0.1  # the tails are seen
