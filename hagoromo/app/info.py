@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -187,7 +188,10 @@ def _cameras(path: Path) -> Facts:
 def _materials(path: Path) -> Facts:
     from hagoromo.reflectance.material.materials_file import read_materials
 
-    return {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL_FIELDS}} for m in read_materials(path)}
+    facts = {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL_FIELDS}} for m in read_materials(path)}
+    for fields in facts.values():
+        fields["nu"] = None if math.isinf(fields["nu"]) else fields["nu"]  # JSON has no infinity
+    return facts
 
 
 def _csv(path: Path) -> Facts:

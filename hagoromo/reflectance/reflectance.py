@@ -148,7 +148,7 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
 
 
 def _without_gaussian_nu(record: Any) -> Any:
-    """The table without a `nu` that says Gaussian facets: null, or the infinity that TOML can state."""
+    """The table without a `nu` that says Gaussian facets: null or infinity."""
     if isinstance(record, Mapping) and "nu" in record and record["nu"] in (None, GAUSSIAN):
         return {key: value for key, value in record.items() if key != "nu"}
     return record

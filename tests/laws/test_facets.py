@@ -110,7 +110,7 @@ def test_tails_out_of_range_are_refused(nu):
 def test_a_record_has_nu_only_where_facets_have_tails():
     gaussian = Reflectance(0.1, 0.1, 0.2, 1.5, WHITE)
     assert "nu" not in gaussian.record()
-    for said in ({}, {"nu": None}, {"nu": math.inf}):  # absent as in old files, null, and TOML's inf
+    for said in ({}, {"nu": None}, {"nu": math.inf}):  # absent as in old files, null, infinity
         assert reflectance_from_record(gaussian.record() | said, "material").record() == gaussian.record()
     tailed = Reflectance(0.1, 0.1, 0.2, 1.5, WHITE, nu=0.8)
     assert tailed.record()["nu"] == 0.8
