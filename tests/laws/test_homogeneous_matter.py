@@ -4,10 +4,14 @@ From half a mean free path a voxel to matter that nothing passes, lamps from str
 face, one that falls off over a voxel, and two boxes in one place.
 """
 
+import dataclasses
+
+import numpy as np
 import pytest
 
 import hagoromo as hg
-from tests.oracle.blocks import DEPTHS, FACES, HEIGHTS, error_and_ratio_by_lamp, light_over_closed_form
+from tests.oracle.blocks import DEPTHS, FACES, HEIGHTS, LAMPS, error_and_ratio_by_lamp, light_over_closed_form, rays
+from tests.oracle.scenes import BLUE, MATTE, RED, block, camera
 
 
 @pytest.mark.xfail(strict=False, reason="dense matter, grazing light and boxes in one place are being mended")
@@ -20,3 +24,16 @@ def test_a_block_is_its_closed_form(depth, face, shadows, tolerance):
     ratio = light_over_closed_form(depth, face, hg.Settings(shadows=shadows, tolerance=tolerance))
     error, mean = error_and_ratio_by_lamp(ratio)
     assert (error < tolerance).all(), dict(zip(HEIGHTS, mean.round(4).tolist(), strict=True))
+
+
+@pytest.mark.xfail(strict=False, reason="the samples of two boxes go one after the other")
+@pytest.mark.parametrize("shadows", ["march", "map"])
+@pytest.mark.parametrize("depth", [0.1, 0.4, 1.2])
+def test_two_equal_boxes_in_one_place_share_the_light(depth, shadows):
+    """They differ in colour only: each sends half, to 1 %, whichever is named first. depth: mean free paths a voxel."""
+    origin, direction = rays()
+    voxels = [block(depth, shape=(7, 23, 23), matter=dataclasses.replace(MATTE, body_colour=c)) for c in (RED, BLUE)]
+    scene = hg.Scene(camera(), LAMPS[1:2], tuple(v.box() for v in voxels))
+    light = hg.RayMarch(scene, hg.Settings(shadows=shadows))(origin, direction).weights[:, :2]
+    assert light.min() > 0.0
+    assert np.abs(light[:, 0] / light[:, 1] - 1.0).max() < 0.01

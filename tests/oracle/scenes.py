@@ -200,11 +200,13 @@ def coloured_block() -> Voxels:
     return box_of(np.ones(x.shape), axis, 0.5, [SHINY, GRAINS], material=number, body_colour=colour, basis=(RED, BLUE))
 
 
-def block(depth_per_voxel: float, margin: int = 0, shape: tuple[int, int, int] = (11, 23, 23)) -> Voxels:
+def block(
+    depth_per_voxel: float, margin: int = 0, shape: tuple[int, int, int] = (11, 23, 23), matter: hg.Reflectance = MATTE
+) -> Voxels:
     """Homogeneous matter with a flat face upwards, at the edge of the box or `margin` voxels within it."""
     density = np.ones(shape)
     density[len(density) - margin :] = 0.0
-    return box_of(density, (0.0, 0.0, 1.0), depth_per_voxel, MATTE)
+    return box_of(density, (0.0, 0.0, 1.0), depth_per_voxel, matter)
 
 
 def camera(pixels: int = PIXELS) -> hg.Camera:
