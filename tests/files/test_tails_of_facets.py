@@ -10,6 +10,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.files.record import read_json, write_json
+from hagoromo.light.spectrum import smooth_rgb_basis
 from hagoromo.matter.solid.measured_relief import surface_reflectances
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from tests.files.test_schemas import material
@@ -46,12 +47,17 @@ def test_materials_json_keeps_the_tails(tmp_path):
         hg.read_materials(path)
 
 
-def test_a_measured_material_carries_its_tails_into_matter(tmp_path):
+def test_a_measured_material_carries_its_tails_and_interface_colour_into_matter(tmp_path):
     glaze = replace(material(), name="glaze", nu=1.7)
     hg.write_materials([glaze], tmp_path / "materials.json")
     table = {"file": "materials.json", "material": "glaze"}
     assert reflectance_from_table(table, tmp_path, "material").nu == 1.7
-    assert nus(surface_reflectances([glaze], [WHITE] * 3, 0.5)) == [1.7]
+    coloured = replace(glaze, interface_colour=(1.2, 1.0, 0.8))
+    plain, golden = surface_reflectances([glaze, coloured], smooth_rgb_basis(), 0.5)
+    assert nus([plain, golden]) == [1.7, 1.7]
+    wavelengths = np.array([460.0, 540.0, 630.0])
+    np.testing.assert_allclose(plain.interface_colour.at(wavelengths), 1.0)
+    np.testing.assert_allclose(golden.interface_colour.at(wavelengths), (0.8, 1.0, 1.2))
 
 
 def test_recipes_and_scenes_state_the_tails(tmp_path: Path):

@@ -33,12 +33,18 @@ def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
 def surface_reflectances(
     materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float
 ) -> list[Reflectance]:
-    """The materials on plane elements, their body colours on `basis` and their weights times `dim`."""
+    """The materials on plane elements, their colours on `basis` and their weights times `dim`."""
     reflectances = []
     for material in materials:
-        values = np.maximum(np.sum([c * s.values for c, s in zip(material.body_colour, basis, strict=True)], axis=0), 0)
-        colour = Spectrum(basis[0].wavelengths, values)
-        weights = material.alpha * dim, material.beta * dim
-        shape = material.gamma, material.n
-        reflectances.append(Reflectance(*weights, *shape, colour, name=material.name, nu=material.nu))
+        colours = [_on_basis(material.body_colour, basis)]
+        if len(set(material.interface_colour)) > 1:  # otherwise it has the lamp's colour
+            colours.append(_on_basis(material.interface_colour, basis))
+        weights, shape = (material.alpha * dim, material.beta * dim), (material.gamma, material.n)
+        reflectances.append(Reflectance(*weights, *shape, *colours, name=material.name, nu=material.nu))
     return reflectances
+
+
+def _on_basis(colour: Sequence[float], basis: Sequence[Spectrum]) -> Spectrum:
+    """The spectrum Σ colour_c B_c, 0 where that is negative."""
+    values = np.sum([c * s.values for c, s in zip(colour, basis, strict=True)], axis=0)
+    return Spectrum(basis[0].wavelengths, np.maximum(values, 0.0))
