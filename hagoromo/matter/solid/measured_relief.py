@@ -12,7 +12,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.relief import Relief
 from hagoromo.measurement.measured_surface import read_surface
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance import NEUTRAL, Reflectance
 
 
 def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
@@ -36,9 +36,9 @@ def surface_reflectances(
     """The materials on plane elements, their colours on `basis` and their weights times `dim`."""
     reflectances = []
     for material in materials:
-        colours = [_on_basis(material.body_colour, basis)]
-        if len(set(material.interface_colour)) > 1:  # otherwise it has the lamp's colour
-            colours.append(_on_basis(material.interface_colour, basis))
+        coloured = len(set(material.interface_colour)) > 1  # otherwise it has the lamp's colour
+        interface = _on_basis(material.interface_colour, basis) if coloured else NEUTRAL
+        colours = _on_basis(material.body_colour, basis), interface
         weights, shape = (material.alpha * dim, material.beta * dim), (material.gamma, material.n)
         reflectances.append(Reflectance(*weights, *shape, *colours, name=material.name, nu=material.nu))
     return reflectances
