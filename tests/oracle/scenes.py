@@ -60,6 +60,7 @@ def cases() -> list[Case]:
     """All scenes."""
     return [
         _case("Gaussian ball", [gaussian_ball()], [DAYLIGHT]),
+        _case("Gaussian ball of grains", [gaussian_ball(matter=GRAINS)], [DAYLIGHT]),
         _case("hard ball", [hard_ball()], [DAYLIGHT]),
         _case("hard ball, two lamps", [hard_ball()], [DAYLIGHT, hg.Lamp(position=(-0.5, -0.4, 0.5), spectrum=BULB)]),
         *(_case(f"noisy slab of depth {depth:g}", [noisy_slab(depth)], [DAYLIGHT]) for depth in (10.0, 50.0, 100.0)),
@@ -131,11 +132,11 @@ def outwards(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     return radius, offset / np.maximum(radius, 1e-9)[..., None]
 
 
-def gaussian_ball(depth: float = 3.0, count: int = 29) -> Voxels:
+def gaussian_ball(depth: float = 3.0, matter: hg.Reflectance = SHINY, count: int = 29) -> Voxels:
     """exp(−r²/2s²), s = 4 cm; `depth` through the middle."""
     radius, normal = outwards(*centres((count, count, count)))
     per_voxel = depth / (math.sqrt(2.0 * math.pi) * 0.04 / (SIDE / count))
-    return box_of(np.exp(-0.5 * (radius / 0.04) ** 2), normal, per_voxel, SHINY)
+    return box_of(np.exp(-0.5 * (radius / 0.04) ** 2), normal, per_voxel, matter)
 
 
 def flakes(count: int = 13) -> Voxels:
