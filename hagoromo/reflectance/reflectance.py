@@ -15,7 +15,7 @@ import numpy as np
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
-from hagoromo.light.spectrum import CONSTANT_RANGE, SOURCE, Spectrum, SpectrumRecord
+from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord
 from hagoromo.reflectance.element import ELEMENTS, Element
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
@@ -101,7 +101,7 @@ class Reflectance:
 
     @property
     def body_albedo(self) -> float:
-        """π α c_b at the wavelength (360–830 nm) where the body reflects most."""
+        """π α c_b at the wavelength (400–700 nm) where the body reflects most."""
         return math.pi * self.alpha * _largest(self.body_colour)
 
     @property
@@ -215,7 +215,7 @@ def _direction(polar: Any, turn: Any) -> tuple[Any, Any, Any]:
 
 
 def _largest(colour: Spectrum) -> float:
-    """Largest value between 360 and 830 nm; a piecewise linear spectrum has it at a knot or at a limit."""
-    lo, hi = CONSTANT_RANGE
+    """Largest value between 400 and 700 nm; a piecewise linear spectrum has it at a knot or at a limit."""
+    lo, hi = VISIBLE
     inside = [w for w in colour.wavelengths if lo < w < hi]
     return float(np.max(colour.at(np.array([lo, hi, *inside]))))
