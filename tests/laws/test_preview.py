@@ -1,6 +1,7 @@
 """Laws of the preview: it ends in the picture, begins in time, keeps what did not change, and compiles nothing anew."""
 
 import gc
+import math
 from dataclasses import replace
 
 import drjit as dr
@@ -154,6 +155,17 @@ def test_a_turned_spot_and_another_luminaire_compile_nothing():
     gc.collect()  # a kernel with surfaces depends on how many of them are alive
     look(scene_under(7, 0.3))
     assert compilations(lambda: look(scene_under(19, 0.5))) == 0
+
+
+def test_other_tails_compile_nothing():
+    """One kernel serves every ν, also beside a material without tails; the energy of all of them is one kernel, too."""
+
+    def look(*exponents):
+        materials = [Reflectance(0.2, 0.1, 0.25, 1.5, GREY, element="cylinder", nu=nu) for nu in exponents]
+        render(Scene(a_camera(), lamps()[:1], (a_box(holes=0.7).with_materials(materials),)))
+
+    look(0.8, 2.0)
+    assert compilations(lambda: look(1.7, math.inf)) == 0
 
 
 def test_a_scene_is_let_go_with_its_picture(scene):
