@@ -55,6 +55,7 @@ def gradient_is_the_difference(element, which, all_figures):
     assert np.quantile(np.abs(derivative - difference), 0.97) < 1e-7 * np.abs(difference).max()
 
 
+WHITE = hg.Spectrum.constant(1.0)
 RAYS = 127
 ORIGINS = np.stack([np.linspace(-0.03, 0.03, RAYS), np.full(RAYS, 0.013), np.full(RAYS, -1.0)], axis=1)
 FORWARD = np.broadcast_to([0.0, 0.0, 1.0], (RAYS, 3))
@@ -139,6 +140,38 @@ def test_gradient_of_the_march_by_axes_of_projected_extinction(element):
         difference = (high - low) / (2 * h)
         # single precision: 1e-7 / h on values near 1
         assert np.abs(derivative - difference).max() < 5e-3 * np.abs(difference).max() > 0
+
+
+@pytest.mark.parametrize("entry", [2, -1], ids=("gamma", "nu"))
+def test_gradient_of_the_march_by_tails(entry):
+    """In a scene with and without tails: an infinite ν has the derivative 0 and spoils no other."""
+    tailed, gaussian = (hg.Reflectance(0.1, 0.1, 0.27, 1.45, WHITE, nu=nu) for nu in (0.8, np.inf))
+    shape = (5, 23, 29)
+    axis = np.broadcast_to(np.array([0.2, 0.6, -0.77]), (*shape, 3))
+    number = np.broadcast_to(np.arange(29) > 14, shape).astype(np.uint8)
+    box = hg.VolumeBox.from_arrays(np.ones(shape, np.float32), axis, 0.01, 50.0, [tailed, gaussian], number)
+    camera = hg.Camera(8, 6, (10.0, 10.0), (4.0, 3.0)).look_at((0.1, 0.1, -1.0), (0.1, 0.1, 0.0), (0.0, 1.0, 0.0))
+    scene = hg.Scene(camera, (hg.Lamp(to_lamp=(0.3, 0.2, -1.0)),), (box,))
+    march = hg.RayMarch(scene, hg.Settings(shadows="none"))
+    rows = np.array(march.materials).reshape(2, -1)
+    assert rows[0, -1] == np.float32(0.8) and np.isinf(rows[1, -1])
+    rays = np.stack([np.linspace(0.02, 0.27, 41), np.full(41, 0.11), np.full(41, -1.0)], axis=1), FORWARD[:41]
+    change = np.zeros_like(rows)
+    change[0, entry] = 1.0
+    derivative = both(march.derivative(*rays, materials=change.ravel())[1])[0]
+    ends = []
+    for sign in (1, -1):
+        march.materials = np.where(change > 0, rows + sign * 0.01, rows).astype(np.float32).ravel()
+        ends.append(both(march(*rays))[0])
+    difference = (ends[0] - ends[1]) / 0.02
+    # single precision, 1e-7 / h on values near 0.1, and h² of the second order
+    assert np.abs(derivative - difference).max() < 2e-3 * np.abs(difference).max() > 0
+    assert (derivative[rays[0][:, 0] > 0.17] == 0).all()  # the half without tails
+    march.materials = rows.ravel()
+    whole = np.ones_like(rows)
+    whole[:, 4:] = 0.0
+    whole[:, -1] = 1.0  # every figure at once, the infinite exponents too
+    assert np.isfinite(both(march.derivative(*rays, materials=whole.ravel())[1])[0]).all()
 
 
 def test_rays_of_arrays_and_of_dr_jit_give_the_same_light(ball):
