@@ -18,7 +18,7 @@ from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, obs
 from studies.coverage_page import write_coverage_page
 
 SIMULATIONS = 200
-QUANTITIES = ("alpha", "beta", "gamma", "n", "specular_albedo", "body_colour")
+QUANTITIES = ("alpha", "beta", "gamma", "n", "nu", "specular_albedo", "body_colour", "interface_colour")
 
 
 def coverage_study(
@@ -54,10 +54,12 @@ def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, An
     rows = []
     for key in QUANTITIES:
         true = np.array([np.atleast_1d(truth.values()[key]) for truth, _ in results])
-        bounds = np.array([np.atleast_2d(estimate.interval_95[key]) for _, estimate in results])
+        unknown = np.tile([0.0, np.inf], (true.shape[1], 1))  # of a matte material
+        bounds = np.array([np.atleast_2d(estimate.interval_95.get(key, unknown)) for _, estimate in results])
         identifiable = np.array([estimate.identifiable.get(key, True) for _, estimate in results])
         low, high = bounds[..., 0], bounds[..., 1]
-        width = ((high - low) / true)[identifiable & np.isfinite(high).all(axis=1)]
+        known = identifiable & np.isfinite(high).all(axis=1) & np.isfinite(true).all(axis=1)
+        width = ((high - low)[known] / true[known]).ravel()
         rows.append({
             "quantity": key,
             "intervals": int(true.size),

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.measurement.material.material_objective import expected
-from hagoromo.measurement.parameters import pack_theta
 from studies.goniometer import Directions, cosines_of
+from studies.merl_rival import torrance_sparrow
 
 Array = NDArray[np.float64]
 BALL_PIXELS = 400  # number of visible pixels of the ball
@@ -25,6 +24,7 @@ FULL_WELLS = {"45,000 electrons": 45_000.0, "6,000 electrons": 6_000.0, "1,000 e
 @dataclass(frozen=True)
 class Bench:
     """Range of materials and lamps. betas: range of β [1/sr], log-uniform. azimuths: of the lamps [°], from the eye.
+    tails: range of ν, log-uniform; None: Gaussian facets. tint: standard deviation of ln e of the interface colour.
 
     Three lamps at phase angles of 35° to 130° determine n, because the Fresnel term grows 2 to 5 times over them; one
     lamp beside the camera does not; faint gloss is below the noise for many of the materials.
@@ -32,23 +32,28 @@ class Bench:
 
     betas: tuple[float, float]
     azimuths: tuple[float, ...]
+    tails: tuple[float, float] | None = None
+    tint: float = 0.0
 
 
 BENCHES = {
     "three lamps": Bench((0.05, 1.0), (35.0, 80.0, 130.0)),
     "one lamp": Bench((0.05, 1.0), (20.0,)),
     "three lamps, faint gloss": Bench((0.0005, 0.05), (35.0, 80.0, 130.0)),
+    "three lamps, tails and colour": Bench((0.05, 0.5), (35.0, 80.0, 130.0), (0.7, 6.0), 0.3),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Parameters of a material; alpha_body (3,): α c_b."""
+    """Parameters of a material; alpha_body (3,): α c_b; interface_colour (3,): of mean 1."""
 
     alpha_body: Array
     beta: float
     gamma: float
     n: float
+    nu: float = np.inf
+    interface_colour: tuple[float, ...] = (1.0, 1.0, 1.0)
 
     def values(self) -> dict[str, float | Array]:
         """By the names of `MaterialEstimate`; body colours have mean 1."""
@@ -58,26 +63,39 @@ class Truth:
             "beta": self.beta,
             "gamma": self.gamma,
             "n": self.n,
-            "specular_albedo": self.beta * float(hg.interface_albedo(self.gamma, self.n)[0]),
+            "nu": self.nu,
+            "interface_colour": np.array(self.interface_colour),
+            "specular_albedo": self.beta * float(hg.interface_albedo(self.gamma, self.n, self.nu)[0]),
             "body_colour": self.alpha_body / mean,
         }
 
 
 def drawn(bench: Bench, random: np.random.Generator) -> Truth:
     """A material of realistic ranges: body albedo 0.1–0.8 per channel, γ 0.06–0.4 rad, n 1.3–1.7."""
-    return Truth(
+    usual = (
         random.uniform(0.1, 0.8, 3) / np.pi,
         float(np.exp(random.uniform(*np.log(bench.betas)))),
         float(np.exp(random.uniform(*np.log([0.06, 0.4])))),
         float(random.uniform(1.3, 1.7)),
     )
+    nu = np.inf if bench.tails is None else float(np.exp(random.uniform(*np.log(bench.tails))))
+    colour = np.exp(bench.tint * random.standard_normal(3)) if bench.tint else np.ones(3)
+    return Truth(*usual, nu, tuple((colour / colour.mean()).tolist()))
 
 
 def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> hg.Observations:
     """Noisy values with shot and read noise; the variance that they state is that of the noisy electrons."""
     sight = ball(bench.azimuths)
-    clean = expected(sight, pack_theta(truth.alpha_body, truth.beta, truth.gamma, truth.n))
-    return exposed(sight, clean, full_well, random)
+    return exposed(sight, reflected(sight.cosines, truth), full_well, random)
+
+
+def reflected(cosines: hg.Cosines, truth: Truth) -> Array:
+    """Radiance per unit irradiance facing the lamp (N, 3), eq. (2)–(6) in NumPy; 0 where unlit or unseen."""
+    lit = (cosines.incidence > 0.0) & (cosines.view > 0.0)
+    safe = hg.Cosines(*(np.where(lit, cosine, 1.0) for cosine in cosines))
+    interface = torrance_sparrow(safe, truth.gamma, truth.n, 1.0 / truth.nu)
+    body = truth.alpha_body * safe.incidence
+    return np.where(lit, body + truth.beta * interface * np.array(truth.interface_colour), 0.0)
 
 
 def exposed(sight: hg.Sight, clean: Array, full_well: float, random: np.random.Generator) -> hg.Observations:

@@ -11,8 +11,8 @@ import hagoromo as hg
 
 NOMINAL_COVERAGE = 0.95
 LABELS = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "n": "n", "specular_albedo": "specular albedo",
-    "body_colour": "body colour",
+    "alpha": "α", "beta": "β", "gamma": "γ", "n": "n", "nu": "ν", "specular_albedo": "specular albedo",
+    "body_colour": "body colour", "interface_colour": "interface colour",
 }  # fmt: skip
 LINE_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 
@@ -46,7 +46,11 @@ def _page(record: dict[str, Any]) -> str:
 
 
 def _cell(row: dict[str, Any], count: int) -> str:
-    share = f" ({100 * row['told'] / count:.0f} %)" if row["quantity"] in ("alpha", "beta", "gamma", "n") else ""
+    share = (
+        f" ({100 * row['told'] / count:.0f} %)"
+        if row["quantity"] in ("alpha", "beta", "gamma", "n", "nu", "interface_colour")
+        else ""
+    )
     return f"{100 * row['hold'] / row['intervals']:.1f} %{share}"
 
 

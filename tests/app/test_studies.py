@@ -9,7 +9,6 @@ STUDIES = Path(__file__).parents[2] / "studies"
 FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
 INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
     # the models that the fits minimise, to predict readings from parameters that no fit has found
-    "coverage_bench.py": {"measurement.material.material_objective", "measurement.parameters"},
     "merl.py": {
         "measurement.material.material_objective",
         "measurement.material.lack_of_fit",

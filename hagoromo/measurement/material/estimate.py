@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import find_albedo_variation
-from hagoromo.measurement.material.interval import Profile, inflation, largest_tail, profile_over_n
+from hagoromo.measurement.material.interval import Profile, inflation, largest_tail, profile_over_n, profile_over_tail
 from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.model_choice import ChosenFit, Facets, Fitted, Interface, choose_fit, fit_as
@@ -90,7 +90,10 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
     fitted = _with_error(chosen.fitted, error)
     fit = fitted.fit
     profile = profile_over_n(fit)
-    intervals = _with_wide(chosen, intervals_of(profile))
+    over_tails = None
+    if chosen.tails is not None and not chosen.model.tails:
+        over_tails = profile_over_tail(_with_error(chosen.wide, error).fit)
+    intervals = _with_wide(chosen, intervals_of(profile, over_tails))
     identifiable = identifiable_of(fit, intervals)
     tested = lack_of_fit(fit)
     remarks, values, covered = _remarks(fitted, tested, profile), values_at(fit.theta), fit

@@ -31,15 +31,17 @@ CHI_SQUARE_95 = 3.841458820694124  # 0.95 quantile of χ² with one degree of fr
 NODES = np.array([-4.5, -3.5, -2.7, -2.0, -1.4, -0.9, -0.4, 0.0, 0.4, 0.9, 1.4, 2.0, 2.7, 3.5, 4.5])  # standard errors
 COARSE = 13  # points through the whole range of n
 STRAIGHT = 1.0  # largest step along the direction of a profile for which it is taken to be straight
+TAILS = 6  # points from 0 to the largest 1/ν that the photographs allow
+WELL_KNOWN = 0.25  # standard error of ln(n − 1) below which n is identifiable
 COARSE_TAILS = 6  # points through the whole range of 1/ν
 FINE = 48  # points interpolated between two nodes of the profile
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The fit at K values of ln(n − 1): rest (K,) is Δχ², theta (K, P), covariance (K, P, P) at fixed n.
+    """The fit at K values of one parameter: rest (K,) is Δχ², theta (K, P), covariance (K, P, P) with it fixed.
 
-    statuses: how the fit of each point ended.
+    statuses: how the fit of each point ended. place: of the parameter in θ, ln(n − 1) or the tail 1/ν.
     """
 
     fit: MaterialFit
@@ -47,25 +49,37 @@ class Profile:
     theta: Array
     covariance: Array
     statuses: FitStatuses
+    place: int = LOG_N1
 
     @property
-    def log_n1(self) -> Array:
-        """(K,) ln(n − 1), increasing."""
-        return self.theta[:, -1]
+    def along(self) -> Array:
+        """(K,) the parameter, increasing."""
+        return self.theta[:, self.place]
 
 
 def profile_over_n(fit: MaterialFit) -> Profile:
     """Profile of `fit` along n; one point where n was given."""
-    others = _without(fit, -1)
-    starts = fit.theta[None]
-    if fit.free[-1]:
-        nodes = _nodes(fit)
-        starts = _starts(fit, LOG_N1, nodes)
-    rows = minimise(fit.objective, starts, others)
+    nodes = _nodes(fit) if fit.free[LOG_N1] else fit.theta[LOG_N1:]
+    return _profile(fit, LOG_N1, nodes, _without(fit, LOG_N1))
+
+
+def profile_over_tail(fit: MaterialFit) -> Profile:
+    """Profile of `fit` along 1/ν, from 0 to the largest value of its interval.
+
+    n is free only where it is known well enough for its errors to be normal; `profile_over_n` has them anyway.
+    """
+    others = _without(fit, TAIL)
+    others[LOG_N1] &= bool(fit.inside[LOG_N1] and fit.covariance[LOG_N1, LOG_N1] ** 0.5 < WELL_KNOWN)
+    return _profile(fit, TAIL, np.linspace(0.0, 1.1 * largest_tail(fit), TAILS), others)
+
+
+def _profile(fit: MaterialFit, place: int, nodes: Array, others: NDArray[np.bool_]) -> Profile:
+    """Profile along the parameter at `place`, at `nodes` (K,), over the parameters `others` (P,)."""
+    rows = minimise(fit.objective, _starts(fit, place, nodes), others)
     pairs = zip(rows.curvature, rows.theta, strict=True)
     covariance = np.stack([inverse_over(curvature, others & ~at_bound(theta)) for curvature, theta in pairs])
     best = fit.objective.evaluate(fit.theta[None])[0][0]
-    return Profile(fit, np.maximum(2.0 * (rows.cost - best), 0.0), rows.theta, covariance, rows.statuses)
+    return Profile(fit, np.maximum(2.0 * (rows.cost - best), 0.0), rows.theta, covariance, rows.statuses, place)
 
 
 def _nodes(fit: MaterialFit) -> Array:
@@ -95,7 +109,7 @@ def interval(profile: Profile, quantity: Quantity) -> tuple[float, float]:
     limit = allowance(profile.fit, quantity)
     if len(values) == 1:
         return float(values[0] - spread[0] * limit**0.5), float(values[0] + spread[0] * limit**0.5)
-    u = _fine(profile.log_n1)
+    u = _fine(profile.along)
     rest, value, spread = (_smooth(profile, q)(u) for q in (profile.rest, values, spread))
     inside = rest <= limit
     reach = spread[inside] * np.sqrt(limit - rest[inside])
@@ -108,7 +122,7 @@ def interval_of_n(profile: Profile) -> tuple[float, float]:
     if len(profile.rest) == 1:
         return float(fit.theta[-1]), float(fit.theta[-1])
     limit = allowance(fit, coordinate(-1))
-    u = _fine(profile.log_n1)
+    u = _fine(profile.along)
     inside = u[_smooth(profile, profile.rest)(u) <= limit]
     return float(inside[0]), float(inside[-1])
 
@@ -175,4 +189,4 @@ def _fine(nodes: Array) -> Array:
 
 
 def _smooth(profile: Profile, values: Array) -> PchipInterpolator:
-    return PchipInterpolator(profile.log_n1, values)
+    return PchipInterpolator(profile.along, values)

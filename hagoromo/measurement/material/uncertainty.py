@@ -36,20 +36,47 @@ NEARLY_GAUSSIAN = 0.1  # 1/ν of facets that differ little from Gaussian ones
 WIDTH_95 = 2 * NORMAL_95  # width of a 95 % interval in standard errors
 
 
-def intervals_of(profile: Profile) -> dict[str, Any]:
-    """95 % intervals of all reported quantities; of nu and the interface colour only where they were estimated."""
+def intervals_of(profile: Profile, over_tails: Profile | None = None) -> dict[str, Any]:
+    """95 % intervals of all reported quantities; of nu and the interface colour only where they were estimated.
+
+    over_tails: profile along 1/ν of a fit with tails, where Gaussian facets were chosen. An interval then has what the
+    tails that the photographs allow would give, too.
+    """
+    intervals = _intervals(profile)
+    if over_tails is None:
+        return intervals
+    other = _intervals(over_tails)
+    given = {"n": intervals["n"]} if not profile.fit.free[LOG_N1] else {}
+    return {key: _joined(bounds, other[key]) for key, bounds in intervals.items()} | given
+
+
+def _joined(one: Any, other: Any) -> Any:
+    """The smallest interval that has both, or one per channel."""
+    if isinstance(one[0], tuple):
+        return tuple(_joined(*pair) for pair in zip(one, other, strict=True))
+    return min(one[0], other[0]), max(one[1], other[1])
+
+
+def _intervals(profile: Profile) -> dict[str, Any]:
     fit, channels = profile.fit, channels_of(profile.fit.theta)
-    shape: dict[str, Any] = {"nu": nu_interval(interval_of_tail(fit))} if fit.free[TAIL] else {}
+    along_n = profile.place == LOG_N1
+    shape: dict[str, Any] = {"nu": nu_interval(interval_of_tail(fit))} if fit.free[TAIL] and along_n else {}
     if fit.free[colour_slice(channels)].any():
         shape["interface_colour"] = tuple(interval(profile, colour_of_interface(c)) for c in range(channels))
     return shape | {
         "alpha": interval(profile, alpha),
         "beta": _exp(interval(profile, log_beta)),
         "gamma": _exp(interval(profile, coordinate(LOG_GAMMA))),
-        "n": tuple(1.0 + bound for bound in _exp(interval_of_n(profile))),
+        "n": tuple(1.0 + bound for bound in _exp(interval_of_n(profile) if along_n else _index_interval(profile))),
         "specular_albedo": _exp(interval(profile, log_albedo)),
         "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(channels)),
     }
+
+
+def _index_interval(profile: Profile) -> tuple[float, float]:
+    """That of ln(n − 1) within its admissible range, of a profile along 1/ν."""
+    low, high = np.clip(interval(profile, coordinate(LOG_N1)), *np.log(ADMISSIBLE_N))
+    return float(low), float(high)
 
 
 def nu_interval(tail: tuple[float, float]) -> tuple[float, float]:
