@@ -182,7 +182,7 @@ def _plane_albedo(views: np.ndarray, gamma: float, n: float, nu: float, angles: 
     """`interface_albedo` of a plane from angles of view against its normal [rad]: (views,)."""
     Array3, Float64 = arrays().Array3f64, arrays().Float64
     polars, weights = _facet_nodes(gamma, nu, angles)
-    turns = 2 * math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)
+    turns = math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)  # one half of the turn: the other is alike
     grid = (Float64(axis) for axis in (views, polars, turns))
     view, polar, turn = dr.meshgrid(*grid, indexing="ij")
     half, to_eye = Array3(*_direction(polar, turn)), Array3(*_direction(view, 0.0))

@@ -17,6 +17,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import cylinder_facets, graded_place, sphere_facets, sphere_table
 from hagoromo.reflectance.facets import expm1_quotient, facet_mass, log1p_quotient, squared_angle_of_mass
 from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albedo, reflectance_from_record
+from hagoromo.reflectance.sampling import density_to_lamp
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, facet_density, fresnel, squared_angle, torrance_sparrow
 from hagoromo.transport.lighting import Materials, palette_of
 from tests.oracle.radiance import camera_rays
@@ -279,10 +280,10 @@ def dense_albedo(view, gamma, n, nu):
 
 @pytest.mark.parametrize(("gamma", "nu"), GRID[::2])
 def test_energy_holds_one_per_cent_with_48_by_96_nodes(gamma, nu):
-    """Views from the normal to 89.7°; 2e-3 more for the oracle's own midpoints at grazing views."""
+    """Views from the normal to 89.7°; the worst is 0.3 %, of the nodes and of the oracle's own midpoints."""
     albedo = interface_albedo(gamma, 1.5, nu)
-    for view in (0, 4, 8, 12):
-        assert albedo[view] == pytest.approx(dense_albedo(VIEWS[view], gamma, 1.5, nu), rel=0.012)
+    for view in (0, 4, 8, 11, 12):
+        assert albedo[view] == pytest.approx(dense_albedo(VIEWS[view], gamma, 1.5, nu), rel=0.005)
 
 
 @pytest.mark.parametrize("nu", [0.5, 2.0, math.inf])
@@ -368,3 +369,31 @@ def test_pictures_of_facets_with_tails_are_those_of_the_oracle(voxels):
     gaussian = replace(voxels, materials=tuple(replace(m, nu=math.inf) for m in voxels.materials))
     other = case_of(gaussian).seen(settings)
     assert error_and_ratio(other, true, transmittance)[0] > 0.1  # the tails are seen
+
+
+@pytest.mark.parametrize("nu", [0.4, 1.0, 2.5, math.inf])
+def test_directions_are_drawn_by_the_density_of_facets(nu):
+    """The stated density of the mirrored part is φ D/(2π sinφ ∫φ D dφ) over 4 cosθ_Q, with D as printed.
+
+    That samples follow the stated density is decided by chi-square in tests/laws/test_reflectance.py.
+    """
+    gamma, view = 0.15, math.radians(20)
+    nodes, weights = np.polynomial.legendre.leggauss(800)
+    grid = math.pi / 4 * (nodes + 1)
+    law = lambda angle: np.exp(-np.log(2) * (angle / gamma) ** 2) if nu > 1e9 else printed_density(angle, gamma, nu)  # noqa: E731
+    whole = weights @ (grid * law(grid)) * math.pi / 4
+    angle = np.linspace(0.01, 1.1, 67)
+    half = np.stack([-np.sin(angle), 0 * angle, np.cos(angle)], -1)  # away from the eye: no −Q among them
+    eye = np.array([math.sin(view), 0, math.cos(view)])
+    deviation = half @ eye
+    lamp = 2 * deviation[:, None] * half - eye
+    there = deviation > 0.05
+    stated = density_to_lamp(
+        vectors(lamp[there]),
+        arrays().Array3f64(*eye.tolist()),
+        1.0,
+        gamma,
+        nu if math.isinf(nu) else arrays().Float64(nu),
+    )
+    true = angle * law(angle) / (2 * math.pi * np.sin(angle) * whole) / (4 * deviation)
+    np.testing.assert_allclose(np.array(stated), true[there], rtol=1e-6)
