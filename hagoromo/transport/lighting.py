@@ -222,10 +222,9 @@ class Lighting:
                 body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
                 lit |= body + interface > 0.0
                 if element.scales and texel_hit:
-                    scales = [scale.at(*ways) for scale in element.scales]
                     body, interface = (
-                        dr.select(texel_hit.textured, light * scale, light)
-                        for light, scale in zip((body, interface), scales, strict=True)
+                        dr.select(texel_hit.textured, light * factor, light)
+                        for light, factor in zip((body, interface), element.scales.at(*ways), strict=True)
                     )
                 weights.append((body * element.share, interface * element.share))
             if emission is not None:

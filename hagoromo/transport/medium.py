@@ -55,7 +55,7 @@ class Element:
     axis: Array3f
     material: UInt
     share: Float = 1.0
-    scales: tuple[LightScale, LightScale] | None = None
+    scales: LightScale | None = None
     shadow_bias: Float | None = None
 
     def shadow_origin(self, point: Array3f, to_lamp: Array3f) -> Array3f:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, check_entries, clip, lookup
 from hagoromo.files.checks import check_memory
 from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
-from hagoromo.volume.texel import SCALES, Level, LightScale, Texel
+from hagoromo.volume.texel import DIRECTIONS, Level, LightScale, Texel
 from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST_DENSITY, axis_between, half_value, lerp, packed_axis
 
 STEPS_PER_CELL = 2.0  # steps of a camera ray along the shortest edge of a cell
@@ -94,9 +94,9 @@ class Textures:
         edges = np.concatenate([texel.edges for texel in texels])
         self.steps = lookup(jit.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
-        scale = np.zeros((len(levels), self.populations, 2, SCALES), np.float32)
+        scale = np.zeros((len(levels), self.populations, DIRECTIONS, DIRECTIONS, 2), np.float32)
         for row, level in zip(scale, levels, strict=True):
-            row[: len(level.scale)] = level.scale
+            row[: len(level.scale)] = np.moveaxis(level.scale, 1, -1)
         self.scale = lookup(jit.Float, scale)
         whole, floats = np.zeros((len(boxes), 4), np.uint32), np.ones((len(boxes), 8), np.float32)
         for numbers, row, (texel, band, voxel) in zip(whole, floats, boxes, strict=True):
@@ -182,12 +182,9 @@ class Textures:
             each.append(axis_between(words, corner.part, tangents[k]))
         return each
 
-    def scales(self, level: UInt) -> list[tuple[LightScale, LightScale]]:
-        """Scales of the light, body and interface, that every population sends back."""
-        first = 2 * SCALES * self.populations * level
-        numbers = [dr.gather(arrays().Float, self.scale, first + k) for k in range(2 * SCALES * self.populations)]
-        each = [LightScale(numbers[k : k + SCALES]) for k in range(0, len(numbers), SCALES)]
-        return list(zip(each[::2], each[1::2], strict=True))
+    def scales(self, level: UInt) -> list[LightScale]:
+        """Factors on the light, body and interface, that every population sends back."""
+        return [LightScale(self.scale, level * self.populations + k) for k in range(self.populations)]
 
     def optical_depth(
         self,
@@ -198,11 +195,13 @@ class Textures:
         stop: Float,
         tau: Float,
         seen: SeenAlong | None = None,
+        stride: float = SHADOW_STEP,
     ) -> tuple[Float, Float]:
         """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
-        is taken for flat. seen: of the elements along the way; None where extinction is isotropic.
+        is taken for flat. seen: of the elements along the way; None where extinction is isotropic. stride: length of
+        a step, in steps of a camera ray.
         """
         jit, lattice = arrays(), self.lattice(box, level)
         per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
@@ -210,7 +209,7 @@ class Textures:
         rising = way.z > 0
         room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
         reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
-        step = SHADOW_STEP * dr.gather(jit.Float, self.steps, level)
+        step = stride * dr.gather(jit.Float, self.steps, level)
         count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_SHADOW_STEPS)
         length = reach / count
         enough = HIDDEN_OPTICAL_DEPTH / (tau * length)

@@ -8,6 +8,7 @@ modulo its period, so memory is that of the two small boxes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,41 +17,87 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float
+from hagoromo.backend import Array3f, Float, UInt, arrays
 from hagoromo.errors import InputError
 
 MOST_POPULATIONS = 4
-SCALES = 9  # numbers that scale the light of a population, body or interface
+RING_DEGREES = (0.0, 30.0, 60.0, 75.0)  # of directions from the normal, and so from its opposite; the last half as far
+RINGS, TURNS = len(RING_DEGREES), 8  # directions on each ring
+DIRECTIONS = 2 * RINGS * TURNS
+LEAST_FACTOR = 1e-3  # on light
+OLD_NUMBERS = 9  # that scaled the light of a population until version 0.2
 
 
-@dataclass
 class LightScale:
-    """What light that a population sends back, body or interface, is multiplied with, by SCALES numbers.
+    """What the light that a population sends back, body and interface, is multiplied with: e to numbers from a table.
 
-    Of the directions V to the eye and L to a lamp along (u, v, normal): c₀ + c₁ |V_n| + c₂ |L_n| + c₃ |V_n L_n| +
-    c₄ V_u L_u + c₅ V_v L_v + c₆ (V_u² − V_v²) + c₇ (L_u² − L_v²), not below 0; c₈ where the lamp is behind the layer.
+    The table has a row per direction V to the eye and a column per direction L to a lamp, in the order of
+    `table_directions`; logarithms are linear between them, and beyond the last ring as on it.
     """
 
-    numbers: list[Any]
+    def __init__(self, table: Float, first: UInt) -> None:
+        """table: logarithms, Float (tables · DIRECTIONS² · 2). first: number of the table of the population."""
+        self._table, self._first = table, first * (DIRECTIONS * DIRECTIONS)
 
-    def at(self, eye: Array3f, lamp: Array3f) -> Float:
-        """The factor; `eye`, `lamp`: unit, Array3f along (u, v, normal)."""
-        front = sum(c * feature for c, feature in zip(self.numbers[:-1], light_features(eye, lamp), strict=True))
-        return dr.select(eye.z * lamp.z < 0.0, self.numbers[-1], dr.fmax(front, 0.0))
+    def at(self, eye: Array3f, lamp: Array3f) -> tuple[Float, Float]:
+        """Factors on body and interface; `eye`, `lamp`: unit, Array3f along (u, v, normal)."""
+        Array2f, lamps = arrays().Array2f, table_places(lamp)
+        logarithm = Array2f(0.0)
+        for row, weight in table_places(eye):
+            start = self._first + row * DIRECTIONS
+            between = [dr.gather(Array2f, self._table, start + column) * share for column, share in lamps]
+            logarithm = dr.fma(sum(between[1:], between[0]), weight, logarithm)
+        return dr.exp(logarithm.x), dr.exp(logarithm.y)
 
 
-def light_features(eye: Array3f, lamp: Array3f) -> list[Float]:
-    """What the numbers of a `LightScale` but the last are multiplied with."""
-    above_eye, above_lamp = dr.abs(eye.z), dr.abs(lamp.z)
-    across = [dr.square(way.x) - dr.square(way.y) for way in (eye, lamp)]
-    return [1.0, above_eye, above_lamp, above_eye * above_lamp, eye.x * lamp.x, eye.y * lamp.y, *across]
+def table_directions() -> NDArray[np.float64]:
+    """Unit directions (u, v, normal) of the table: side (normal up, down), ring, turn: (DIRECTIONS, 3)."""
+    side, ring, turn = (index.ravel() for index in np.indices((2, RINGS, TURNS)))
+    angle, turn = np.radians(RING_DEGREES)[ring], 2.0 * np.pi / TURNS * turn
+    across = np.sin(angle)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), np.where(side, -1.0, 1.0) * np.cos(angle)], axis=-1)
 
 
-def unscaled(populations: int) -> NDArray[np.float32]:
-    """Scales of 1: (populations, 2, SCALES)."""
-    scale = np.zeros((populations, 2, SCALES), np.float32)
-    scale[..., 0] = scale[..., -1] = 1.0
-    return scale
+def table_places(way: Array3f) -> list[tuple[UInt, Float]]:
+    """The four directions of the table around a unit one, Array3f: their numbers, and weights that sum to 1."""
+    jit = arrays()
+    angle = dr.acos(dr.fmin(dr.abs(way.z), 1.0)) * (180.0 / math.pi)
+    wide, last = RING_DEGREES[1], RING_DEGREES[-2]
+    angle = dr.fma(dr.fmax(angle - last, 0.0), 1.0 / (RING_DEGREES[-1] - last), dr.fmin(angle, last) / wide)
+    angle = dr.fmin(angle, RINGS - 1 - 1e-4)
+    turn = dr.atan2(way.y, way.x) * (0.5 * TURNS / math.pi)
+    turn = dr.select(turn < 0.0, turn + TURNS, turn)
+    ring, spoke = jit.UInt(angle), jit.UInt(turn)
+    outwards, onwards = angle - jit.Float(ring), turn - jit.Float(spoke)
+    start = dr.select(way.z < 0.0, jit.UInt(RINGS * TURNS), 0) + ring * TURNS
+    spokes = spoke & (TURNS - 1), (spoke + 1) & (TURNS - 1)
+    return [
+        (start + k * TURNS + number, part * share)
+        for k, part in enumerate((1.0 - outwards, outwards))
+        for number, share in zip(spokes, (1.0 - onwards, onwards), strict=True)
+    ]
+
+
+def unscaled(populations: int) -> NDArray[np.float16]:
+    """Logarithms of factors of 1: (populations, 2, DIRECTIONS, DIRECTIONS)."""
+    return np.zeros((populations, 2, DIRECTIONS, DIRECTIONS), np.float16)
+
+
+def scale_from_numbers(numbers: NDArray) -> NDArray[np.float16]:
+    """Logarithms of the factors that version 0.2 made of its numbers c, (populations, 2, OLD_NUMBERS).
+
+    c₀ + c₁ |V_n| + c₂ |L_n| + c₃ |V_n L_n| + c₄ V_u L_u + c₅ V_v L_v + c₆ (V_u² − V_v²) + c₇ (L_u² − L_v²), not
+    below 0; c₈ where the lamp is behind the layer.
+    """
+    ways = table_directions()
+    eye, lamp = (part.T[..., None] for part in (ways, ways))
+    eye, lamp = eye, lamp.transpose(0, 2, 1)
+    across = [way[0] ** 2 - way[1] ** 2 + 0.0 * eye[0] * lamp[0] for way in (eye, lamp)]
+    up = [np.abs(way[2]) + 0.0 * eye[0] * lamp[0] for way in (eye, lamp)]
+    features = [np.ones_like(up[0]), *up, up[0] * up[1], eye[0] * lamp[0], eye[1] * lamp[1], *across]
+    front = np.einsum("pcf,fvl->pcvl", numbers[..., :-1].astype(float), np.stack(features))
+    factors = np.where(eye[2] * lamp[2] < 0.0, numbers[..., -1][..., None, None], front)
+    return np.log(np.maximum(factors, LEAST_FACTOR)).astype(np.float16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +106,13 @@ class Level:
 
     density: (populations, v, u, h) float16. axis: (populations, v, u, h, 3) float16, along u, v and the normal; means
     over coarse cells are shorter than 1. A variant of n cells has nodes k n … (k + 1) n: the border ones are shared.
-    scale: numbers of `LightScale` for body and interface, (populations, 2, SCALES): what cells do not show.
+    scale: logarithms of `LightScale` for body and interface, (populations, 2, DIRECTIONS, DIRECTIONS) float16: what
+    cells do not show of how the finest ones hide each other.
     """
 
     density: NDArray[np.float16]
     axis: NDArray[np.float16]
-    scale: NDArray[np.float32]
+    scale: NDArray[np.float16]
 
     @property
     def nodes(self) -> tuple[int, int, int]:
@@ -75,7 +123,7 @@ class Level:
     @property
     def bytes(self) -> int:
         """Memory on the device [byte]: all populations together have densities, too."""
-        return 8 * (self.density.size + self.density.size // len(self.density))
+        return 8 * (self.density.size + self.density.size // len(self.density)) + 4 * self.scale.size
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Laws of texels and charts: looked up through a chart, matter is what it is in a plain box; levels keep its means."""
 
 import math
+from functools import lru_cache
 
 import drjit as dr
 import numpy as np
@@ -19,12 +20,13 @@ from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import coverage
 from hagoromo.matter.texel.micro_structure import texel
 from hagoromo.matter.texel.shell import Chart, shell
-from hagoromo.matter.texel.texel_match import light_sent, matched
+from hagoromo.matter.texel.texel_match import Rays, light_sent, matched
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
+from hagoromo.volume.texel import OLD_NUMBERS, Texel, table_directions
 
 WHITE = Spectrum.constant(1.0)
 MATTER = Reflectance(0.2, 0.2, 0.3, 1.5, WHITE, element="cylinder")
@@ -61,6 +63,7 @@ def flat(jump=0.0, turned=False):
     return chart
 
 
+@lru_cache
 def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction: Extinction = "isotropic"):
     """A shell of the bars on a plane, size × size mm around the origin."""
     half = 0.5 * size
@@ -69,6 +72,11 @@ def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction: Ex
         (MATTER, MATTER), extinction,
     )  # fmt: skip
     return box.box()
+
+
+def texel_of(box) -> Texel:
+    assert box.texel is not None
+    return box.texel
 
 
 def plain(size=12.0, voxel=VOXEL, extinction: Extinction = "isotropic"):
@@ -88,10 +96,12 @@ def plain(size=12.0, voxel=VOXEL, extinction: Extinction = "isotropic"):
     )
 
 
-def seen(box, samples=4, shadows="map", distance=0.08, pixels=40, towards=(0.3, -1.0, 0.4), lamps=LAMPS, **more):
-    """The green channel of a picture of the middle of the box, and how opaque it is."""
+def seen(
+    box, samples=4, shadows="map", distance=0.08, pixels=40, towards=(0.3, -1.0, 0.4), lamps=LAMPS, field=7.5, **more
+):
+    """The green channel of a picture of the middle of the box, `field` mm wide, and how opaque it is."""
     direction = np.array(towards) / np.linalg.norm(towards)
-    focal = pixels * distance / 0.0075
+    focal = pixels * distance / (1e-3 * field)
     camera = Camera(pixels, pixels, (focal, focal), (pixels / 2, pixels / 2)).look_at(direction * distance, (0, 0, 0))
     image = render(Scene(camera, lamps, (box,)), Settings(samples=samples, shadows=shadows, **more))
     return np.asarray(image.weights).sum(axis=-1), image.alpha
@@ -210,7 +220,7 @@ def test_levels_keep_means_and_close_periods():
 
 @pytest.mark.parametrize("extinction", ["isotropic", "projected"])
 def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
-    """3 % of the mean light over all pairs of directions, which the scales are fitted to."""
+    """3 % of the mean light over random pairs of directions, to none of which the scales were fitted."""
     made, tau = matched(block(), 1e3 / PATH, (MATTER, MATTER), extinction), 1e3 / PATH
     finest = light_sent(made, 0, tau, (MATTER, MATTER), extinction).sum(axis=(1, 2))
     for level in range(1, len(made.levels)):
@@ -229,6 +239,82 @@ def test_a_scene_gives_a_texel_no_extinction_that_it_is_not_matched_for(tmp_path
         InputError, match="'projected', the box's texel was matched for 'isotropic': state it in the rec"
     ):
         load_scene(tmp_path / "projected.toml")
+
+
+def direction(degrees, turn):
+    """Unit vectors (u, v, normal) so far from the normal and so far around it."""
+    angle, turn = np.radians(degrees), np.radians(turn)
+    return np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], axis=-1)
+
+
+EYES = direction(*np.array([(0, 0), (30, 45), (60, 90), (150, 135)]).T)
+LAMPS_AROUND = direction(*np.array([(d, t) for d in (0, 30, 60, 120, 150) for t in (0, 45, 90, 225)]).T)
+
+
+def light_of(made, levels, pairs, side=28):
+    """Light of some levels for pairs of directions, (levels, pairs); it goes through rays, no part of the match."""
+    rays, tau = Rays(side, pairs), 1e3 / PATH
+    return np.array([light_sent(made, k, tau, (MATTER, MATTER), rays=rays).sum(axis=(1, 2)) for k in levels])
+
+
+def test_coarse_levels_send_back_the_light_of_the_finest_in_every_direction_of_the_set():
+    """3 % for each of twenty lamps, in front and behind, over four eyes; 5 % for each pair, where the match has 1 %.
+
+    When one number stood for all lamps behind, they were up to 29 % off.
+    """
+    made = texel_of(sheet())
+    pairs = np.repeat(EYES, len(LAMPS_AROUND), axis=0), np.tile(LAMPS_AROUND, (len(EYES), 1))
+    finest, *coarse = light_of(made, (0, 2, len(made.levels) - 1), pairs)
+    for light in coarse:
+        each = light.reshape(len(EYES), -1).sum(axis=0) / finest.reshape(len(EYES), -1).sum(axis=0)
+        assert np.abs(each - 1.0).max() < 0.03
+        assert np.abs(light / finest - 1.0).max() < 0.05
+
+
+def test_between_the_directions_of_the_set_light_is_interpolated():
+    """Random pairs, root mean square: 3 % where the lamp is in front, 6 % where it is behind (3.3 and 14 % before)."""
+    made, rng = texel_of(sheet()), np.random.default_rng(3)
+    eyes, lamps = (
+        direction(d, t) for d, t in zip(rng.uniform(0, 75, (2, 96)), rng.uniform(0, 360, (2, 96)), strict=True)
+    )
+    lamps[::2, 2] *= -1.0
+    finest, coarse = light_of(made, (0, 3), (eyes, lamps))
+    error = coarse / finest - 1.0
+    assert np.sqrt(np.mean(error[1::2] ** 2)) < 0.03
+    assert np.sqrt(np.mean(error[::2] ** 2)) < 0.06
+
+
+def test_signs_of_tangents_do_not_matter_in_any_level():
+    """Axes of coarse levels are principal directions: the same for random signs, but for the rounding of halves."""
+
+    def turned(point, variant):
+        density, axis, number = bars(point)
+        side = dr.sin(1e3 * point.x + 2e3 * point.y + 3e3 * point.z)
+        return density, dr.select(side < 0.0, -axis, axis), number
+
+    for one, other in zip(block().levels, texel(turned, PERIOD, HEIGHTS, VOXEL, 2).levels, strict=True):
+        first, second = one.axis.astype(float), other.axis.astype(float)
+        aligned = second * np.where((first * second).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+        assert np.abs(aligned - first).max() < 2e-3
+
+
+def test_a_box_of_numbers_instead_of_tables_is_read(tmp_path):
+    """Until version 0.2 nine numbers scaled the light of a population: they give the same factors."""
+    import zarr
+
+    box = sheet()
+    save_box(box, tmp_path / "old.zarr")
+    numbers = np.zeros((2, 2, OLD_NUMBERS), np.float32)
+    numbers[:] = (0.9, 0.1, -0.05, 0.02, 0.1, -0.1, 0.03, 0.02, 0.4)
+    for k in range(len(texel_of(box).levels)):
+        zarr.open_group(tmp_path / f"old.zarr/texel/{k}").create_array("scale", data=numbers, overwrite=True)
+    found = texel_of(load_box(tmp_path / "old.zarr")).levels[1].scale[0, 0].astype(float)
+    ways = table_directions()
+    for eye, lamp in ((0, 0), (9, 20), (40, 3)):
+        (vu, vv, vn), (lu, lv, ln) = ways[eye], ways[lamp]
+        features = (1, abs(vn), abs(ln), abs(vn * ln), vu * lu, vv * lv, vu**2 - vv**2, lu**2 - lv**2)
+        factor = numbers[0, 0, -1] if vn * ln < 0 else float(np.dot(numbers[0, 0, :-1], features))
+        assert math.exp(found[eye, lamp]) == pytest.approx(factor, rel=2e-3)
 
 
 @pytest.mark.parametrize("towards", [(0.3, -1.0, 0.4), (-0.8, -0.7, 0.1), (0.1, -0.5, -0.9)])
@@ -292,3 +378,14 @@ def test_bad_texels_are_refused():
         texel(bars, PERIOD, HEIGHTS, VOXEL, 1)
     with pytest.raises(InputError, match="one per population"):
         shell(flat(), lambda p: dr.abs(p.y), ((-3, -2, -3), (3, 2, 3)), 0.7, block(), PATH, (MATTER,)).box()
+
+
+@pytest.mark.parametrize("towards", [(0.0, -1.0, 0.0), (0.5, -0.8, 0.3)])
+@pytest.mark.parametrize("degrees", [30, 60, 120, 150])
+def test_prefiltered_pictures_agree_under_lamps_in_front_and_behind(degrees, towards):
+    """3 % of the mean picture of whole periods under a far lamp; behind, it was 5 to 19 % too bright."""
+    box, angle = sheet(size=24.0), math.radians(degrees)
+    way = math.sin(angle) * math.cos(0.7), -math.cos(angle), math.sin(angle) * math.sin(0.7)
+    figures = {"lamps": (Lamp(to_lamp=way),), "field": 2.0 * PERIOD[0], "distance": 0.9, "towards": towards}
+    coarse, fine = (seen(box, 1, pixels=pixels, **figures)[0].mean() for pixels in (6, 14 * 6))
+    assert coarse == pytest.approx(fine, rel=0.03)

@@ -17,33 +17,34 @@ Values = NDArray[np.float32]
 def levels_of(density: NDArray, axis: NDArray, variants: int) -> tuple[Level, ...]:
     """All levels of the finest lattice; density and axis as in `Level`, axes of either sign.
 
-    The axes of a population are turned to one side before they are averaged: the sign of a tangent has no meaning.
+    The mean axis of a coarse cell is the principal direction of Σ ρ a aᵀ over its matter, for the sign of a tangent has
+    no meaning; its length is the share of that direction in the trace. It points to the side of Σ ρ a.
     """
     populations, v, u, h = density.shape
     finest = Level(density.astype(np.float16), axis.astype(np.float16), unscaled(populations))
-    levels = [finest]
+    levels, axis = [finest], axis.astype(np.float32)
     held = density.astype(np.float32)
-    moment = _to_one_side(held, axis.astype(np.float32)) * held[..., None]
+    rows, columns = np.triu_indices(3)
+    moments = np.concatenate([axis, axis[..., rows] * axis[..., columns]], axis=-1) * held[..., None]
     cells = (u - 1) // variants, v - 1, h - 1
     while max(cells[:2]) > 1:
         cells = max(cells[0] // 2, 1), max(cells[1] // 2, 1), max(cells[2] // 2, min(cells[2], FEWEST_ALONG_HEIGHT))
-        held, moment = (_coarser(values, cells, variants) for values in (held, moment))
-        mean = moment / np.maximum(held, 1e-6)[..., None]
+        held, moments = (_coarser(values, cells, variants) for values in (held, moments))
+        mean = _principal(moments[..., 3:], moments[..., :3])
         levels.append(Level(held.astype(np.float16), mean.astype(np.float16), finest.scale.copy()))
     return tuple(levels)
 
 
-def _to_one_side(density: Values, axis: Values) -> Values:
-    """Axes of every population, with the sign of their principal direction."""
-    turned = np.empty_like(axis)
-    for k, (weight, vectors) in enumerate(zip(density, axis, strict=True)):
-        flat, share = vectors.reshape(-1, 3), weight.reshape(-1)
-        some = share > 0
-        inertia = (flat[some] * share[some, None]).T @ flat[some] if some.any() else np.eye(3)
-        principal = np.linalg.eigh(inertia)[1][:, -1]
-        side = np.where(vectors @ principal < 0, -1.0, 1.0).astype(np.float32)
-        turned[k] = vectors * side[..., None]
-    return turned
+def _principal(squares: Values, sums: Values) -> Values:
+    """Principal directions of symmetric matrices, (…, 6) by their upper triangles, on the side of `sums` (…, 3)."""
+    rows, columns = np.triu_indices(3)
+    matrix = np.zeros((*squares.shape[:-1], 3, 3), np.float32)
+    matrix[..., rows, columns] = matrix[..., columns, rows] = squares
+    values, vectors = np.linalg.eigh(matrix)
+    principal = vectors[..., -1]
+    share = values[..., -1] / np.maximum(values.sum(axis=-1), 1e-20)
+    side = np.where(np.einsum("...k,...k->...", principal, sums) < 0.0, -1.0, 1.0)
+    return principal * (np.where(values[..., -1] > 0.0, share, 0.0) * side)[..., None]
 
 
 def _coarser(values: Values, cells: tuple[int, ...], variants: int) -> Values:

@@ -2,8 +2,8 @@
 
 Averaging densities over cells loses occlusion: yarns hide what is behind them, gaps transmit light, and the
 transmittance is an exponential of the density. The densities of a level are scaled until a flat layer of it transmits
-as much light as one of the finest level, and the light of every population until it reflects as much, in the mean over
-DIRECTION_PAIRS of directions.
+as much light as one of the finest level, in the mean over directions. The light of every population is then scaled
+until the layer sends back as much, for every pair of directions of `table_directions`, on either side of the layer.
 """
 
 from __future__ import annotations
@@ -19,43 +19,44 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.reflectance.element import element_weights, projected_area
+from hagoromo.matter.texel.layer import LAMP_DISTANCE_M, Layer
+from hagoromo.matter.texel.layer_light import MatterPoints, light_of_pairs, vectors
+from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
-from hagoromo.transport.textures import STEPS_PER_CELL, SeenAlong, Textures
+from hagoromo.transport.textures import STEPS_PER_CELL
 from hagoromo.volume.box import Extinction
-from hagoromo.volume.texel import SCALES, Level, Texel, light_features, unscaled
+from hagoromo.volume.texel import LEAST_FACTOR, Level, Texel, table_directions, unscaled
 
 DIRECTION_PAIRS = 128  # pairs of directions, to the eye and to a lamp
 LEAST_COSINE = math.cos(math.radians(75))  # least cosine between them and the normal
 BEHIND = 4  # every so many pairs have the lamp on the other side of the layer
 RAYS_PER_SIDE = 12  # rays along each side of a period, for each pair
 PART = 0.35  # largest optical depth of a step
-DRAWN = 0.01  # strength of the regularisation towards one factor for all directions
 LEAST, MOST = 1e-3, 10.0  # range of the factors on densities
-LAMP_DISTANCE_M = 1e3  # [m] distance of the lamps
+POINTS_OF_FINEST, POINTS_OF_COARSE = 1 << 15, 1 << 12  # of matter, to and from which light is followed
+DRAWN_OF_FINEST, DRAWN_OF_COARSE = 2048, 1024  # of them, at which f is computed for each pair of directions
+FAINT = 0.05  # of the mean f of a population, added to the light of both levels: their quotient stays finite
 MATCH_SEED = 1
 
 
 class Rays:
-    """RAYS_PER_SIDE² fixed rays through a layer for each pair of directions (u, v, normal) to eye and lamp."""
+    """`per_side`² fixed rays through a layer for each pair of directions (u, v, normal) to eye and lamp.
 
-    def __init__(self) -> None:
+    ways: directions to the eye and to the lamp, (pairs, 3) each; without them they are DIRECTION_PAIRS random ones, on
+    either side of the layer. front: pairs with eye and lamp on one side.
+    """
+
+    def __init__(self, per_side: int = RAYS_PER_SIDE, ways: tuple[NDArray, NDArray] | None = None) -> None:
         jit, rng = arrays(), np.random.default_rng(MATCH_SEED)
-        eye, lamp = _directions(rng), _directions(rng)
-        self.front = np.arange(DIRECTION_PAIRS) % BEHIND > 0
-        lamp[~self.front, 2] *= -1.0
-        nothing = dr.zeros(jit.Float, DIRECTION_PAIRS)
-        features = light_features(_vectors(eye), _vectors(lamp))
-        front = np.stack([np.array(value + nothing) for value in features] + [np.zeros(DIRECTION_PAIRS)], axis=1)
-        self.features = np.where(self.front[:, None], front, np.eye(SCALES)[-1])  # of `LightScale`
-        lanes = DIRECTION_PAIRS * RAYS_PER_SIDE**2
-        cell, jitter = np.arange(RAYS_PER_SIDE**2), rng.random((2, DIRECTION_PAIRS, RAYS_PER_SIDE**2))
-        self.to_eye, self.to_lamp = (_vectors(np.repeat(d, RAYS_PER_SIDE**2, axis=0)) for d in (eye, lamp))
+        eye, lamp = ways or _random_pairs(rng)
+        self.front, self.pairs, each = eye[:, 2] * lamp[:, 2] > 0.0, len(eye), per_side**2
+        lanes, cell, jitter = self.pairs * each, np.arange(each), rng.random((2, self.pairs, each))
+        self.to_eye, self.to_lamp = (vectors(np.repeat(d, each, axis=0)) for d in (eye, lamp))
         self.u, self.v = (
-            lookup(jit.Float, ((place + part) / RAYS_PER_SIDE).astype(np.float32))
-            for place, part in zip((cell % RAYS_PER_SIDE, cell // RAYS_PER_SIDE), jitter, strict=True)
+            lookup(jit.Float, ((place + part) / per_side).astype(np.float32))
+            for place, part in zip((cell % per_side, cell // per_side), jitter, strict=True)
         )
         self.tile = lookup(jit.Int, rng.integers(0, 1 << 12, lanes).astype(np.int32))
 
@@ -67,157 +68,127 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
     """
     if len(materials) != texel.populations:
         raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
-    rays, count = Rays(), len(texel.levels)
-    textures = _textures(texel)
-    elements = tuple(m.element for m in materials) if extinction == "projected" else ()
-    depths = [
-        tau * np.array(_through(Layer(textures, rays, texel, k, tau, elements=elements))[0]) for k in range(count)
-    ]
+    rays, like = Rays(), (tau, [m.element for m in materials], extinction == "projected")
+    layers = [Layer(texel, k, *like) for k in range(len(texel.levels))]
+    depths = [tau * np.array(_through(RaysThrough(layer, rays))[0]) for layer in layers]
     passed = float(np.exp(-depths[0]).mean())
     factors = [1.0, *(_factor(depth, passed) for depth in depths[1:])]
     levels = [_denser(level, factor) for level, factor in zip(texel.levels, factors, strict=True)]
     texel = replace(texel, levels=tuple(levels))
-    textures = _textures(texel)
-    sent = [_sent(Layer(textures, rays, texel, k, tau, materials, elements)) for k in range(count)]
-    scales = [unscaled(texel.populations), *(_scale(rays, light, sent[0]) for light in sent[1:])]
+    sent = [_sent_everywhere(Layer(texel, k, *like), materials) for k in range(len(levels))]
+    scales = [unscaled(texel.populations), *(_scale(light, sent[0]) for light in sent[1:])]
     levels = [replace(level, scale=scale) for level, scale in zip(levels, scales, strict=True)]
     return replace(texel, levels=tuple(levels))
 
 
 def light_sent(
-    texel: Texel, level: int, tau: float, materials: Sequence[Reflectance], extinction: Extinction = "isotropic"
+    texel: Texel,
+    level: int,
+    tau: float,
+    materials: Sequence[Reflectance],
+    extinction: Extinction = "isotropic",
+    rays: Rays | None = None,
 ) -> NDArray[np.float64]:
-    """Light that a flat layer of one level reflects, per direction pair, population, body and interface [1/sr].
+    """Light that a flat layer of one level reflects, per direction pair of the `rays`, population, body and interface.
 
-    (DIRECTION_PAIRS, populations, 2), per unit of irradiance on a plane that faces the lamp.
+    (pairs, populations, 2) [1/sr], per unit of irradiance on a plane that faces the lamp. It is followed
+    along rays, as a camera's, and has no part in the match.
     """
-    rays = Rays()
-    elements = tuple(m.element for m in materials) if extinction == "projected" else ()
-    sent = _sent(Layer(_textures(texel), rays, texel, level, tau, materials, elements))
-    scales = texel.levels[level].scale.astype(float)
-    return sent * np.maximum(np.einsum("rf,pcf->rpc", rays.features, scales), 0.0)
+    rays = rays or Rays()
+    layer = Layer(texel, level, tau, [m.element for m in materials], extinction == "projected")
+    light = np.stack([np.array(values, np.float64) for values in _through(RaysThrough(layer, rays, materials))[1]])
+    return light.reshape(len(materials), 2, rays.pairs, -1).mean(axis=-1).transpose(2, 0, 1)
 
 
-class Layer:
-    """A flat layer of one level of a texel, and the rays through it.
+class RaysThrough:
+    """Rays through a layer. materials: of every population; none where light is not asked for."""
 
-    elements: of every population where extinction is by their projected area; empty where it is isotropic.
-    """
-
-    def __init__(
-        self,
-        textures: Textures,
-        rays: Rays,
-        texel: Texel,
-        level: int,
-        tau: float,
-        materials: Sequence[Reflectance] = (),
-        elements: tuple[str, ...] = (),
-    ) -> None:
-        jit, self.elements = arrays(), elements
-        self.textures, self.rays, self.tau, self.materials = textures, rays, tau, tuple(materials)
-        self.box, self.row = jit.UInt(0), dr.opaque(jit.UInt, level)
-        self.lattice = textures.lattice(self.box, self.row)
-        densest = float(texel.levels[level].density.astype(np.float32).sum(axis=0).max())
-        step = min(float(texel.edges[level]) / STEPS_PER_CELL, PART / (tau * max(densest, 1e-3)))
-        length = (texel.top - texel.bottom) / dr.abs(rays.to_eye.z)
+    def __init__(self, layer: Layer, rays: Rays, materials: Sequence[Reflectance] = ()) -> None:
+        texel, self.layer, self.rays, self.materials = layer.texel, layer, rays, tuple(materials)
+        densest = float(texel.levels[layer.level].density.astype(np.float32).sum(axis=0).max())
+        step = min(float(texel.edges[layer.level]) / STEPS_PER_CELL, PART / (layer.tau * max(densest, 1e-3)))
+        length = layer.thickness / dr.abs(rays.to_eye.z)
         self.steps = dr.ceil(length / step)
         self.part = length / self.steps
         start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
-        self.face = SurfacePoint(rays.tile, jit.Int(0), rays.u, rays.v, start, jit.Float(1))
+        self.face = SurfacePoint(rays.tile, arrays().Int(0), rays.u, rays.v, start, arrays().Float(1))
         self.per_metre = 1.0 / texel.period[0], 1.0 / texel.period[1]
-        dr.eval(self.lattice, self.steps, self.part, start)
+        dr.eval(layer.lattice, self.steps, self.part, start)
 
     def place(self, on: Any) -> SurfacePoint:
         """Points of the rays at a distance `on` [m] behind the face of the layer."""
         return self.face.moved(-on, self.rays.to_eye, self.per_metre)
 
-    @property
-    def tangents(self) -> list[Any]:
-        """Of every population, whether its axes are tangents; see `Textures.axes`."""
-        elements = self.elements or [material.element for material in self.materials]
-        return [arrays().Bool(True) if element == "cylinder" else None for element in elements]
-
-    def seen_along(self, direction: Any) -> SeenAlong | None:
-        """How a direction sees the elements; None where extinction is isotropic."""
-        if not self.elements:
-            return None
-        area = lambda population, axis: projected_area(self.elements[population], dr.dot(axis, direction))  # noqa: E731
-        return SeenAlong(area, self.tangents)
-
     def densities(self, here: SurfacePoint) -> list[Any]:
         """Density of every population, times its projected area towards the eye where extinction is projected."""
-        seen = self.seen_along(self.rays.to_eye)
+        layer, seen = self.layer, self.layer.seen_along(self.rays.to_eye)
         if seen is None:
-            return self.textures.densities(self.lattice, here)
-        return self.textures.seen_densities(self.lattice, here, seen)
+            return layer.textures.densities(layer.lattice, here)
+        return layer.textures.seen_densities(layer.lattice, here, seen)
 
     def density(self, here: SurfacePoint) -> Any:
         """All populations together."""
-        return sum(self.densities(here)) if self.elements else self.textures.density(self.lattice, here)
+        layer = self.layer
+        return sum(self.densities(here)) if layer.projected else layer.textures.density(layer.lattice, here)
 
     def light(self, here: SurfacePoint) -> list[Any]:
         """Density times the light that the elements at a place reflect: body and interface of every population."""
-        way = self.rays.to_lamp
-        seen = self.seen_along(way)
-        depth, _ = self.textures.optical_depth(self.box, self.row, here, way, LAMP_DISTANCE_M, self.tau, seen)
+        layer, way, eye = self.layer, self.rays.to_lamp, self.rays.to_eye
+        depth, _ = layer.textures.optical_depth(
+            layer.box, layer.row, here, way, LAMP_DISTANCE_M, layer.tau, layer.seen_along(way)
+        )
         arrived, radiance = dr.exp(-depth), []
-        densities, axes = self.densities(here), self.textures.axes(self.lattice, here, self.tangents)
-        for density, axis, m in zip(densities, axes, self.materials, strict=True):
+        densities, axes = self.densities(here), layer.textures.axes(layer.lattice, here, layer.tangents)
+        scales = layer.textures.scales(layer.row)
+        for density, axis, m, scale in zip(densities, axes, self.materials, scales, strict=True):
             unit = dr.normalize(axis + 1e-9)
-            weights = element_weights(m.element, unit, way, self.rays.to_eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
-            radiance += [density * arrived * weights.body, density * arrived * weights.interface]
+            weights = element_weights(m.element, unit, way, eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
+            for value, factor in zip(weights, scale.at(eye, way), strict=True):
+                radiance.append(density * arrived * value * factor)
         return radiance
 
 
 @dr.syntax
-def _through(layer: Layer) -> tuple[Any, list[Any]]:
+def _through(through: RaysThrough) -> tuple[Any, list[Any]]:
     """∫ ρ ds [m] along the rays, and the light that the materials of the layer reflect: body and interface of each."""
-    jit, count, tau = arrays(), dr.width(layer.rays.u), layer.tau
+    jit, count, tau = arrays(), dr.width(through.rays.u), through.layer.tau
     k, passed = dr.zeros(jit.Float, count), dr.zeros(jit.Float, count)
-    sent = [dr.zeros(jit.Float, count) for _ in range(2 * len(layer.materials))]
-    while k < layer.steps:
-        here = layer.place((k + 0.5) * layer.part)
-        density = layer.density(here)
-        depth = tau * density * layer.part
+    sent = [dr.zeros(jit.Float, count) for _ in range(2 * len(through.materials))]
+    while k < through.steps:
+        here = through.place((k + 0.5) * through.part)
+        density = through.density(here)
+        depth = tau * density * through.part
         if depth > NEGLIGIBLE_OPTICAL_DEPTH:
-            if dr.hint(len(layer.materials) > 0, mode="scalar"):
+            if dr.hint(len(through.materials) > 0, mode="scalar"):
                 gain = dr.exp(-tau * passed) * (1.0 - dr.exp(-depth)) / density
-                sent = _added(sent, gain, layer.light(here))
-            passed += density * layer.part
+                sent = _added(sent, gain, through.light(here))
+            passed += density * through.part
         k += 1.0
     return passed, sent
 
 
-def _sent(layer: Layer) -> NDArray[np.float64]:
-    """(DIRECTION_PAIRS, populations, 2): see `light_sent`, without the scale of the level."""
-    light = np.stack([np.array(values, np.float64) for values in _through(layer)[1]])
-    return light.reshape(len(layer.materials), 2, DIRECTION_PAIRS, -1).mean(axis=-1).transpose(2, 0, 1)
+def _sent_everywhere(layer: Layer, materials: Sequence[Reflectance]) -> NDArray[np.float64]:
+    """`light_of_pairs` for all pairs of directions of the table: (DIRECTIONS, DIRECTIONS, populations, 3)."""
+    count, drawn = (POINTS_OF_COARSE, DRAWN_OF_COARSE) if layer.level else (POINTS_OF_FINEST, DRAWN_OF_FINEST)
+    ways, where = np.unique(
+        table_directions().round(12), axis=0, return_inverse=True
+    )  # the poles stand there repeatedly
+    pairs = np.stack(np.meshgrid(*[np.arange(len(ways))] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    light = light_of_pairs(MatterPoints(layer, count), materials, ways, pairs, drawn).reshape(
+        len(ways), len(ways), len(materials), 3
+    )
+    return light[np.ix_(where, where)]
 
 
-def _scale(rays: Rays, sent: NDArray, wanted: NDArray) -> NDArray[np.float32]:
-    """Numbers of `LightScale`, (populations, 2, SCALES), that bring the light `sent` closest to the light `wanted`.
-
-    Least squares over the pairs, with a weak regularisation towards one factor for all.
-    """
-    scales = unscaled(sent.shape[1])
-    for k, c in np.ndindex(scales.shape[:2]):
-        light, aim = sent[:, k, c], wanted[:, k, c]
-        for here, columns in ((rays.front, slice(0, SCALES - 1)), (~rays.front, slice(SCALES - 1, SCALES))):
-            if light[here].sum() <= 0.0:
-                continue
-            mean = aim[here].sum() / light[here].sum()
-            rows = (rays.features[here] * light[here, None])[:, columns]
-            most = max(float(np.linalg.norm(rows)), 1e-30)
-            start = mean * (np.arange(rows.shape[1]) == 0)
-            drawn = np.concatenate([rows, DRAWN * most * np.eye(rows.shape[1])])
-            rest = np.concatenate([aim[here] - rows @ start, np.zeros(rows.shape[1])])
-            scales[k, c, columns] = start + np.linalg.lstsq(drawn, rest, rcond=None)[0]
-    return scales
-
-
-def _textures(texel: Texel) -> Textures:
-    return Textures([(texel, (texel.bottom, texel.top), 1.0)])
+def _scale(sent: NDArray, wanted: NDArray) -> NDArray[np.float16]:
+    """Logarithms of the factors on the light `sent` that make it the light `wanted`; both as `_sent_everywhere`."""
+    body_and_interface = []
+    for part in (0, 1):
+        faint = FAINT * wanted[..., part].sum(axis=(0, 1)) / np.maximum(wanted[..., 2].sum(axis=(0, 1)), 1e-30)
+        light, aim = (values[..., part] + faint * values[..., 2] for values in (sent, wanted))
+        factor = np.where((light > 0.0) & (aim > 0.0), aim / np.maximum(light, 1e-30), 1.0)
+        body_and_interface.append(np.log(np.clip(factor, LEAST_FACTOR, 1.0 / LEAST_FACTOR)))
+    return np.stack(body_and_interface).transpose(3, 0, 1, 2).astype(np.float16)
 
 
 def _factor(depth: NDArray, passed: float) -> float:
@@ -241,6 +212,16 @@ def _added(old: list[Any], gain: Any, new: list[Any]) -> list[Any]:
     return [dr.fma(gain, light, sum_) for sum_, light in zip(old, new, strict=True)]
 
 
+def _random_pairs(rng: np.random.Generator) -> tuple[NDArray, NDArray]:
+    """DIRECTION_PAIRS directions to eye and lamp; every BEHIND-th lamp is behind the layer."""
+    eye, lamp = _directions(rng), _directions(rng)
+    number = np.arange(DIRECTION_PAIRS)
+    lamp[number % BEHIND == 0, 2] *= -1.0
+    below = number // BEHIND % 2 > 0
+    eye[below, 2], lamp[below, 2] = -eye[below, 2], -lamp[below, 2]
+    return eye, lamp
+
+
 def _directions(rng: np.random.Generator) -> NDArray[np.float64]:
     """DIRECTION_PAIRS unit vectors above the layer, uniform in the cosine with the normal."""
     turn, cosine = (
@@ -249,8 +230,3 @@ def _directions(rng: np.random.Generator) -> NDArray[np.float64]:
     )
     sine = np.sqrt(1.0 - cosine**2)
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1)
-
-
-def _vectors(rows: NDArray[np.float64]) -> Any:
-    jit = arrays()
-    return jit.Array3f(*(lookup(jit.Float, rows[:, k].astype(np.float32)) for k in range(3)))

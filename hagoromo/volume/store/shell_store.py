@@ -26,13 +26,13 @@ from hagoromo.volume.store.brick_writer import BrickWriter
 from hagoromo.volume.store.header import BoxHeader, BoxRecord, TexelRecord, header_from_record, header_of
 from hagoromo.volume.store.seal import SEALED
 from hagoromo.volume.table import in_table_order
-from hagoromo.volume.texel import SCALES, Level, Texel
+from hagoromo.volume.texel import DIRECTIONS, OLD_NUMBERS, Level, Texel, scale_from_numbers
 from hagoromo.volume.voxels import STORED
 
 BRICKS_PER_CHUNK = 512  # bricks a chunk, and sent to the device together
 STORED_SHAPE = (STORED, STORED, STORED)
 BRICK_ARRAYS = {"height": (np.float16, ()), "normal": (np.float16, (3,)), "chart": (np.uint32, (4,))}
-LEVEL_ARRAYS = {"density": np.float16, "axis": np.float16, "scale": np.float32}
+LEVEL_ARRAYS = {"density": np.float16, "axis": np.float16, "scale": np.float16}
 
 
 def write_shell(box: VolumeBox, folder: Path) -> None:
@@ -132,12 +132,19 @@ def _level(stored: dict[str, ZarrArray], k: int, where: str) -> Level:
     populations = stored[f"texel/{k}/density"].shape[0] if stored[f"texel/{k}/density"].shape else 0
     density = _whole(stored[f"texel/{k}/density"], np.float16, (populations, None, None, None))
     axis = _whole(stored[f"texel/{k}/axis"], np.float16, (*density.shape, 3))
-    scale = _whole(stored[f"texel/{k}/scale"], np.float32, (populations, 2, SCALES))
+    scale = _scale(stored[f"texel/{k}/scale"], populations)
     if not (np.isfinite(density).all() and np.isfinite(axis).all() and np.isfinite(scale).all()):
         raise InputError(f"{where}/texel/{k} holds numbers that are not finite: the box is damaged")
     if density.min(initial=0) < 0:
         raise InputError(f"{where}/texel/{k}/density goes below 0: the box is damaged")
     return Level(density, axis, scale)
+
+
+def _scale(array: ZarrArray, populations: int) -> NDArray[np.float16]:
+    """The scale of a level; a box of version 0.2 has numbers in place of a table."""
+    if len(array.shape) == 3:
+        return scale_from_numbers(_whole(array, np.float32, (populations, 2, OLD_NUMBERS)))
+    return _whole(array, np.float16, (populations, 2, DIRECTIONS, DIRECTIONS))
 
 
 def _whole(array: ZarrArray, kind: Any, shape: tuple[int | None, ...]) -> NDArray:
