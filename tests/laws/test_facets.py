@@ -13,6 +13,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
+from hagoromo.image.surface import Surface
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import cylinder_facets, graded_place, sphere_facets, sphere_table
 from hagoromo.reflectance.facets import expm1_quotient, facet_mass, log1p_quotient, squared_angle_of_mass
@@ -397,3 +398,20 @@ def test_directions_are_drawn_by_the_density_of_facets(nu):
     )
     true = angle * law(angle) / (2 * math.pi * np.sin(angle) * whole) / (4 * deviation)
     np.testing.assert_allclose(np.array(stated), true[there], rtol=1e-6)
+
+
+def test_a_surface_with_tails_has_the_radiance_of_the_formula():
+    """β D F G/cosθ_r at the point of a floor that the centre of each pixel sees, in absolute radiance."""
+    camera = hg.Camera(13, 11, (25.0, 25.0), (6.5, 5.5)).look_at((0.0, -0.6, 0.7), (0.0, 0.0, 0.0))
+    lamp = np.array([0.1, 0.5, 0.8]) / math.sqrt(0.9)
+    for nu in (0.5, 3.0):
+        matter = Reflectance(0.0, 0.02, 0.1, 1.5, WHITE, nu=nu)
+        scene = hg.Scene(
+            camera, (hg.Lamp(to_lamp=tuple(lamp), intensity=2.0),), surfaces=(Surface.floor(0, 2, matter),)
+        )
+        y, x = np.mgrid[:11, :13] + 0.5
+        rays = np.stack([(x - 6.5) / 25, (y - 5.5) / 25, np.ones_like(x)], -1) @ camera.world_to_camera[:3, :3]
+        eye = -rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        true = 2 * torrance_sparrow_in_double(np.array([0.0, 0, 1]), lamp, eye, nu)
+        # single precision, and a floor that is lit 2e-5 of its extent above itself
+        np.testing.assert_allclose(hg.render(scene).weights[..., 1], true, rtol=0, atol=2e-4 * true.max())
