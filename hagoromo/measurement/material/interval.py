@@ -31,7 +31,7 @@ CHI_SQUARE_95 = 3.841458820694124  # 0.95 quantile of χ² with one degree of fr
 NODES = np.array([-4.5, -3.5, -2.7, -2.0, -1.4, -0.9, -0.4, 0.0, 0.4, 0.9, 1.4, 2.0, 2.7, 3.5, 4.5])  # standard errors
 COARSE = 13  # points through the whole range of n
 STRAIGHT = 1.0  # largest step along the direction of a profile for which it is taken to be straight
-TAILS = 6  # points from 0 to the largest 1/ν that the photographs allow
+TAILS = 7  # points about the estimate of 1/ν, as far as the photographs allow
 WELL_KNOWN = 0.25  # standard error of ln(n − 1) below which n is identifiable
 COARSE_TAILS = 6  # points through the whole range of 1/ν
 FINE = 48  # points interpolated between two nodes of the profile
@@ -70,7 +70,9 @@ def profile_over_tail(fit: MaterialFit) -> Profile:
     """
     others = _without(fit, TAIL)
     others[LOG_N1] &= bool(fit.inside[LOG_N1] and fit.covariance[LOG_N1, LOG_N1] ** 0.5 < WELL_KNOWN)
-    return _profile(fit, TAIL, np.linspace(0.0, 1.1 * largest_tail(fit), TAILS), others)
+    best, last = fit.theta[TAIL], 1.1 * largest_tail(fit)
+    near = np.clip(np.linspace(2.0 * best - last, last, TAILS), *TAIL_RANGE)
+    return _profile(fit, TAIL, np.unique(np.concatenate([[0.0, best], near])), others)
 
 
 def _profile(fit: MaterialFit, place: int, nodes: Array, others: NDArray[np.bool_]) -> Profile:
@@ -111,8 +113,8 @@ def interval(profile: Profile, quantity: Quantity) -> tuple[float, float]:
         return float(values[0] - spread[0] * limit**0.5), float(values[0] + spread[0] * limit**0.5)
     u = _fine(profile.along)
     rest, value, spread = (_smooth(profile, q)(u) for q in (profile.rest, values, spread))
-    inside = rest <= limit
-    reach = spread[inside] * np.sqrt(limit - rest[inside])
+    inside = rest <= max(limit, float(rest.min()))
+    reach = spread[inside] * np.sqrt(np.maximum(limit - rest[inside], 0.0))
     return float(np.min(value[inside] - reach)), float(np.max(value[inside] + reach))
 
 

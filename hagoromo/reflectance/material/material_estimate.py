@@ -118,6 +118,7 @@ class MaterialEstimate:
             raise InputError(
                 f"material {self.name!r}: no smooth spectrum above 0 has the {part} colour {_short(colour)} "
                 f"(its weights would be {_short(weights)}): check the lamp's spectrum and the camera's response"
+                + (", or measure with --interface neutral" if part == "interface" else "")
             )
         return Spectrum(basis[0].wavelengths, np.array([band.values for band in basis]).T @ weights)
 
