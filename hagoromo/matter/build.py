@@ -6,7 +6,7 @@ stated; 2: voxels half as large); extinction ("isotropic" or "projected", see `V
 voxel_mm and mean_free_path_mm (of light where the density is 1: matter several times as thick is opaque; with projected
 extinction it is divided by the projected area of the elements). Paths are relative to the folder of the recipe.
 
-[material] is {alpha, beta, gamma [rad], n, body_colour, interface_colour, element, name} or a measured one:
+[material] is {alpha, beta, gamma [rad], nu, n, body_colour, interface_colour, element, name} or a measured one:
 {file = "materials.json", material = "name", element, response, lamp}. Without `element` it is the kind's.
 """
 
