@@ -37,7 +37,8 @@ PART = 0.35  # largest optical depth of a step
 LEAST, MOST = 1e-3, 10.0  # range of the factors on densities
 POINTS_OF_FINEST, POINTS_OF_COARSE = 1 << 15, 1 << 12  # of matter, to and from which light is followed
 DRAWN_OF_FINEST, DRAWN_OF_COARSE = 2048, 1024  # of them, at which f is computed for each pair of directions
-FAINT = 0.05  # of the mean f of a population, added to the light of both levels: their quotient stays finite
+FAINT = 1e-3  # of the mean f of a population, added to the light of both levels: their quotient stays finite
+MOST_MADE_UP = 3.0  # largest factor by which some light makes up for other
 MATCH_SEED = 1
 
 
@@ -181,14 +182,19 @@ def _sent_everywhere(layer: Layer, materials: Sequence[Reflectance]) -> NDArray[
 
 
 def _scale(sent: NDArray, wanted: NDArray) -> NDArray[np.float16]:
-    """Logarithms of the factors on the light `sent` that make it the light `wanted`; both as `_sent_everywhere`."""
-    body_and_interface = []
-    for part in (0, 1):
-        faint = FAINT * wanted[..., part].sum(axis=(0, 1)) / np.maximum(wanted[..., 2].sum(axis=(0, 1)), 1e-30)
-        light, aim = (values[..., part] + faint * values[..., 2] for values in (sent, wanted))
-        factor = np.where((light > 0.0) & (aim > 0.0), aim / np.maximum(light, 1e-30), 1.0)
-        body_and_interface.append(np.log(np.clip(factor, LEAST_FACTOR, 1.0 / LEAST_FACTOR)))
-    return np.stack(body_and_interface).transpose(3, 0, 1, 2).astype(np.float16)
+    """Logarithms of the factors on the light `sent` that make it the light `wanted`; both as `_sent_everywhere`.
+
+    Where parallel mean axes send back no light of a population or part, the others make up for it: the sum is kept.
+    """
+    faint = FAINT * wanted[..., :2].sum(axis=(0, 1)) / np.maximum(wanted[..., 2:].sum(axis=(0, 1)), 1e-30)
+    light, aim = (values[..., :2] + faint * values[..., 2:] for values in (sent, wanted))
+    factor = np.where((light > 0.0) & (aim > 0.0), aim / np.maximum(light, 1e-30), 1.0)
+    factor = np.clip(factor, LEAST_FACTOR, 1.0 / LEAST_FACTOR)
+    rest = (faint * wanted[..., 2:]).sum(axis=(2, 3))
+    whole = [values.sum(axis=(2, 3)) + rest for values in (sent[..., :2] * factor, wanted[..., :2])]
+    lost = np.where(whole[0] > 0.0, whole[1] / np.maximum(whole[0], 1e-30), 1.0)
+    factor *= np.clip(lost, 1.0 / MOST_MADE_UP, MOST_MADE_UP)[..., None, None]
+    return np.log(factor).transpose(2, 3, 0, 1).astype(np.float16)
 
 
 def _factor(depth: NDArray, passed: float) -> float:
