@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import math
 import re
 import sys
 import warnings
@@ -244,7 +245,8 @@ def measure(
         hg.write_measure_report(home / "report.html", measurement)
     for material in measurement.materials:
         names = [name for name, identifiable in material.identifiable.items() if identifiable]
-        print(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}")
+        tails = "" if math.isinf(material.nu) else f", facets with tails of nu = {material.nu:.3g}"
+        print(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}{tails}")
     wrote(out / "report.html")
 
 

@@ -20,7 +20,8 @@ from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, TAIL, c
 from hagoromo.measurement.robust_fit import Objective, Rows, minimise
 from hagoromo.measurement.sight import Array
 
-START_GAMMA = np.geomspace(0.0025, 0.7, 14)  # [rad] a start within a factor of 1.3 of the width overlaps with the data
+START_GAMMA = np.geomspace(0.03, 0.7, 8)  # [rad] a start within a factor of 1.3 of the width overlaps with the data
+NARROW_START_GAMMA = np.geomspace(0.0025, 0.02, 5)  # [rad] tried where no wider lobe explains the photographs
 START_N = (1.2, 1.7)
 START_TAIL = 0.5  # 1/ν
 STARTS_SOLVED = 3  # starts, the best of all, that are moved to their minimum
@@ -61,9 +62,20 @@ def fit_material(
         raise InputError(
             f"{np.sum(observations.used)} usable values for {free.sum()} parameters are too few: give more pixels"
         )
-    if start is None:
-        start = _start(observations, n, free) if with_interface else _matte_start(observations, n)
-    theta = start
+    if start is not None or not with_interface:
+        return _settled(observations, free, _matte_start(observations, n) if start is None else start)
+    usual = _settled(observations, free, _start(observations, n, free, START_GAMMA))
+    if usual.residuals.scale <= INCOMPLETE_SCALE:
+        return usual
+    try:
+        narrow = _settled(observations, free, _start(observations, n, free, NARROW_START_GAMMA))
+    except InputError:
+        return usual
+    return min((usual, narrow), key=lambda fit: fit.residuals.scale)
+
+
+def _settled(observations: Observations, free: NDArray[np.bool_], theta: Array) -> MaterialFit:
+    """The fit from `theta` (P,) in rounds of weights, variances and steps; `InputError` when they do not converge."""
     usable, lacks, model_error, change = observations.used, False, 0.0, np.inf
     signal = _size(observations, expected(observations.sight, theta))
     for turn in range(MATERIAL_FIT_ROUNDS):
@@ -104,9 +116,9 @@ def status_of(rows: Rows, rounds: int, change: float) -> FitStatus:
     return replace(rows.statuses[0], status=Status.CONVERGED, steps=rounds, last_step=change)
 
 
-def _start(observations: Observations, n: float | None, free: NDArray[np.bool_]) -> Array:
-    """The best of several starts in γ and n, moved to its minimum under Huber's loss."""
-    grid = np.array([(g, m) for g in START_GAMMA for m in (START_N if n is None else (n,))])
+def _start(observations: Observations, n: float | None, free: NDArray[np.bool_], widths: Array) -> Array:
+    """The best of several starts in γ (`widths`) and n, moved to its minimum under Huber's loss."""
+    grid = np.array([(g, m) for g in widths for m in (START_N if n is None else (n,))])
     matte = _matte_start(observations, n)
     theta = np.tile(matte, (len(grid), 1))
     theta[:, TAIL] = START_TAIL if free[TAIL] else 0.0

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.material.albedo_variation import AlbedoVariation, find_albedo_variation
-from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.material_fit import INCOMPLETE_SCALE, fit_material
 from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import STRENGTH, TAIL, channels_of, colour_slice
@@ -27,6 +27,7 @@ from hagoromo.measurement.sight import Array
 Facets = Literal["auto", "gaussian", "student-t"]
 Interface = Literal["auto", "neutral", "coloured"]
 FACETS, INTERFACES = ("auto", "gaussian", "student-t"), ("auto", "neutral", "coloured")
+FIRST_TAIL = 0.2  # 1/ν from which tails are added to a fit without them
 CHANCE = 0.01  # probability that noise makes one extension appear where there is none
 
 
@@ -84,11 +85,11 @@ def choose_fit(
     if wanted == asked:
         fitted = fit_as(observations, n, asked)
         return ChosenFit(fitted, asked, fitted)
+    base = fit_as(observations, n, asked)
     try:
-        wide = fit_as(observations, n, wanted)
+        wide = _widened(observations, n, wanted, base.fit)
     except InputError as error:
-        fitted = fit_as(observations, n, asked)
-        return ChosenFit(fitted, asked, fitted, failure=str(error))
+        return ChosenFit(base, asked, base, failure=str(error))
     tails = _rise(wide.fit, _places(wide.fit, "tails")) if wanted.tails and not asked.tails else None
     coloured = _rise(wide.fit, _places(wide.fit, "coloured")) if wanted.coloured and not asked.coloured else None
     # a tail is 0 or more, so that half of the noise of it does not count
@@ -96,8 +97,33 @@ def choose_fit(
         asked.tails or (tails is not None and tails > float(chi2.isf(2.0 * CHANCE, 1))),
         asked.coloured or (coloured is not None and coloured > float(chi2.isf(CHANCE, observations.channels - 1))),
     )
-    fitted = wide if found == wanted else fit_as(observations, n, found, _reduced(wide.fit, found))
+    if found in (wanted, asked):
+        return ChosenFit(wide if found == wanted else base, found, wide, tails, coloured)
+    fitted = fit_as(observations, n, found, _reduced(wide.fit, found))
     return ChosenFit(fitted, found, wide, tails, coloured)
+
+
+def _widened(observations: Observations, n: float | None, model: Model, base: MaterialFit) -> Fitted:
+    """The fit of the widest `model`: from the narrower fit `base`, and from starts of its own if that explains less.
+
+    With as many freedoms as it has, starts of its own may end in a few stray values; `base` cannot.
+    """
+    theta = base.theta.copy()
+    theta[TAIL] = max(theta[TAIL], FIRST_TAIL if model.tails else 0.0)
+    fits, failure = [], ""
+    for start in (theta, None):
+        try:
+            fits.append(fit_as(observations, n, model, start))
+        except InputError as error:
+            failure = str(error)
+        if fits and fits[-1].fit.residuals.scale <= INCOMPLETE_SCALE:
+            break
+    if not fits:
+        raise InputError(failure)
+    best = min(fits, key=lambda fitted: fitted.fit.residuals.scale)
+    if best.fit.residuals.scale > max(base.residuals.scale, INCOMPLETE_SCALE):
+        raise InputError("their fit explains less than that of the smaller model")
+    return best
 
 
 def fit_as(observations: Observations, n: float | None, model: Model, start: Array | None = None) -> Fitted:

@@ -19,6 +19,7 @@ from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.parameters import pack_theta
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
+from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
@@ -72,7 +73,8 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     of_colour = tuple(
         (c - NORMAL_95 * s, c + NORMAL_95 * s) for c, s in zip(colour.tolist(), scatter.tolist(), strict=True)
     )
-    identifiable = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")} | {"n": False}
+    identifiable = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")}
+    identifiable |= dict.fromkeys(("n", "nu", "interface_colour"), False)
     both = float(covariance[0, 1]) / (relative["beta"] * relative["gamma"])
     return MaterialEstimate(
         name=f"material {number + 1}",
@@ -81,7 +83,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         interface_colour=(1.0,) * len(body),
         n=N,
         standard_error=error | {"n": None, "body_colour": tuple(scatter.tolist())},
-        interval_95=interval | {"n": N_RANGE, "body_colour": of_colour},
+        interval_95=interval | {"n": N_RANGE, "nu": (LEAST_NU, math.inf), "body_colour": of_colour},
         correlation=((1.0, None, None, None), (None, 1.0, both, None), (None, both, 1.0, None), (None,) * 4),
         identifiable=identifiable,
         chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
@@ -100,6 +102,7 @@ def _remarks(fit: Fit, number: int, identifiable: dict[str, bool]) -> list[str]:
         *_unsettled(fit, number),
         f"the error of the model is {100 * fit.model_error:.1f} %, in addition to the noise",
         f"n is not identifiable with all lamps on the camera's side: {N} was chosen, and beta holds for it",
+        "without a given shape, tails of the facets and a colour of the interface are not estimated",
     ]
     sigma, error = float(fit.gloss.rows[number, 2]), math.sqrt(fit.covariance[number, 2, 2])
     if abs(sigma) > NOTABLE * error:
