@@ -8,6 +8,7 @@ import pytest
 from hagoromo.measurement.material.interval import degrees_of_freedom
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.quantity import alpha, coordinate, log_albedo
+from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from studies.coverage import simulated, table
 from studies.coverage_bench import BENCHES, drawn, observed
 from studies.coverage_page import chance, write_coverage_page
@@ -67,3 +68,11 @@ def test_degrees_of_freedom_are_those_of_the_variance_they_stand_for():
         spread = 4.0 * (2.0 / degrees[name]) ** 0.5
         assert share.sum() == pytest.approx(gradient @ fit.covariance @ gradient, rel=spread)
     assert degrees["gamma"] < degrees["alpha"] / 3
+
+
+def test_an_interval_without_an_end_has_no_standard_error():
+    """One lamp, and a lobe that some tails would make vanish: β has no bound, and γ that of its admissible range."""
+    _, found = simulated(BENCHES["one lamp"], 6_000.0, np.random.default_rng([4, 5]))
+    assert found.interval_95["beta"][1] == np.inf and not found.identifiable["beta"]
+    assert found.standard_error["beta"] is None and "inf" not in repr(found)
+    assert found.interval_95["gamma"] == GAMMA_RANGE

@@ -33,6 +33,7 @@ from hagoromo.measurement.sight import Array
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
 NEARLY_GAUSSIAN = 0.1  # 1/ν of facets that differ little from Gaussian ones
+LARGEST_LOGARITHM = 700.0  # of a bound, above which there is none
 WIDTH_95 = 2 * NORMAL_95  # width of a 95 % interval in standard errors
 
 
@@ -66,7 +67,7 @@ def _intervals(profile: Profile) -> dict[str, Any]:
     return shape | {
         "alpha": interval(profile, alpha),
         "beta": _exp(interval(profile, log_beta)),
-        "gamma": _exp(interval(profile, coordinate(LOG_GAMMA))),
+        "gamma": _within(_exp(interval(profile, coordinate(LOG_GAMMA))), GAMMA_RANGE),
         "n": tuple(1.0 + bound for bound in _exp(interval_of_n(profile) if along_n else _index_interval(profile))),
         "specular_albedo": _exp(interval(profile, log_albedo)),
         "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(channels)),
@@ -114,7 +115,10 @@ def errors_of(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[s
             key: np.diff(np.array(interval, np.float64), axis=-1)[..., 0] / WIDTH_95
             for key, interval in intervals.items()
         }
-        return {key: tuple(width.tolist()) if width.ndim else float(width) for key, width in widths.items()}
+        known = {key: width for key, width in widths.items() if np.isfinite(width).all()}
+        return dict.fromkeys(widths) | {
+            key: tuple(width.tolist()) if width.ndim else float(width) for key, width in known.items()
+        }
 
     def error(quantity: Quantity) -> float:
         gradient = quantity(fit.theta[None])[1][0]
@@ -175,5 +179,12 @@ def _inside(bounds: tuple[float, ...], admissible: tuple[float, float]) -> bool:
     return bool(bounds[0] > admissible[0] * (1 + 1e-6) and bounds[1] < admissible[1] * (1 - 1e-6))
 
 
+def _within(bounds: tuple[float, float], admissible: tuple[float, float]) -> tuple[float, float]:
+    """The bounds, none of them beyond the admissible range."""
+    low, high = np.clip(bounds, *admissible)
+    return float(low), float(high)
+
+
 def _exp(bounds: tuple[float, float]) -> tuple[float, float]:
-    return math.exp(bounds[0]), math.exp(bounds[1])
+    low, high = (math.exp(bound) if bound < LARGEST_LOGARITHM else math.inf for bound in bounds)
+    return low, high
