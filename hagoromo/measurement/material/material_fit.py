@@ -95,7 +95,8 @@ def _settled(observations: Observations, free: NDArray[np.bool_], theta: Array) 
         moved = (rows.theta[0] - theta)[free]
         theta = rows.theta[0]
         change = float(moved @ rows.curvature[0][np.ix_(free, free)] @ moved) ** 0.5
-        if at_standstill(rows, change, MATERIAL_FIT_STANDSTILL):
+        late = turn >= MODEL_ERROR_ROUNDS and change < MATERIAL_FIT_STANDSTILL  # along a valley that is all but flat
+        if late or at_standstill(rows, change, MATERIAL_FIT_STANDSTILL):
             return with_covariance(objective, theta, free, scale, model_error, status_of(rows, turn + 1, change))
     raise InputError(
         f"the fit still moves by {change:.2g} standard errors after {MATERIAL_FIT_ROUNDS} rounds: mask pixels that "
