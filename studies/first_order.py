@@ -19,7 +19,7 @@ from typing import Any
 import tyro
 
 import hagoromo as hg
-from hagoromo.transport.frames import DEFAULT_TOLERANCE, STEPS_PER_VOXEL
+from hagoromo.transport.frames import DEFAULT_TOLERANCE, LONGEST_STEP
 from studies.first_order_page import write_first_order_page
 from studies.table import print_table
 from tests.oracle.blocks import DEPTHS, FACES, HEIGHTS, error_and_ratio_by_lamp, light_over_closed_form
@@ -54,7 +54,7 @@ def first_order_study(out: str | Path, force: bool = False, progress: hg.Progres
         progress(0.8, "homogeneous blocks")
         record = {
             "hagoromo": hg.__version__, "rows": rows, "blocks": block_rows(), "pictures": pictures,
-            "steps_per_voxel": {str(t): STEPS_PER_VOXEL * math.sqrt(DEFAULT_TOLERANCE / t) for t in TOLERANCES},
+            "longest_step_voxel": {str(t): LONGEST_STEP * math.sqrt(t / DEFAULT_TOLERANCE) for t in TOLERANCES},
         }  # fmt: skip
         hg.write_json(home / "results.json", record)
         before = json.loads(BEFORE.read_text(encoding="utf-8")) if BEFORE.exists() else record
@@ -126,11 +126,11 @@ def main(out: Path, force: bool = False) -> None:
     rows = [
         [
             row["scene"], row["shadows"], f"{row['tolerance']:g}", f"{100 * row['error']:.3f} %", f"{row['ratio']:.4f}",
-            f"{1e3 * row['seconds']:.1f} ms", f"{record['steps_per_voxel'][str(row['tolerance'])]:g}",
+            f"{1e3 * row['seconds']:.1f} ms", f"{record['longest_step_voxel'][str(row['tolerance'])]:g}",
         ]
         for row in record["rows"]
     ]  # fmt: skip
-    columns = ("scene", "shadows", "tolerance", "error over mean", "mean ratio", "a frame", "steps a voxel")
+    columns = ("scene", "shadows", "tolerance", "error over mean", "mean ratio", "a frame", "longest step [voxel]")
     print_table("The march against the oracle", columns, rows)
     print(f"wrote {out / 'first_order.md'}")
 

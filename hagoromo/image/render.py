@@ -113,7 +113,7 @@ class PreparedScene:
             far, point, normal, surface = self.surfaces.intersect(origin, direction)
             material = self.first_on_surface + surface
             coefficients = self.lighting.materials.coefficients(material)
-            light = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
+            light, _ = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
@@ -169,8 +169,12 @@ def _surfaces(scene: Scene, cache: SceneCache) -> Surfaces | None:
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
     """Transmittance from a lamp to a point through all boxes, 0 behind a surface."""
 
-    def share(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None) -> Float:
-        passed = boxes_shade(lamp, point, to_lamp, distance, texel_hit) if boxes_shade else arrays().Float(1)
+    def share(
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+    ) -> Float:
+        passed = arrays().Float(1)
+        if boxes_shade:
+            passed = boxes_shade(lamp, point, to_lamp, distance, extinction, texel_hit)
         return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
 
     return share

@@ -15,8 +15,9 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
 
 DEFAULT_TOLERANCE = 0.04  # relative RMSE of an image where there is matter [1]: steps of half a voxel reach it
-STEPS_PER_VOXEL = 2.0  # steps along a voxel edge, at DEFAULT_TOLERANCE
-SUB_SAMPLE_DEPTH = 0.35  # optical depth of a sub-sample, at DEFAULT_TOLERANCE
+LONGEST_STEP = 1.5  # [voxel] at DEFAULT_TOLERANCE
+DEEPEST_STEP = 0.7  # optical depth of a step, at DEFAULT_TOLERANCE
+DENSEST = 64.0  # largest extinction [1/voxel]: matter this dense is opaque within a small part of a voxel
 ROW_FLOATS = 26  # per box: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
 
 
@@ -43,14 +44,14 @@ class Frames:
         self.textures: Textures | None = None
         if any(box.texel for box in boxes):
             self.textures = Textures([(box.texel, box.band, box.voxel_size) for box in boxes], finer)
-        self.fine = dr.opaque(jit.Float, SUB_SAMPLE_DEPTH * finer)
+        self.deepest = dr.opaque(jit.Float, DEEPEST_STEP * finer)
         self.count, self.slots = len(boxes), most_at_once(boxes)
         floats = np.zeros((len(boxes), ROW_FLOATS), np.float32)
         whole = np.zeros((len(boxes), 3), np.int32)
         for row, numbers, box, start in zip(floats, whole, boxes, starts, strict=True):
             row[:12] = box.lattice_from_world[:3].T.ravel()
             row[12:15] = np.array(box.bricks.shape[::-1]) - 1
-            row[15:17] = box.tau, box.voxel_size / STEPS_PER_VOXEL * finer
+            row[15:17] = box.tau, box.voxel_size * LONGEST_STEP * finer
             row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
             _, my, mx = blocks_shape(box.bricks.lattice)
             numbers[:] = mx, mx * my, start

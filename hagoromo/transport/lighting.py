@@ -26,8 +26,9 @@ from hagoromo.transport.emission import Emission, emission_of
 from hagoromo.transport.medium import Element, TexelHit
 
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
-# (lamp number, point, to_lamp, distance to the lamp [m], place in a texel) → transmittance 0…1
-Attenuation = Callable[[int, Array3f, Array3f, Float, TexelHit | None], Float]
+# (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], place in a texel)
+# → transmittance 0…1
+Attenuation = Callable[[int, Array3f, Array3f, Float, Float, TexelHit | None], Float]
 
 
 @dataclass(frozen=True)
@@ -199,14 +200,18 @@ class Lighting:
         elements: list[Element],
         coefficients: list[list[Float]],
         texel_hit: TexelHit | None = None,
-    ) -> list[Float]:
-        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel.
+        extinction: Float = 0.0,
+    ) -> tuple[list[Float], list[Float]]:
+        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel; and the
+        transmittance from the lamps of each group, their mean by the light that each would give without shadow.
 
         coefficients: of every element, on the palette. texel_hit: place of the point in a texel; None without texels.
+        extinction: around the point [1/m].
         """
         palette = self.materials.palette
         channels: list[Any] = [arrays().Float(0)] * palette.channels
         eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
+        unshaded, shaded = ([arrays().Float(0)] * len(palette.lamps) for _ in range(2))
         for number, (where, intensity, near, group, emission) in enumerate(self.lamps):
             to_lamp, distance, irradiance = where, math.inf, intensity
             if near:
@@ -230,26 +235,40 @@ class Lighting:
             if emission is not None:
                 lit &= irradiance > 0.0
             origin = elements[0].shadow_origin(point, to_lamp)
-            irradiance = irradiance * self._transmittance(number, lit, origin, to_lamp, distance, texel_hit)
+            if self.attenuation is not None:
+                full = irradiance * sum(body + interface for body, interface in weights)
+                transmittance = self._transmittance(number, lit, origin, to_lamp, distance, extinction, texel_hit)
+                unshaded[group] = unshaded[group] + full
+                shaded[group] = dr.fma(full, transmittance, shaded[group])
+                irradiance = irradiance * transmittance
             for (body, interface), share in zip(weights, coefficients, strict=True):
                 for j in range(len(palette.colours)):
                     weight = (body if j < len(palette.bodies) else interface) * share[j]
                     k = group * len(palette.colours) + j
                     channels[k] = dr.fma(irradiance, weight, channels[k])
-        return channels
+        passed = [dr.select(u > 0.0, s / u, 1.0) for u, s in zip(unshaded, shaded, strict=True)]
+        return channels, passed
 
     def _transmittance(
-        self, lamp: int, lit: Bool, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
+        self,
+        lamp: int,
+        lit: Bool,
+        point: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        texel_hit: TexelHit | None,
     ) -> Float:
         """Transmittance from a lamp to `point`; looked up only where matter faces the lamp (`lit`)."""
         attenuation = self.attenuation
         if attenuation is None:
             return 1.0
+        Float = arrays().Float
         return dr.if_stmt(
-            args=(point, to_lamp, arrays().Float(distance), texel_hit),
+            args=(point, to_lamp, Float(distance), Float(extinction), texel_hit),
             cond=lit,
-            true_fn=lambda point, to_lamp, distance, texel_hit: attenuation(lamp, point, to_lamp, distance, texel_hit),
-            false_fn=lambda point, to_lamp, distance, texel_hit: arrays().Float(0),
+            true_fn=lambda *place: attenuation(lamp, *place),
+            false_fn=lambda *place: Float(0),
         )
 
 

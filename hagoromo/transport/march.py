@@ -1,21 +1,115 @@
 """March: light from volume boxes along rays, one scattering event (MODEL §3, Tanaka eq. 11), and optical depth.
 
-A step is half a voxel long or, in dense matter, shorter. Its sample has the weight 1 − exp(−σΔ), by which an opaque box
-tends to its surface exactly, and is lit at the centroid of exp(−σs) over the step. A ray ends at END_TRANSMITTANCE: its
-radiance is then divided by 1 − transmittance, as if the matter behind looked like the matter in front.
+A step lies within one cell between eight voxel centres, where its optical depth is exact. It is lit at one sample, at
+the centroid of exp(−D) over it. Along it the light that arrives is taken to be an exponential of the optical depth D to
+the eye, as it is behind a flat face of homogeneous matter under any lamp; the rate of that exponential comes from the
+samples before and behind. Where this rate is large, steps are shorter. A ray ends at END_TRANSMITTANCE: its last sample
+then stands for all matter behind it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 
-from hagoromo.backend import Array3f, Float, arrays
-from hagoromo.transport.crossing import Cone
+from hagoromo.backend import Array3f, Bool, Float, arrays, clip
+from hagoromo.transport.crossing import Cone, Crossing, Step
+from hagoromo.transport.intervals import Interval, depth_at, in_slot, nothing_open, put
 from hagoromo.transport.lighting import Lighting
-from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium, Step
+from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Limit, Medium, share_at_depth
 
-END_TRANSMITTANCE = 4e-3  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
+END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
+LEAST_TRANSMITTANCE = 1e-7  # of lamps: less counts as this where the rate of light is computed
+UNKNOWN_RATE = 1e30  # stands for the rate of light at the first sample
+FIRST_RATE = 3.0  # rate of light that steps are made for behind the first sample, where none is known yet
+FIRST_STEP = 0.5  # of the deepest step: the first one in matter
+LARGEST_RATE = 30.0  # of light that steps are made for: that of a lamp 2° above a face
+SLOW_RATE = 0.4  # a step may be 1 / (SLOW_RATE (1 + rate)) of the deepest one
+
+
+@dataclass
+class Sample:
+    """A lit sample of a step. `rates`: −d ln(transmittance from the lamps) / d(optical depth to the eye).
+
+    Lists have an entry for every group of lamps, but `light`.
+    """
+
+    depth: Float  # optical depth of the step in its own box
+    total: Float  # in all boxes
+    before: Float  # in front of the step, in all boxes
+    share: Float  # of the step's optical depth in front of the sample
+    log_lamps: list[Float]  # ln of the mean transmittance from the lamps
+    rates: list[Float]  # since the sample before; UNKNOWN_RATE for the first
+    light: list[Float]  # its radiance, of every channel
+
+    @property
+    def place(self) -> Float:
+        """Optical depth in front of the sample, in all boxes."""
+        return dr.fma(self.share, self.total, self.before)
+
+    def rates_to(self, log_lamps: list[Float], place: Float) -> list[Float]:
+        """Rates between this sample and one at the optical depth `place`."""
+        inverse = dr.rcp(dr.fmax(place - self.place, 1e-6))
+        known = self.depth > 0.0
+        return [
+            dr.select(known, (here - there) * inverse, UNKNOWN_RATE)
+            for here, there in zip(self.log_lamps, log_lamps, strict=True)
+        ]
+
+    def gains(self, behind: list[Float]) -> list[Float]:
+        """∫ σ exp(−D) · (light / light of the sample) over the step, with the rates to the sample behind it."""
+        rates = self._rates(behind)
+        known = self.depth > 0.0
+        return [
+            dr.select(known, self._at_begin(rate) * self.depth * mean_of_decay((1.0 + rate) * self.total), 0.0)
+            for rate in rates
+        ]
+
+    def rest(self) -> list[Float]:
+        """As `gains`, over the step and all behind it as if it went on, and for all boxes."""
+        rates = self._rates([arrays().Float(UNKNOWN_RATE)] * len(self.rates))
+        return [self._at_begin(rate) / (1.0 + dr.fmax(rate, 0.0)) for rate in rates]
+
+    def mean_rate(self) -> Float:
+        """Mean of the absolute rates by the light of each group of lamps; FIRST_RATE where they are not known."""
+        colours = len(self.light) // len(self.rates)
+        light = [sum(self.light[k * colours : (k + 1) * colours]) for k in range(len(self.rates))]
+        total = sum(dr.abs(rate) * part for rate, part in zip(self.rates, light, strict=True))
+        mean = total / dr.fmax(sum(light), 1e-30)
+        return dr.select(self.rates[0] == UNKNOWN_RATE, FIRST_RATE, mean)
+
+    def _rates(self, behind: list[Float]) -> list[Float]:
+        return [self._rate(*each) for each in zip(self.rates, behind, self.log_lamps, strict=True)]
+
+    def _rate(self, before: Float, behind: Float, log_lamps: Float) -> Float:
+        """The rate of light in the step, from those before and `behind`: their harmonic mean, 0 where they differ in
+        sign; no more than light without shadow at either end allows.
+        """
+        before = dr.select(before == UNKNOWN_RATE, behind, before)
+        behind = dr.select(behind == UNKNOWN_RATE, before, behind)
+        same = (before * behind > 0.0) & (before != UNKNOWN_RATE)
+        rate = dr.select(same, 2.0 * before * behind / (before + behind), 0.0)
+        most = -log_lamps / dr.fmax(self.total, 1e-12)
+        return clip(rate, -most / (1.0 - self.share), most / self.share)
+
+    def _at_begin(self, rate: Float) -> Float:
+        """exp(−D) · (light / light of the sample) at the begin of the step."""
+        return dr.exp(dr.fma(rate * self.total, self.share, -self.before))
+
+
+def mean_of_decay(fall: Float) -> Float:
+    """∫_0^1 exp(−fall · x) dx."""
+    thin = dr.abs(fall) < 2e-2
+    safe = dr.select(thin, 1.0, fall)
+    return dr.select(thin, 1.0 - fall * (0.5 - fall * (1.0 / 6.0)), (1.0 - dr.exp(-safe)) / safe)
+
+
+def centroid(depth: Float) -> Float:
+    """Centroid of exp(−depth · x) over 0…1: its middle in thin matter, its front in dense."""
+    thick = dr.fmax(depth, 1e-2)
+    return dr.select(depth > 1e-2, 1.0 / thick - 1.0 / (dr.exp(thick) - 1.0), 0.5 - depth / 12.0)
 
 
 @dr.syntax
@@ -27,79 +121,132 @@ def march(
     near: Float,
     far: Float,
     phase: Float = 0.0,
-    skip: bool = True,
     cone: Cone = (0.0, 0.0),
 ) -> tuple[list[Float], Float]:
     """Weights of the radiance towards the ray's origin (list of Float, one per channel) and the transmittance left.
 
     origin, direction (unit): Array3f, world. near, far: Float [m]. phase, cone: see `Medium.cross`.
-    `skip=False` steps through empty bricks too.
     """
-    crossing = medium.cross(origin, direction, near, far, phase, cone=cone)
+    jit, count = arrays(), dr.width(direction)
+    crossing = medium.cross(origin, direction, near, far, phase, cone)
     state = crossing.start()
-    transmittance = dr.ones(arrays().Float, dr.width(direction))
-    channels = [dr.zeros(arrays().Float, dr.width(direction)) for _ in range(lighting.materials.palette.channels)]
+    channels = [dr.zeros(jit.Float, count) for _ in range(lighting.materials.palette.channels)]
+    intervals = [nothing_open(count) for _ in state.ends]
+    samples = [no_sample(count, len(lighting.materials.palette.lamps), len(channels)) for _ in state.ends]
+    depth = dr.zeros(jit.Float, count)
     cut = END_TRANSMITTANCE * medium.tolerance
-    while crossing.unfinished(state) & (transmittance > cut):
+    deepest = -dr.log(cut)
+    while crossing.unfinished(state) & (depth < deepest):
         step = medium.next(crossing, state)
-        if step.brick < 0:
-            state = crossing.skip_empty(step, state) if skip else crossing.next_sample(step, state)
-        else:
-            extinction, clearance = medium.extinction(step, crossing.direction)
-            depth = extinction * step.length
-            if (depth > NEGLIGIBLE_OPTICAL_DEPTH) & ~crossing.must_split(state, depth):
-                step.distance = step.centroid(depth)
-                radiance = radiance_from_sample(medium, lighting, step, origin, direction)
-                step_transmittance = dr.exp(-depth)
-                gain = transmittance * (1.0 - step_transmittance)
-                channels = accumulated(channels, gain, radiance)
-                transmittance *= step_transmittance
-            state = crossing.advance(step, depth, clearance, state)
+        interval = in_slot(intervals, step.slot)
+        depth = depth_at(crossing, state, intervals, step)
+        if interval.depth > NEGLIGIBLE_OPTICAL_DEPTH:
+            sample = in_slot(samples, step.slot)
+            total = dr.fmax(depth - interval.before, interval.depth)
+            share = centroid(total)
+            begin, end = in_slot(state.begins, step.slot), step.begin
+            distance = dr.fma(share_at_depth(share, interval.growth), end - begin, begin)
+            place = step.ray.inside(step.ray.at(begin + crossing.probe(step.ray, begin)))
+            lit = Step(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
+            point = dr.fma(direction, distance + step.ray.near, origin)
+            coloured = medium.sample(lit, dr.fma(share, end - begin, begin))
+            light, lamps = radiance_from_sample(
+                medium, lighting, medium.sample(lit, distance), coloured, point, direction
+            )
+            log_lamps = logarithms(lamps)
+            rates = sample.rates_to(log_lamps, dr.fma(share, total, interval.before))
+            channels = accumulated(channels, sample.gains(rates), sample.light)
+            new = Sample(interval.depth, total, interval.before, share, log_lamps, rates, light)
+            samples = put(samples, step.slot, new)
+        opened = Interval(jit.Float(0), jit.Float(0), step.brick, interval.box_before + interval.depth, depth)
+        if step.brick >= 0:
+            step = medium.extinction(step, direction, limit(crossing, in_slot(samples, step.slot)))
+            opened.depth, opened.growth = step.depth, step.growth
+        intervals = put(intervals, step.slot, opened)
+        state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
-    ended = transmittance <= cut
-    scale = dr.select(ended, 1.0 / (1.0 - transmittance), 1.0)
-    return [channel * scale for channel in channels], dr.select(ended, 0.0, transmittance)
+    ended = depth >= deepest
+    return finished(channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
 
 
-def accumulated(channels: list[Float], gain: Float, radiance: list[Float]) -> list[Float]:
-    """channels + gain · radiance (a `dr.syntax` function may not hold a comprehension over pairs)."""
-    return [dr.fma(gain, new, old) for new, old in zip(radiance, channels, strict=True)]
+def limit(crossing: Crossing, sample: Sample) -> Limit:
+    """Parts of the step behind a sample: more of them where the light that arrives changes faster than the eye's."""
+    lit, rate = sample.depth > 0.0, dr.fmin(sample.mean_rate(), LARGEST_RATE)
+    faster = dr.select(lit, dr.fmax(SLOW_RATE * (1.0 + rate), 1.0), 1.0 / FIRST_STEP)
+    slots = crossing.frames.slots
+    if slots > 1:  # what is too deep is the step in all boxes together
+        faster *= dr.select(lit, clip(sample.total / sample.depth, 1.0, float(slots)), float(slots))
+    faster = dr.detach(faster)
+
+    def parts(step: Step) -> Float:
+        return dr.ceil(
+            dr.fmax(step.depth * faster / crossing.frames.deepest, (step.end - step.begin) / step.ray.longest)
+        )
+
+    return parts
+
+
+def no_sample(count: int, groups: int, channels: int) -> Sample:
+    """The sample before the first."""
+    nothing = dr.zeros(arrays().Float, count)
+    return Sample(nothing, nothing, nothing, nothing, [nothing] * groups, [nothing] * groups, [nothing] * channels)
+
+
+def finished(channels: list[Float], samples: list[Sample], depth: Float, ended: Bool) -> list[Float]:
+    """The channels with the last sample of every slot. Those in which the ray `ended` share all matter behind."""
+    last = [ended & (sample.before + sample.total > depth - 1e-3) & (sample.depth > 0.0) for sample in samples]
+    parts = [dr.select(here, s.depth / dr.fmax(s.total, 1e-12), 0.0) for here, s in zip(last, samples, strict=True)]
+    unknown = [arrays().Float(UNKNOWN_RATE)] * len(samples[0].rates)
+    for sample, here, part in zip(samples, last, parts, strict=True):
+        share = part / dr.fmax(sum(parts), 1e-12)
+        each = zip(sample.rest(), sample.gains(unknown), strict=True)
+        channels = accumulated(channels, [dr.select(here, rest * share, gain) for rest, gain in each], sample.light)
+    return channels
+
+
+def accumulated(channels: list[Float], gains: list[Float], radiance: list[Float]) -> list[Float]:
+    """channels + gain · radiance, a gain for every group of lamps (a `dr.syntax` function may not hold a comprehension
+    over pairs).
+    """
+    colours = len(channels) // len(gains)
+    return [dr.fma(gains[k // colours], radiance[k], channels[k]) for k in range(len(channels))]
+
+
+def logarithms(transmittances: list[Float]) -> list[Float]:
+    """ln of each, bounded from below."""
+    return [dr.log(dr.fmax(each, LEAST_TRANSMITTANCE)) for each in transmittances]
 
 
 def radiance_from_sample(
-    medium: Medium, lighting: Lighting, step: Step, origin: Array3f, direction: Array3f
-) -> list[Float]:
-    """Radiance that the matter of one sample sends back along the ray: its weights, one per channel."""
-    point = dr.fma(direction, step.distance, origin)
+    medium: Medium, lighting: Lighting, step: Step, coloured: Step, point: Array3f, direction: Array3f
+) -> tuple[list[Float], list[Float]]:
+    """Radiance that the matter at `point` sends back along the ray: its weights, one per channel; and the mean
+    transmittance from the lamps of each group.
+
+    coloured: the step at the place of its colour. Density times colour is interpolated, so that the middle of the step,
+    without regard to where more of the matter is, stands for both together.
+    """
     elements, texel_hit = medium.elements(step, direction)
     coefficients = [lighting.materials.coefficients(element.material) for element in elements]
     if lighting.voxel_bases:
-        coefficients[0] = lighting.with_voxel_colour(coefficients[0], step.box, medium.colour(step))
-    return lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit)
+        coefficients[0] = lighting.with_voxel_colour(coefficients[0], step.ray.box, medium.colour(coloured))
+    extinction = step.depth / (step.end - step.begin)
+    return lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction)
 
 
 @dr.syntax
 def optical_depth(
-    medium: Medium,
-    origin: Array3f,
-    direction: Array3f,
-    near: Float,
-    far: Float,
-    stride: float = 1.0,
-    deepest: float = OPAQUE_OPTICAL_DEPTH,
+    medium: Medium, origin: Array3f, direction: Array3f, near: Float, far: Float, deepest: float = OPAQUE_OPTICAL_DEPTH
 ) -> Float:
-    """∫ σ du along rays from `near` to `far` [m], by marching; it ends beyond `deepest`. stride: see `Medium.cross`."""
-    crossing = medium.cross(origin, direction, near, far, stride=stride)
+    """∫ σ du along rays from `near` to `far` [m], exact where densities are trilinear; it ends beyond `deepest`."""
+    crossing = medium.cross(origin, direction, near, far)
     state = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
     while crossing.unfinished(state) & (depth < deepest):
         step = medium.next(crossing, state)
-        if step.brick < 0:
-            state = crossing.skip_empty(step, state)
-        else:
-            extinction, clearance = medium.extinction(step, crossing.direction)
-            step_depth = extinction * step.length
-            depth += dr.select(crossing.must_split(state, step_depth), 0.0, step_depth)
-            state = crossing.advance(step, step_depth, clearance, state)
+        if step.brick >= 0:
+            step = medium.extinction(step, direction)
+            depth += step.depth
+        state = crossing.advance(step, state)
         state = crossing.enter_next_box(state)
     return depth

@@ -1,17 +1,15 @@
 """Medium: the volume boxes of a scene on the device, and their samples along rays.
 
-Each box has samples of its own, half a voxel apart. Where boxes overlap, their samples are visited in order of depth,
-so that extinctions add. A sample of large optical depth is split into sub-samples. One march:
+Each box has intervals of its own, each within one cell between eight voxel centres, where the optical depth is exact.
+Where boxes overlap, their extinctions add. The optical depth along rays:
 
     crossing = medium.cross(origin, direction, near, far)
     state = crossing.start()
     while crossing.unfinished(state):
-        step = medium.next(crossing, state)                # the next sample in depth, and its brick
-        if step.brick < 0:  state = crossing.skip_empty(step, state)
-        else:               extinction, clearance = medium.extinction(step, crossing.direction)
-                            depth = extinction * step.length
-                            if ~crossing.must_split(state, depth):  ...
-                            state = crossing.advance(step, depth, clearance, state)
+        step = medium.next(crossing, state)                # the next interval, and its brick
+        if step.brick >= 0:  step = medium.extinction(step, direction)
+                             depth += step.depth
+        state = crossing.advance(step, state)
         state = crossing.enter_next_box(state)             # where the ray has left a box
 
 Grids are fields of a plain object, so that Dr.Jit's loops do not take them into their state.
@@ -19,7 +17,9 @@ Grids are fields of a plain object, so that Dr.Jit's loops do not take them into
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
-from hagoromo.transport.crossing import LATTICE_MARGIN, Cone, Crossing, MarchState, Step
+from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Step
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
 from hagoromo.transport.textures import SeenAlong
@@ -37,9 +37,22 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.texel import LightScale
-from hagoromo.volume.voxels import BRICK, CORNERS, PackedVoxels, PlainVoxels, Voxels, corner, packets_around, shares
+from hagoromo.volume.voxels import (
+    BRICK,
+    CORNERS,
+    PackedVoxels,
+    PlainVoxels,
+    Voxels,
+    corner,
+    packets_around,
+    shares,
+    trilinear,
+)
 
 NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty
+CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
+GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
+Limit = Callable[[Step], Float]  # into how many parts of equal optical depth a step is cut
 NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
 BIAS_TO_LAMP = 2.0  # of the shadow bias, towards the lamp; once more it goes along the axis
 
@@ -138,74 +151,126 @@ class Medium:
         near: Float,
         far: Float,
         phase: Float = 0.0,
-        stride: float = 1.0,
         cone: Cone = (0.0, 0.0),
     ) -> Crossing:
         """Rays (world, unit direction) through all boxes, between the distances `near` and `far` [m].
 
-        phase: share of a step, 0…1, by which the first step is shortened; images averaged over it show no rings.
-        stride: factor on the length of steps. cone: footprint of rays, which selects the levels of texels.
+        phase: share of a step, 0…1, by which the first step in a texel is shortened; images averaged over it show no
+        rings. In cells of voxels nothing depends on it.
+        cone: footprint of rays, which selects the levels of texels.
         """
-        return Crossing(self.frames, (origin, direction, near, far), phase, stride, cone)
+        return Crossing(self.frames, (origin, direction, near, far), phase, cone)
 
     def next(self, crossing: Crossing, state: MarchState) -> Step:
-        """The sample next in depth over all boxes."""
+        """The next interval of the slot whose open interval ends first; its extinction is not looked up yet."""
         jit = arrays()
-        slot, distance, length, ray = crossing.nearest(state)
-        whole = length
-        length = length / jit.Float(state.parts)
-        distance = dr.fma(jit.Float(state.part) + 0.5, length, dr.fma(whole, -0.5, distance))
-        place = dr.fma(ray.direction, distance, ray.origin)
-        place = type(place)(*(clip(place[k], 0.0, ray.last[k] - LATTICE_MARGIN) for k in range(3)))
-        cell = jit.Array3i(place) >> 3
+        slot, begin, ray = crossing.nearest(state)
+        place = ray.at(begin + crossing.probe(ray, begin))
+        inside = ray.inside(place)
+        cell = jit.Array3i(inside) >> 3
         block, inner = cell >> 3, cell & (BLOCK - 1)
         outer = dr.gather(jit.Int, self.coarse, jit.UInt(ray.first + block.z * ray.layer + block.y * ray.row + block.x))
         place_in_block = (inner.z * BLOCK + inner.y) * BLOCK + inner.x
         held = outer >= 0
         brick = dr.gather(jit.Int, self.fine, jit.UInt(outer * BRICKS + place_in_block), held)
-        return Step(slot, ray.box, ray.tau, distance, length, place, dr.select(held, brick, outer), ray.level)
+        brick = dr.select(held, brick, outer)
+        end = crossing.interval_end(ray, begin, place, brick)
+        return Step(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
 
-    def extinction(self, step: Step, direction: Array3f) -> tuple[Float, Float | None]:
-        """Extinction σ [1/m] at a sample in a stored brick for light along the unit `direction` (world), and the
-        distance [m] around it without matter (None: unknown).
+    def extinction(self, step: Step, direction: Array3f, limit: Limit | None = None) -> Step:
+        """The step with the extinction σ along it, in a stored brick, for light along the unit `direction` (world).
 
-        τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`.
+        τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell the
+        optical depth is exact: along a ray a trilinear density is a cubic, which two Gauss points integrate. The
+        projected area is that in the middle of the step.
+        limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
-        density, clearance = self.density(step)
-        extinction = step.tau * density
-        if self.flakes is None:
-            return extinction, clearance
-        if isinstance(self.voxels, PlainVoxels):  # a derivative by densities needs the area where there is none, too
-            return extinction * self.projected_area(step, direction), clearance
-        area = dr.if_stmt(
-            (step, direction), self.flakes.in_box(step.box) & (density > 0.0),
-            self.projected_area, lambda step, direction: arrays().Float(1),
-        )  # fmt: skip
-        return extinction * area, clearance
-
-    def projected_area(self, step: Step, direction: Array3f) -> Float:
-        """Projected area along `direction` of the elements of a sample in a stored brick, in their mean: 0…1."""
-        assert self.flakes is not None
-        elements, _ = self._elements(step)
-        return sum(e.share * self.flakes.area(e.material, e.axis, direction) for e in elements)
-
-    def density(self, step: Step) -> tuple[Float, Float | None]:
-        """Density at a sample in a stored brick, and the distance [m] around it without matter (None: unknown)."""
-        density = self.voxels.density(arrays().UInt(step.brick), step.place)
         textures = self.textures
         if textures is None:
-            return density, None
+            return self._in_cell(step, direction, limit)
+        return dr.if_stmt(
+            (step, direction), textures.textured(step.ray.box),
+            lambda step, direction: self._in_texel(step, direction, limit),
+            lambda step, direction: self._in_cell(step, direction, limit),
+        )  # fmt: skip
 
-        def looked_up(step: Step, share: Float) -> tuple[Float, Float]:
-            clearance = textures.clearance(step.box, share)
-            return dr.if_stmt(
-                (step,), clearance > 0.0,
-                lambda step: arrays().Float(0),
-                lambda step: textures.density(textures.lattice(step.box, step.level), self._charted(step)[0]),
-            ), clearance  # fmt: skip
+    def _area(self, step: Step, direction: Array3f) -> Float:
+        """Projected area of the elements of a step along `direction`; 1 in boxes of isotropic extinction."""
+        if self.flakes is None:
+            return 1.0
+        if isinstance(self.voxels, PlainVoxels):  # a derivative by densities needs the area where there is none, too
+            return self.projected_area(step, direction)
+        return dr.if_stmt(
+            (step, direction), self.flakes.in_box(step.ray.box) & (step.depth > 0.0),
+            self.projected_area, lambda step, direction: arrays().Float(1),
+        )  # fmt: skip
 
-        nothing = lambda step, density: (density, arrays().Float(0))  # noqa: E731
-        return dr.if_stmt((step, density), textures.textured(step.box), looked_up, nothing)
+    def projected_area(self, step: Step, direction: Array3f) -> Float:
+        """Projected area along `direction` of the elements in the middle of a step in a stored brick: mean, 0…1."""
+        assert self.flakes is not None
+        elements, _ = self._elements(self.sample(step, 0.5 * (step.begin + step.end)))
+        return sum(e.share * self.flakes.area(e.material, e.axis, direction) for e in elements)
+
+    def sample(self, step: Step, distance: Float) -> Step:
+        """The step with its place at a distance from the entry of the ray [m], within its cell; in a texel as it is."""
+        cell, place = dr.floor(step.place), step.ray.at(distance)
+        place = type(place)(*(clip(place[k], cell[k], cell[k] + LAST_IN_CELL) for k in range(3)))
+        if textures := self.textures:
+            place = dr.select(textures.textured(step.ray.box), step.place, place)
+        return replace(step, place=place)
+
+    def _in_cell(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
+        """Extinction of a step within the cell of eight voxels."""
+        jit, ray = arrays(), step.ray
+        around, first = self.voxels.densities_around(jit.UInt(step.brick), step.place), dr.floor(step.place)
+        tau = dr.fmin(ray.tau, ray.densest / dr.detach(functools.reduce(dr.fmax, around)))
+
+        def extinction(distance: Float) -> Float:
+            part = ray.at(distance) - first
+            return tau * trilinear(around, jit.Array3f(*(clip(part[k], 0.0, 1.0) for k in range(3))))
+
+        def between(begin: Float, end: Float) -> tuple[Float, Float]:
+            middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
+            low, high = (extinction(dr.fma(half, node, middle)) for node in (-GAUSS_NODE, GAUSS_NODE))
+            total = low + high
+            return total * half, clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
+
+        step.depth, step.growth = between(step.begin, step.end)
+        area = self._area(step, direction)
+        step.depth *= area
+        if limit is None:
+            return step
+        parts = dr.detach(limit(step))
+
+        def cut(step: Step, parts: Float, area: Float) -> Step:
+            share = share_at_depth(dr.rcp(parts), dr.detach(step.growth))
+            step.end = dr.fma(step.end - step.begin, share, step.begin)
+            step.depth, step.growth = between(step.begin, step.end)
+            step.depth *= area
+            return step
+
+        return dr.if_stmt((step, parts, jit.Float(area)), parts > 1.0, cut, lambda step, parts, area: step)
+
+    def _in_texel(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
+        """Extinction of a step in a texel, that of its middle; the end behind matter-free space around it."""
+        textures, jit, ray = self.textures, arrays(), step.ray
+        assert textures is not None
+        share = self.voxels.density(jit.UInt(step.brick), step.place)
+        clearance = textures.clearance(ray.box, share)
+        density = dr.if_stmt(
+            (step,), clearance > 0.0,
+            lambda step: jit.Float(0),
+            lambda step: textures.density(textures.lattice(step.ray.box, step.ray.level), self._charted(step)[0]),
+        )  # fmt: skip
+        step.depth = ray.tau * density * (step.end - step.begin)
+        step.depth *= self._area(step, direction)
+        step.growth = jit.Float(0)
+        if limit is not None:
+            part = dr.rcp(dr.fmax(limit(step), 1.0))
+            step.depth, step.end = step.depth * part, dr.fma(step.end - step.begin, part, step.begin)
+        whole = 2.0 * ray.probe
+        step.end += dr.fmax(dr.floor(CLEARANCE_SHARE * clearance / whole) - 1.0, 0.0) * whole
+        return step
 
     def elements(self, step: Step, direction: Array3f) -> tuple[list[Element], TexelHit | None]:
         """Elements of a sample in a stored brick as a ray along `direction` sees them: shares are those of extinction.
@@ -221,7 +286,9 @@ class Medium:
 
     def _elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
         """Elements of a sample in a stored brick, shares being those of density; and its place in a texel."""
-        shadow_bias = None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.box)
+        shadow_bias = (
+            None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.ray.box)
+        )
         material = self.material(step)
         if shadow_bias is not None and self.kinds.tangents:  # a tangent has no outside
             shadow_bias = dr.select(self.kinds.tangent(material), 0.0, shadow_bias)
@@ -229,20 +296,20 @@ class Medium:
         textures = self.textures
         if textures is None:
             return [plain], None
-        textured = textures.textured(step.box)
+        textured = textures.textured(step.ray.box)
         here, along_u, normal = self._charted(step)
-        frame = surface_frame(self._in_world(step.box, along_u), self._in_world(step.box, normal))
-        lattice = textures.lattice(step.box, step.level)
+        frame = surface_frame(self._in_world(step.ray.box, along_u), self._in_world(step.ray.box, normal))
+        lattice = textures.lattice(step.ray.box, step.ray.level)
         elements, each = [], textures.densities(lattice, here)
         scale = dr.rcp(dr.fmax(sum(each), 1e-9))
-        scales = textures.scales(step.level)
+        scales = textures.scales(step.ray.level)
         tangents = [self.kinds.population(material, k) for k in range(len(each))]
         for k, axis in enumerate(textures.axes(lattice, here, tangents)):
             axis = dr.normalize(dr.select(textured, frame.outwards(axis), plain.axis) + 1e-9)
             share = dr.select(textured, each[k] * scale, float(k == 0))
             number = material + dr.select(textured & (lattice.populations > k), k, arrays().UInt(0))
             elements.append(Element(axis, number, share, scales[k], shadow_bias))
-        return elements, TexelHit(textured, step.box, step.level, step.tau, here, frame)
+        return elements, TexelHit(textured, step.ray.box, step.ray.level, step.ray.tau, here, frame)
 
     def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
         """Optical depth of the texel from a sample towards the lamp, and the length of that way [m]."""
@@ -260,7 +327,7 @@ class Medium:
         """Where a sample in a stored brick of a box with a chart is on its surface, tangent along u and normal."""
         assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
         bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
-        return surface_point_at(self.charts, self.voxels, bricks, step.place, self.textures.chart_scale(step.box))
+        return surface_point_at(self.charts, self.voxels, bricks, step.place, self.textures.chart_scale(step.ray.box))
 
     def axis(self, step: Step, material: UInt | None = None) -> Array3f:
         """Unit axis, in the world, at a sample in a stored brick; `material`: that of the sample, where it is known."""
@@ -268,7 +335,7 @@ class Medium:
             material = self.material(step)
         tangent, same = self.kinds.tangent(material), self._of_its_kind(step, material)
         axis = self.voxels.axis(arrays().UInt(step.brick), step.place, tangent, same)
-        return dr.normalize(self._in_world(step.box, axis) + 1e-9)
+        return dr.normalize(self._in_world(step.ray.box, axis) + 1e-9)
 
     def colour(self, step: Step) -> Array4f:
         """Coefficients of the body colour at a sample in a stored brick of a box that has them, weighed by density."""
@@ -281,7 +348,7 @@ class Medium:
     def material(self, step: Step) -> UInt:
         """Number of the sample's material in the row of all boxes' materials: of the voxel that adds most matter."""
         UInt = arrays().UInt
-        first = dr.gather(UInt, self.first_material, step.box)
+        first = dr.gather(UInt, self.first_material, step.ray.box)
         if self.materials is None:
             return first
         each = shares(self.voxels, UInt(step.brick), step.place)
@@ -293,7 +360,7 @@ class Medium:
 
     def _material_of_voxel(self, step: Step, voxel: UInt) -> UInt:
         """Number of a voxel's material in its box."""
-        has = dr.gather(arrays().Int, self.material_shift, step.box) != NO_GRID
+        has = dr.gather(arrays().Int, self.material_shift, step.ray.box) != NO_GRID
         return arrays().UInt(dr.gather(arrays().UInt8, self.materials, voxel, has))
 
     def _of_its_kind(self, step: Step, material: UInt) -> list[Bool] | None:
@@ -301,7 +368,7 @@ class Medium:
         if not self.kinds.mixed or self.materials is None:
             return None
         start, _ = corner(self._brick_in(self.material_shift, step), step.place)
-        first, kind = dr.gather(arrays().UInt, self.first_material, step.box), self.kinds.of(material)
+        first, kind = dr.gather(arrays().UInt, self.first_material, step.ray.box), self.kinds.of(material)
         return [self.kinds.of(first + self._material_of_voxel(step, start + offset)) == kind for offset in CORNERS]
 
     def _in_world(self, box: UInt, vector: Array3f) -> Array3f:
@@ -312,7 +379,7 @@ class Medium:
     def _brick_in(self, shift: Int, step: Step) -> UInt:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
         jit = arrays()
-        shift = dr.gather(jit.Int, shift, step.box)
+        shift = dr.gather(jit.Int, shift, step.ray.box)
         return jit.UInt(dr.select(shift == NO_GRID, 0, step.brick + shift))
 
     def _optional(self, name: str) -> tuple[Any, Any]:
@@ -337,3 +404,15 @@ def _tables(bricks: list[Bricks]) -> tuple[np.ndarray, np.ndarray, list[int]]:
         first.append(first[-1] + table.coarse.size)
     fine.append(np.full(1, -BRICK, np.int32))  # a table without blocks is never read, but must not be empty
     return np.concatenate(coarse), np.concatenate(fine), first[:-1]
+
+
+def depth_share(share: Float, growth: Float) -> Float:
+    """Share of the optical depth of a step in front of a `share` 0…1 of its length, see `Step`."""
+    return dr.fma(growth * share, share - 1.0, share)
+
+
+def share_at_depth(share: Float, growth: Float) -> Float:
+    """The inverse of `depth_share`: share of the length by which a `share` of the optical depth is reached."""
+    at_begin = 1.0 - growth
+    root = dr.sqrt(dr.fmax(dr.fma(4.0 * growth, share, at_begin * at_begin), 0.0))
+    return dr.fmin(2.0 * share / dr.fmax(at_begin + root, 1e-9), 1.0)

@@ -18,19 +18,19 @@ from hagoromo.transport.shadow_map import ShadowMaps
 
 TEXELS_PER_VOXEL = 1.2  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
 MOST_TEXELS = 1024  # along a side of a shadow map: 96 MiB a lamp
-# where the three map rays around a point differ by more, the way to the lamp is marched near the point
-LEAST_DIFFERENCE = 0.15  # of transmittance, at DEFAULT_TOLERANCE
-DIFFERENCE_SHARE = 0.3  # of the transmittance itself, added to LEAST_DIFFERENCE
+# where the three map rays around a point differ by more, the way to the lamp is marched
+LEAST_DIFFERENCE = 0.12  # of transmittance, at DEFAULT_TOLERANCE
+DIFFERENCE_SHARE = 0.15  # of the transmittance itself, added to LEAST_DIFFERENCE
+DENSE = 0.45  # extinction [1/voxel] beyond which the way is marched near the point, at DEFAULT_TOLERANCE
 LARGEST_SECANT = 4.0  # 1 / cosθ_i up to which the look-up in a map clears the surface's own shadow
-MARCHED_VOXELS = 8.0  # length of that march [voxel]
-MARCHED_STRIDE = 2.0  # length of its steps, in steps of a camera ray
+MARCHED_VOXELS = 3.0  # length of that march [voxel], at DEFAULT_TOLERANCE
 
 
 def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, exact up to the step; the oracle of the maps."""
 
     def transmittance(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
     ) -> Float:
         return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), arrays().Float(distance)))
 
@@ -42,23 +42,26 @@ def mapped_attenuation(
 ) -> Attenuation:
     """`Attenuation` by one deep shadow map a lamp; `resolution` texels a side (default: `fitting_resolution`).
 
-    Where the rays of a map around a point differ, at edges of shadows and under light that grazes, the first few
-    voxels towards the lamp are marched, and the map is looked up behind them: `tolerance` (see `Settings`) says where.
+    In dense matter the first few voxels towards the lamp are marched, and the map is looked up behind them. Where the
+    rays of the map around that place differ, at edges of shadows and under light that grazes, all of the way is
+    marched. `tolerance` (see `Settings`) says where.
     """
     jit, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
     maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium, tolerance))
-    least, share = (dr.opaque(jit.Float, figure * finer) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
-    near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * min(box.voxel_size for box in medium.boxes))
+    least, share = (dr.opaque(jit.Float, figure * finer**2) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
+    voxel = min(box.voxel_size for box in medium.boxes)
+    near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * voxel)
+    dense = dr.opaque(jit.Float, DENSE * finer**2 / voxel)
 
     def transmittance(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit | None
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
     ) -> Float:
         if texel_hit is None:  # no box has a texel, or the point is on a surface
-            return looked_up(lamp, point, to_lamp, distance)
+            return looked_up(lamp, point, to_lamp, distance, extinction)
         return dr.if_stmt(
-            (point, to_lamp, distance, texel_hit), texel_hit.textured,
-            lambda point, to_lamp, distance, texel_hit: out_of_texel(lamp, point, to_lamp, distance, texel_hit),
-            lambda point, to_lamp, distance, texel_hit: looked_up(lamp, point, to_lamp, distance),
+            (point, to_lamp, distance, extinction, texel_hit), texel_hit.textured,
+            lambda point, to_lamp, distance, _, texel_hit: out_of_texel(lamp, point, to_lamp, distance, texel_hit),
+            lambda point, to_lamp, distance, extinction, _: looked_up(lamp, point, to_lamp, distance, extinction),
         )  # fmt: skip
 
     def out_of_texel(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit) -> Float:
@@ -67,17 +70,18 @@ def mapped_attenuation(
         length += maps.ray_spacing(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
         return dr.exp(-depth) * maps.transmittance(lamp, dr.fma(to_lamp, dr.fmin(length, distance), point))[0]
 
-    def looked_up(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float) -> Float:
-        def marched(point: Array3f, to_lamp: Array3f, distance: Float, passed: Float) -> Float:
-            reach = dr.fmin(near, distance)
-            depth = optical_depth(medium, point, to_lamp, jit.Float(0), reach, MARCHED_STRIDE)
-            return dr.exp(-depth) * maps.transmittance(lamp, dr.fma(to_lamp, reach, point))[0]
+    def looked_up(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float) -> Float:
+        distance = jit.Float(distance)
+        reach = dr.fmin(dr.select(extinction > dense, near, 0.0), distance)
+        depth = optical_depth(medium, point, to_lamp, jit.Float(0), reach)
+        behind, difference = maps.transmittance(lamp, dr.fma(to_lamp, reach, point))
+        return dr.exp(-depth) * dr.if_stmt(
+            (point, to_lamp, distance, reach, behind), difference > dr.fma(share, behind, least),
+            to_the_lamp, lambda *place: place[-1],
+        )  # fmt: skip
 
-        passed, difference = maps.transmittance(lamp, point)
-        args = (point, to_lamp, jit.Float(distance), passed)
-        return dr.if_stmt(
-            args, difference > dr.fma(share, passed, least), marched, lambda point, to_lamp, distance, passed: passed
-        )
+    def to_the_lamp(point: Array3f, to_lamp: Array3f, distance: Float, reach: Float, _: Float) -> Float:
+        return dr.exp(-optical_depth(medium, point, to_lamp, reach, distance))
 
     return transmittance
 

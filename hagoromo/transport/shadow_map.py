@@ -17,8 +17,9 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip
 from hagoromo.files.checks import check_memory
 from hagoromo.light.lamp import Lamp
-from hagoromo.transport.crossing import Cone
+from hagoromo.transport.crossing import Cone, Step
 from hagoromo.transport.film import TILE, tile_place
+from hagoromo.transport.intervals import Interval, depth_at, in_slot, nothing_open, put
 from hagoromo.transport.lamp_view import view_from
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium
 from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
@@ -26,9 +27,12 @@ from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
 GROUPS = 5
 KNOTS = 3 * GROUPS + 1
 WORDS = 4 * (GROUPS + 1)  # of 32 bits, of a ray
-KNOT_TOLERANCE = 0.003  # error of the transmittance between knots; doubles with each knot after STRICT_KNOTS
+KNOT_TOLERANCE = (
+    0.003  # error of the transmittance between knots at DEFAULT_TOLERANCE; doubles with each knot after STRICT_KNOTS
+)
 STRICT_KNOTS = 10  # knots that keep KNOT_TOLERANCE
 LARGEST_KNOT_ERROR = 2.0  # error of the optical depth between knots, at most
+MOST_PARTS = 8.0  # of a step, so that knots follow the bend of its optical depth
 GAP_DEPTH = 1.0 / 512.0  # a gap in matter gets knots where the optical depth since the last knot exceeds this
 DEPTH_UNITS = 4096.0  # units per optical depth of 1: 16 bits reach 16
 UNUSED = 0xFFFF  # tick of an unused knot, behind all others
@@ -45,6 +49,7 @@ class Fan:
     low: Float  # least slope of the lines [1/m]
     high: Float  # and the largest
     spare: Float  # error of the optical depth that is allowed
+    tolerance: Float  # error of the transmittance from which `spare` comes
     rises: Float  # ∫ x y dx over the points (x, y) as seen from the knot
     runs: Float  # ∫ x² dx: the best slope is rises / runs
 
@@ -53,6 +58,11 @@ class Fan:
         inverse = dr.rcp(dr.fmax(distance - self.at, 1e-9))  # parts of overlapping boxes may end at one distance
         rise = depth - self.depth
         return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
+
+    def parts(self, step: Step) -> Float:
+        """Parts of a step whose optical depth is near enough to a straight line each."""
+        bend = 0.25 * step.depth * dr.abs(step.growth)
+        return dr.ceil(dr.fmin(dr.sqrt(bend / (self.tolerance * dr.exp(self.depth))), MOST_PARTS))
 
     def depth_at(self, distance: Float) -> Float:
         """Optical depth at `distance` [m] on the line of least squares through the points."""
@@ -161,45 +171,50 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
     state = crossing.start()
     nothing = dr.zeros(jit.Float, count)
     depth, covered = nothing, nothing - 1.0  # optical depth so far, and end of the last matter [m]
-    fan = Fan(dr.zeros(jit.UInt, count), nothing, nothing, nothing, nothing + dr.inf, *[nothing] * 3)
+    tolerance = KNOT_TOLERANCE * dr.sqrt(dr.sqrt(medium.tolerance))  # finer ones would use up the knots
+    fan = Fan(
+        dr.zeros(jit.UInt, count), nothing, nothing, nothing, nothing + dr.inf, nothing, tolerance, nothing, nothing
+    )
+    intervals = [nothing_open(count) for _ in state.ends]
     while crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH):
         step = medium.next(crossing, state)
-        if step.brick < 0:
-            state = crossing.skip_empty(step, state)
-        else:
-            extinction, clearance = medium.extinction(step, crossing.direction)
-            step_depth = extinction * step.length
-            if (step_depth > NEGLIGIBLE_OPTICAL_DEPTH) & ~crossing.must_split(state, step_depth):
-                begin = dr.fmax(dr.fma(step.length, -0.5, step.distance), covered)
-                if begin > dr.fma(step.length, 0.5, covered):  # the first matter, or a gap
-                    far_side = (depth > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
-                    if far_side:
-                        writer.write(fan.knots, covered, depth)
-                    if far_side | (covered < 0.0):
-                        number = dr.select(far_side, fan.knots + 1, fan.knots)
-                        writer.write(number, begin, depth)
-                        fan = fan_from(number + 1, begin, depth)
-                end = dr.fmax(dr.fma(step.length, 0.5, step.distance), covered)
-                depth += step_depth
+        interval, before = in_slot(intervals, step.slot), depth
+        depth = depth_at(crossing, state, intervals, step)
+        if interval.depth > NEGLIGIBLE_OPTICAL_DEPTH:
+            far_end, own = step.ray.near + step.begin, step.begin - in_slot(state.begins, step.slot)
+            begin, end = dr.fmax(far_end - own, covered), dr.fmax(far_end, covered)
+            if begin > dr.fma(0.5, own, covered):  # the first matter, or a gap
+                far_side = (before > fan.depth + GAP_DEPTH) & (fan.knots < KNOTS - 3)
+                if far_side:
+                    writer.write(fan.knots, covered, before)
+                if far_side | (covered < 0.0):
+                    number = dr.select(far_side, fan.knots + 1, fan.knots)
+                    writer.write(number, begin, before)
+                    fan = fan_from(number + 1, begin, before, tolerance)
+            low, high = fan.narrowed(end, depth)
+            if low > high:  # no line passes all points: the knot is where the last one did
+                knot = fan.depth_at(covered)
+                writer.write(fan.knots, covered, knot)
+                fan = fan_from(fan.knots + 1, covered, knot, tolerance)
                 low, high = fan.narrowed(end, depth)
-                if low > high:  # no line passes all points: the knot is where the last one did
-                    knot = fan.depth_at(covered)
-                    writer.write(fan.knots, covered, knot)
-                    fan = fan_from(fan.knots + 1, covered, knot)
-                    low, high = fan.narrowed(end, depth)
-                x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(-0.5, step_depth, depth) - fan.depth
-                fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
-                fan.low, fan.high, covered = low, high, end
-            state = crossing.advance(step, step_depth, clearance, state)
+            x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(0.5, before + depth, -fan.depth)
+            fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
+            fan.low, fan.high, covered = low, high, end
+        opened = Interval(jit.Float(0), jit.Float(0), step.brick, interval.box_before + interval.depth, depth)
+        if step.brick >= 0:
+            step = medium.extinction(step, direction, fan.parts)
+            opened.depth, opened.growth = step.depth, step.growth
+        intervals = put(intervals, step.slot, opened)
+        state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
         if (covered >= 0.0) & ~(crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH)):
             writer.write(fan.knots, covered, fan.depth_at(covered))
 
 
-def fan_from(knots: UInt, at: Float, depth: Float) -> Fan:
+def fan_from(knots: UInt, at: Float, depth: Float, tolerance: Float) -> Fan:
     """All lines from a knot: the last one of `knots`."""
     jit = arrays()
     many = jit.Float(1 << (dr.maximum(knots, STRICT_KNOTS) - STRICT_KNOTS))
-    spare = dr.select(knots < KNOTS - 1, dr.fmin(KNOT_TOLERANCE * many * dr.exp(depth), LARGEST_KNOT_ERROR), dr.inf)
-    return Fan(knots, at, depth, jit.Float(0), jit.Float(dr.inf), spare, jit.Float(0), jit.Float(0))
+    spare = dr.select(knots < KNOTS - 1, dr.fmin(tolerance * many * dr.exp(depth), LARGEST_KNOT_ERROR), dr.inf)
+    return Fan(knots, at, depth, jit.Float(0), jit.Float(dr.inf), spare, tolerance, jit.Float(0), jit.Float(0))

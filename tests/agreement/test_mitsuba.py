@@ -118,7 +118,6 @@ def test_the_march_sees_the_radiance_of_volpath(tau, cutoff_deg):
     assert_same_radiance(ours.weights[..., 0], *theirs)
 
 
-@pytest.mark.xfail(strict=False, reason="the march integrates light that grazes over the eye's depth alone")
 def test_light_that_grazes_a_hard_face_is_that_of_volpath():
     """A full cube, one mean free path a voxel, its lamp 8.5° above the face that the camera sees."""
     theirs, lamp, box = full_cube_of_mitsuba(), hg.Lamp(position=LOW_LAMP, intensity=INTENSITY), full_cube().box()

@@ -51,12 +51,15 @@ def error(scene) -> float:
 @pytest.mark.parametrize("tolerance", [0.04, 0.01])
 @pytest.mark.parametrize("depth", [0.5, 10.0, 100.0, 400.0])
 def test_halving_the_tolerance_changes_the_picture_by_less(depth, tolerance):
-    """Root mean square over the mean, both where there is matter, as the tolerance is told."""
+    """Root mean square over the mean, both where there is matter, as is promised. In thin matter a step is a whole
+    cell at both tolerances, and nothing changes.
+    """
     boxes = ball((-0.05, 0, 0.06), 0.06, depth), ball((0.06, 0.01, 0.05), 0.05, depth)
     scene = Scene(CAMERA, LAMPS, boxes)
     image, finer = (render(scene, Settings(tolerance=t, shadow_resolution=640)) for t in (tolerance, tolerance / 2))
     a, b = (i.weights[finer.alpha > 1e-3] for i in (image, finer))
-    assert 0 < np.sqrt(np.mean((a - b) ** 2)) / b.mean() < tolerance
+    change = np.sqrt(np.mean((a - b) ** 2)) / b.mean()
+    assert change < tolerance and (change > 0.0 or depth < 1.0)
 
 
 @pytest.mark.parametrize("depth", [0.5, 10.0, 100.0])

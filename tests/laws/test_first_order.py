@@ -14,21 +14,10 @@ import pytest
 import hagoromo as hg
 from tests.oracle.radiance import radiance
 from tests.oracle.reflection import element_weights, plane
-from tests.oracle.scenes import GREY, WAVELENGTHS, Case, block, cases, error_and_ratio, lamp_above_face
+from tests.oracle.scenes import GREY, WAVELENGTHS, block, cases, error_and_ratio, lamp_above_face
 
 CASES = {case.name: case for case in cases()}
 LARGEST_BIAS = 0.25  # of the mean radiance, as a share of the tolerance: less than the error, which changes sign
-NOT_YET = {
-    "hard ball": "march 0.04, march 0.01, map 0.01",
-    "hard ball, two lamps": "march 0.04, march 0.01, map 0.01",
-    "turned ball, parallel rays": "march 0.04, march 0.01, map 0.01",
-    "two equal boxes in one place": "march 0.04, march 0.01, map 0.04, map 0.01",
-    "two boxes that overlap": "map 0.04, map 0.01",
-    "threads": "map 0.01",
-    "threads, projected area": "map 0.01",
-    "tailed facets under a spot": "march 0.04, march 0.01, map 0.01",
-    "block, 1 depth a voxel, lamp at 5°": "march 0.04, march 0.01, map 0.04, map 0.01",
-}
 
 
 @cache
@@ -36,16 +25,9 @@ def truth(name: str):
     return CASES[name].truth()
 
 
-def promised(case: Case, shadows: str, tolerance: float):
-    """A case, marked where the march does not keep its promise yet."""
-    mark = pytest.mark.xfail(strict=False, reason="the first order is being mended")
-    not_yet = f"{shadows} {tolerance}" in NOT_YET.get(case.name, "")
-    return pytest.param(case.name, shadows, tolerance, marks=mark if not_yet else ())
-
-
 @pytest.mark.parametrize(
     ("name", "shadows", "tolerance"),
-    [promised(case, shadows, t) for case in CASES.values() for shadows in ("march", "map") for t in (0.04, 0.01)],
+    [(name, shadows, t) for name in CASES for shadows in ("march", "map") for t in (0.04, 0.01)],
 )
 def test_the_error_of_a_picture_is_within_its_tolerance(name, shadows, tolerance):
     true, transmittance = truth(name)

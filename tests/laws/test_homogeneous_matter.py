@@ -14,7 +14,6 @@ from tests.oracle.blocks import DEPTHS, FACES, HEIGHTS, LAMPS, error_and_ratio_b
 from tests.oracle.scenes import BLUE, MATTE, RED, block, camera
 
 
-@pytest.mark.xfail(strict=False, reason="dense matter, grazing light and boxes in one place are being mended")
 @pytest.mark.parametrize("shadows", ["march", "map"])
 @pytest.mark.parametrize("face", FACES)
 @pytest.mark.parametrize(
@@ -27,7 +26,6 @@ def test_a_block_is_its_closed_form(depth, face, shadows, tolerance):
     assert (error < tolerance).all(), dict(zip(HEIGHTS, mean.round(4).tolist(), strict=True))
 
 
-@pytest.mark.xfail(strict=False, reason="the samples of two boxes go one after the other")
 @pytest.mark.parametrize("shadows", ["march", "map"])
 @pytest.mark.parametrize("depth", [0.1, 0.4, 1.2])
 def test_two_equal_boxes_in_one_place_share_the_light(depth, shadows):

@@ -1,0 +1,60 @@
+"""Intervals: the open interval of every slot of a ray, by which the optical depth of all boxes together is exact.
+
+An interval is closed where it ends before all others, so that those of the other boxes are known beyond its end: the
+light of boxes that overlap is attenuated by all of them alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from hagoromo.backend import Float, Int, UInt, arrays, clip
+from hagoromo.transport.crossing import Crossing, MarchState, Step, selected
+from hagoromo.transport.medium import depth_share
+
+
+@dataclass
+class Interval:
+    """The open interval of a slot: its extinction as in `Step`, and the optical depth in front of it."""
+
+    depth: Float
+    growth: Float
+    brick: Int
+    box_before: Float  # of the slot's own boxes
+    before: Float  # of all boxes
+
+
+def nothing_open(count: int) -> Interval:
+    """The interval before the first."""
+    jit = arrays()
+    return Interval(*(dr.zeros(kind, count) for kind in (jit.Float, jit.Float, jit.Int, jit.Float, jit.Float)))
+
+
+def depth_at(crossing: Crossing, state: MarchState, intervals: list[Interval], step: Step) -> Float:
+    """Optical depth of all boxes in front of the begin of a step: that of each, with its part of the open interval."""
+    if len(intervals) == 1:
+        return intervals[0].before + intervals[0].depth
+    place, depth = step.ray.near + step.begin, arrays().Float(0)
+    for k, (interval, ray) in enumerate(zip(intervals, crossing.slot_rays(state), strict=True)):
+        begin, end = state.begins[k], state.ends[k]
+        share = clip((place - ray.near - begin) / dr.fmax(end - begin, 1e-12), 0.0, 1.0)
+        depth += interval.box_before + interval.depth * depth_share(share, interval.growth)
+    return depth
+
+
+def in_slot(each: list[Any], slot: UInt) -> Any:
+    """The entry of a slot."""
+    chosen = each[0]
+    for k in range(1, len(each)):
+        chosen = selected(slot == k, each[k], chosen)
+    return chosen
+
+
+def put(each: list[Any], slot: UInt, value: Any) -> list[Any]:
+    """The entries with that of a slot replaced."""
+    if len(each) == 1:
+        return [value]
+    return [selected(slot == k, value, old) for k, old in enumerate(each)]
