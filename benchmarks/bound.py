@@ -1,24 +1,29 @@
-"""What bounds the march: KERNEL's frame without shadows, its gathers alone, its arithmetic alone, and this machine.
+"""What bounds the march: KERNEL's frame without shadows, its walk alone, and this machine.
 
-The parts: replay.py. The machine: rates of gathers from tables of many sizes, at random and in order, of a stream of
-memory, and of multiply-adds, each by a kernel that does nothing else. Written to out/bench/bound.json.
+The walk is the optical depth of the same rays, to where the march ends: it finds cells, reads densities and shades
+nothing. The machine: rates of gathers from tables of many sizes, at random and in order, of a stream of memory, and of
+multiply-adds, each by a kernel that does nothing else. Written to out/bench/bound.json.
 
     python benchmarks/bound.py [--rounds 9]
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from march import PIXELS, ReferenceScene, camera_rays
-from replay import TILE, Replayed, arithmetic, gathers, words
+from steps import counts_of_march, counts_of_walk
 from turns import in_turn, medians, options, record
 
 from hagoromo.backend import arrays
+from hagoromo.transport.march import END_TRANSMITTANCE, optical_depth
 
+TILE = 16  # neighbouring rays that step together
+DEEPEST = -math.log(END_TRANSMITTANCE)  # optical depth at which the march ends
 LANES = 1 << 18  # as many as the frame has rays
 READS = 64  # of every lane, from a table
 TABLES = tuple(1 << k for k in range(12, 29, 2))  # [byte]
@@ -27,21 +32,13 @@ CHAINS, LINKS, TURNS = 8, 8, 64  # of multiply-adds: independent ones, in each, 
 
 
 def main() -> None:
-    """Time the frame, its parts and the machine's roofs in turn."""
+    """Time the frame, its walk and the machine's roofs in turn."""
     rounds = options(__doc__, 9).parse_args().rounds
     scene = ReferenceScene()
-    rays = camera_rays(scene.tiles)
-    replayed, lighting = Replayed(scene.box, *rays), scene.lighting()
-    parts = {
-        "whole": lambda: scene.frame(lighting),
-        "gathers": lambda: gathers(replayed, scene.materials)[0],
-        "arithmetic": lambda: arithmetic(replayed, lighting, *rays),
-        "words": lambda: words(replayed),
-    }
-    found: dict[str, Any] = {"parts_s": medians(in_turn(parts, rounds))}
-    found["rays"], found["steps"] = PIXELS**2, int(dr.sum(replayed.counts)[0])
-    found["lanes"], found["busy"] = TILE, busy_lanes(replayed)
-    found["gathers"] = int(dr.sum(gathers(replayed, scene.materials)[1])[0])
+    lighting = scene.lighting()
+    parts = {"whole": lambda: scene.frame(lighting), "walk": lambda: walk(scene)}
+    found: dict[str, Any] = {"parts_s": medians(in_turn(parts, rounds)), "rays": PIXELS**2}
+    found |= counted(scene)
     found["gather_rates"] = [{"bytes": size, "per_s": gather_rate(size, rounds)} for size in TABLES]
     found["stream_bytes_per_s"], found["flops_per_s"] = stream_rate(rounds), arithmetic_rate(rounds)
     for name, value in found.items():
@@ -49,10 +46,27 @@ def main() -> None:
     record("bound", found)
 
 
-def busy_lanes(replayed: Replayed) -> float:
+def walk(scene: ReferenceScene) -> Any:
+    """Optical depth of the frame's rays."""
+    jit = arrays()
+    return optical_depth(scene.medium, *camera_rays(scene.tiles), jit.Float(0), jit.Float(dr.inf), DEEPEST)
+
+
+def counted(scene: ReferenceScene) -> dict[str, Any]:
+    """Intervals and lit samples of the march, intervals of the walk, and how many of TILE rays are on their way."""
+    rays = camera_rays(scene.tiles)
+    steps, samples = (np.array(each) for each in counts_of_march([scene.box], scene.lighting(), *rays))
+    walked = np.array(counts_of_walk([scene.box], *rays, DEEPEST))
+    return {
+        "steps": {"whole": int(steps.sum()), "walk": int(walked.sum())},
+        "samples": int(samples.sum()), "lanes": TILE, "busy": busy_lanes(steps),
+    }  # fmt: skip
+
+
+def busy_lanes(steps: np.ndarray) -> float:
     """Share of the steps of TILE neighbouring rays, marched together, that are not spent waiting for the longest."""
-    counts = np.array(replayed.counts).reshape(-1, TILE)
-    return float(counts.sum() / (TILE * counts.max(axis=1)).sum())
+    tiles = steps.reshape(-1, TILE)
+    return float(tiles.sum() / (TILE * tiles.max(axis=1)).sum())
 
 
 def gather_rate(size: int, rounds: int) -> float:

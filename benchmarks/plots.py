@@ -33,25 +33,15 @@ def growth(found: Mapping[str, Rows], path: Path) -> None:
 
 
 def bound(found: Mapping[str, Any], path: Path) -> None:
-    """The frame beside its gathers and its arithmetic alone [ms]; rates of gathers against the size of the table."""
+    """The frame beside its walk alone [ms]; rates of gathers against the size of the table."""
     figure, (bars, rates) = _figure(1, 2, 10.0, 3.6)
-    parts = found["parts_s"]
-    shown = {"march": "whole", "gathers alone": "gathers", "arithmetic alone": "arithmetic"}
-    times = [1e3 * parts[key] for key in shown.values()]
-    replay = [0.0] + [1e3 * parts["words"]] * 2
-    bars.barh(list(shown), times, color=["#444444", COLOURS["mapped_s"], COLOURS["unshaded_s"]])
-    bars.barh(list(shown), replay, color="white", alpha=0.55, hatch="///", label="of it: reading the record")
+    times = [1e3 * found["parts_s"][key] for key in ("whole", "walk")]
+    bars.barh(["march", "walk alone"], times, color=["#444444", COLOURS["unshaded_s"]])
     bars.invert_yaxis()
     bars.set_xlabel("time of a frame of 512² pixels [ms]", fontsize=9)
-    bars.legend(fontsize=7.5, frameon=False, loc="lower right")
     bars.set_xlim(right=1.2 * max(times))
     size = np.array([row["bytes"] for row in found["gather_rates"]]) / 2**20
     rates.loglog(size, [row["per_s"] / 1e9 for row in found["gather_rates"]], "o-", color=GREY, label="at random")
-    alone = found["gathers"] / (parts["gathers"] - parts["words"]) / 1e9
-    rates.axhline(alone, color=COLOURS["mapped_s"], label="the frame's, alone")
-    rates.axhline(
-        found["gathers"] / parts["whole"] / 1e9, color=COLOURS["unshaded_s"], label="the frame's, in the march"
-    )
     _plain(rates.xaxis, (1.0,))
     _plain(rates.yaxis)
     rates.set_xlabel("table [MiB]", fontsize=9)

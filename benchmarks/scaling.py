@@ -80,7 +80,7 @@ def resolutions(finest: int) -> Study:
     for voxels in (n for n in RESOLUTIONS if n <= finest):
         box = FUZZY.box(voxels)
         what = {"voxels": voxels, "lattice": voxels**3, "kept_bricks": box.bricks.kept}
-        study.add(what | steps_of([box], camera(PIXELS)), [box])
+        study.add(what | steps_of([box], camera(PIXELS), lamps(LAMPS)), [box])
     return study
 
 
@@ -88,7 +88,7 @@ def pictures() -> Study:
     """The same shell in more and more pixels."""
     study, box = Study(), FUZZY.box(VOXELS)
     for side in PICTURES:
-        study.add({"pixels": side**2} | steps_of([box], camera(side)), [box], pixels=side)
+        study.add({"pixels": side**2} | steps_of([box], camera(side), lamps(LAMPS)), [box], pixels=side)
     return study
 
 

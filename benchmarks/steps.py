@@ -1,4 +1,4 @@
-"""Steps: how many samples a frame's camera rays take, and how many of them stand in kept bricks."""
+"""Steps: how many intervals the march of a frame's camera rays takes, and how many of them it lights."""
 
 from __future__ import annotations
 
@@ -9,38 +9,58 @@ import drjit as dr
 
 import hagoromo as hg
 from hagoromo.backend import arrays
+from hagoromo.image.render import PreparedScene
+from hagoromo.image.settings import Settings
 from hagoromo.transport.film import tile_place
-from hagoromo.transport.march import END_TRANSMITTANCE
+from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.march import march, optical_depth
 from hagoromo.transport.medium import Medium
 
 
-def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera) -> dict[str, int]:
-    """Steps of all rays of a frame, jumps over empty bricks included, and samples of matter among them."""
+def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera, lamps: Sequence[hg.Lamp]) -> dict[str, int]:
+    """Intervals of all rays of a frame without shadows, empty ones included, and lit samples of matter among them."""
     jit = arrays()
     column, row = tile_place(dr.arange(jit.UInt, camera.width * camera.height), jit.UInt(camera.width))
-    origin, direction = camera.rays(jit.Float(column) + 0.5, jit.Float(row) + 0.5)
-    steps, samples = counted(Medium(boxes), origin, direction)
+    rays = camera.rays(jit.Float(column) + 0.5, jit.Float(row) + 0.5)
+    prepared = PreparedScene(hg.Scene(camera, tuple(lamps), tuple(boxes)), Settings(shadows="none"))
+    steps, samples = counts_of_march(boxes, prepared.lighting, *rays)
     return {"steps": int(dr.sum(steps)[0]), "samples": int(dr.sum(samples)[0])}
 
 
-@dr.syntax
-def counted(medium: Medium, origin: Any, direction: Any) -> tuple[Any, Any]:
-    """Steps and samples of matter of every ray, as the march takes them."""
-    jit, width = arrays(), dr.width(direction)
-    crossing = medium.cross(origin, direction, jit.Float(0), jit.Float(dr.inf))
-    state = crossing.start()
-    passed, steps, samples = dr.ones(jit.Float, width), dr.zeros(jit.UInt, width), dr.zeros(jit.UInt, width)
-    cut = END_TRANSMITTANCE * medium.tolerance
-    while crossing.unfinished(state) & (passed > cut):
-        step = medium.next(crossing, state)
-        steps += 1
-        if step.brick < 0:
-            state = crossing.skip_empty(step, state)
-        else:
-            density, clearance = medium.density(step)
-            depth = step.tau * density * step.length
-            passed *= dr.select(crossing.must_split(state, depth), 1.0, dr.exp(-depth))
-            samples += 1
-            state = crossing.advance(step, depth, clearance, state)
-        state = crossing.enter_next_box(state)
-    return steps, samples
+def counts_of_march(boxes: Sequence[hg.VolumeBox], lighting: Lighting, origin: Any, direction: Any) -> tuple[Any, Any]:
+    """Intervals and lit samples of every ray of a march, as the march itself takes them."""
+    jit, medium = arrays(), CountingMedium(boxes, dr.width(direction))
+    march(medium, lighting, origin, direction, jit.Float(0), jit.Float(dr.inf))
+    return medium.counts()
+
+
+def counts_of_walk(boxes: Sequence[hg.VolumeBox], origin: Any, direction: Any, deepest: float) -> Any:
+    """Intervals of every ray whose optical depth is computed up to `deepest`."""
+    jit, medium = arrays(), CountingMedium(boxes, dr.width(direction))
+    optical_depth(medium, origin, direction, jit.Float(0), jit.Float(dr.inf), deepest)
+    return medium.counts()[0]
+
+
+class CountingMedium(Medium):
+    """A medium that counts how often each of `rays` rays asks for an interval and for a sample to light."""
+
+    def __init__(self, boxes: Sequence[hg.VolumeBox], rays: int) -> None:
+        super().__init__(boxes)
+        self.steps, self.samples = (dr.zeros(arrays().UInt, rays) for _ in range(2))
+        self.lane = dr.arange(arrays().UInt, rays)
+        dr.eval(self.steps, self.samples, self.lane)
+
+    def next(self, crossing: Any, state: Any) -> Any:
+        """As `Medium.next`."""
+        dr.scatter_add(self.steps, 1, self.lane)
+        return super().next(crossing, state)
+
+    def elements(self, step: Any, direction: Any) -> Any:
+        """As `Medium.elements`."""
+        dr.scatter_add(self.samples, 1, self.lane)
+        return super().elements(step, direction)
+
+    def counts(self) -> tuple[Any, Any]:
+        """Intervals and samples of every ray so far."""
+        dr.eval(self.steps, self.samples)
+        return self.steps, self.samples

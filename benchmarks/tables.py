@@ -68,24 +68,23 @@ def open_told(found: Rows) -> str:
 
 def bound_told(found: Mapping[str, Any]) -> str:
     """What the march is made of, and what the machine can do."""
-    parts, number, rates = found["parts_s"], found["gathers"], found["gather_rates"]
-    gathers, arithmetic = (parts[key] - parts["words"] for key in ("gathers", "arithmetic"))
-    whole, slower = parts["whole"], max(gathers, arithmetic)
-    kernels = {"march": whole, "its gathers alone": gathers, "its arithmetic alone": arithmetic}
+    parts, steps, rates = found["parts_s"], found["steps"], found["gather_rates"]
     rows = [
-        {"kernel": name, "seconds": taken, "share": taken / whole, "rate": number / taken / 1e9}
-        for name, taken in kernels.items()
-    ]
-    rows[2]["rate"] = "none"
-    head = {"kernel": "kernel", "seconds": "time [s]", "share": "of the march", "rate": "gathers [10⁹/s]"}
+        {
+            "kernel": name, "seconds": parts[key], "share": parts[key] / parts["whole"],
+            "steps": steps[key] / 1e6, "each": 1e9 * parts[key] / steps[key],
+        }
+        for name, key in {"march": "whole", "its walk alone": "walk"}.items()
+    ]  # fmt: skip
+    head = {
+        "kernel": "kernel", "seconds": "time [s]", "share": "of the march",
+        "steps": "intervals [10⁶]", "each": "an interval [ns]",
+    }  # fmt: skip
     return "\n\n".join([
-        "![The march, its gathers and its arithmetic alone; rates of gathers](figures/bound.png)",
+        "![The march and its walk alone; rates of gathers](figures/bound.png)",
         table(head, rows),
-        f"{found['steps'] / 1e6:.1f} million steps, {number / 1e6:.0f} million gathers. Reading the record, "
-        f"{shown(parts['words'])} s, is taken off both parts. The slower part alone takes {slower / whole:.2f} of the "
-        f"time of the march ({(slower + parts['words']) / whole:.2f} with the record), both one after the other "
-        f"{(gathers + arithmetic) / whole:.2f}. Of {found['lanes']} neighbouring rays that step together, "
-        f"{100 * found['busy']:.0f} % are still on their way, on average.",
+        f"{found['samples'] / 1e6:.1f} million samples of matter are lit. Of {found['lanes']} neighbouring rays that "
+        f"step together, {100 * found['busy']:.0f} % are still on their way, on average.",
         f"The machine gathers {rates[0]['per_s'] / 1e9:.1f} · 10⁹ words a second at random from "
         f"{rates[0]['bytes'] >> 10} KiB and {rates[-1]['per_s'] / 1e9:.2f} · 10⁹ from {rates[-1]['bytes'] >> 20} MiB, "
         f"streams {found['stream_bytes_per_s'] / 1e9:.0f} GB/s, and does {found['flops_per_s'] / 1e9:.0f} · 10⁹ "
