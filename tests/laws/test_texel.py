@@ -161,7 +161,7 @@ def test_a_texel_of_one_population_names_no_material_of_another_box():
     crossing = medium.cross(jit.Array3f(x, -0.02, 0.0003), jit.Array3f(0, 1, 0), jit.Float(0), jit.Float(dr.inf))
     state = crossing.start()
     while np.array(medium.next(crossing, state).brick).max() < 0:
-        state = crossing.skip_empty(medium.next(crossing, state), state)
+        state = crossing.advance(medium.next(crossing, state), state)
     elements, _ = medium.elements(medium.next(crossing, state), crossing.direction)
     assert [int(np.array(element.material).max()) for element in elements] == [2, 2]
     assert np.array(elements[1].share).max() == 0.0
