@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
-from hagoromo.matter.solid.relief_field import LEAST_SKIN_COSINE, SKIN_VOXELS, Lattice, ReliefField
+from hagoromo.matter.solid.relief_field import DEPTH, LEAST_SKIN_COSINE, SKIN_VOXELS, Lattice, ReliefField
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
-DEPTH = 36.0  # optical depth of the skin: its visible part is a third of a voxel deep
 RIM_PX = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN_VOXELS = 4  # voxels around the surface

@@ -2,6 +2,9 @@
 
 Every pixel stands for a facet, the plane through its point across its normal; matter is a skin below the facets. Axes
 and colours go over from facet to facet: voxels are not where pixels are, but at the mean depth.
+
+Where a pixel stands before another, its skin ends at the border between them. Density falls to 0 over a voxel, and of
+an opaque skin nearly all of that voxel is opaque: so the outermost voxels are thinner, see `_thinned`.
 """
 
 from __future__ import annotations
@@ -24,7 +27,9 @@ LEAST_SKIN_COSINE = 0.3
 LEAST_EDGE_COSINE = 0.5
 FRONT = (0.5 * EDGE + 2.0) / LEAST_EDGE_COSINE  # voxels before a facet in which there may be matter
 FOLD = 1.0  # voxels by which the point beside a facet may be off its plane: what is farther is no part of its surface
+DEPTH = 36.0  # optical depth of the skin along its normal: its visible part is a third of a voxel deep
 BACK_VOXELS = (SKIN_VOXELS + EDGE + 2.0) / LEAST_SKIN_COSINE  # voxels behind it
+BESIDE = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]  # the pixels around one
 Array = NDArray[np.float64]
 
 
@@ -65,6 +70,7 @@ class ReliefField:
         (self.known,) = images(known[..., None])
         self.place, self.facing, self.colour = images(places), images(facing), images(colour)
         self.labels = jit.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
+        self.before = jit.UInt(_before(known[crop], places[crop], facing[crop], FOLD * self.voxel).ravel())
         self.levels = _levels(
             np.where(known, places[..., 2], np.inf)[crop], np.where(known, places[..., 2], -np.inf)[crop]
         )
@@ -115,13 +121,30 @@ class ReliefField:
         above, below = (
             (deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (LEAST_EDGE_COSINE, LEAST_SKIN_COSINE)
         )
-        density = _rising(above / EDGE + 0.5) * _rising((SKIN_VOXELS + 0.5 * EDGE - below) / EDGE)
+        steep = dr.fmax(cosine, LEAST_SKIN_COSINE)
+        density = self._thinned(column, row, at, (p.z + self.low[2]) / self.voxel, DEPTH / steep)
+        density *= _rising(above / EDGE + 0.5) * _rising((SKIN_VOXELS + 0.5 * EDGE - below) / EDGE)
         colour = [dr.gather(jit.Float, part, at) for part in self.colour]
         label = dr.gather(jit.UInt, self.labels, at)
         bent, *between = self._between(column, row, place, axis, label)
         # what is beside the picture has no matter, but its colour is mixed into that of the outermost
         colour = [dr.select(inside, new, old) for new, old in zip(between, colour, strict=True)]
         return dr.select(inside, density, 0.0), bent, label, colour
+
+    def _thinned(self, column: Any, row: Any, at: Any, away: Any, depth: Any) -> Any:
+        """Factor of the density in pixel `at`, for an outline at its border with a pixel it stands `_before`.
+
+        A ray that is d voxels off the border, and passes 1 voxel before the next, empty one, meets (1 − d) of the
+        optical `depth` of its skin there: with ln 2 / (1 − d) of it, half the light passes at the border.
+        away: depth before the camera [voxels].
+        """
+        before, off = dr.gather(arrays().UInt, self.before, at), arrays().Float(1.0)
+        part = row - dr.floor(row), column - dr.floor(column)
+        for bit, beside in enumerate(BESIDE):
+            each = [{-1: part[k], 0: 0.0, 1: 1.0 - part[k]}[beside[k]] / self.camera.focal[1 - k] for k in (0, 1)]
+            distance = dr.sqrt(each[0] * each[0] + each[1] * each[1]) * away
+            off = dr.select((before >> bit) & 1 == 1, dr.fmin(off, distance), off)
+        return dr.fmin(math.log(2.0) / (depth * dr.fmax(1.0 - off, 1e-6)), 1.0)
 
     def _between(self, column: Any, row: Any, place: Any, axis: Any, label: Any) -> tuple[Any, ...]:
         """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`."""
@@ -142,6 +165,18 @@ class ReliefField:
                 sums = [dr.fma(weight, dr.gather(jit.Float, part, at), sum_) for part, sum_ in parts]
         scale = dr.rcp(dr.fmax(sums.pop(), 1e-6))  # 0 where nothing is known
         return dr.normalize(jit.Array3f(*sums[:3]) + 1e-9), *(colour * scale for colour in sums[3:])
+
+
+def _before(known: NDArray[np.bool_], places: Array, facing: Array, fold: float) -> NDArray[np.uint32]:
+    """(h, w) bits in the order of BESIDE: the known pixel there is behind the plane of this one by more than `fold`."""
+    rows, columns = known.shape
+    framed, around = np.pad(places, ((1, 1), (1, 1), (0, 0))), np.pad(known, 1)
+    bits = np.zeros(known.shape, np.uint32)
+    for bit, (down, right) in enumerate(BESIDE):
+        there = np.s_[1 + down : 1 + down + rows, 1 + right : 1 + right + columns]
+        behind = np.sum(facing * (framed[there] - places), axis=2) < -fold
+        bits |= (known & around[there] & behind).astype(np.uint32) << bit
+    return bits
 
 
 def _levels(near: Array, far: Array) -> list[tuple[Any, Any, int, int]]:
