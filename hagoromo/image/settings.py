@@ -16,10 +16,11 @@ SHADOWS = ("map", "march", "none")
 class Settings:
     """How to render: samples are rays a pixel, shadow_resolution is texels a side of a map (None: fitting).
 
-    tolerance: of the picture, root mean square over its mean where there is matter: the steps of the march follow it
-    and the voxels, so that halving it changes the picture by less. separate_lamps: whether every lamp has weights of
-    its own, so that its strength and colour can be changed afterwards (`Image.with_lamps`); otherwise lamps of one
-    spectrum share them. Memory grows with the number of lamps, and time a little.
+    tolerance: of the picture, root mean square over its mean where there is matter. A step of the march is a cell
+    between eight voxel centres, or a part of it; how deep and long it may be, and where a march replaces shadow maps,
+    follows the tolerance. separate_lamps: whether every lamp has weights of its own, so that its strength and colour
+    can be changed afterwards (`Image.with_lamps`); otherwise lamps of one spectrum share them. Memory grows with the
+    number of lamps, and time a little.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'

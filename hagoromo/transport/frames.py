@@ -14,7 +14,7 @@ from hagoromo.transport.textures import Textures
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.table import blocks_shape
 
-DEFAULT_TOLERANCE = 0.04  # relative RMSE of an image where there is matter [1]: steps of half a voxel reach it
+DEFAULT_TOLERANCE = 0.04  # relative RMSE of an image where there is matter [1]
 LONGEST_STEP = 1.5  # [voxel] at DEFAULT_TOLERANCE
 DEEPEST_STEP = 0.7  # optical depth of a step, at DEFAULT_TOLERANCE
 DENSEST = 64.0  # largest extinction [1/voxel]: matter this dense is opaque within a small part of a voxel
@@ -29,7 +29,7 @@ class Frame:
     shift: Array3f  # and offset
     last: Array3f  # nx−1, ny−1, nz−1
     tau: Float  # extinction per unit of density [1/m]
-    step: Float  # length [m]
+    step: Float  # greatest length [m]
     row: Int  # blocks along x
     layer: Int  # blocks along x times along y
     first: Int  # entry of the coarse table where the box starts
@@ -39,7 +39,7 @@ class Frames:
     """The frames of all boxes. slots: number of boxes that a ray may be in at once."""
 
     def __init__(self, boxes: Sequence[VolumeBox], starts: Sequence[int], tolerance: float) -> None:
-        """The error of a march grows with the square of its steps: `tolerance` sets the steps in all boxes."""
+        """`tolerance`, of a picture, limits depth and length of steps in all boxes, by its square root."""
         jit, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
         self.textures: Textures | None = None
         if any(box.texel for box in boxes):

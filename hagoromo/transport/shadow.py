@@ -27,7 +27,7 @@ MARCHED_VOXELS = 3.0  # length of that march [voxel], at DEFAULT_TOLERANCE
 
 
 def brute_attenuation(medium: Medium) -> Attenuation:
-    """`Attenuation` by marching from every point to the lamp: slow, exact up to the step; the oracle of the maps."""
+    """`Attenuation` by marching from every point to the lamp: slow, but the oracle of the maps."""
 
     def transmittance(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
