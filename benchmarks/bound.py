@@ -53,7 +53,7 @@ def walk(scene: ReferenceScene) -> Any:
 
 
 def counted(scene: ReferenceScene) -> dict[str, Any]:
-    """Intervals and lit samples of the march, intervals of the walk, and how many of TILE rays are on their way."""
+    """Turns and lit samples of the march, turns of the walk, and how many of TILE rays are on their way."""
     rays = camera_rays(scene.tiles)
     steps, samples = (np.array(each) for each in counts_of_march([scene.box], scene.lighting(), *rays))
     walked = np.array(counts_of_walk([scene.box], *rays, DEEPEST))

@@ -1,4 +1,7 @@
-"""Steps: how many intervals the march of a frame's camera rays takes, and how many of them it lights."""
+"""Steps: how many turns the march of a frame's camera rays takes, and how many samples it lights.
+
+A turn of the loop finds an interval and closes the one before, so a ray has one turn more than intervals.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from hagoromo.transport.medium import Medium
 
 
 def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera, lamps: Sequence[hg.Lamp]) -> dict[str, int]:
-    """Intervals of all rays of a frame without shadows, empty ones included, and lit samples of matter among them."""
+    """Turns of all rays of a frame without shadows, those in empty bricks included, and lit samples of matter."""
     jit = arrays()
     column, row = tile_place(dr.arange(jit.UInt, camera.width * camera.height), jit.UInt(camera.width))
     rays = camera.rays(jit.Float(column) + 0.5, jit.Float(row) + 0.5)
@@ -28,14 +31,14 @@ def steps_of(boxes: Sequence[hg.VolumeBox], camera: hg.Camera, lamps: Sequence[h
 
 
 def counts_of_march(boxes: Sequence[hg.VolumeBox], lighting: Lighting, origin: Any, direction: Any) -> tuple[Any, Any]:
-    """Intervals and lit samples of every ray of a march, as the march itself takes them."""
+    """Turns and lit samples of every ray of a march, as the march itself takes them."""
     jit, medium = arrays(), CountingMedium(boxes, dr.width(direction))
     march(medium, lighting, origin, direction, jit.Float(0), jit.Float(dr.inf))
     return medium.counts()
 
 
 def counts_of_walk(boxes: Sequence[hg.VolumeBox], origin: Any, direction: Any, deepest: float) -> Any:
-    """Intervals of every ray whose optical depth is computed up to `deepest`."""
+    """Turns of every ray whose optical depth is computed up to `deepest`: one an interval."""
     jit, medium = arrays(), CountingMedium(boxes, dr.width(direction))
     optical_depth(medium, origin, direction, jit.Float(0), jit.Float(dr.inf), deepest)
     return medium.counts()[0]
@@ -61,6 +64,6 @@ class CountingMedium(Medium):
         return super().elements(step, direction)
 
     def counts(self) -> tuple[Any, Any]:
-        """Intervals and samples of every ray so far."""
+        """Turns and samples of every ray so far."""
         dr.eval(self.steps, self.samples)
         return self.steps, self.samples

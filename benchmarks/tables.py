@@ -78,7 +78,7 @@ def bound_told(found: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     head = {
         "kernel": "kernel", "seconds": "time [s]", "share": "of the march",
-        "steps": "intervals [10⁶]", "each": "an interval [ns]",
+        "steps": "turns of its loop [10⁶]", "each": "a turn [ns]",
     }  # fmt: skip
     return "\n\n".join([
         "![The march and its walk alone; rates of gathers](figures/bound.png)",

@@ -1,11 +1,16 @@
 """The table of peers says what was measured and what was absent; timings are never tested."""
 
+import importlib
 import importlib.util
 import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import hagoromo as hg
+from hagoromo.backend import arrays
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -37,3 +42,21 @@ def test_the_table_of_peers_has_a_row_for_the_measured_and_the_absent(table, tmp
     record = json.loads(data.read_text(encoding="utf-8"))
     assert record["rows"][0]["seconds"] == 1.5
     assert {"date", "processor", "cores", "versions"} <= set(record["machine"])
+
+
+def test_the_steps_of_a_march_are_those_of_its_cells(monkeypatch):
+    """Rays along the 5 voxels of a thin box pass 4 cells, and half a voxel before and behind them. The march lights
+    each of these once, and one turn more closes the last.
+    """
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    steps = importlib.import_module("steps")
+    axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (5, 9, 9, 3))
+    matter = hg.Reflectance(0.25, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0))
+    box = hg.VolumeBox.from_arrays(np.ones((5, 9, 9), np.float32), axis, 1e-3, 1.0, [matter])
+    camera = hg.Camera(8, 8, (1e5, 1e5), (4.0, 4.0)).look_at((0.0041, 0.0043, 1.0), (0.0041, 0.0043, 0.0), (0, 1, 0))
+    found = steps.steps_of([box], camera, [hg.Lamp(to_lamp=(0.0, 0.0, 1.0))])
+    x, y = (arrays().Float(place.ravel()) for place in np.mgrid[0.5:8.5, 0.5:8.5].astype(np.float32))
+    walked = np.array(steps.counts_of_walk([box], *camera.rays(x, y), 1.0))
+    sys.modules.pop("steps")
+    assert (walked == 6).all()
+    assert found == {"steps": 7 * 64, "samples": 6 * 64}
