@@ -113,12 +113,14 @@ def test_what_stands_before_another_surface_is_as_large_as_in_the_photograph(hei
     lamp = Lamp(to_lamp=(0.0, 0.0, -1.0), spectrum=Spectrum.named("E"))
     scene = Scene(camera, (lamp,), (relief_plan(relief, camera, [matt]).box(),))
     assert camera.response is not None
-    shown = render(scene, Settings(samples=16)).expose(camera.response)[..., 1]
+    image = render(scene, Settings(samples=16))
+    shown = image.expose(camera.response)[..., 1]
     share = shown / np.median(shown[disc])
     assert abs(np.sqrt(share.sum() / np.pi) - np.sqrt(disc.sum() / np.pi)) < 0.1
     for side in (disc, ~disc):
         off_edge = np.asarray(binary_erosion(side, iterations=2, border_value=1), np.bool_)
         assert np.abs(share - disc)[off_edge].max() < 0.01  # f varies by 0.6 % over the disc
+    assert image.alpha[2:-2, 2:-2].min() > 0.99  # no gap between the disc and the wall
 
 
 def test_what_makes_no_relief_is_refused():

@@ -4,7 +4,8 @@ Every pixel stands for a facet, the plane through its point across its normal; m
 and colours go over from facet to facet: voxels are not where pixels are, but at the mean depth.
 
 Where a pixel stands before another, its skin ends at the border between them. Density falls to 0 over a voxel, and of
-an opaque skin nearly all of that voxel is opaque: so the outermost voxels are thinner, see `_thinned`.
+an opaque skin nearly all of that voxel is opaque: so the outermost voxels are thinner, see `_thinned`. Rays pass them,
+and the skin behind goes on below that pixel.
 """
 
 from __future__ import annotations
@@ -110,10 +111,32 @@ class ReliefField:
         at = jit.UInt(clip(row, 0.0, self.rows - 1.0)) * self.columns
         at += jit.UInt(clip(column, 0.0, self.columns - 1.0))
         inside &= dr.gather(jit.Float, self.known, at) > 0.5
+        off, beside = self._outline(column, row, at)
+        density, cosine = self._skin(p, at)
+        density *= _thinned(off * (p.z + self.low[2]) / self.voxel, DEPTH / cosine)
+        # what is behind an outline goes on for a pixel: rays pass the thin voxels
+        hidden, _ = self._skin(p, beside)
+        hidden = dr.select(beside == at, 0.0, hidden)
+        at, density = dr.select(hidden > density, beside, at), dr.fmax(density, hidden)
         axis = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.facing))
         place = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.place))
-        # distance below the plane of the pixel's facet, along its line of sight (no steeper than LEAST_SKIN_COSINE)
-        # and aside
+        colour = [dr.gather(jit.Float, part, at) for part in self.colour]
+        label = dr.gather(jit.UInt, self.labels, at)
+        weight, bent, *between = self._between(column, row, place, axis, label)
+        bent = dr.select(inside & (weight < 1e-6), axis, bent)  # a pixel aside of its surface
+        # what is beside the picture has no matter, but its colour is mixed into that of the outermost
+        colour = [dr.select(inside & (weight >= 1e-6), new, old) for new, old in zip(between, colour, strict=True)]
+        return dr.select(inside, density, 0.0), bent, label, colour
+
+    def _skin(self, p: Any, at: Any) -> tuple[Any, Any]:
+        """Density at `p` of the skin of the facet of pixel `at`; cosine of the facet, as it counts for thickness.
+
+        By the distance below the plane of the facet, along its line of sight (no steeper than LEAST_SKIN_COSINE) and
+        aside.
+        """
+        jit = arrays()
+        axis = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.facing))
+        place = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.place))
         ray = (place + jit.Array3f(*self.low)) / (place.z + self.low[2])
         deeper = p.z - place.z
         aside = p - place - ray * deeper
@@ -121,33 +144,28 @@ class ReliefField:
         above, below = (
             (deeper * dr.fmax(cosine, least) - aside) / self.voxel for least in (LEAST_EDGE_COSINE, LEAST_SKIN_COSINE)
         )
-        steep = dr.fmax(cosine, LEAST_SKIN_COSINE)
-        density = self._thinned(column, row, at, (p.z + self.low[2]) / self.voxel, DEPTH / steep)
-        density *= _rising(above / EDGE + 0.5) * _rising((SKIN_VOXELS + 0.5 * EDGE - below) / EDGE)
-        colour = [dr.gather(jit.Float, part, at) for part in self.colour]
-        label = dr.gather(jit.UInt, self.labels, at)
-        bent, *between = self._between(column, row, place, axis, label)
-        # what is beside the picture has no matter, but its colour is mixed into that of the outermost
-        colour = [dr.select(inside, new, old) for new, old in zip(between, colour, strict=True)]
-        return dr.select(inside, density, 0.0), bent, label, colour
+        density = _rising(above / EDGE + 0.5) * _rising((SKIN_VOXELS + 0.5 * EDGE - below) / EDGE)
+        return density, dr.fmax(cosine, LEAST_SKIN_COSINE)
 
-    def _thinned(self, column: Any, row: Any, at: Any, away: Any, depth: Any) -> Any:
-        """Factor of the density in pixel `at`, for an outline at its border with a pixel it stands `_before`.
-
-        A ray that is d voxels off the border, and passes 1 voxel before the next, empty one, meets (1 − d) of the
-        optical `depth` of its skin there: with ln 2 / (1 − d) of it, half the light passes at the border.
-        away: depth before the camera [voxels].
-        """
-        before, off = dr.gather(arrays().UInt, self.before, at), arrays().Float(1.0)
+    def _outline(self, column: Any, row: Any, at: Any) -> tuple[Any, Any]:
+        """Angle to the nearest border of pixel `at` with one that it stands before (else huge); that one, or `at`."""
+        before, off, nearest = dr.gather(arrays().UInt, self.before, at), arrays().Float(1e9), at
         part = row - dr.floor(row), column - dr.floor(column)
-        for bit, beside in enumerate(BESIDE):
-            each = [{-1: part[k], 0: 0.0, 1: 1.0 - part[k]}[beside[k]] / self.camera.focal[1 - k] for k in (0, 1)]
-            distance = dr.sqrt(each[0] * each[0] + each[1] * each[1]) * away
-            off = dr.select((before >> bit) & 1 == 1, dr.fmin(off, distance), off)
-        return dr.fmin(math.log(2.0) / (depth * dr.fmax(1.0 - off, 1e-6)), 1.0)
+        for bit, (down, right) in enumerate(BESIDE):
+            each = [
+                {-1: here, 0: 0.0, 1: 1.0 - here}[way] / focal
+                for here, way, focal in zip(part, (down, right), self.camera.focal[::-1], strict=True)
+            ]
+            angle = dr.sqrt(each[0] * each[0] + each[1] * each[1])
+            nearer = ((before >> bit) & 1 == 1) & (angle < off)
+            off = dr.select(nearer, angle, off)
+            nearest = dr.select(nearer, arrays().UInt(arrays().Int(at) + down * self.columns + right), nearest)
+        return off, nearest
 
     def _between(self, column: Any, row: Any, place: Any, axis: Any, label: Any) -> tuple[Any, ...]:
-        """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`."""
+        """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`;
+        before them the weight of these pixels, 0 where there is none.
+        """
         jit = arrays()
         left, top = dr.floor(column - 0.5), dr.floor(row - 0.5)
         sums = [jit.Float(0) for _ in (*self.facing, *self.colour, self.known)]
@@ -163,8 +181,18 @@ class ReliefField:
                 weight = dr.select(together, weight, 0.0)
                 parts = zip((*self.facing, *self.colour, self.known), sums, strict=True)
                 sums = [dr.fma(weight, dr.gather(jit.Float, part, at), sum_) for part, sum_ in parts]
-        scale = dr.rcp(dr.fmax(sums.pop(), 1e-6))  # 0 where nothing is known
-        return dr.normalize(jit.Array3f(*sums[:3]) + 1e-9), *(colour * scale for colour in sums[3:])
+        weight = sums.pop()
+        scale = dr.rcp(dr.fmax(weight, 1e-6))  # 0 where nothing is known
+        return weight, dr.normalize(jit.Array3f(*sums[:3]) + 1e-9), *(colour * scale for colour in sums[3:])
+
+
+def _thinned(off: Any, depth: Any) -> Any:
+    """Factor of the density `off` voxels inside an outline.
+
+    A ray along the outline passes 1 − off of the way to the next, empty voxel and meets that share of the optical
+    `depth` of the skin: with ln 2 of it, half the light passes.
+    """
+    return dr.fmin(math.log(2.0) / (depth * dr.fmax(1.0 - off, 1e-6)), 1.0)
 
 
 def _before(known: NDArray[np.bool_], places: Array, facing: Array, fold: float) -> NDArray[np.uint32]:
