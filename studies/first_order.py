@@ -54,13 +54,18 @@ def first_order_study(out: str | Path, force: bool = False, progress: hg.Progres
         progress(0.8, "homogeneous blocks")
         record = {
             "hagoromo": hg.__version__, "rows": rows, "blocks": block_rows(), "pictures": pictures,
-            "longest_step_voxel": {str(t): LONGEST_STEP * math.sqrt(t / DEFAULT_TOLERANCE) for t in TOLERANCES},
+            "longest_step_voxel": longest_steps(),
         }  # fmt: skip
         hg.write_json(home / "results.json", record)
         before = json.loads(BEFORE.read_text(encoding="utf-8")) if BEFORE.exists() else record
         write_first_order_page(home, record, before)
         progress(1.0, "")
     return record
+
+
+def longest_steps() -> dict[str, float]:
+    """Greatest length of a step at each tolerance [voxel]."""
+    return {str(t): LONGEST_STEP * math.sqrt(t / DEFAULT_TOLERANCE) for t in TOLERANCES}
 
 
 def scene_row(case: Case, true: Array, transmittance: Array, shadows: str, tolerance: float) -> dict[str, Any]:
