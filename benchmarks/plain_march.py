@@ -52,9 +52,10 @@ def plain_march(grid: Grid, tau: float, lighting: Lighting, origin: Any, directi
         if depth > 1e-6:
             axis = dr.normalize(jit.Array3f(voxel[1], voxel[2], voxel[3]) + 1e-9)
             material = jit.UInt(0)
-            radiance = lighting.reflected_radiance(
+            light, _ = lighting.reflected_radiance(
                 point, -direction, [Element(axis, material)], [lighting.materials.coefficients(material)]
             )
+            radiance = lighting.in_groups(light)
             gain = passed * (1.0 - dr.exp(-depth))
             channels = [dr.fma(gain, radiance[0], channels[0]), dr.fma(gain, radiance[1], channels[1])]
             passed *= dr.exp(-depth)

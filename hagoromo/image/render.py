@@ -114,7 +114,8 @@ class PreparedScene:
             material = self.first_on_surface + surface
             coefficients = self.lighting.materials.coefficients(material)
             light, _ = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
-            behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in light]
+            channels = self.lighting.in_groups(light)
+            behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
         cone = jit.Float(0), self.spread

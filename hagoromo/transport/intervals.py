@@ -45,6 +45,15 @@ def depth_at(crossing: Crossing, state: MarchState, intervals: list[Interval], s
     return depth
 
 
+def boxes_at(crossing: Crossing, state: MarchState, step: Step) -> Float:
+    """Number of boxes that a ray is in where a step begins."""
+    rays, one = crossing.slot_rays(state), arrays().Float(1)
+    if len(rays) == 1:
+        return one
+    place = step.ray.near + step.begin
+    return sum(dr.select((ray.near <= place) & (place < ray.near + ray.far), one, 0.0) for ray in rays)
+
+
 def in_slot(each: list[Any], slot: UInt) -> Any:
     """The entry of a slot."""
     chosen = each[0]

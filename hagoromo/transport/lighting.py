@@ -202,17 +202,17 @@ class Lighting:
         texel_hit: TexelHit | None = None,
         extinction: Float = 0.0,
     ) -> tuple[list[Float], list[Float]]:
-        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3: one per channel; and the
-        transmittance from the lamps of each group, their mean by the light that each would give without shadow.
+        """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3, of every lamp and colour of
+        the palette (see `in_groups`); and the transmittance from every lamp, 1 where it lights nothing.
 
         coefficients: of every element, on the palette. texel_hit: place of the point in a texel; None without texels.
         extinction: around the point [1/m].
         """
         palette = self.materials.palette
-        channels: list[Any] = [arrays().Float(0)] * palette.channels
+        light: list[Any] = []
         eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
-        unshaded, shaded = ([arrays().Float(0)] * len(palette.lamps) for _ in range(2))
-        for number, (where, intensity, near, group, emission) in enumerate(self.lamps):
+        passed: list[Any] = []
+        for number, (where, intensity, near, _, emission) in enumerate(self.lamps):
             to_lamp, distance, irradiance = where, math.inf, intensity
             if near:
                 offset = where - point
@@ -235,19 +235,25 @@ class Lighting:
             if emission is not None:
                 lit &= irradiance > 0.0
             origin = elements[0].shadow_origin(point, to_lamp)
+            passed.append(arrays().Float(1))
             if self.attenuation is not None:
-                full = irradiance * sum(body + interface for body, interface in weights)
                 transmittance = self._transmittance(number, lit, origin, to_lamp, distance, extinction, texel_hit)
-                unshaded[group] = unshaded[group] + full
-                shaded[group] = dr.fma(full, transmittance, shaded[group])
-                irradiance = irradiance * transmittance
-            for (body, interface), share in zip(weights, coefficients, strict=True):
-                for j in range(len(palette.colours)):
-                    weight = (body if j < len(palette.bodies) else interface) * share[j]
-                    k = group * len(palette.colours) + j
-                    channels[k] = dr.fma(irradiance, weight, channels[k])
-        passed = [dr.select(u > 0.0, s / u, 1.0) for u, s in zip(unshaded, shaded, strict=True)]
-        return channels, passed
+                passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
+            for j in range(len(palette.colours)):
+                total = arrays().Float(0)
+                for (body, interface), share in zip(weights, coefficients, strict=True):
+                    total = dr.fma(body if j < len(palette.bodies) else interface, share[j], total)
+                light.append(irradiance * total)
+        return light, passed
+
+    def in_groups(self, light: list[Float]) -> list[Float]:
+        """Radiances of every lamp and colour as those of every group of lamps and colour: the channels of a picture."""
+        colours = len(self.materials.palette.colours)
+        channels: list[Any] = [arrays().Float(0)] * self.materials.palette.channels
+        for k, each in enumerate(light):
+            channel = self.lamps[k // colours].group * colours + k % colours
+            channels[channel] = channels[channel] + each
+        return channels
 
     def _transmittance(
         self,

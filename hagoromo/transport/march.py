@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import drjit as dr
 
-from hagoromo.backend import Array3f, Bool, Float, arrays, clip
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
 from hagoromo.transport.crossing import Cone, Crossing, Step
-from hagoromo.transport.intervals import Interval, depth_at, in_slot, nothing_open, put
+from hagoromo.transport.intervals import Interval, boxes_at, depth_at, in_slot, nothing_open, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Limit, Medium, share_at_depth
 
@@ -33,26 +33,30 @@ SLOW_RATE = 0.4  # a step may be 1 / (SLOW_RATE (1 + rate)) of the deepest one
 class Sample:
     """A lit sample of a step. `rates`: −d ln(transmittance from the lamps) / d(optical depth to the eye).
 
-    Lists have an entry for every group of lamps, but `light`.
+    Lists have an entry for every lamp, `light` one for every lamp and colour.
     """
 
+    box: UInt
     depth: Float  # optical depth of the step in its own box
     total: Float  # in all boxes
     before: Float  # in front of the step, in all boxes
     share: Float  # of the step's optical depth in front of the sample
-    log_lamps: list[Float]  # ln of the mean transmittance from the lamps
+    log_lamps: list[Float]  # ln of the transmittance from the lamps
     rates: list[Float]  # since the sample before; UNKNOWN_RATE for the first
-    light: list[Float]  # its radiance, of every channel
+    light: list[Float]  # its radiance
 
     @property
     def place(self) -> Float:
         """Optical depth in front of the sample, in all boxes."""
         return dr.fma(self.share, self.total, self.before)
 
-    def rates_to(self, log_lamps: list[Float], place: Float) -> list[Float]:
-        """Rates between this sample and one at the optical depth `place`."""
-        inverse = dr.rcp(dr.fmax(place - self.place, 1e-6))
-        known = self.depth > 0.0
+    def lit(self, box: UInt) -> Bool:
+        """Whether there is a sample, in box number `box`."""
+        return (self.depth > 0.0) & (self.box == box)
+
+    def rates_to(self, box: UInt, log_lamps: list[Float], place: Float) -> list[Float]:
+        """Rates between this sample and one in a box at the optical depth `place`; unknown between two boxes."""
+        inverse, known = dr.rcp(dr.fmax(place - self.place, 1e-6)), self.lit(box)
         return [
             dr.select(known, (here - there) * inverse, UNKNOWN_RATE)
             for here, there in zip(self.log_lamps, log_lamps, strict=True)
@@ -73,11 +77,8 @@ class Sample:
         return [self._at_begin(rate) / (1.0 + dr.fmax(rate, 0.0)) for rate in rates]
 
     def mean_rate(self) -> Float:
-        """Mean of the absolute rates by the light of each group of lamps; FIRST_RATE where they are not known."""
-        colours = len(self.light) // len(self.rates)
-        light = [sum(self.light[k * colours : (k + 1) * colours]) for k in range(len(self.rates))]
-        total = sum(dr.abs(rate) * part for rate, part in zip(self.rates, light, strict=True))
-        mean = total / dr.fmax(sum(light), 1e-30)
+        """Mean of the absolute rates of all lamps, whatever their strength; FIRST_RATE where they are not known."""
+        mean = sum(dr.abs(rate) for rate in self.rates) / len(self.rates)
         return dr.select(self.rates[0] == UNKNOWN_RATE, FIRST_RATE, mean)
 
     def _rates(self, behind: list[Float]) -> list[Float]:
@@ -132,7 +133,7 @@ def march(
     state = crossing.start()
     channels = [dr.zeros(jit.Float, count) for _ in range(lighting.materials.palette.channels)]
     intervals = [nothing_open(count) for _ in state.ends]
-    samples = [no_sample(count, len(lighting.materials.palette.lamps), len(channels)) for _ in state.ends]
+    samples = [no_sample(count, len(lighting.lamps), len(lighting.materials.palette.colours)) for _ in state.ends]
     depth = dr.zeros(jit.Float, count)
     cut = END_TRANSMITTANCE * medium.tolerance
     deepest = -dr.log(cut)
@@ -154,28 +155,29 @@ def march(
                 medium, lighting, medium.sample(lit, distance), coloured, point, direction
             )
             log_lamps = logarithms(lamps)
-            rates = sample.rates_to(log_lamps, dr.fma(share, total, interval.before))
-            channels = accumulated(channels, sample.gains(rates), sample.light)
-            new = Sample(interval.depth, total, interval.before, share, log_lamps, rates, light)
+            rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
+            channels = accumulated(lighting, channels, sample.gains(rates), sample.light)
+            new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light)
             samples = put(samples, step.slot, new)
         opened = Interval(jit.Float(0), jit.Float(0), step.brick, interval.box_before + interval.depth, depth)
         if step.brick >= 0:
-            step = medium.extinction(step, direction, limit(crossing, in_slot(samples, step.slot)))
+            step = medium.extinction(
+                step, direction, limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
+            )
             opened.depth, opened.growth = step.depth, step.growth
         intervals = put(intervals, step.slot, opened)
         state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
     ended = depth >= deepest
-    return finished(channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
+    return finished(lighting, channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
 
 
-def limit(crossing: Crossing, sample: Sample) -> Limit:
+def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit:
     """Parts of the step behind a sample: more of them where the light that arrives changes faster than the eye's."""
-    lit, rate = sample.depth > 0.0, dr.fmin(sample.mean_rate(), LARGEST_RATE)
+    lit, rate = sample.lit(step.ray.box), dr.fmin(sample.mean_rate(), LARGEST_RATE)
     faster = dr.select(lit, dr.fmax(SLOW_RATE * (1.0 + rate), 1.0), 1.0 / FIRST_STEP)
-    slots = crossing.frames.slots
-    if slots > 1:  # what is too deep is the step in all boxes together
-        faster *= dr.select(lit, clip(sample.total / sample.depth, 1.0, float(slots)), float(slots))
+    # what is too deep is the step in all boxes together; of those behind the first sample the share is known
+    faster *= dr.select(lit, sample.total / dr.fmax(sample.depth, 1e-12), boxes)
     faster = dr.detach(faster)
 
     def parts(step: Step) -> Float:
@@ -186,30 +188,33 @@ def limit(crossing: Crossing, sample: Sample) -> Limit:
     return parts
 
 
-def no_sample(count: int, groups: int, channels: int) -> Sample:
+def no_sample(count: int, lamps: int, colours: int) -> Sample:
     """The sample before the first."""
-    nothing = dr.zeros(arrays().Float, count)
-    return Sample(nothing, nothing, nothing, nothing, [nothing] * groups, [nothing] * groups, [nothing] * channels)
+    box, nothing = dr.zeros(arrays().UInt, count), dr.zeros(arrays().Float, count)
+    each, light = [nothing] * lamps, [nothing] * (lamps * colours)
+    return Sample(box, nothing, nothing, nothing, nothing, each, each, light)
 
 
-def finished(channels: list[Float], samples: list[Sample], depth: Float, ended: Bool) -> list[Float]:
+def finished(
+    lighting: Lighting, channels: list[Float], samples: list[Sample], depth: Float, ended: Bool
+) -> list[Float]:
     """The channels with the last sample of every slot. Those in which the ray `ended` share all matter behind."""
     last = [ended & (sample.before + sample.total > depth - 1e-3) & (sample.depth > 0.0) for sample in samples]
     parts = [dr.select(here, s.depth / dr.fmax(s.total, 1e-12), 0.0) for here, s in zip(last, samples, strict=True)]
-    unknown = [arrays().Float(UNKNOWN_RATE)] * len(samples[0].rates)
+    unknown = [arrays().Float(UNKNOWN_RATE)] * len(lighting.lamps)
     for sample, here, part in zip(samples, last, parts, strict=True):
         share = part / dr.fmax(sum(parts), 1e-12)
         each = zip(sample.rest(), sample.gains(unknown), strict=True)
-        channels = accumulated(channels, [dr.select(here, rest * share, gain) for rest, gain in each], sample.light)
+        gains = [dr.select(here, rest * share, gain) for rest, gain in each]
+        channels = accumulated(lighting, channels, gains, sample.light)
     return channels
 
 
-def accumulated(channels: list[Float], gains: list[Float], radiance: list[Float]) -> list[Float]:
-    """channels + gain · radiance, a gain for every group of lamps (a `dr.syntax` function may not hold a comprehension
-    over pairs).
-    """
-    colours = len(channels) // len(gains)
-    return [dr.fma(gains[k // colours], radiance[k], channels[k]) for k in range(len(channels))]
+def accumulated(lighting: Lighting, channels: list[Float], gains: list[Float], light: list[Float]) -> list[Float]:
+    """channels + gain · light, with a gain for every lamp (`dr.syntax` takes no comprehension over pairs)."""
+    colours = len(lighting.materials.palette.colours)
+    added = lighting.in_groups([gains[k // colours] * each for k, each in enumerate(light)])
+    return [channel + new for channel, new in zip(channels, added, strict=True)]
 
 
 def logarithms(transmittances: list[Float]) -> list[Float]:
@@ -220,8 +225,8 @@ def logarithms(transmittances: list[Float]) -> list[Float]:
 def radiance_from_sample(
     medium: Medium, lighting: Lighting, step: Step, coloured: Step, point: Array3f, direction: Array3f
 ) -> tuple[list[Float], list[Float]]:
-    """Radiance that the matter at `point` sends back along the ray: its weights, one per channel; and the mean
-    transmittance from the lamps of each group.
+    """Radiance that the matter at `point` sends back along the ray: its weights, of every lamp and colour; and the
+    transmittance from every lamp.
 
     coloured: the step at the place of its colour. Density times colour is interpolated, so that the middle of the step,
     without regard to where more of the matter is, stands for both together.

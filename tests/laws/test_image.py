@@ -134,7 +134,8 @@ def a_named_scene(strength=None, spectrum=None) -> Scene:
 def test_separate_lamps_add_up_to_the_joint_picture():
     """Weights of the lamps of one spectrum, added: the joint weights to 1e-6 of the largest, single precision.
 
-    Each lamp's weights are those of a scene with this lamp alone.
+    Each lamp's weights are those of a scene with this lamp alone, within a quarter of the tolerance: the steps of the
+    march follow the light of all lamps.
     """
     joint, apart = (render(a_named_scene(), Settings(separate_lamps=way)) for way in (False, True))
     colours = len(joint.palette.colours)
@@ -144,7 +145,7 @@ def test_separate_lamps_add_up_to_the_joint_picture():
     for ours, theirs in ((joint.weights[..., :colours], key + rim), (joint.weights[..., colours:], fill)):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * ours.max())
     alone = render(a_named_scene().with_lamps(a_named_scene().lamps[2]))
-    np.testing.assert_allclose(rim, alone.weights, rtol=0, atol=1e-6 * rim.max())
+    assert np.sqrt(np.mean((rim - alone.weights) ** 2)) < 0.25 * Settings().tolerance * rim.mean()
     response = Response.load("canon_eos_300d")
     exposed = joint.expose(response)
     np.testing.assert_allclose(apart.expose(response), exposed, rtol=0, atol=2e-6 * exposed.max())
