@@ -177,7 +177,7 @@ def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit
     lit, rate = sample.lit(step.ray.box), dr.fmin(sample.mean_rate(), LARGEST_RATE)
     faster = dr.select(lit, dr.fmax(SLOW_RATE * (1.0 + rate), 1.0), 1.0 / FIRST_STEP)
     # what is too deep is the step in all boxes together; of those behind the first sample the share is known
-    faster *= dr.select(lit, sample.total / dr.fmax(sample.depth, 1e-12), boxes)
+    faster *= dr.select(lit, clip(sample.total / dr.fmax(sample.depth, 1e-12), 1.0, dr.fmax(boxes, 1.0)), boxes)
     faster = dr.detach(faster)
 
     def parts(step: Step) -> Float:

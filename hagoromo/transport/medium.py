@@ -51,6 +51,7 @@ from hagoromo.volume.voxels import (
 
 NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
+MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
 Limit = Callable[[Step], Float]  # into how many parts of equal optical depth a step is cut
 NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
@@ -244,7 +245,8 @@ class Medium:
 
         def cut(step: Step, parts: Float, area: Float) -> Step:
             share = share_at_depth(dr.rcp(parts), dr.detach(step.growth))
-            step.end = dr.fma(step.end - step.begin, share, step.begin)
+            end = dr.fma(step.end - step.begin, share, step.begin)
+            step.end = dr.fmin(dr.fmax(end, step.begin + ray.probe), step.end)  # a nudge at least: rays go on
             step.depth, step.growth = between(step.begin, step.end)
             step.depth *= area
             return step
@@ -266,7 +268,7 @@ class Medium:
         step.depth *= self._area(step, direction)
         step.growth = jit.Float(0)
         if limit is not None:
-            part = dr.rcp(dr.fmax(limit(step), 1.0))
+            part = dr.rcp(clip(limit(step), 1.0, MOST_PARTS_IN_TEXEL))
             step.depth, step.end = step.depth * part, dr.fma(step.end - step.begin, part, step.begin)
         whole = 2.0 * ray.probe
         step.end += dr.fmax(dr.floor(CLEARANCE_SHARE * clearance / whole) - 1.0, 0.0) * whole
