@@ -158,7 +158,7 @@ class LampProfile:
 
         if self.peak_candela is None:
             raise InputError(f"profile {self.name!r} states no candela: give the intensity of the lamp")
-        bright = integrate_product(spectrum, colour_matching()[1], lo=360.0, hi=830.0)
+        bright = integrate_product(spectrum, colour_matching()[1])
         if not bright > 0.0:
             raise InputError(f"profile {self.name!r}: its lamp's spectrum has no light that people see: give another")
         return self.peak_candela / (LUMENS_PER_WATT * bright)

@@ -33,6 +33,11 @@ def nothing_open(count: int) -> Interval:
     return Interval(*(dr.zeros(kind, count) for kind in (jit.Float, jit.Float, jit.Int, jit.Float, jit.Float)))
 
 
+def opened(step: Step, last: Interval, depth: Float) -> Interval:
+    """The interval of a step, behind the `last` one of its slot; depth: optical depth of all boxes in front of it."""
+    return Interval(step.depth, step.growth, step.brick, last.box_before + last.depth, depth)
+
+
 def depth_at(crossing: Crossing, state: MarchState, intervals: list[Interval], step: Step) -> Float:
     """Optical depth of all boxes in front of the begin of a step: that of each, with its part of the open interval."""
     if len(intervals) == 1:

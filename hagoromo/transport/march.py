@@ -15,7 +15,7 @@ import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
 from hagoromo.transport.crossing import Cone, Crossing, Step
-from hagoromo.transport.intervals import Interval, boxes_at, depth_at, in_slot, nothing_open, put
+from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Limit, Medium, share_at_depth
 
@@ -159,13 +159,11 @@ def march(
             channels = accumulated(lighting, channels, sample.gains(rates), sample.light)
             new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light)
             samples = put(samples, step.slot, new)
-        opened = Interval(jit.Float(0), jit.Float(0), step.brick, interval.box_before + interval.depth, depth)
         if step.brick >= 0:
             step = medium.extinction(
                 step, direction, limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
             )
-            opened.depth, opened.growth = step.depth, step.growth
-        intervals = put(intervals, step.slot, opened)
+        intervals = put(intervals, step.slot, opened(step, interval, depth))
         state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
     ended = depth >= deepest

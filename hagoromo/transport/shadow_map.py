@@ -19,7 +19,7 @@ from hagoromo.files.checks import check_memory
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.crossing import Cone, Step
 from hagoromo.transport.film import TILE, tile_place
-from hagoromo.transport.intervals import Interval, depth_at, in_slot, nothing_open, put
+from hagoromo.transport.intervals import depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lamp_view import view_from
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium
 from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
@@ -200,11 +200,9 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
             x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(0.5, before + depth, -fan.depth)
             fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
             fan.low, fan.high, covered = low, high, end
-        opened = Interval(jit.Float(0), jit.Float(0), step.brick, interval.box_before + interval.depth, depth)
         if step.brick >= 0:
             step = medium.extinction(step, direction, fan.parts)
-            opened.depth, opened.growth = step.depth, step.growth
-        intervals = put(intervals, step.slot, opened)
+        intervals = put(intervals, step.slot, opened(step, interval, depth))
         state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
         # here, not after the loop: to write once more what a loop has written would run the loop twice
