@@ -27,6 +27,7 @@ from hagoromo.app.interrupt import signals_as_interrupt
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, verb, verbs, wrote
 from hagoromo.errors import InputError
+from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.whole import replaceable_file, whole_folder
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -53,6 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt as interrupt:
             print(f"hagoromo: interrupted: {_one_line(interrupt) or 'nothing was written'}", file=sys.stderr)
             return INTERRUPTED
+        except Exception as error:
+            if not is_shortage(error):
+                raise
+            print(f"hagoromo: {shortage(error)}", file=sys.stderr)
+            return BAD_INPUT
     return DONE
 
 

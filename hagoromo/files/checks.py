@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from hagoromo.errors import InputError
-
-SHARE_OF_MEMORY = 0.9  # largest share of the free memory for one array; the rest is left for work on it
+from hagoromo.files.memory import require
 
 
 def existing_file(path: str | Path) -> Path:
@@ -33,29 +31,5 @@ def existing_folder(path: str | Path) -> Path:
 def read_bytes(path: str | Path) -> bytes:
     """All bytes of an existing file; its size is checked against the free memory first."""
     file = existing_file(path)
-    check_memory(file.stat().st_size, str(file))
+    require(file.stat().st_size, str(file))
     return file.read_bytes()
-
-
-def check_memory(size: float, what: str) -> None:
-    """Raise `InputError` if `what`, which needs `size` bytes, does not fit into the free memory.
-
-    Called before the memory is allocated.
-    """
-    free = free_memory()
-    if not size <= SHARE_OF_MEMORY * free:
-        raise InputError(
-            f"{what} needs {size / 2**30:.3g} GiB of memory and {free / 2**30:.3g} GiB are free: make it smaller"
-        )
-
-
-def free_memory() -> int:
-    """Free memory [bytes]; all physical memory where the system does not state the free memory."""
-    pages = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"
-    try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass  # not Linux
-    return os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")

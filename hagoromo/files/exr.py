@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, existing_file
+from hagoromo.files.checks import existing_file
+from hagoromo.files.memory import require
 from hagoromo.files.silence import silenced
 
 MAGIC = b"\x76\x2f\x31\x01"
@@ -53,7 +54,7 @@ def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str
             raise InputError(f"{source} is not an EXR file: give an EXR")
     header = _open(source, header_only=True)
     (left, top), (right, bottom) = (map(int, corner) for corner in header.header()["dataWindow"])
-    check_memory(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(source))
+    require(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(source))
     part = _open(source)
     channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in part.channels().items()}
     text = {name: value for name, value in part.header().items() if isinstance(value, str)}

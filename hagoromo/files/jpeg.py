@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, read_bytes
+from hagoromo.files.checks import read_bytes
+from hagoromo.files.memory import require
 
 START, END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG_BYTES_PER_PIXEL = 6  # two copies of 3 bytes while decoding
@@ -27,7 +28,7 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     height, width, frame = frame_header(data, path)
     if END not in data[frame:]:  # some cameras append data after it; a thumbnail before the frame has its own
         raise InputError(f"{path} is cut off: copy it again")
-    check_memory(float(JPEG_BYTES_PER_PIXEL) * height * width, str(path))
+    require(float(JPEG_BYTES_PER_PIXEL) * height * width, str(path))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:

@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, existing_file
+from hagoromo.files.checks import existing_file
+from hagoromo.files.memory import require
 
 
 def read_mesh(path: str | Path) -> Any:
     """The `trimesh.Trimesh` in a file; `InputError` when it is missing, damaged, too large, or has no triangles."""
     import trimesh
 
-    check_memory(20 * existing_file(path).stat().st_size, str(path))
+    require(20 * existing_file(path).stat().st_size, str(path))
     try:
         mesh = trimesh.load(str(path), force="mesh")
     except Exception as error:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, read_bytes
+from hagoromo.files.checks import read_bytes
+from hagoromo.files.memory import require
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -88,5 +89,5 @@ def _check_chunks(data: bytes, path: str | Path) -> None:
             raise InputError(f"{path} is damaged (check sum of chunk {kind!r}): copy it again")
         if kind == b"IHDR":
             width, height = struct.unpack_from(">II", data, offset + 8)
-            check_memory(float(width) * height * 8, str(path))
+            require(float(width) * height * 8, str(path))
         offset += 12 + length

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, existing_file
+from hagoromo.files.checks import existing_file
 from hagoromo.files.exif import Exif, read_exif
+from hagoromo.files.memory import require
 from hagoromo.files.silence import silenced
 
 RAW_SUFFIXES = tuple(
@@ -46,7 +47,7 @@ def read_raw(path: str | Path) -> Raw:
         with silenced(), rawpy.RawPy() as raw:
             raw.open_file(str(source))
             sizes = raw.sizes
-            check_memory(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(source))
+            require(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(source))
             raw.unpack()
             return _raw(raw, source)
     except rawpy.LibRawError as error:

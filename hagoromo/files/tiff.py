@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, existing_file, read_bytes
+from hagoromo.files.checks import existing_file, read_bytes
+from hagoromo.files.memory import require
 from hagoromo.files.silence import silenced
 
 PIXEL_TYPES = (np.uint8, np.uint16, np.float32)
@@ -33,7 +34,7 @@ def read_tiff(path: str | Path) -> NDArray:
                 raise InputError(
                     f"{source} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
                 )
-            check_memory(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(source))
+            require(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(source))
             ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
             if max(ends, default=0) > source.stat().st_size:
                 raise InputError(f"{source} is cut off: copy it again")

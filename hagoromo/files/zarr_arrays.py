@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, existing_folder
+from hagoromo.files.checks import existing_folder
+from hagoromo.files.memory import require
 
 CODECS = (
     "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3
@@ -134,7 +135,7 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
         if name not in CODECS:
             raise InputError(f"{folder} is stored with the codec {name!r}: known are {', '.join(CODECS)}")
     chunk = array.dtype.itemsize * np.prod(array.shards or array.chunks, dtype=float)
-    check_memory(2.0 * chunk, f"one chunk of {folder}")
+    require(2.0 * chunk, f"one chunk of {folder}")
     chunks = {}
     for name in files:
         match = re.fullmatch(r"(?:c[/.])?(\d+(?:[/.]\d+)*)", name)

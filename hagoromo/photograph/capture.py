@@ -22,8 +22,8 @@ from hagoromo.camera.formats.nerfstudio import camera_from_record, record_from_c
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.memory import require
 from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import ForeignRecord, decode, inside, read_json, write_json, written_by
 from hagoromo.files.whole import whole_folder
@@ -135,7 +135,7 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
         photograph = _photograph(frame, path, home, response.channels if response else (), demosaic, where)
         lit = lamps_of_frame(frame, lamps, where)
         if not photographs:
-            check_memory(float(BYTES_PER_VALUE) * photograph.values.size * len(chosen), str(file))
+            require(float(BYTES_PER_VALUE) * photograph.values.size * len(chosen), str(file))
         photographs.append(replace(photograph, camera=replace(photograph.camera, response=response), lamps=lit))
     return Capture(
         tuple(photographs),

@@ -10,7 +10,8 @@ from typing import Literal
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory, existing_folder
+from hagoromo.files.checks import existing_folder
+from hagoromo.files.memory import require
 from hagoromo.files.picture import picture_size
 from hagoromo.files.record import inside
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
@@ -35,7 +36,7 @@ def gather(views: Mapping[str, Camera], folder: str | Path, transfer: Literal["l
         absent = len(views) - len(present)
         warnings.warn(f"{home}: {absent} of {len(views)} images are absent and are left out", stacklevel=2)
     pixels = sum(3.0 * views[name].width * views[name].height for name in present)
-    check_memory(BYTES_PER_VALUE * pixels, str(home))
+    require(BYTES_PER_VALUE * pixels, str(home))
     return Capture(tuple(_photograph(path, views[name], transfer) for name, path in present.items()), home.name, home)
 
 

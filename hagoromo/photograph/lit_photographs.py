@@ -13,8 +13,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_header
+from hagoromo.files.memory import require
 from hagoromo.files.picture import by_name, read_picture
 from hagoromo.files.record import decode, read_json
 from hagoromo.light.lamp import Lamp
@@ -75,7 +75,7 @@ def capture(
         pixels = read_pixels(path, frame, channels, "bilinear", label)
         height, width = pixels.values.shape[:2]
         if view is None:
-            check_memory(float(BYTES_PER_VALUE) * pixels.values.size * len(paths), "the photographs")
+            require(float(BYTES_PER_VALUE) * pixels.values.size * len(paths), "the photographs")
             view = replace(_view(camera, width, height, _undistorted(paths, undistorted)), response=response)
             _check_lamps(lit, view)
         if (width, height) != (view.width, view.height):

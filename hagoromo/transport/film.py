@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays
 from hagoromo.camera.camera import Camera
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.progress import Progress, silent
 
 RAYS_AT_ONCE = 1 << 21  # rays of one launch; progress is reported, and an interrupt taken, between launches
@@ -38,7 +38,7 @@ class Film:
     def __init__(self, camera: Camera, channels: int, stride: int = 1) -> None:
         self.camera, self.stride, self.values = camera, stride, channels + 1
         self.width, self.height = (-(-size // stride) for size in (camera.width, camera.height))
-        check_memory(8 * self.pixels * self.values, f"an image of {self.width} × {self.height} pixels")
+        require(8 * self.pixels * self.values, f"an image of {self.width} × {self.height} pixels")
         self.samples, self.sums = 0, np.zeros(0, np.float32)
 
     @property

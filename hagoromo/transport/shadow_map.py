@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.crossing import Cone, Step
 from hagoromo.transport.film import TILE, tile_place
@@ -78,7 +78,7 @@ class ShadowMaps:
         resolution = -(-resolution // side) * side  # whole tiles
         what = f"{len(lamps)} shadow maps of {resolution}² texels"
         check_entries(len(lamps) * resolution**2 * WORDS, what)
-        check_memory(4 * WORDS * len(lamps) * resolution**2, what)
+        require(4 * WORDS * len(lamps) * resolution**2, what)
         corners = np.concatenate([box.corners() for box in medium.boxes])
         self.views = [view_from(lamp, corners) for lamp in lamps]
         self.size = dr.opaque(jit.UInt, resolution)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, check_entries, clip, lookup
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
 from hagoromo.volume.texel import DIRECTIONS, Level, LightScale, Texel
 from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST_DENSITY, axis_between, half_value, lerp, packed_axis
@@ -84,7 +84,7 @@ class Textures:
         levels = [level for texel in texels for level in texel.levels]
         count = sum(_entries(level) for level in levels)
         check_entries(count, "the texels of all boxes together")
-        check_memory(8 * count, "the texels of all boxes together")
+        require(8 * count, "the texels of all boxes together")
         first = np.cumsum([0, *(len(texel.levels) for texel in texels)])
         places = {id(texel): int(start) for texel, start in zip(texels, first, strict=False)}
         offsets = np.cumsum([0, *map(_entries, levels)])

@@ -11,7 +11,7 @@ import numpy as np
 
 from hagoromo.backend import arrays, check_entries
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.volume.table import BrickTable, table_of
 from hagoromo.volume.voxels import BRICK, PAIRS, STORED, VOXELS, unpacked_axis, unpacked_density
 
@@ -138,7 +138,7 @@ def brick_bytes(colour: bool = False, material: bool = False, chart: bool = Fals
 
 def check_bricks(count: int, what: str, colour: bool = False, material: bool = False, chart: bool = False) -> None:
     """Raises `InputError` where `what`, `count` stored bricks, does not fit the memory or the indices of arrays."""
-    check_memory(count * brick_bytes(colour, material, chart), what)
+    require(count * brick_bytes(colour, material, chart), what)
     check_entries(count * (4 * VOXELS if colour or chart else VOXELS), what)
 
 

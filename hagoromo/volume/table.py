@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 
 BLOCK = 8  # bricks a side
 BRICKS = BLOCK**3  # bricks of a block
@@ -50,7 +50,7 @@ def table_of(places: NDArray[np.integer], bricks: tuple[int, ...]) -> BrickTable
     from scipy.ndimage import distance_transform_cdt
 
     shape = blocks_shape(bricks)
-    check_memory(8 * int(np.prod(shape, dtype=np.int64)), f"the table of a lattice of {bricks[::-1]} bricks")
+    require(8 * int(np.prod(shape, dtype=np.int64)), f"the table of a lattice of {bricks[::-1]} bricks")
     if not len(places):
         return BrickTable(np.full(shape, -2 * max(shape) - 1, np.int32), np.zeros((0, BRICKS), np.int32))
     block, inner = _numbers(places, bricks)

@@ -9,7 +9,7 @@ import pytest
 import zarr
 
 from hagoromo.errors import InputError
-from hagoromo.files import checks
+from hagoromo.files import memory
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
@@ -135,7 +135,7 @@ def test_a_pipe_among_the_chunks_is_refused_and_not_waited_for(box):
 
 def test_a_box_that_does_not_fit_the_memory_is_refused_with_both_sizes(box, monkeypatch):
     need = look_at_box(box).bytes
-    monkeypatch.setattr(checks, "free_memory", lambda: need // 2)
+    monkeypatch.setattr(memory, "free_memory", lambda: need // 2)
     with pytest.raises(InputError, match=r"needs .* GiB of memory and .* GiB are free"):
         load_box(box)
 

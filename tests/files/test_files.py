@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import Count, Record, Vector, about, decode, inside, one_of, read_json, read_toml, write_json
@@ -115,14 +114,6 @@ def test_a_png_that_promises_more_than_memory_is_refused_before_allocation(tmp_p
     (tmp_path / "a.png").write_bytes(data)
     with pytest.raises(InputError, match="GiB of memory"):
         read_png(tmp_path / "a.png")
-
-
-def test_memory_is_checked_before_allocation():
-    check_memory(1.0, "a byte")
-    with pytest.raises(InputError, match=r"the lattice needs .* GiB"):
-        check_memory(1e18, "the lattice")
-    with pytest.raises(InputError):
-        check_memory(float("nan"), "the lattice")
 
 
 class Sized(Record, frozen=True, kw_only=True):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.texel.shell import Chart
 
@@ -65,7 +65,7 @@ class _Samples:
         from scipy.spatial import KDTree
 
         fine = [sheet.refined(_times(sheet)) for sheet in sheets]
-        check_memory(300 * sum(sheet.u.size for sheet in fine), "the points of the sheets")
+        require(300 * sum(sheet.u.size for sheet in fine), "the points of the sheets")
         tables, shape = [], []
         first = 0
         for number, (sheet, coarse) in enumerate(zip(fine, sheets, strict=True)):

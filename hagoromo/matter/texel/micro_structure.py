@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.matter.fill import MM
 from hagoromo.matter.texel.texel_levels import levels_of
 from hagoromo.volume.texel import Texel
@@ -43,7 +43,7 @@ def texel(
         )
     nu, nv, nh = cells.astype(int).tolist()
     shape = (nv + 1, variants * nu + 1, nh + 1)
-    check_memory(48 * populations * int(np.prod(shape)), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
+    require(48 * populations * int(np.prod(shape)), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
     density = np.zeros((populations, *shape), np.float32)
     axis = np.zeros((populations, *shape, 3), np.float32)
     values = [

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.memory import require
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.development.bracket import Merged, Shot, merge
 from hagoromo.photograph.development.exposure import Exposure, alike
@@ -163,7 +163,7 @@ def develop_exposures(
     exposures = sorted(exposures, key=lambda one: one.seconds)
     alike([*exposures, *calibration.darks, *calibration.flats], "photographs and frames")
     _check_settings(exposures, calibration)
-    check_memory(BYTES_PER_SAMPLE * exposures[0].signal.size * len(exposures), f"a bracket of {len(exposures)}")
+    require(BYTES_PER_SAMPLE * exposures[0].signal.size * len(exposures), f"a bracket of {len(exposures)}")
     mosaic, names = exposures[0].mosaic, [one.name for one in exposures]
     usual = Noise(ASSUMED_FULL_WELL / exposures[0].white, ASSUMED_READ_NOISE, source="a usual sensor: assumed")
     shots = _shots(exposures, calibration, calibration.noise or usual)[0]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.volume.bricks import Bricks, Shape, brick_bytes, check_shape, table_shape
 from hagoromo.volume.store.brick_writer import BrickWriter, check_density
 from hagoromo.volume.voxels import BRICK, STORED, VOXELS
@@ -34,7 +34,7 @@ def bricks_from_field(field: Field, shape: Shape, occupied: Occupied | None = No
     jit, kept, count, checked = arrays(), [np.zeros((0, 3), np.int32)], 0, 0
     for places in candidates(table_shape(shape), occupied):
         if count - checked > BRICKS_PER_CHECK:  # what will not fit is refused while it is counted
-            check_memory(count * brick_bytes(), f"more than {count} bricks of a lattice of {shape[::-1]} voxels")
+            require(count * brick_bytes(), f"more than {count} bricks of a lattice of {shape[::-1]} voxels")
             checked = count
         x, y, z = _indices(places, shape)
         voxel = field(x, y, z)

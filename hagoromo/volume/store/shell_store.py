@@ -17,7 +17,7 @@ import zarr
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.files.record import decode
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.box import VolumeBox
@@ -150,7 +150,7 @@ def _scale(array: ZarrArray, populations: int) -> NDArray[np.float16]:
 def _whole(array: ZarrArray, kind: Any, shape: tuple[int | None, ...]) -> NDArray:
     """All numbers of an array of that type and shape (None: any)."""
     _check(array, kind, shape)
-    check_memory(float(np.prod(array.shape, dtype=float)) * np.dtype(kind).itemsize, array.where)
+    require(float(np.prod(array.shape, dtype=float)) * np.dtype(kind).itemsize, array.where)
     try:
         return np.asarray(array.array[...])
     except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError, described
-from hagoromo.files.checks import check_memory
+from hagoromo.files.memory import require
 from hagoromo.files.zarr_arrays import Index, ZarrArray
 from hagoromo.volume.bricks import check_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE
@@ -50,8 +50,8 @@ class ZarrBlocks:
         )
         self.across = tuple(-(-n // side) for n, side in zip(self.shape, self.tile, strict=True))
         voxel = 40 + 8 * self.colours  # as read and as kept, two tiles a thread
-        check_memory(2.0 * THREADS * voxel * np.prod(self.tile, dtype=float), f"reading tiles of {density.where}")
-        check_memory(24.0 * np.prod(self.across, dtype=float), f"a list of the tiles of {density.where}")
+        require(2.0 * THREADS * voxel * np.prod(self.tile, dtype=float), f"reading tiles of {density.where}")
+        require(24.0 * np.prod(self.across, dtype=float), f"a list of the tiles of {density.where}")
 
     def tiles(self) -> NDArray[np.int64]:
         """Tiles that may hold matter, in C order: (n, 3) [z, y, x in tiles]."""
