@@ -25,7 +25,7 @@ import hagoromo as hg
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import signals_as_interrupt
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, verb, verbs, wrote
+from hagoromo.app.verb import Force, Out, Scheduler, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.whole import replaceable_file, whole_folder
@@ -280,6 +280,7 @@ def render(
     mode: Literal["march"] = "march",
     tolerance: float | None = None,
     separate_lamps: bool = False,
+    scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
     """Scene → EXR (linear, with its weights) and PNG (sRGB).
@@ -293,14 +294,20 @@ def render(
     """
     for path in (out, out.with_suffix(".png")):
         replaceable_file(path, force)
-    loaded, settings = hg.load_scene(scene)
+    from hagoromo.image.scene_file import camera_and_settings
+
+    if scheduler is None:
+        loaded, settings = hg.load_scene(scene)
+        camera = loaded.camera
+    else:
+        loaded, (camera, settings) = scene, camera_and_settings(scene)
     if tolerance is not None:
         settings = replace(settings, tolerance=tolerance)
     if separate_lamps:
         settings = replace(settings, separate_lamps=True)
     with progress_bar("render") as progress:
-        image = hg.render(loaded, settings, progress)
-    wrote(*image.save(out, loaded.camera.response, force))
+        image = hg.render(loaded, settings, progress, scheduler)
+    wrote(*image.save(out, camera.response, force))
 
 
 @verb(verbs)

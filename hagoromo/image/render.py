@@ -31,11 +31,17 @@ COARSEST_MAP = 32  # texels along a side of a shadow map at least
 Value = TypeVar("Value")
 
 
-def render(scene: Scene | str | Path, settings: Settings | None = None, progress: Progress = silent) -> Image:
+def render(
+    scene: Scene | str | Path,
+    settings: Settings | None = None,
+    progress: Progress = silent,
+    scheduler: str | int | None = None,
+) -> Image:
     """The image that the scene's camera would see, as weights.
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
-    `InputError` for a file that describes no scene.
+    scheduler: address of a Dask scheduler, "local", or a number of processes, whose workers render the tiles of a scene
+    file; the bits are the same. `InputError` for a file that describes no scene, and a scheduler that does not answer.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
@@ -46,6 +52,10 @@ def render(scene: Scene | str | Path, settings: Settings | None = None, progress
     >>> image.weights.shape, round(float(image.weights[3, 4].sum()), 4)
     ((7, 9, 2), 0.5)
     """
+    if scheduler is not None:
+        from hagoromo.image.render_tiles import render_on  # Dask is an extra
+
+        return render_on(scheduler, scene, settings, progress)
     scene, settings = scene_and_settings(scene, settings)
     prepared = PreparedScene(scene, settings)
     film = Film(scene.camera, prepared.channels)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import PRESETS, Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, described
 from hagoromo.files.record import (
     Count,
     Matrix,
@@ -140,9 +140,21 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
             tuple(_box(one, folder, f"{path} box {i + 1}") for i, one in enumerate(record.box)),
             tuple(_surface(one, folder, f"{path} surface {i + 1}") for i, one in enumerate(record.surface)),
         )
-        return scene, Settings(**structs.asdict(decode(record.render, RenderRecord, f"{path} [render]")))
+        return scene, _settings(record, path)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+
+
+def camera_and_settings(path: str | Path) -> tuple[Camera, Settings]:
+    """The camera of a scene file and how it is to be rendered, its matter unread; `InputError` as of `load_scene`."""
+    path = Path(path)
+    record = decode(read_toml(path), SceneRecord, str(path))
+    with described(str(path)):
+        return _camera(record.camera, path.parent, f"{path} [camera]"), _settings(record, path)
+
+
+def _settings(record: SceneRecord, path: Path) -> Settings:
+    return Settings(**structs.asdict(decode(record.render, RenderRecord, f"{path} [render]")))
 
 
 def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:

@@ -33,12 +33,16 @@ class Film:
     """Sums over samples of `channels` weights and alpha, for every pixel that `camera` sees.
 
     stride: a pixel of the film stands for stride × stride of the camera's (at the edges, for what is there of them).
+    rays: numbers of the rays that are traced, by default all; of some of them the film holds one value a ray, in their
+    order, with the bits that the whole film has there.
     """
 
-    def __init__(self, camera: Camera, channels: int, stride: int = 1) -> None:
+    def __init__(self, camera: Camera, channels: int, stride: int = 1, rays: range | None = None) -> None:
         self.camera, self.stride, self.values = camera, stride, channels + 1
         self.width, self.height = (-(-size // stride) for size in (camera.width, camera.height))
-        require(8 * self.pixels * self.values, f"an image of {self.width} × {self.height} pixels")
+        self.rays, self.whole = rays or range(tiled(self.width, self.height)), rays is None
+        entries = self.pixels if self.whole else len(self.rays)
+        require(8 * entries * self.values, f"an image of {self.width} × {self.height} pixels")
         self.samples, self.sums = 0, np.zeros(0, np.float32)
 
     @property
@@ -49,30 +53,33 @@ class Film:
     def add(self, radiance: RayRadiance, point: NDArray, progress: Progress = silent) -> None:
         """One ray through every pixel, at `point` (across, down, phase of the march; 0…1) of each."""
         jit = arrays()
-        sample_values = dr.zeros(jit.Float, self.pixels * self.values)
+        sample_values = dr.zeros(jit.Float, (self.pixels if self.whole else len(self.rays)) * self.values)
         dr.make_opaque(sample_values)
         dx, dy, phase, stride = (dr.opaque(jit.Float, float(number)) for number in (*point, self.stride))
         width, height = (dr.opaque(jit.UInt, size) for size in (self.width, self.height))
-        count = tiled(self.width, self.height)
-        for start in range(0, count, RAYS_AT_ONCE):
-            number = dr.arange(jit.UInt, min(RAYS_AT_ONCE, count - start)) + dr.opaque(jit.UInt, start)
+        first, end, whole = self.rays.start, self.rays.stop, dr.opaque(jit.Bool, self.whole)
+        for start in range(first, end, RAYS_AT_ONCE):
+            number = dr.arange(jit.UInt, min(RAYS_AT_ONCE, end - start)) + dr.opaque(jit.UInt, start)
             column, row = tile_place(number, width)
             x, y = (jit.Float(column) + dx) * stride, (jit.Float(row) + dy) * stride
             channels, alpha = radiance(*self.camera.rays(x, y), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
-            dr.scatter(sample_values, jit.ArrayXf([*channels, alpha]), row * width + column, inside)
+            # chosen in the kernel, so that a part needs no other kernel than the whole
+            place = dr.select(whole, row * width + column, number - dr.opaque(jit.UInt, first))
+            dr.scatter(sample_values, jit.ArrayXf([*channels, alpha]), place, inside)
             dr.eval(sample_values)
             dr.sync_thread()
-            progress(min(start + RAYS_AT_ONCE, count) / count)
+            progress((min(start + RAYS_AT_ONCE, end) - first) / len(self.rays))
         self.sums = (
             np.add(self.sums, sample_values.numpy(), dtype=np.float64) if self.samples else sample_values.numpy()
         )
         self.samples += 1
 
     def mean(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Mean over the samples: weights (height, width, channels) and alpha (height, width)."""
-        mean = (self.sums / self.samples).astype(np.float32).reshape(self.height, self.width, self.values)
+        """Mean over the samples: weights (height, width, channels) and alpha (height, width), or (rays, …) of some."""
+        mean = (self.sums / self.samples).astype(np.float32).reshape(-1, self.values)
+        mean = mean.reshape(self.height, self.width, self.values) if self.whole else mean
         return mean[..., :-1], mean[..., -1]
 
 
@@ -86,6 +93,12 @@ def tile_place(number: UInt, width: UInt) -> tuple[UInt, UInt]:
     tile, inside = number // (TILE[0] * TILE[1]), number % (TILE[0] * TILE[1])
     across = (width + (TILE[0] - 1)) // TILE[0]
     return (tile % across) * TILE[0] + inside % TILE[0], (tile // across) * TILE[1] + inside // TILE[0]
+
+
+def pixels_of(rays: range, width: int, height: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Columns and rows (rays,) of the pixels of some rays, and whether they lie in the picture."""
+    column, row = tile_place(np.arange(rays.start, rays.stop), width)
+    return column, row, (column < width) & (row < height)
 
 
 def tile_order(width: int, height: int) -> NDArray[np.uint32]:

@@ -1,0 +1,137 @@
+"""Work on Dask's workers: the bits of one machine, whoever dies; what is not fit for it is refused in one line."""
+
+import os
+import signal
+
+import pytest
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+from hagoromo.cluster import cluster as clusters
+from hagoromo.cluster.cluster import Cluster, workers_of
+from hagoromo.image import render_tiles
+from hagoromo.image.image import Image
+
+SLAB = """
+[[box]]
+file = "slab.zarr"
+position = [-0.1, -0.2, 0.0]
+[render]
+samples = 2
+"""
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """Two worker processes of this machine, for all tests of one session."""
+    with workers_of(2) as two:
+        yield two
+
+
+@pytest.fixture
+def address(cluster) -> str:
+    return cluster.client.scheduler.address
+
+
+@pytest.fixture
+def slab(scene, box):
+    """A scene file with a ball and a volume box."""
+    return scene(more=SLAB)
+
+
+def bits(image: Image) -> bytes:
+    return image.weights.tobytes() + image.alpha.tobytes()
+
+
+def pids(cluster: Cluster) -> set[int]:
+    return set(cluster.client.run(os.getpid).values())
+
+
+def test_a_picture_of_tiles_has_the_bits_of_one_machine(slab, address, tmp_path, monkeypatch, capsys):
+    """A width and height that no tile divides; two samples a pixel; shadow maps; the files of the command."""
+    monkeypatch.setattr(render_tiles, "FEWEST_RAYS", 200)
+    one, many = tmp_path / "one.exr", tmp_path / "many.exr"
+    assert main(["render", str(slab), "--out", str(one), "--tolerance", "0.02"]) == 0
+    assert main(["render", str(slab), "--out", str(many), "--tolerance", "0.02", "--scheduler", address]) == 0
+    alone, tiled = hg.read_image(one), hg.read_image(many)
+    assert alone.weights.max() > 0 and 0 < alone.alpha.mean() < 1
+    assert bits(tiled) == bits(alone) and tiled.metadata == alone.metadata
+    assert one.with_suffix(".png").read_bytes() == many.with_suffix(".png").read_bytes()
+
+
+def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
+    """One of two workers is killed when the first of some sixteen tiles has come back."""
+    monkeypatch.setattr(render_tiles, "FEWEST_RAYS", 200)
+    before, shares = pids(cluster), []
+
+    def kill_at_the_first(share: float, step: str = "") -> None:
+        shares.append(share)
+        if len(shares) == 2:
+            assert 0 < share < 0.2
+            os.kill(min(before), signal.SIGKILL)
+
+    _, settings = hg.load_scene(slab)
+    tiled = render_tiles.render_tiles(slab, settings, cluster, kill_at_the_first)
+    assert shares[-1] == 1.0 and min(before) not in pids(cluster)
+    assert bits(tiled) == bits(hg.render(slab))
+
+
+def test_a_worker_that_finds_another_file_refuses(slab, cluster, monkeypatch):
+    monkeypatch.setattr(render_tiles, "content_with_named", lambda *_, **__: "of another file")
+    _, settings = hg.load_scene(slab)
+    with pytest.raises(hg.InputError, match=r"scene\.toml, or a file that it names, is another one on a worker"):
+        render_tiles.render_tiles(slab, settings, cluster)
+
+
+def test_bad_input_of_a_worker_is_one_line(scene, address, refused, tmp_path):
+    said = refused("render", scene("scale = 0.15", "scale = 0.0"), "--out", tmp_path / "a.exr", "--scheduler", address)
+    assert said.count("\n") == 1 and "scene.toml" in said
+
+
+def test_a_scheduler_that_does_not_answer_is_one_line(scene, refused, tmp_path, monkeypatch):
+    monkeypatch.setattr(clusters, "CONNECT_S", 0.3)
+    for address in ("tcp://127.0.0.1:9", "nonsense://127.0.0.1:9", "tcp://127.0.0.1:x"):
+        said = refused("render", scene(), "--out", tmp_path / "a.exr", "--scheduler", address)
+        assert f"no Dask scheduler answers at {address}" in said
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "two", "1e3", "999999999999", "٣", ""])
+def test_what_is_no_scheduler_is_one_line(scene, refused, tmp_path, text):
+    said = refused("render", scene(), "--out", tmp_path / "a.exr", f"--scheduler={text}")
+    assert "give the address of one (tcp://host:8786), local, or a number of workers" in said
+
+
+def test_workers_of_another_version_are_refused(scene, cluster, address, refused, tmp_path):
+    """At once where they are there already; by the task itself where they came later."""
+    of_worker = "setattr(__import__('hagoromo.cluster.cluster').cluster.cluster, '__version__', {0!r}) or setattr("
+    of_worker += "__import__('hagoromo.version').version, '__version__', {0!r})"
+    cluster.client.run(eval, of_worker.format("0.0.1"))
+    try:
+        said = refused("render", scene(), "--out", tmp_path / "a.exr", "--scheduler", address)
+        assert f"has hagoromo 0.0.1, the client {hg.__version__}: install {hg.__version__} on all workers" in said
+        with pytest.raises(hg.InputError, match=r"a worker has hagoromo 0\.0\.1"):
+            cluster.run(os.getpid)
+    finally:
+        cluster.client.run(eval, of_worker.format(hg.__version__))
+    assert cluster.run(os.getpid) in pids(cluster)
+
+
+def test_without_dask_the_extra_is_named(scene, refused, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    assert "install hagoromo[cluster]" in refused("render", scene(), "--out", tmp_path / "a.exr", "--scheduler", "2")
+
+
+def test_many_tasks_wait_here_and_not_at_the_scheduler(cluster):
+    """10,000 tasks are sent as others are done: some four a worker are under way at any time."""
+    sent = 0
+
+    def tasks():
+        nonlocal sent
+        for number in range(10_000):
+            sent += 1
+            yield (number,)
+
+    for done, (number, result) in enumerate(cluster.results(abs, tasks())):
+        assert result == number and sent - done <= 2 * clusters.AHEAD
+        if done == 50:
+            break
