@@ -15,7 +15,7 @@ from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.camera.formats.colmap import find_colmap
 from hagoromo.camera.formats.opencv_file import MATRIX
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
+from hagoromo.files.checks import existing_file, inside
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
@@ -46,8 +46,9 @@ def info(path: str | Path) -> Facts:
 
 
 def _folder(path: Path) -> Facts:
-    if (path / "transforms.json").exists():
-        return _transforms(path / "transforms.json")
+    transforms = inside(path, "transforms.json")
+    if transforms.exists():
+        return _transforms(transforms)
     if (path / "zarr.json").exists():
         return _box(path)
     if find_colmap(path) is not None:

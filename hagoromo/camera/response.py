@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import inside
+from hagoromo.files.checks import inside
 from hagoromo.light.colour import colour_matching
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
 

@@ -1,20 +1,40 @@
-"""Checks of paths and sizes before a file is opened or a large array is allocated."""
+"""Checks of paths and sizes before a file is opened: what kind of file it is, where it lies, and how large it is."""
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 
+KINDS = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # a pipe without a writer would block for ever
+
 
 def existing_file(path: str | Path) -> Path:
-    """`path` as a `Path`; `InputError` when it is not an existing file."""
+    """`path` as a `Path`; `InputError` when it is not an existing file, or a pipe, a socket or a device.
+
+    Every reader asks it before it opens a file: reading a pipe may wait for ever, and a device may have no end.
+    """
     file = Path(path)
-    if file.is_dir():
+    try:
+        mode = os.stat(file).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{file} does not exist: check the path") from None
+    except (OSError, ValueError) as error:  # a loop of links, a name that is too long or holds a zero
+        raise InputError(f"{file} cannot be opened: {_reason(error)}: check the path") from error
+    if stat.S_ISDIR(mode):
         raise InputError(f"{file} is a folder: give a file")
-    if not file.exists():
-        raise InputError(f"{file} does not exist: check the path")
+    if not stat.S_ISREG(mode):
+        kind = next((name for is_kind, name in KINDS if is_kind(mode)), "no regular file")
+        raise InputError(f"{file} is {kind}: give a file on a disk")
     return file
 
 
@@ -28,8 +48,48 @@ def existing_folder(path: str | Path) -> Path:
     return folder
 
 
-def read_bytes(path: str | Path) -> bytes:
-    """All bytes of an existing file; its size is checked against the free memory first."""
+def sized_file(path: str | Path, most: int, what: str) -> Path:
+    """`existing_file` of at most `most` bytes; what: the kind of file, with its article, as messages call it."""
     file = existing_file(path)
-    require(file.stat().st_size, str(file))
-    return file.read_bytes()
+    size = file.stat().st_size
+    if size > most:
+        raise InputError(f"{file} has {size} bytes, {what} {most} at most: give another")
+    return file
+
+
+def read_bytes(path: str | Path, growth: float = 1.0) -> bytes:
+    """All bytes of an existing file, which is looked at again once it is open.
+
+    growth: memory that the bytes and what is made of them take, in sizes of the file; it must be free.
+    """
+    file = existing_file(path)
+    descriptor = os.open(file, os.O_RDONLY | AT_ONCE)
+    with open(descriptor, "rb") as opened:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{file} has changed while it was opened: give a file on a disk")
+        require(growth * status.st_size, str(file))
+        return opened.read(status.st_size)
+
+
+def inside(folder: str | Path, relative: str) -> Path:
+    """The path `relative` in `folder`; `InputError` if it points outside `folder`, also by a link.
+
+    A link within the folder to a place within it is followed; `folder` itself may be a link.
+    """
+    path = os.path.normpath(relative)
+    if os.path.isabs(path) or os.path.splitdrive(path)[0] or path == ".." or path.startswith(".." + os.sep):
+        raise InputError(f"{relative!r} points outside {folder}: give a path inside it")
+    try:
+        home = os.path.realpath(folder)
+        place = os.path.realpath(os.path.join(home, path))
+        is_within = os.path.commonpath([home, place]) == home
+    except (OSError, ValueError) as error:
+        raise InputError(f"{relative!r} is no path: {_reason(error)}: give a path inside {folder}") from error
+    if not is_within:
+        raise InputError(f"{relative!r} is a link that leads outside {folder}: put the file itself there")
+    return Path(folder) / path
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

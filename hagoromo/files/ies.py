@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
+from hagoromo.files.checks import read_bytes, sized_file
 
 LARGEST_FILE = 1 << 24  # bytes; a table in steps of half a degree has 2 MiB
+GROWTH = 30.0  # memory of the numbers of a file as texts, in its sizes
 MOST_VALUES = 1 << 20  # candela values of a table
 MOST_NUMBERS = 2 * MOST_VALUES  # numbers that are read; the rest of a file is never split
 HEADER = 13  # numbers before the angles: lamps, lumens, multiplier, counts, types, size, ballast, watts
@@ -43,12 +44,8 @@ def read_ies(path: str | Path) -> IesTable:
     `InputError` for a missing or oversized file, photometry of type A or B, a tilt that changes the light, counts that
     do not fit the file, and numbers that are not finite or, for candela, negative.
     """
-    source = existing_file(path)
-    if source.stat().st_size > LARGEST_FILE:
-        raise InputError(
-            f"{source} has {source.stat().st_size} bytes, an IES file {LARGEST_FILE} at most: give another"
-        )
-    text = source.read_bytes().decode("latin-1")
+    source = sized_file(path, LARGEST_FILE, "an IES file")
+    text = read_bytes(source, GROWTH).decode("latin-1")
     tilt = re.search(r"^[ \t]*TILT[ \t]*=[ \t]*([^\r\n]*)[\r\n]", text, re.MULTILINE | re.IGNORECASE)
     if tilt is None:
         raise InputError(f"{source} has no line TILT=: it is no IES file, or it is cut off")

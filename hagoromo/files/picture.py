@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
-from hagoromo.files.checks import existing_file, read_bytes
+from hagoromo.files.checks import existing_file, inside, read_bytes
 from hagoromo.files.tiff import read_tiff
 
 TIFF_STARTS = (b"II*\0", b"MM\0*")
@@ -36,13 +36,21 @@ def read_picture(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     raise InputError(f"{path} is neither PNG, JPEG nor TIFF: convert it")
 
 
+def named_picture(folder: str | Path, name: str, suffixes: Sequence[str] = (".png", ".jpg", ".jpeg")) -> Path:
+    """The picture `name` in `folder`; where there is none, the first with a suffix added that exists.
+
+    `InputError` where it lies outside `folder`, also by a link.
+    """
+    named = [inside(folder, name + suffix) for suffix in ("", *suffixes)]
+    return next((candidate for candidate in named if candidate.is_file()), named[0])
+
+
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """(height, width) of the PNG or JPEG at `path`, from its header; a name without suffix is tried with both.
+    """(height, width) of the PNG or JPEG at `path`, from its header.
 
     `InputError` if the file is missing or of another format.
     """
-    named = [Path(path), *(Path(f"{path}{suffix}") for suffix in (".png", ".jpg", ".jpeg"))]
-    source = existing_file(next((candidate for candidate in named if candidate.is_file()), path))
+    source = existing_file(path)
     with source.open("rb") as file:
         start = file.read(24)
     if start.startswith(png.SIGNATURE) and len(start) == 24:

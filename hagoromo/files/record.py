@@ -16,7 +16,6 @@ import functools
 import json
 import math
 import operator
-import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -27,7 +26,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType, inspect
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import read_bytes
+from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.whole import whole_file
 from hagoromo.version import __version__
 
@@ -40,6 +39,8 @@ Pair = tuple[float, float]
 Vector = tuple[float, float, float]
 Matrix = Annotated[tuple[float, ...], Meta(min_length=16, max_length=16)]  # 4 × 4, by rows
 REFERENCE = "#/$defs/"
+LARGEST_TOML, LARGEST_JSON = 1 << 24, 1 << 28  # bytes
+TOML_GROWTH, JSON_GROWTH = 100.0, 30.0  # memory of the tables of a file, in its sizes: those of its shortest values
 PATH_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")  # of the paths in msgspec's messages, such as $.lamp[0].name
 
 
@@ -184,14 +185,14 @@ def given(record: Any) -> dict[str, Any]:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file; `InputError` when it is missing or not valid TOML."""
     try:
-        return tomllib.loads(read_bytes(path).decode("utf-8"))
+        return tomllib.loads(read_bytes(sized_file(path, LARGEST_TOML, "a TOML file"), TOML_GROWTH).decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {_first_line(error)}") from error
 
 
 def read_json(path: str | Path) -> Any:
     """The object in a JSON file; `InputError` when it is missing, not valid JSON, or holds NaN or Infinity."""
-    data = read_bytes(path)
+    data = read_bytes(sized_file(path, LARGEST_JSON, "a JSON file"), JSON_GROWTH)
     try:
         return json.loads(data.decode("utf-8-sig"), parse_constant=_refuse)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -212,14 +213,6 @@ def save_json(path: str | Path, record: Any, force: bool = False) -> Path:
     with whole_file(path, force) as partial:
         write_json(partial, record)
     return Path(path)
-
-
-def inside(folder: str | Path, relative: str) -> Path:
-    """The path `relative` in `folder`; `InputError` if it points outside `folder`."""
-    path = os.path.normpath(relative)
-    if os.path.isabs(path) or path == ".." or path.startswith(".." + os.sep):
-        raise InputError(f"{relative!r} points outside {folder}: give a path inside it")
-    return Path(folder) / path
 
 
 Steps = tuple[str | int, ...]

@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import read_bytes
+from hagoromo.files.checks import read_bytes, sized_file
+
+LARGEST_TABLE = 1 << 26  # bytes
+GROWTH = 30.0  # memory of the cells of a file as texts, in its sizes
 
 
 def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
@@ -20,7 +23,7 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     that is not a finite number.
     """
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = read_bytes(sized_file(path, LARGEST_TABLE, "a CSV table"), GROWTH).decode("utf-8-sig")
         rows = [
             (number, row)
             for number, row in enumerate(csv.reader(text.splitlines()), 1)

@@ -18,6 +18,7 @@ from hagoromo.camera.camera import PRESETS, Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError, described
+from hagoromo.files.checks import inside
 from hagoromo.files.record import (
     Count,
     Matrix,
@@ -27,7 +28,6 @@ from hagoromo.files.record import (
     Vector,
     about,
     decode,
-    inside,
     like,
     one_of,
     read_toml,

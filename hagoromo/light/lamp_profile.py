@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.files.ies import MOST_VALUES, read_ies
-from hagoromo.files.record import Record, about, decode, inside, like
+from hagoromo.files.record import Record, about, decode, like
 from hagoromo.light.spectrum import Spectrum, integrate_product
 
 SHORTEST_STEP_DEG = 0.01  # between angles of a table

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import Record, about, decode, inside, like
+from hagoromo.files.checks import inside
+from hagoromo.files.record import Record, about, decode, like
 
 VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10), of cameras
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions

@@ -9,7 +9,7 @@ from typing import Any
 
 from hagoromo import backend
 from hagoromo.errors import InputError
-from hagoromo.files.record import inside
+from hagoromo.files.checks import inside
 from hagoromo.version import __version__
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -41,13 +42,14 @@ def read_surface(folder: str | Path) -> MeasuredSurface:
     `InputError` where a file is missing or damaged, or the files do not go together.
     """
     home = Path(folder)
-    materials = read_materials(home / "materials.json")
-    labels = read_png(home / "labels.png").astype(np.int64) - 1
+    materials = read_materials(inside(home, "materials.json"))
+    labels = read_png(inside(home, "labels.png")).astype(np.int64) - 1
     if labels.ndim != 2 or labels.max() >= len(materials):
         raise InputError(f"{home / 'labels.png'} has labels up to {labels.max() + 1}: materials are {len(materials)}")
-    normals = _vectors(home / "normals.exr", "N")
-    points = _vectors(home / "points.exr", "P") if (home / "points.exr").is_file() else None
-    body, body_error = _body(home / "body.exr") if (home / "body.exr").is_file() else (None, None)
+    at_points, at_body = inside(home, "points.exr"), inside(home, "body.exr")
+    normals = _vectors(inside(home, "normals.exr"), "N")
+    points = _vectors(at_points, "P") if at_points.is_file() else None
+    body, body_error = _body(at_body) if at_body.is_file() else (None, None)
     surface = MeasuredSurface(materials, labels, normals, points, body, body_error)
     channels = {"normals": 3, "points": 3, "body": len(materials[0].body_colour), "body_error": 0} if materials else {}
     for name in channels:

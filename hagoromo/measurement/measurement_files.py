@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import decode, read_json
@@ -51,9 +52,9 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
 def read_measurement(home: Path) -> Measurement:
     """The measurement in the folder `home`; see `Measurement.load`."""
     surface = read_surface(home)
-    variances = _read_maps(home / "variance.exr", ("normal", "distance"), surface) or (None, None)
-    spectra = home / "body_spectra.json"
-    writer = decode(read_json(home / "materials.json")[0], MaterialRecord, "materials.json").hagoromo
+    variances = _read_maps(inside(home, "variance.exr"), ("normal", "distance"), surface) or (None, None)
+    spectra = inside(home, "body_spectra.json")
+    writer = decode(read_json(inside(home, "materials.json"))[0], MaterialRecord, "materials.json").hagoromo
     return Measurement(
         surface.materials,
         surface.labels,
@@ -108,7 +109,7 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
     known = (surface.body != 0.0).any(axis=2, keepdims=True)
     value = np.where(known, surface.body, np.nan).astype(np.float64)
     error = None if surface.body_error is None else np.where(known, surface.body_error, np.nan).astype(np.float64)
-    maps = _read_maps(home / "gloss.exr", GLOSS_CHANNELS, surface)
+    maps = _read_maps(inside(home, "gloss.exr"), GLOSS_CHANNELS, surface)
     gloss = None
     if maps is not None:
         has_gloss = maps[0] > 0.0
@@ -123,7 +124,7 @@ def _read_separation(home: Path) -> Separation | None:
     path = next(iter(sorted(home.glob("separation_*.exr"))), None)
     if path is None:
         return None
-    layers, _ = read_exr(path)
+    layers, _ = read_exr(inside(home, path.name))
     names = colour_channels({name.removeprefix("body.") for name in layers if name.startswith("body.")})
     number = path.stem.removeprefix("separation_")
     if not (number.isdecimal() and names and {f"interface.{name}" for name in names} <= set(layers)):

@@ -22,10 +22,11 @@ from hagoromo.camera.formats.nerfstudio import camera_from_record, record_from_c
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.memory import require
 from hagoromo.files.png import png_bytes, write_png
-from hagoromo.files.record import ForeignRecord, decode, inside, read_json, write_json, written_by
+from hagoromo.files.record import ForeignRecord, decode, read_json, write_json, written_by
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
@@ -120,7 +121,7 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
     variance is that of a typical one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps` nor `pl_pos` has no
     lamps. Frames without an image are omitted with a warning; `InputError` for other missing or contradictory data.
     """
-    file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
+    file = Path(folder) if Path(folder).suffix == ".json" else inside(folder, TRANSFORMS)
     record, home = read_json(file), file.parent
     top = decode(record, CaptureRecord, str(file))
     lamps = [lamp_from_record(lamp, home, f"{file} lamp {i}") for i, lamp in enumerate(top.lamps)]
@@ -209,12 +210,13 @@ def _present(file: Path, frames: list[tuple[int, dict[str, Any]]]) -> list[tuple
 
 def _image_path(file: Path, index: int, frame: Mapping[str, Any]) -> Path:
     """The image of a frame; NeRF's files omit its suffix."""
-    path = inside(file.parent, decode(frame, _Image, f"{file} frame {index}").file_path)
+    name = decode(frame, _Image, f"{file} frame {index}").file_path
+    path = inside(file.parent, name)
     if path.suffix.lower() in SUFFIXES:
         return path
     if path.is_file():
         raise InputError(f"{path} is not an image of a known format: give one of {', '.join(SUFFIXES)}")
-    named = [path.with_name(path.name + suffix) for suffix in SUFFIXES]
+    named = [inside(file.parent, name + suffix) for suffix in SUFFIXES]
     return next((candidate for candidate in named if candidate.exists()), named[0])
 
 

@@ -10,10 +10,9 @@ from typing import Literal
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_folder
+from hagoromo.files.checks import existing_folder, inside
 from hagoromo.files.memory import require
 from hagoromo.files.picture import picture_size
-from hagoromo.files.record import inside
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_pixels

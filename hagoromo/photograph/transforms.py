@@ -16,7 +16,8 @@ from hagoromo.camera.formats.nerfstudio import ViewRecord
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import MOSAICS, Sensor
 from hagoromo.errors import InputError, described
-from hagoromo.files.record import Count, Positive, Record, Vector, WrittenBy, about, decode, inside, like, one_of
+from hagoromo.files.checks import inside
+from hagoromo.files.record import Count, Positive, Record, Vector, WrittenBy, about, decode, like, one_of
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import PROFILE, LampProfile
 from hagoromo.light.spectrum import SOURCE, Spectrum

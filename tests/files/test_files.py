@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png, write_png
-from hagoromo.files.record import Count, Record, Vector, about, decode, inside, one_of, read_json, read_toml, write_json
+from hagoromo.files.record import Count, Record, Vector, about, decode, one_of, read_json, read_toml, write_json
 from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_file, whole_folder
 

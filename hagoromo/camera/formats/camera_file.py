@@ -15,7 +15,7 @@ from hagoromo.camera.formats.nerfstudio import read_transforms, write_transforms
 from hagoromo.camera.formats.opencv_file import MATRIX, only_lens, read_opencv, write_opencv
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
+from hagoromo.files.checks import existing_file, inside
 from hagoromo.files.record import Count, ForeignRecord, WrittenBy, about, decode, read_json
 from hagoromo.files.whole import whole_file, whole_folder
 
@@ -66,7 +66,8 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
     """
     path = Path(path)
     if path.is_dir():
-        return read_transforms(path / "transforms.json") if (path / "transforms.json").is_file() else read_colmap(path)
+        transforms = inside(path, "transforms.json")
+        return read_transforms(transforms) if transforms.is_file() else read_colmap(path)
     suffix = existing_file(path).suffix.lower()
     if suffix in (".bin", ".txt") and path.stem in ("cameras", "images", "points3D"):
         return read_colmap(path.parent)

@@ -18,6 +18,7 @@ from hagoromo.camera.formats import colmap_binary, colmap_text
 from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "0", "colmap/sparse/0")  # where programs keep the model within a folder
 # COLMAP's parameters in their order; f stands for both focal lengths, k for k1.
@@ -45,7 +46,7 @@ def find_colmap(folder: str | Path) -> tuple[Path, str] | None:
     for place in MODEL_FOLDERS:
         for suffix in (".bin", ".txt"):
             home = Path(folder) / place
-            if all((home / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
+            if all(inside(folder, f"{place or '.'}/{part}{suffix}").is_file() for part in ("cameras", "images")):
                 return home, suffix
     return None
 
@@ -72,7 +73,7 @@ def read_colmap(folder: str | Path) -> dict[str, Camera]:
 def read_points(folder: str | Path) -> Points:
     """The points of the model (`points3D`)."""
     home, suffix = _model(folder)
-    rows = (colmap_binary if suffix == ".bin" else colmap_text).read_points(home / f"points3D{suffix}")
+    rows = (colmap_binary if suffix == ".bin" else colmap_text).read_points(inside(home, f"points3D{suffix}"))
     return Points(rows[:, :3].copy(), np.clip(rows[:, 3:6], 0, 255).astype(np.uint8), rows[:, 6].copy())
 
 

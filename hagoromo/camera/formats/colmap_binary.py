@@ -27,6 +27,7 @@ MODELS = {
     9: ("RADIAL_FISHEYE", 5),
     10: ("THIN_PRISM_FISHEYE", 12),
 }
+GROWTH = 12.0  # memory of the records of a file, in its sizes
 MODEL_NUMBERS = {name: number for number, (name, _) in MODELS.items()}
 POINT_2D, TRACK = 24, 8  # bytes of a point seen in an image, and of an image that saw a point
 
@@ -35,7 +36,7 @@ class _Bytes:
     """Bytes read one after the other; `InputError` when they end too early."""
 
     def __init__(self, path: Path) -> None:
-        self.data, self.at, self.path = read_bytes(path), 0, path
+        self.data, self.at, self.path = read_bytes(path, GROWTH), 0, path
 
     def take(self, kinds: str) -> tuple:
         self.skip(size := struct.calcsize(f"<{kinds}"))

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes
+from hagoromo.files.memory import require
+
+BYTES_PER_LINE = 400  # memory of the record of a line beside its text
 
 
 def read_cameras(path: Path) -> list[ColmapCamera]:
@@ -68,10 +71,11 @@ def _write(path: Path, header: str, rows: Sequence[tuple]) -> None:
 def _lines(path: Path, blank: bool = False) -> list[tuple[str, str]]:
     """(where, line) of the lines that are no comments; blank ones too where they count."""
     try:
-        text = read_bytes(path).decode("utf-8")
+        text = read_bytes(path, 6.0).decode("utf-8").replace("\r\n", "\n").removesuffix("\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is no text: {error}") from error
-    lines = [(f"{path} line {i}", line) for i, line in enumerate(text.splitlines(), 1) if not line.startswith("#")]
+    require((BYTES_PER_LINE + len(str(path))) * text.count("\n"), f"{path}, of {text.count(chr(10))} lines,")
+    lines = [(f"{path} line {i}", line) for i, line in enumerate(text.split("\n"), 1) if not line.startswith("#")]
     return [(where, line) for where, line in lines if blank or line.strip()]
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
-from hagoromo.files.checks import read_bytes
+from hagoromo.files.checks import inside, read_bytes
 from hagoromo.files.picture import picture_size
-from hagoromo.files.record import inside
 
 NUMBERS_PER_VIEW = 21
+GROWTH = 40.0  # memory of the words of a file, in its sizes
 MIDDLEBURY_POSE_TOLERANCE = 1e-5  # largest entry of R Rᵀ − I: the sets are written with 12 digits or more
 HALF = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])  # centre of the first pixel
 
@@ -30,7 +30,7 @@ def read_middlebury(path: str | Path, size: tuple[int, int] | None = None) -> di
     format does not tell it. `InputError` for damage, a skewed K, or a size that nothing tells.
     """
     try:
-        lines = read_bytes(path).decode("utf-8").split("\n")
+        lines = read_bytes(path, GROWTH).decode("utf-8").split("\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is no text: {error}") from error
     rows = [line.split() for line in lines if line.strip()]

@@ -17,13 +17,12 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv, rigid_pose
 from hagoromo.errors import InputError
-from hagoromo.files.picture import picture_size
+from hagoromo.files.picture import named_picture, picture_size
 from hagoromo.files.record import (
     ForeignRecord,
     Positive,
     about,
     decode,
-    inside,
     one_of,
     read_json,
     write_json,
@@ -103,7 +102,7 @@ def read_transforms(path: str | Path) -> dict[str, Camera]:
         name = view.file_path
         if name in views:
             raise InputError(f"{where} and another are both of {name}: keep one")
-        image = inside(Path(path).parent, name)
+        image = named_picture(Path(path).parent, name)
         views[name] = camera_from_record(view, None if view.w and view.h else picture_size(image), where)
     return views
 

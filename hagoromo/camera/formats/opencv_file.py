@@ -18,9 +18,11 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
+from hagoromo.files.checks import sized_file
+from hagoromo.files.memory import require
 
 LARGEST = 64 * 2**20  # bytes; cameras take far less
+GROWTH = 30.0  # memory of the nodes of a file, in its sizes
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
 DISTORTION = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D")
 NO_NUMBER = 1e300  # OpenCV reads a text as the largest double
@@ -35,8 +37,8 @@ def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[s
     """
     import cv2
 
-    if existing_file(path).stat().st_size > LARGEST:
-        raise InputError(f"{path} has more than {LARGEST >> 20} MiB: it is no file of cameras")
+    source = sized_file(path, LARGEST, "a file of cameras")
+    require(GROWTH * source.stat().st_size, str(source))
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         return _views(storage.root(), size, str(path))

@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file, read_bytes
+from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.matter.cloth.draft import LARGEST_DRAFT, Draft, smallest_repeat
 from hagoromo.matter.cloth.weave import LINEN, Woven
 from hagoromo.matter.cloth.yarn import Yarn
 
 MOST_BYTES = 1 << 24
+GROWTH = 100.0  # memory of the keys of a file, in its sizes
 MOST_SHAFTS = 4096  # a jacquard loom has one for every end of a repeat
 UNITS = {"centimeters": 10.0, "inches": 25.4, "decipoints": 25.4 / 720.0}  # mm
 Section = dict[str, str]
@@ -44,9 +45,8 @@ class Wif(NamedTuple):
 
 def read_wif(path: str | Path) -> Wif:
     """The cloth in a WIF file. Raises `InputError`, naming section and key, for what is missing, wrong or too large."""
-    if existing_file(path).stat().st_size > MOST_BYTES:
-        raise InputError(f"{path} has more than {MOST_BYTES >> 20} MiB: give a WIF file")
-    file = WifFile(path, read_bytes(path).decode("utf-8", "replace"))
+    source = sized_file(path, MOST_BYTES, "a WIF file")
+    file = WifFile(path, read_bytes(source, GROWTH).decode("utf-8", "replace"))
     ends, picks = (file.whole(section, "threads", None, LARGEST_DRAFT) for section in ("warp", "weft"))
     if ends * picks > LARGEST_DRAFT:
         raise InputError(

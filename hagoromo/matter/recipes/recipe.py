@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
-from hagoromo.files.record import Count, Positive, Record, about, inside
+from hagoromo.files.checks import inside
+from hagoromo.files.record import Count, Positive, Record, about
 from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.record import Record, about, decode, inside, like, optional
+from hagoromo.files.checks import inside
+from hagoromo.files.record import Record, about, decode, like, optional
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.materials_file import read_materials
