@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import inside, read_toml
+from hagoromo.files.checks import inside
+from hagoromo.files.record import read_toml
 
 PIECE = 1 << 20  # bytes read at a time
 DEEPEST = 8  # TOML files that name each other
