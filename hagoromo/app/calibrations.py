@@ -15,7 +15,7 @@ import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, verb, wrote
 from hagoromo.errors import InputError
-from hagoromo.files.whole import replaceable_file, whole_file
+from hagoromo.files.whole import replaceable_file, whole_files
 
 DOUBTFUL_NOISE = 0.03  # relative noise of a reading beyond which spectra or illumination are probably wrong
 
@@ -54,10 +54,10 @@ def calibrate_camera(
         raise InputError(f"{out} is the name of a picture: give a name that ends in .json")
     target = _board(board, square, marker, dictionary, window)
     replaceable_file(out, force)
-    with whole_file(plot, force) as picture, progress_bar("calibrate camera") as progress:
+    with whole_files((out, plot), force) as (record, picture), progress_bar("calibrate camera") as progress:
         calibration = hg.calibrate_camera(photographs, target, coefficients, square_pixels, progress)
+        calibration.save(record)
         picture.write_bytes(residual_plot(calibration))
-    calibration.save(out, force)
     print(
         f"rms {calibration.rms:.3f} px over {len(calibration.boards)} photographs, "
         f"{len(calibration.skipped)} without a board"
@@ -160,9 +160,9 @@ def calibrate_response(
     for path in targets:
         replaceable_file(path, force)
     calibration = _response(sources, lamp, chart, corners)
-    with whole_file(targets[-1], force) as picture:
-        picture.write_bytes(response_plot(calibration))
-    calibration.save(out, force)
+    with whole_files(targets, force) as partials:
+        calibration.save(partials[0])
+        partials[-1].write_bytes(response_plot(calibration))
     if calibration.noise.max() > DOUBTFUL_NOISE:
         warnings.warn(
             f"the known spectra explain the readings only to {100 * calibration.noise.max():.0f} %: check that the "

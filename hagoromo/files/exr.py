@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,10 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.memory import require
 from hagoromo.files.silence import silenced
+from hagoromo.files.whole import check_written, whole_file
 
 MAGIC = b"\x76\x2f\x31\x01"
+LINES_TOGETHER = 16  # that ZIP packs
 
 
 def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None) -> None:
@@ -29,8 +33,33 @@ def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mappi
     if len(shapes) != 1 or len(shapes[0]) != 2 or 0 in shapes[0]:
         raise InputError(f"the channels of an EXR have shapes {shapes}: give one shape (height, width) for all")
     header = {**(metadata or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, arrays) as file:
-        file.write(str(path))
+    with whole_file(path, force=True) as partial:
+        try:
+            with OpenEXR.File(header, arrays) as file:
+                file.write(str(partial))
+        except RuntimeError:  # of a write that failed
+            check_written(partial, path, whole=False)
+        check_written(partial, path, _is_whole(partial, shapes[0][0]))
+
+
+def _is_whole(path: Path, height: int) -> bool:
+    """Whether an EXR that `write_exr` wrote has all its lines: the library does not tell where the disk was full."""
+    size = path.stat().st_size if path.exists() else 0
+    with path.open("rb") as file:
+        file.seek(len(MAGIC) + 4)
+        while _text(file):  # name, type, size and value of an attribute; an empty name ends them
+            _text(file)
+            file.seek(struct.unpack("<i", file.read(4).ljust(4, b"\0"))[0], os.SEEK_CUR)
+        parts = -(-height // LINES_TOGETHER)
+        places = struct.unpack(f"<{parts}Q", file.read(8 * parts).ljust(8 * parts, b"\0"))
+        file.seek(max(places) + 4)
+        last = struct.unpack("<i", file.read(4).ljust(4, b"\0"))[0]
+    return min(places) > 0 and last > 0 and max(places) + 8 + last == size
+
+
+def _text(file: BinaryIO) -> bytes:
+    """The bytes before the next zero."""
+    return b"".join(iter(lambda: file.read(1).strip(b"\0"), b""))
 
 
 def read_header(path: str | Path) -> dict[str, str]:

@@ -1,46 +1,51 @@
-"""Lock: only one process at a time works in a folder; the lock of a process that ended is released."""
+"""Lock: only one process at a time writes a target; the lock of a process that ended, in any way, is released."""
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hagoromo.errors import InputError
+
+ATTEMPTS = 3  # a process that removes its lock file at the same moment makes one attempt fail
 
 
 @contextmanager
 def locked(path: Path, busy: str) -> Iterator[None]:
     """Lock the file `path` while the block runs, and remove it at the end; it holds the number of the process.
 
-    busy: message, with {pid} in it, of the `InputError` that is raised while another process holds the lock. The
-    operating system releases the lock of a process that ends in any way.
+    busy: message, with {pid} in it, of the `InputError` that is raised while another process (or thread) holds the
+    lock. The number is for people: whether the lock is held is known to the operating system alone.
     """
-    while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    import filelock
+
+    lock = filelock.FileLock(path, timeout=0, thread_local=False)
+    for attempt in range(ATTEMPTS):
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            pid = os.read(file, 20).decode("ascii", "replace").strip()
-            os.close(file)
-            raise InputError(busy.format(pid=pid or "unknown")) from None
-        if _is(file, path):
+            lock.acquire()
             break
-        os.close(file)  # the process that held the lock has removed the file meanwhile
+        except filelock.Timeout:
+            if attempt == ATTEMPTS - 1:
+                raise InputError(busy.format(pid=_holder(path))) from None
+    soft = isinstance(lock, filelock.SoftFileLock)  # on a file system without locks: the file itself is the lock
     try:
-        os.truncate(file, 0)
-        os.pwrite(file, str(os.getpid()).encode("ascii"), 0)
+        if not soft:
+            with suppress(OSError):  # a full disk, or a system that lets nobody write to a locked file
+                path.write_text(str(os.getpid()), encoding="ascii")
         yield
     finally:
-        path.unlink(missing_ok=True)
-        os.close(file)
+        if os.name != "nt" and not soft:
+            path.unlink(missing_ok=True)  # while it is held: who waits for it notices that it is gone
+        lock.release()
+        if os.name == "nt":
+            with suppress(OSError):  # another process may hold it by now
+                path.unlink()
 
 
-def _is(file: int, path: Path) -> bool:
-    """Whether an open file is still the file at `path`."""
-    try:
-        return os.path.samestat(os.fstat(file), os.stat(path))
-    except FileNotFoundError:
-        return False
+def _holder(path: Path) -> str:
+    """The number of the process that holds the lock."""
+    with suppress(OSError, ValueError):
+        return str(int(path.read_text(encoding="ascii", errors="replace")))
+    return "unknown"

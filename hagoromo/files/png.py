@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes
 from hagoromo.files.memory import require
+from hagoromo.files.whole import write_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16."""
-    Path(path).write_bytes(png_bytes(image))
+    write_bytes(path, png_bytes(image))
 
 
 def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:

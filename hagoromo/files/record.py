@@ -27,7 +27,7 @@ from msgspec import UNSET, Meta, UnsetType, inspect
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
-from hagoromo.files.whole import whole_file
+from hagoromo.files.whole import whole_file, write_text
 from hagoromo.version import __version__
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -200,12 +200,15 @@ def read_json(path: str | Path) -> Any:
 
 
 def write_json(path: str | Path, record: Any) -> None:
-    """Write `record` as indented JSON; `InputError` for NaN, Infinity or a value that JSON cannot represent."""
+    """Write `record` as indented JSON, whole or not at all; what is there is replaced.
+
+    `InputError` for NaN, Infinity or a value that JSON cannot represent.
+    """
     try:
         text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as error:
         raise InputError(f"{path} cannot be written: {error}") from error
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n")
 
 
 def save_json(path: str | Path, record: Any, force: bool = False) -> Path:

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import shutil
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from hagoromo.errors import InputError
-from hagoromo.files.lock import locked
-from hagoromo.files.whole import put_folder, replaceable_folder
+from hagoromo.files.exchange import sync_one
+from hagoromo.files.leftovers import (
+    BUILT,
+    MARK,
+    alone,
+    begin_work,
+    beside,
+    check_work,
+    holds_other,
+    number_built,
+    remove_work,
+)
+from hagoromo.files.whole import FULL, check_folder, holding, parents_of, put_folder, tidied
 
 FINGERPRINT_FILE = "recipe"  # file of the work folder: what is being made
 
 
 @contextmanager
 def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) -> Iterator[Path]:
-    """The folder to fill, `.NAME.building/whole` beside `path`; it is renamed to `path` when the block succeeds.
+    """The folder to fill, `.NAME.building/whole` beside `path`; it is moved to `path` when the block succeeds.
 
     It holds the work of an earlier, unfinished run if that had the same `fingerprint`; other work is removed. Its
     parent may hold a record of the progress. If the block fails, the work is kept and the exception says that the same
@@ -27,45 +36,45 @@ def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) ->
     `InputError` of the block the work is removed, because the same input would fail again. Also raises `InputError`
     where `whole_folder` does, and while another process makes the same folder.
     """
-    target = replaceable_folder(path, force)
-    work = target.absolute().with_name(f".{target.name}.building")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    lock = work.with_name(work.name + ".lock")
-    with locked(lock, f"{target} is being made by process {{pid}}: wait for it, or end it and run this again"):
-        replaceable_folder(path, force)  # another process may have made it before this one had the lock
+    target = check_folder(tidied(path), force)
+    work = beside(target, "building")
+    with parents_of(target), alone(target):
+        check_folder(target, force)  # another process may have made it before this one had the lock
         _make_room(work, fingerprint)
         resume_hint = f"what is done is kept in {work}, the same command resumes it"
         try:
-            yield work / "whole"
-            put_folder(work / "whole", target)
+            with holding(work):
+                yield work / BUILT
+            put_folder(work / BUILT, target)
         except KeyboardInterrupt as interrupt:
             raise KeyboardInterrupt(resume_hint) from interrupt
         except InputError:
-            shutil.rmtree(work, ignore_errors=True)
+            remove_work(work)
             raise
         except OSError as error:
-            raise InputError(f"{target}: {_advice(error)}; {resume_hint}") from error
-        shutil.rmtree(work, ignore_errors=True)
+            advice = FULL.get(error.errno or 0) or error.strerror or str(error)
+            raise InputError(f"{target}: {advice}; {resume_hint}") from error
+        remove_work(work)
+        remove_work(beside(target, "writing"))
 
 
 def _make_room(work: Path, fingerprint: str) -> None:
     """Prepare the work folder: keep earlier work of the same `fingerprint`, remove any other."""
     recipe = work / FINGERPRINT_FILE
-    if work.exists() and any(work.iterdir()) and not recipe.is_file():
-        raise InputError(f"{work} holds files that Hagoromo did not write: move them")
-    if recipe.is_file() and recipe.read_text() != fingerprint:
+    check_work(work, FINGERPRINT_FILE)
+    if recipe.is_file() and recipe.read_text(encoding="utf-8") != fingerprint:
         warnings.warn(f"{work} held unfinished work on another recipe, which was removed", stacklevel=4)
-        shutil.rmtree(work)
-    if not recipe.exists():
-        new = work.with_name(f"{work.name}.partial{os.getpid()}")
-        new.mkdir()
-        (new / FINGERPRINT_FILE).write_text(fingerprint)
-        os.replace(new, work)  # so a work folder always has its recipe
-    (work / "whole").mkdir(exist_ok=True)
+        remove_work(work)
+    if not recipe.is_file() or holds_other(work):
+        remove_work(work)
+        begin_work(work)
+        (work / BUILT).mkdir()
+        number_built(work)
+        partial = work / (FINGERPRINT_FILE + ".partial")
+        partial.write_text(fingerprint, encoding="utf-8")
+        sync_one(partial)
+        os.replace(partial, recipe)  # last: work that has its recipe is complete
+    (work / MARK).touch()
+    (work / BUILT).mkdir(exist_ok=True)
     for partial in work.rglob("*.partial"):
         partial.unlink()
-
-
-def _advice(error: OSError) -> str:
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    return "the disk is full: free some space" if full else (error.strerror or str(error))

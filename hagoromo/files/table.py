@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.whole import write_text
 
 LARGEST_TABLE = 1 << 26  # bytes
 GROWTH = 30.0  # memory of the cells of a file as texts, in its sizes
@@ -52,11 +54,12 @@ def write_table(path: str | Path, columns: Mapping[str, ArrayLike], comment: str
     arrays = [np.asarray(values, dtype=np.float64) for values in columns.values()]
     if len({array.shape for array in arrays}) != 1 or arrays[0].ndim != 1:
         raise InputError(f"a table needs columns of one length: given shapes {[array.shape for array in arrays]}")
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        file.write(f"# {comment}\n" if comment else "")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([repr(float(value)) for value in row] for row in zip(*arrays, strict=True))
+    text = io.StringIO(newline="")
+    text.write(f"# {comment}\n" if comment else "")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([repr(float(value)) for value in row] for row in zip(*arrays, strict=True))
+    write_text(path, text.getvalue())
 
 
 def _numbers(row: list[str], names: list[str], where: str) -> list[float]:

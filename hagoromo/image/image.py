@@ -20,7 +20,7 @@ from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import png_bytes, write_png
-from hagoromo.files.whole import whole_file
+from hagoromo.files.whole import whole_files
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.lighting import Palette, distinct
@@ -143,6 +143,7 @@ class Image:
     def save(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
         """Write an EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths.
 
+        Both are written or none, see `whole_files`.
         `InputError` for a name that does not end in .exr, or a file that exists without `force`.
         """
         target = Path(path)
@@ -159,7 +160,7 @@ class Image:
             "palette": json.dumps(_palette_record(self.palette)),
         }
         picture = target.with_suffix(".png")
-        with whole_file(target, force) as exr, whole_file(picture, force) as png:
+        with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
             write_png(png, self.display())
         return [target, picture]

@@ -19,6 +19,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from hagoromo.app.display import data_uri
+from hagoromo.files.whole import write_text
 from hagoromo.version import __version__
 
 TEMPLATES_PACKAGE = "hagoromo.app.report"
@@ -26,8 +27,8 @@ NUMBER_CELL = re.compile(r"[\s(]*[−+±-]?\s*[\d∞]")
 
 
 def write_page(path: Path, template: str, package: str = TEMPLATES_PACKAGE, **values: Any) -> None:
-    """Write the page of `template`, which lies in the folder `templates` of `package`, to `path`."""
-    path.write_text(page_text(template, package, **values), encoding="utf-8")
+    """Write the page of `template`, which lies in the folder `templates` of `package`, to `path`, whole or not."""
+    write_text(path, page_text(template, package, **values))
 
 
 def page_text(template: str, package: str = TEMPLATES_PACKAGE, **values: Any) -> str:

@@ -17,7 +17,7 @@ from hagoromo.calibration.response.positive_curve import fit_positive_curve
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table, write_table
-from hagoromo.files.whole import whole_file
+from hagoromo.files.whole import whole_files
 from hagoromo.least_squares import FitStatus
 from hagoromo.light.spectrum import VISIBLE
 
@@ -64,7 +64,7 @@ class ResponseCalibration:
             for channel, name in enumerate(self.response.channels)
             for k, end in enumerate(("low", "high"))
         }
-        with whole_file(curves, force) as response, whole_file(bounds, force) as intervals:
+        with whole_files((curves, bounds), force) as (response, intervals):
             self.response.write_table(response)
             write_table(intervals, wavelength | ends)
         return curves, bounds

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes
+from hagoromo.files.whole import write_bytes
 
 # number of a model → its name and how many parameters it has (COLMAP's sensor/models.h)
 MODELS = {
@@ -95,12 +96,12 @@ def write(folder: Path, cameras: Sequence[ColmapCamera], images: Sequence[Colmap
         struct.pack(f"<iiQQ{len(c.parameters)}d", c.number, MODEL_NUMBERS[c.model], c.width, c.height, *c.parameters)
         for c in cameras
     ]
-    (folder / "cameras.bin").write_bytes(struct.pack("<Q", len(rows)) + b"".join(rows))
+    write_bytes(folder / "cameras.bin", struct.pack("<Q", len(rows)) + b"".join(rows))
     rows = [
         struct.pack("<i7di", i, *image.quaternion, *image.translation, image.camera)
         + image.name.encode("utf-8")
         + struct.pack("<xQ", 0)
         for i, image in enumerate(images, 1)
     ]
-    (folder / "images.bin").write_bytes(struct.pack("<Q", len(rows)) + b"".join(rows))
-    (folder / "points3D.bin").write_bytes(struct.pack("<Q", 0))
+    write_bytes(folder / "images.bin", struct.pack("<Q", len(rows)) + b"".join(rows))
+    write_bytes(folder / "points3D.bin", struct.pack("<Q", 0))

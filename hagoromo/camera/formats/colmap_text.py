@@ -12,6 +12,7 @@ from hagoromo.camera.formats.colmap_model import ColmapCamera, ColmapImage
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes
 from hagoromo.files.memory import require
+from hagoromo.files.whole import write_text
 
 BYTES_PER_LINE = 400  # memory of the record of a line beside its text
 
@@ -65,7 +66,7 @@ def write(folder: Path, cameras: Sequence[ColmapCamera], images: Sequence[Colmap
 
 def _write(path: Path, header: str, rows: Sequence[tuple]) -> None:
     lines = [f"# {header}", *(" ".join(map(str, row)) for row in rows)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _lines(path: Path, blank: bool = False) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from hagoromo.camera.pose import pose_of, rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes
 from hagoromo.files.picture import picture_size
+from hagoromo.files.whole import write_text
 
 NUMBERS_PER_VIEW = 21
 GROWTH = 40.0  # memory of the words of a file, in its sizes
@@ -60,7 +61,7 @@ def write_middlebury(path: str | Path, views: Mapping[str, Camera]) -> None:
         pose = camera.world_to_camera
         numbers = [*k.ravel(), *pose[:3, :3].ravel(), *pose[:3, 3]]
         lines.append(" ".join([name, *(f"{number:.17g}" for number in numbers)]))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _camera(words: list[str], size: tuple[int, int], where: str) -> Camera:

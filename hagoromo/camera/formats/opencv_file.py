@@ -20,6 +20,7 @@ from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
 from hagoromo.files.checks import sized_file
 from hagoromo.files.memory import require
+from hagoromo.files.whole import write_text
 
 LARGEST = 64 * 2**20  # bytes; cameras take far less
 GROWTH = 30.0  # memory of the nodes of a file, in its sizes
@@ -57,7 +58,8 @@ def write_opencv(path: str | Path, views: Mapping[str, Camera]) -> None:
         np.concatenate([cv2.Rodrigues(camera.world_to_camera[:3, :3])[0].ravel(), camera.world_to_camera[:3, 3]])
         for camera in views.values()
     ]
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    # into memory: to a full disk OpenCV writes less, and does not tell
+    storage = cv2.FileStorage(Path(path).name, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", lens.width)
     storage.write("image_height", lens.height)
     storage.write("camera_matrix", np.array([[ax, 0.0, x0 - 0.5], [0.0, ay, y0 - 0.5], [0.0, 0.0, 1.0]]))
@@ -68,7 +70,7 @@ def write_opencv(path: str | Path, views: Mapping[str, Camera]) -> None:
         for name in views:
             storage.write("", name)
         storage.endWriteStruct()
-    storage.release()
+    write_text(path, storage.releaseAndGetString())
 
 
 def only_lens(views: Mapping[str, Camera], what: str) -> Camera:

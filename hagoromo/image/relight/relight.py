@@ -5,12 +5,12 @@ Enters: a capture, in memory or in its folder. Leaves: a Relighting.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from hagoromo.errors import InputError
+from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.prediction import predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
 from hagoromo.image.relight.stage import make_stage
@@ -46,8 +46,7 @@ def relight(
     """
     rest, held_out = _split(_loaded(capture), hold, against)
     measurement = measure(rest, n=n, distance=distance, progress=part_of(progress, 0.0, MEASURING_SHARE))
-    with tempfile.TemporaryDirectory(prefix="hagoromo-relight-") as scratch:
-        home = Path(scratch)
+    with scratch_folder() as home:
         (home / MEASURED_FOLDER).mkdir()
         measurement.write_into(home / MEASURED_FOLDER)
         stage = make_stage(rest, home / MEASURED_FOLDER)

@@ -14,6 +14,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import write_views
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
+from hagoromo.files.whole import write_text
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
@@ -72,7 +73,7 @@ class Stage:
             "render": {"samples": RAYS_PER_PIXEL, "tolerance": MARCH_TOLERANCE},
         }  # fmt: skip
         path = home / f"scene_{number:02d}.toml"
-        path.write_text(_toml(scene), encoding="utf-8")
+        write_text(path, _toml(scene))
         return path
 
     def write_into(self, home: Path) -> None:
@@ -83,7 +84,7 @@ class Stage:
             assert self.camera.response is not None  # as the spectrum is known
             self.camera.response.write_table(home / "response.csv")
             recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
-        (home / RELIEF_RECIPE).write_text(_toml(recipe), encoding="utf-8")
+        write_text(home / RELIEF_RECIPE, _toml(recipe))
 
     def _lamp(self, lamp: Lamp, response: Response | None) -> dict[str, Any]:
         """The record of a lamp, divided by `dim`; without a known spectrum, one band of light for each channel."""

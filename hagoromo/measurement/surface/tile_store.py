@@ -7,7 +7,6 @@ of pixels, which fits into memory. The scratch is removed at the end, also on fa
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.files.whole import scratch_folder
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.normals.views import Stack, check_lamps, enough
 from hagoromo.photograph.capture import Capture, load_capture
@@ -121,8 +121,8 @@ def tile_store(source: Source, beside: Path, progress: Progress = silent) -> Ite
             f"which has {free / 1e9:.0f} GB free: write to another disk"
         )
     factor = max(int(np.ceil(np.sqrt(height * width / COARSE_PIXELS))), 1)
-    with tempfile.TemporaryDirectory(prefix=".tiles-", dir=beside) as scratch:
-        path, scale, coarse, lamps = Path(scratch) / "tiles", np.ones(source.count), [], []
+    with scratch_folder(beside) as scratch:
+        path, scale, coarse, lamps = scratch / "tiles", np.ones(source.count), [], []
         path.touch()
         for k in range(source.count):
             progress(k / source.count, f"photograph {k + 1} of {source.count}")
