@@ -162,10 +162,11 @@ class Camera:
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return self.unproject(np.stack([x, y], axis=-1))
 
-    def rays(self, x: Any, y: Any) -> tuple[Any, Any]:
+    def rays(self, x: Any, y: Any, ahead: float = 0.0) -> tuple[Any, Any]:
         """Origin [m] and unit direction (Dr.Jit Array3f, world axes) of the rays through image points (x, y) [px].
 
         x, y: Dr.Jit Float. The camera's figures enter as data, so a camera that moves compiles no new kernel.
+        ahead: depth of the plane that the rays begin on [m]; from a camera far away, places near that plane are exact.
         """
         jit = backend.arrays()
         (ax, ay), (x0, y0) = (_opaque(self.focal), _opaque(self.principal))
@@ -173,8 +174,10 @@ class Camera:
         if any(self.distortion):
             x, y = undistort(x, y, Lens(*_opaque(lens_from_coefficients(self.distortion))))
         right, down, forward = (jit.Array3f(*_opaque(row)) for row in self.world_to_camera[:3, :3])
-        # Tanaka eq. (12)
-        return jit.Array3f(*_opaque(self.position)), dr.normalize(x * right + y * down + forward)
+        aside = x * right + y * down
+        begin = jit.Array3f(*_opaque(self.position + ahead * self.world_to_camera[2, :3]))
+        (depth,) = _opaque([ahead])
+        return begin + aside * depth, dr.normalize(aside + forward)  # Tanaka eq. (12)
 
     def _through_lens(self, way: Any, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """`distort` or `undistort` of (..., 2) normalised points, in double precision."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
+from hagoromo.image.origin import scene_from, scene_origin
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
@@ -70,7 +71,9 @@ class Preview:
     def pictures(self, scene: Scene) -> Iterator[Image]:
         """Pictures of `scene`; the last one is what `render` gives."""
         start, size = time.perf_counter(), scene.camera.width * scene.camera.height
-        new_shadows = self.cache.key("maps")[:1] != (shadow_casters(scene, self.settings),)
+        new_shadows = self.cache.key("maps")[:1] != (
+            shadow_casters(scene_from(scene, scene_origin(scene)), self.settings),
+        )
         coarse = strides(size, self.rays[new_shadows])
         points = pixel_points(self.settings.samples, self.settings.seed)
         steps = [(stride, pixel_points(1, 0)[0]) for stride in coarse] + [(1, point) for point in points]
@@ -79,8 +82,8 @@ class Preview:
         for number, (stride, point) in enumerate(steps):
             if number <= len(coarse):  # each coarse picture and the first whole one start anew
                 prepared = PreparedScene(scene, self.settings, self.cache, stride)
-                film = Film(scene.camera, prepared.channels, stride)
-            film.add(prepared.radiance, point)
+                film = Film(prepared.camera, prepared.channels, stride, prepared.ahead)
+            film.add(prepared.camera_radiance, point)
             level = {"stride": stride, "samples": film.samples, "share": sum(work[: number + 1]) / sum(work)}
             image = Image(*film.mean(), prepared.palette, record | {"preview": level})
             if number == 0:

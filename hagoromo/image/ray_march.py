@@ -69,8 +69,13 @@ class RayMarch:
         self._prepared.lighting.materials.rows = arrays().Float(values)
 
     def along(self, origin: Any, direction: Any) -> tuple[list[Any], Any]:
-        """Weights (a Dr.Jit Float per channel) and transmittance of Dr.Jit rays, Array3f in the world, unit."""
-        weights, coverage = self._prepared.radiance(origin, direction)
+        """Weights (a Dr.Jit Float per channel) and transmittance of Dr.Jit rays, Array3f in the world, unit.
+
+        Far from (0, 0, 0), give `origin` in double precision.
+        """
+        jit, place = arrays(), self._prepared.origin
+        offset = type(origin)(*(dr.opaque(type(origin.x), float(place[k])) for k in range(3)))
+        weights, coverage = self._prepared.radiance(jit.Array3f(origin - offset), jit.Array3f(direction))
         return weights, 1.0 - coverage
 
     def __call__(self, origins: ArrayLike, directions: ArrayLike) -> RayLight:
@@ -144,7 +149,7 @@ def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[Any, Any]:
     jit = arrays()
 
     def vector(values: NDArray) -> Any:
-        return jit.Array3f(*(jit.Float(np.ascontiguousarray(values[:, k], np.float32)) for k in range(3)))
+        return jit.Array3f64(*(jit.Float64(np.ascontiguousarray(values[:, k])) for k in range(3)))
 
     return vector(origin), vector(direction / length)
 

@@ -14,6 +14,7 @@ import numpy as np
 from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.image.image import Image
+from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.image.surface import Surfaces
@@ -23,7 +24,7 @@ from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.transport.march import march
 from hagoromo.transport.medium import Element, Medium, TexelHit
-from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation
+from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
 from hagoromo.volume.box import VolumeBox
 
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
@@ -58,9 +59,9 @@ def render(
         return render_on(scheduler, scene, settings, progress)
     scene, settings = scene_and_settings(scene, settings)
     prepared = PreparedScene(scene, settings)
-    film = Film(scene.camera, prepared.channels)
+    film = Film(prepared.camera, prepared.channels, ahead=prepared.ahead)
     for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
-        film.add(prepared.radiance, point, part_of(progress, sample / settings.samples, 1.0 / settings.samples))
+        film.add(prepared.camera_radiance, point, part_of(progress, sample / settings.samples, 1.0 / settings.samples))
     return Image(*film.mean(), prepared.palette, metadata(scene, settings))
 
 
@@ -90,15 +91,21 @@ class SceneCache:
 class PreparedScene:
     """A scene on the device, ready for rays: medium, surfaces, materials, lamps and shadow maps.
 
+    All places count from `origin` (3,) [m], world, see `origin_of`: those of `camera`, the scene's own, and of rays.
+    ahead: depth at which the camera's rays begin, in front of all matter [m].
     cache: what an earlier scene left on the device; values that did not change are used again.
     stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
     """
 
     def __init__(self, scene: Scene, settings: Settings, cache: SceneCache | None = None, stride: int = 1) -> None:
-        cache, camera = cache or SceneCache(), scene.camera
+        cache, world, self.origin = cache or SceneCache(), scene, scene_origin(scene)
+        scene = scene_from(world, self.origin)
+        self.camera = camera = scene.camera
+        self.ahead = depth_of_matter(scene)
         texels = None if stride == 1 else math.isqrt(camera.width * camera.height) // stride
         width = stride / (max(camera.focal) * math.sqrt(settings.samples if stride == 1 else 1))
         self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
+        self.first_width = dr.opaque(arrays().Float, width * self.ahead)  # of a camera ray, where it begins [m]
         reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
         bases = [box.basis for box in scene.boxes]
         colours = palette_of(reflectances, [s for b in bases for s in b], [])
@@ -106,17 +113,28 @@ class PreparedScene:
         self.channels = self.palette.channels
         self.medium = _medium(scene, settings, cache)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
-        self.surfaces = _surfaces(scene, cache)
+        self.surfaces = _surfaces(world, cache, self.origin)
         boxes_shade: Attenuation | None = None
-        if self.medium and settings.shadows == "map":
-            boxes_shade = _maps(scene, settings, self.medium, cache, texels)
-        elif self.medium and settings.shadows == "march":
+        if self.medium and (
+            settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))
+        ):
             boxes_shade = brute_attenuation(self.medium)
+        elif self.medium and settings.shadows == "map":
+            boxes_shade = _maps(scene, settings, self.medium, cache, texels)
         attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
         self.lighting = Lighting(scene.lamps, Materials(reflectances, self.palette), attenuation, bases)
 
-    def radiance(self, origin: Array3f, direction: Array3f, phase: Float = 0.0) -> tuple[list[Float], Float]:
-        """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity)."""
+    def camera_radiance(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
+        """`radiance` along rays of the camera, which begin `ahead` of it."""
+        return self.radiance(origin, direction, phase, self.first_width)
+
+    def radiance(
+        self, origin: Array3f, direction: Array3f, phase: Float = 0.0, width: Float = 0.0
+    ) -> tuple[list[Float], Float]:
+        """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity).
+
+        origin: counted from that of the scene, `self.origin`. width: of the rays there [m].
+        """
         jit, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [jit.Float(0)] * self.channels
         if self.surfaces:
@@ -128,7 +146,7 @@ class PreparedScene:
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
-        cone = jit.Float(0), self.spread
+        cone = jit.Float(width), self.spread
         channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), far, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
@@ -148,7 +166,7 @@ def pixel_points(samples: int, seed: int) -> np.ndarray:
 
 
 def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
-    """Keys of the medium and of its shadow maps: equal for scenes that may share them."""
+    """Keys of the medium and of its shadow maps: equal for scenes, counted from their origins, that may share them."""
     boxes = tuple((*_matter(box), box.pose.tobytes()) for box in scene.boxes)
     places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
     lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)
@@ -169,12 +187,16 @@ def _medium(scene: Scene, settings: Settings, cache: SceneCache) -> Medium | Non
     return cache.get("medium", boxes, lambda: Medium(scene.boxes, settings.tolerance))
 
 
-def _surfaces(scene: Scene, cache: SceneCache) -> Surfaces | None:
-    """The scene's surfaces as Mitsuba holds them; None without surfaces."""
+def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | None:
+    """The scene's surfaces as Mitsuba holds them, for rays counted from `origin`; None without surfaces.
+
+    Mitsuba counts from an origin of their own: a box that moves does not build its trees anew.
+    """
     if not scene.surfaces:
         return None
-    figures = tuple(surface.figure for surface in scene.surfaces)
-    return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces))
+    own = origin_of(scene.surfaces, scene.camera)
+    figures = (own.tobytes(), *(surface.figure for surface in scene.surfaces))
+    return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces, own)).seen_from(origin)
 
 
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:

@@ -96,10 +96,10 @@ def scene_facts(order: SceneOrder) -> SceneFacts:
 
 def trace(order: SceneOrder, rays: range) -> NDArray[np.float32]:
     """On a worker: means over the samples of weights and alpha along rays of a scene, (rays, channels + 1)."""
-    prepared, facts = _ready(order)
-    film = Film(facts.camera, prepared.channels, rays=rays)
+    prepared, _ = _ready(order)
+    film = Film(prepared.camera, prepared.channels, ahead=prepared.ahead, rays=rays)
     for point in pixel_points(order.settings.samples, order.settings.seed):
-        film.add(prepared.radiance, point)
+        film.add(prepared.camera_radiance, point)
     weights, alpha = film.mean()
     return np.concatenate([weights, alpha[:, None]], axis=1)
 

@@ -14,6 +14,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.volume.box import VolumeBox
 
+PLACE_ERROR = 1e-3  # largest error of places in double precision, in voxels or other finest details
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -40,6 +42,8 @@ class Scene:
             raise InputError("the scene has no lamp: give at least one")
         if not self.boxes and not self.surfaces:
             raise InputError("the scene is empty: give at least one volume box or surface")
+        for thing in (*self.boxes, *self.surfaces):
+            _check_place(thing)
         for number, lamp in enumerate(self.lamps):
             for box in self.boxes:
                 if lamp.position is not None and box.contains(lamp.position):
@@ -89,6 +93,17 @@ class Scene:
                 for s in self.surfaces
             ],
         }  # fmt: skip
+
+
+def _check_place(thing: VolumeBox | Surface) -> None:
+    """Raise `InputError` for a box or surface whose details double precision cannot place so far from (0, 0, 0)."""
+    away = float(np.abs(thing.corners()).max())
+    if not np.spacing(away) <= PLACE_ERROR * thing.finest:
+        what, error = "volume box" if isinstance(thing, VolumeBox) else "surface", np.spacing(away)
+        raise InputError(
+            f"{what} {thing.name!r} stands {away:.3g} m from (0, 0, 0), where numbers are {error:.2g} m apart, and its "
+            f"details are {thing.finest:.2g} m: move the scene nearer"
+        )
 
 
 def _in_view(camera: Camera, corners: np.ndarray) -> bool:

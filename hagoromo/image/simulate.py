@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.image.expose import photograph
+from hagoromo.image.origin import camera_from, origin_of
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
@@ -33,7 +34,7 @@ class Shape(NamedTuple):
     surface: (height, width), index into the scene's surfaces, −1 where no surface is hit.
     """
 
-    points: NDArray[np.float32]
+    points: NDArray[np.float64]
     normals: NDArray[np.float32]
     surface: NDArray[np.int64]
 
@@ -68,18 +69,20 @@ def simulate(
 
 def visible_shape(scene: Scene) -> Shape:
     """The shape of the scene's surfaces, of which there is one at least, as its camera sees it."""
-    jit, camera = arrays(), scene.camera
+    jit, origin = arrays(), origin_of(scene.surfaces, scene.camera)
+    camera = camera_from(scene.camera, origin)
     number = dr.arange(jit.UInt, camera.width * camera.height)
     x, y = jit.Float(number % camera.width) + 0.5, jit.Float(number // camera.width) + 0.5
-    origin, direction = camera.rays(x, y)
-    surfaces = Surfaces(scene.surfaces)  # must outlive the evaluation of the rays
-    distance, _, normal, surface = surfaces.intersect(origin, direction)
+    begin, direction = camera.rays(x, y)
+    surfaces = Surfaces(scene.surfaces, origin)  # must outlive the evaluation of the rays
+    distance, _, normal, surface = surfaces.intersect(begin, direction)
     visible = dr.isfinite(distance) & jit.Bool(_in_the_open(scene).ravel())
-    point = dr.select(visible, origin + direction * dr.select(visible, distance, 0.0), 0.0)
+    point = np.array(begin + direction * dr.select(visible, distance, 0.0), np.float32).T
+    point = np.where(np.array(visible)[:, None], point + origin, 0.0)
     normal = dr.select(visible, normal, 0.0)
     size = (camera.height, camera.width)
     return Shape(
-        np.array(point, np.float32).T.reshape(*size, 3),
+        point.reshape(*size, 3),
         np.array(normal, np.float32).T.reshape(*size, 3),
         np.where(np.array(visible), np.array(surface, np.int64), -1).reshape(size),
     )

@@ -5,7 +5,9 @@ Enters: meshes (arrays, or any file that trimesh reads) and Mitsuba's exact shap
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Hashable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,12 +15,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
 from hagoromo.errors import InputError
 from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
+LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which it is told
+DETAILS = 256.0  # of a surface, along its size
 RELATIVE_SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 
 
@@ -88,12 +92,26 @@ class Surface:
         from hagoromo.files.mesh import read_mesh
 
         mesh = read_mesh(path)
-        return cls(reflectance, "mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces), **record)
+        vertices = np.asarray(mesh.vertices)
+        rounding = float(np.spacing(np.float32(np.abs(vertices).max())))
+        size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        if rounding > LARGEST_ROUNDING * size and np.array_equal(vertices, vertices.astype(np.float32)):
+            warnings.warn(
+                f"{path} holds a mesh of {size:.3g} m in single precision, {rounding:.1g} m apart so far out: "
+                "write it about (0, 0, 0) and place it by position",
+                stacklevel=2,
+            )
+        return cls(reflectance, "mesh", vertices, np.asarray(mesh.faces), **record)
 
     @property
     def figure(self) -> Hashable:
         """Key of its geometry: equal for two surfaces of the same arrays, shape and pose."""
         return self.shape, id(self.vertices), id(self.faces), self.smooth, np.asarray(self.pose, float).tobytes()
+
+    @property
+    def finest(self) -> float:
+        """Length that is taken for its finest detail: 1 / DETAILS of its size [m]."""
+        return float(np.linalg.norm(np.ptp(self.corners(), axis=0))) / DETAILS
 
     def corners(self) -> np.ndarray:
         """Corners of its bounding box in the world [m]: (8, 3)."""
@@ -105,12 +123,14 @@ class Surface:
 
 
 class Surfaces:
-    """All surfaces of a scene as Mitsuba holds them."""
+    """All surfaces of a scene as Mitsuba holds them, counted from a place of their own: see `seen_from`."""
 
-    def __init__(self, surfaces: Sequence[Surface]) -> None:
+    def __init__(self, surfaces: Sequence[Surface], origin: np.ndarray) -> None:
+        """`surfaces`: in the world. `origin`: (3,) [m], from which Mitsuba counts."""
         mi, jit = mitsuba(), arrays()
+        self.origin, self.offset = origin, opaque_vector(np.zeros(3))
         self.surfaces = tuple(surfaces)
-        shapes = [_shape(surface) for surface in surfaces]
+        shapes = [_shape(surface, origin) for surface in surfaces]
         self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(shapes)}})
         # Mitsuba numbers its shapes anew with every scene: numbers read from memory compile no new kernel
         numbers = [int(dr.reinterpret_array(jit.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
@@ -120,10 +140,16 @@ class Surfaces:
         corners = np.concatenate([surface.corners() for surface in surfaces])
         self.shadow_bias = dr.opaque(jit.Float, RELATIVE_SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
 
+    def seen_from(self, origin: np.ndarray) -> Surfaces:
+        """The same surfaces for rays whose places count from `origin` (3,) [m], world."""
+        other = copy(self)
+        other.offset = opaque_vector(origin - self.origin)
+        return other
+
     def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
         mi, jit = mitsuba(), arrays()
-        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin + self.offset), mi.Vector3f(direction)))
         flat, normal = jit.Array3f(hit.n), jit.Array3f(hit.sh_frame.n)
         back = dr.dot(flat, direction) > 0
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
@@ -134,26 +160,27 @@ class Surfaces:
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""
         mi = mitsuba()
-        ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to_lamp))
+        ray = mi.Ray3f(mi.Point3f(point + self.offset), mi.Vector3f(to_lamp))
         ray.maxt = dr.fma(mi.Float(distance), 1.0 - 1e-5, -self.shadow_bias)
         return ~self.scene.ray_test(ray)
 
 
-def _shape(surface: Surface) -> Any:
+def _shape(surface: Surface, origin: np.ndarray) -> Any:
     mi = mitsuba()
-    pose = mi.ScalarTransform4f(surface.pose.tolist())
+    place = surface.pose[:3, 3] - origin
     if surface.shape != "mesh":
-        return mi.load_dict({"type": surface.shape, "to_world": pose})
+        pose = np.vstack([np.column_stack([surface.pose[:3, :3], place]), surface.pose[3]])
+        return mi.load_dict({"type": surface.shape, "to_world": mi.ScalarTransform4f(pose.tolist())})
     assert surface.vertices is not None and surface.faces is not None
-    world = surface.vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
-    mesh = mi.Mesh(surface.name or "mesh", len(world), len(surface.faces), has_vertex_normals=surface.smooth)
+    placed = surface.vertices @ surface.pose[:3, :3].T + place  # in double precision
+    mesh = mi.Mesh(surface.name or "mesh", len(placed), len(surface.faces), has_vertex_normals=surface.smooth)
     values = mi.traverse(mesh)
-    values["vertex_positions"] = np.ascontiguousarray(world, np.float32).ravel()
+    values["vertex_positions"] = np.ascontiguousarray(placed, np.float32).ravel()
     values["faces"] = np.ascontiguousarray(surface.faces, np.uint32).ravel()
     if surface.smooth:
         import trimesh
 
-        normals = trimesh.Trimesh(world, surface.faces, process=False).vertex_normals
+        normals = trimesh.Trimesh(placed, surface.faces, process=False).vertex_normals
         values["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
     values.update()
     return mesh

@@ -64,7 +64,7 @@ class Capture:
     name: str = ""
     folder: Path | None = None
     truth: dict[str, Any] | None = None
-    points: NDArray[np.float32] | None = None
+    points: NDArray[np.floating] | None = None
     normals: NDArray[np.float32] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     seed: int | None = None

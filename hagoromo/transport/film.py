@@ -33,12 +33,15 @@ class Film:
     """Sums over samples of `channels` weights and alpha, for every pixel that `camera` sees.
 
     stride: a pixel of the film stands for stride × stride of the camera's (at the edges, for what is there of them).
+    ahead: depth at which rays begin [m], see `Camera.rays`.
     rays: numbers of the rays that are traced, by default all; of some of them the film holds one value a ray, in their
     order, with the bits that the whole film has there.
     """
 
-    def __init__(self, camera: Camera, channels: int, stride: int = 1, rays: range | None = None) -> None:
-        self.camera, self.stride, self.values = camera, stride, channels + 1
+    def __init__(
+        self, camera: Camera, channels: int, stride: int = 1, ahead: float = 0.0, rays: range | None = None
+    ) -> None:
+        self.camera, self.stride, self.values, self.ahead = camera, stride, channels + 1, ahead
         self.width, self.height = (-(-size // stride) for size in (camera.width, camera.height))
         self.rays, self.whole = rays or range(tiled(self.width, self.height)), rays is None
         entries = self.pixels if self.whole else len(self.rays)
@@ -62,7 +65,7 @@ class Film:
             number = dr.arange(jit.UInt, min(RAYS_AT_ONCE, end - start)) + dr.opaque(jit.UInt, start)
             column, row = tile_place(number, width)
             x, y = (jit.Float(column) + dx) * stride, (jit.Float(row) + dy) * stride
-            channels, alpha = radiance(*self.camera.rays(x, y), phase)
+            channels, alpha = radiance(*self.camera.rays(x, y, self.ahead), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
             # chosen in the kernel, so that a part needs no other kernel than the whole

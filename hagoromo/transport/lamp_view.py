@@ -17,50 +17,71 @@ WIDEST_TANGENT = math.tan(math.radians(75))  # of the half angle; a wider view i
 class LampView:
     """Square coordinates a, b in 0…1 of the rays of a lamp: parallel (far lamp), or a pyramid or octahedral map of all
     directions (near lamp). Which of the last two is read from memory: a lamp that moves compiles no new kernel.
+
+    Rays begin in front of all matter, and places count from the middle of it: a lamp a thousand kilometres away has as
+    exact a map as one in the room.
     """
 
-    def __init__(self, kind: str, origin: np.ndarray, axes: np.ndarray, extent: float, span: tuple) -> None:
-        """`kind`: lines, pyramid or octahedron. `extent`: half the width of the square, at distance 1 in a pyramid [m].
-        `span`: least and largest distance of matter along the rays [m].
+    def __init__(self, kind: str, middle: np.ndarray, axes: np.ndarray, extent: float, reach: tuple) -> None:
+        """`kind`: lines, pyramid or octahedron. `middle`: of the matter. `axes`: right, up, and ahead from the lamp to
+        the middle. `extent`: half the width of the square, at distance 1 in a pyramid [m]. `reach`: distance of the
+        lamp from the middle (lines: 0), and of the ends of all matter before and behind the middle [m].
         """
-        jit = arrays()
+        jit, (away, front, back) = arrays(), map(float, reach)
         self.kind, self.extent = kind, dr.opaque(jit.Float, extent)
         self.folded = dr.opaque(jit.Bool, kind == "octahedron")
-        self.near, self.depth = (dr.opaque(jit.Float, float(d)) for d in (span[0], span[1] - span[0]))
-        self.origin, (self.right, self.up, self.ahead) = opaque_vector(origin), map(opaque_vector, axes)
+        self.away, self.front, self.depth = (dr.opaque(jit.Float, d) for d in (away, front, front + back))
+        self.before = dr.opaque(jit.Float, away - front)  # from the lamp to where rays begin
+        self.middle, (self.right, self.up, self.ahead) = opaque_vector(middle), map(opaque_vector, axes)
 
     def ticks(self) -> tuple[Float, Float]:
         """Distance of tick 0 [m], and ticks per metre [1/m]: TICKS of them span all matter."""
-        return self.near, TICKS / self.depth
+        return arrays().Float(0), TICKS / self.depth
 
     def cone(self, size: UInt) -> tuple[Float, Float]:
-        """Footprint of a ray of `size` along a side: width at the origin [m], and its growth per metre [1]."""
+        """Footprint of a ray of `size` along a side: width where it begins [m], and its growth per metre [1]."""
         jit = arrays()
         apart = 2.0 / jit.Float(size)
         if self.kind == "lines":
             return self.extent * apart, jit.Float(0)
-        return jit.Float(0), dr.select(self.folded, 1.6, self.extent) * apart  # 1.6: π / 2 and a little
+        spread = dr.select(self.folded, 1.6, self.extent) * apart  # 1.6: π / 2 and a little
+        return spread * self.before, spread
 
     def place(self, point: Array3f) -> tuple[Float, Float, Float]:
         """Square coordinates a, b of a point and its distance along the ray [m]."""
-        offset = point - self.origin
+        offset = point - self.middle
         x, y, z = (dr.dot(offset, axis) for axis in (self.right, self.up, self.ahead))
         if self.kind == "lines":
             scale = 0.5 / self.extent
-            return x * scale + 0.5, y * scale + 0.5, z
-        a, b = dr.if_stmt((x, y, z), self.folded, _folded, lambda x, y, z: _flat(x, y, z, self.extent))
-        return a, b, dr.norm(offset)
+            return x * scale + 0.5, y * scale + 0.5, z + self.front
+        ahead, aside = z + self.away, dr.fma(x, x, y * y)
+        a, b = dr.if_stmt((x, y, ahead), self.folded, _folded, lambda x, y, z: _flat(x, y, z, self.extent))
+        distance = dr.sqrt(dr.fma(ahead, ahead, aside))
+        # the same less `before`, without the difference of two long distances
+        flat = z + self.front + aside / (distance + dr.fmax(ahead, 0.0))
+        return a, b, dr.select(self.folded, distance - self.before, flat)
 
     def ray(self, a: Float, b: Float) -> tuple[Array3f, Array3f]:
         """Origin and unit direction of the ray at square coordinates a, b."""
         u, v = 2.0 * a - 1.0, 2.0 * b - 1.0
         if self.kind == "lines":
-            return self.origin + (u * self.right + v * self.up) * self.extent, self.ahead
+            return self.middle + (u * self.right + v * self.up) * self.extent - self.ahead * self.front, self.ahead
         z = 1.0 - dr.abs(u) - dr.abs(v)
-        aside = [dr.select(z < 0, _turned(1.0 - dr.abs(other), own), own) for own, other in ((u, v), (v, u))]
-        x, y = (dr.select(self.folded, folded, flat * self.extent) for folded, flat in zip(aside, (u, v), strict=True))
-        z = dr.select(self.folded, z, 1.0)
-        return self.origin, dr.normalize(x * self.right + y * self.up + z * self.ahead)
+        fold = [dr.select(z < 0, _turned(1.0 - dr.abs(other), own), own) for own, other in ((u, v), (v, u))]
+        turned = dr.normalize(fold[0] * self.right + fold[1] * self.up + z * self.ahead)
+        aside = (
+            u * self.right + v * self.up
+        ) * self.extent  # where the ray passes the middle, in distances of the lamp
+        squared = dr.squared_norm(aside)
+        length = dr.sqrt(1.0 + squared)
+        straight = (aside + self.ahead) / length
+        back = dr.fma(self.away, squared / (1.0 + length), self.front)
+        begin = dr.select(
+            self.folded,
+            turned * self.before - self.ahead * self.away,
+            aside * self.away - straight * back,
+        )
+        return self.middle + begin, dr.select(self.folded, turned, straight)
 
 
 def _flat(x: Float, y: Float, z: Float, extent: Float) -> tuple[Float, Float]:
@@ -86,16 +107,14 @@ def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
         assert lamp.to_lamp is not None
         axes = _axes(-lamp.to_lamp)
         extent = 1.01 * np.abs((corners - middle) @ axes[:2].T).max()
-        return LampView(
-            "lines", middle + 2.0 * radius * lamp.to_lamp, axes, float(extent), (0.9 * radius, 3.1 * radius)
-        )
+        return LampView("lines", middle, axes, float(extent), (0.0, 1.1 * radius, 1.1 * radius))
     axes, away = _axes(middle - lamp.position), float(np.linalg.norm(middle - lamp.position))
-    span = max(away - 1.01 * radius, 0.0), away + 1.01 * radius
+    reach = away, min(away, 1.01 * radius), 1.01 * radius
     across, along = (corners - lamp.position) @ axes[:2].T, (corners - lamp.position) @ axes[2]
     extent = float(np.max(np.abs(across) / along[:, None])) if (along > 0).all() else math.inf
     if extent > WIDEST_TANGENT:
-        return LampView("octahedron", lamp.position, axes, 1.0, span)
-    return LampView("pyramid", lamp.position, axes, 1.01 * extent, span)
+        return LampView("octahedron", middle, axes, 1.0, reach)
+    return LampView("pyramid", middle, axes, 1.01 * extent, reach)
 
 
 def _axes(ahead: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from hagoromo.transport.medium import Medium, TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
 
 TEXELS_PER_VOXEL = 1.2  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
+COARSEST_TEXEL = 64.0  # [voxel] along a texel of the finest map that is still of use
 MOST_TEXELS = 1024  # along a side of a shadow map: 96 MiB a lamp
 # where the three map rays around a point differ by more, the way to the lamp is marched
 LEAST_DIFFERENCE = 0.12  # of transmittance, at DEFAULT_TOLERANCE
@@ -91,7 +92,16 @@ def fitting_resolution(medium: Medium, tolerance: float = DEFAULT_TOLERANCE) -> 
 
     A tolerance of a sixteenth takes twice as many.
     """
-    corners = np.concatenate([box.corners() for box in medium.boxes])
-    voxels = np.linalg.norm(np.ptp(corners, axis=0)) / min(box.voxel_size for box in medium.boxes)
     finer = (DEFAULT_TOLERANCE / tolerance) ** 0.25
-    return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels / 64), 128, MOST_TEXELS))
+    return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels_across(medium) / 64), 128, MOST_TEXELS))
+
+
+def too_wide_for_maps(medium: Medium) -> bool:
+    """Whether the boxes stand so far apart that a texel of the finest map would miss whole boxes."""
+    return voxels_across(medium) > COARSEST_TEXEL * MOST_TEXELS
+
+
+def voxels_across(medium: Medium) -> float:
+    """Extent of all boxes together in the smallest voxel."""
+    corners = np.concatenate([box.corners() for box in medium.boxes])
+    return float(np.linalg.norm(np.ptp(corners, axis=0))) / min(box.voxel_size for box in medium.boxes)

@@ -166,6 +166,11 @@ class VolumeBox:
         """Edge lengths (x, y, z) [m]."""
         return np.array(self.bricks.shape[::-1]) * self.voxel_size
 
+    @property
+    def finest(self) -> float:
+        """Length of the finest detail: a voxel [m]."""
+        return self.voxel_size
+
     @cached_property
     def lattice_from_world(self) -> np.ndarray:
         """World point [m] → lattice coordinates, whole at voxel centres: (4, 4)."""
