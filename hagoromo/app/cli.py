@@ -1,6 +1,7 @@
 """The command line `hagoromo COMMAND`: each command parses its arguments, calls the package and prints what it wrote.
 
-Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 interrupted; 1 a bug.
+Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 Ctrl-C, 143 SIGTERM, 129
+SIGHUP; 141 nobody reads the output any more; 1 a bug.
 Commands import modules when they run, so that `--help` is fast.
 """
 
@@ -10,6 +11,7 @@ import contextlib
 import io
 import json
 import math
+import os
 import re
 import sys
 import warnings
@@ -23,43 +25,80 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.calibrations import calibrations
-from hagoromo.app.interrupt import signals_as_interrupt
+from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, Scheduler, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
-from hagoromo.files.whole import replaceable_file, whole_folder
+from hagoromo.files.whole import names_written, replaceable_file, whole_folder
 
-DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
+DONE, BAD_INPUT, NOT_READ = 0, 2, 141
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command in `arguments` (default: those of the process); returns the exit status."""
+def main(arguments: Sequence[str] | None = None, ends: bool = False) -> int:
+    """Run the command in `arguments` (default: those of the process); returns the exit status.
+
+    ends: the process ends with the command.
+    """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        status = _run(arguments, ends)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:  # as when | head has read enough
+        _give_up_streams()
+        return NOT_READ
+    except OSError as error:  # of a standard output that is a file on a full disk
+        print(f"hagoromo: standard output: {_one_line(error)}", file=sys.stderr)
+        _give_up_streams()
+        return BAD_INPUT
+    return status
+
+
+def _run(arguments: list[str], ends: bool) -> int:
+    """Run a command and say in one line what ended it; returns the exit status."""
     if arguments == ["--version"]:
         print(f"hagoromo {hg.__version__}")
         return DONE
+    names_written.clear()
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
         try:
             with signals_as_interrupt():
                 _parsed(arguments)()
+        except BrokenPipeError:
+            raise
         except (InputError, OSError) as error:
             print(f"hagoromo: {_one_line(error)}", file=sys.stderr)
             return BAD_INPUT
         except KeyboardInterrupt as interrupt:
-            print(f"hagoromo: interrupted: {_one_line(interrupt) or 'nothing was written'}", file=sys.stderr)
-            return INTERRUPTED
+            written = f"{', '.join(map(str, names_written))} was written" if names_written else "nothing was written"
+            print(f"hagoromo: interrupted: {_one_line(interrupt) or written}", file=sys.stderr)
+            if not ends:
+                wait_for_kernels()
+            return exit_status()
         except Exception as error:
             if not is_shortage(error):
                 raise
             print(f"hagoromo: {shortage(error)}", file=sys.stderr)
             return BAD_INPUT
     return DONE
+
+
+def _give_up_streams() -> None:
+    """Let nothing more be written to the standard streams, which would fail again as the process ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, OSError, ValueError):
+            stream.flush()
+            continue
+        with contextlib.suppress(AttributeError, OSError, ValueError):
+            os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def _parsed(arguments: list[str]) -> Callable[[], None]:

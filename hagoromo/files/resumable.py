@@ -21,7 +21,7 @@ from hagoromo.files.leftovers import (
     number_built,
     remove_work,
 )
-from hagoromo.files.whole import FULL, check_folder, holding, parents_of, put_folder, tidied
+from hagoromo.files.whole import FULL, check_folder, holding, names_written, parents_of, put_folder, tidied
 
 FINGERPRINT_FILE = "recipe"  # file of the work folder: what is being made
 
@@ -46,6 +46,7 @@ def resumable_folder(path: str | Path, fingerprint: str, force: bool = False) ->
             with holding(work):
                 yield work / BUILT
             put_folder(work / BUILT, target)
+            names_written.append(Path(path))
         except KeyboardInterrupt as interrupt:
             raise KeyboardInterrupt(resume_hint) from interrupt
         except InputError:

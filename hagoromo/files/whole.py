@@ -38,6 +38,7 @@ FULL = {
     errno.EFBIG: "the file is larger than the system allows: raise the limit (ulimit -f)",
 }
 SCRATCH = "hagoromo-scratch-"  # name of scratch folders, before their number
+names_written: list[Path] = []  # targets that were written since it was last cleared
 _held: set[Path] = set()  # work folders of this process: what is written into them is moved with them
 
 
@@ -82,6 +83,7 @@ def whole_files(paths: Sequence[str | Path], force: bool = False) -> Iterator[li
             for partial, target in zip(partials, targets, strict=True):
                 check_written(partial, target)
             _put_files(works, targets, force)
+            names_written.extend(map(Path, paths))
         finally:
             if not (works[0] / COMMIT).exists():
                 for work in reversed(works):
@@ -112,6 +114,7 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
                 yield partial
             check_folder(target, force)
             put_folder(partial, target)
+            names_written.append(Path(path))
         finally:
             remove_work(work)
 
