@@ -73,7 +73,7 @@ def main() -> None:
         print(described(records[-1]))
     if asked.out:
         record = {"machine": machine, "date": str(datetime.date.today()), "boxes": records}
-        asked.out.write_text(json.dumps(record, indent=1) + "\n")
+        asked.out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
 def alone(work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:

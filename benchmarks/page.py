@@ -44,7 +44,7 @@ def main() -> None:
     if peers.exists():
         text = replaced(text, "peers", peers.read_text(encoding="utf-8").split("\n", 1)[1].strip())
     with whole_file(PAGE, force=True) as file:
-        file.write_text(text, encoding="utf-8")
+        file.write_text(text, encoding="utf-8", newline="\n")
     print(f"{PAGE} written")
 
 

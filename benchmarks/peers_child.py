@@ -55,7 +55,7 @@ class Child:
         settings = {"HOME": str(home)} | {cache: str(home / cache) for cache in CACHES}
         command = [sys.executable, __file__, contender, str(study), str(folder)]
         pipe: Any = subprocess.PIPE
-        with self.log.open("w") as log:
+        with self.log.open("w", encoding="utf-8") as log:
             self.process = subprocess.Popen(
                 command, stdin=pipe, stdout=pipe, stderr=log, env=os.environ | settings, text=True
             )
@@ -87,7 +87,8 @@ class Child:
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
-            said = [line for line in self.log.read_text().split("\n") if line] or ["no word why"]
+            text = self.log.read_text(encoding="utf-8", errors="replace")
+            said = [line for line in text.split("\n") if line] or ["no word why"]
             raise AbsentError(f"stopped: {re.sub(TERMINAL_COLOURS, '', said[-1])}")
         answer = json.loads(line)
         if "absent" in answer:
@@ -97,7 +98,7 @@ class Child:
 
 def serve(contender: str, study: int, folder: Path) -> None:
     """The child's side: render the first frame, then one for every line read."""
-    speak = os.fdopen(os.dup(1), "w", buffering=1)
+    speak = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
     os.dup2(2, 1)  # what the contender prints must not come between
     try:
         frames = importlib.import_module(CONTENDERS[contender]).frames(Scene(STUDIES[study], folder))
@@ -121,7 +122,8 @@ def peak_memory() -> float:
     """
     status = Path("/proc/self/status")
     if status.exists():
-        return next(int(line.split()[1]) for line in status.read_text().split("\n") if line.startswith("VmHWM")) / 1024
+        lines = status.read_text(encoding="utf-8").split("\n")
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
     import resource
 
     unit = 1024**2 if sys.platform == "darwin" else 1024

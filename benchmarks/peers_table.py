@@ -56,7 +56,7 @@ def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
     record = machine()
     paths = [folder / "peers.md", folder / "peers.json"]
     with whole_file(paths[0], force=True) as text, whole_file(paths[1], force=True) as data:
-        text.write_text(markdown(rows, record), encoding="utf-8")
+        text.write_text(markdown(rows, record), encoding="utf-8", newline="\n")
         write_json(data, {"machine": record, "rows": [asdict(row) for row in rows]})
     return paths
 
@@ -98,7 +98,7 @@ def _number(value: float | None, digits: int) -> str:
 
 def _processor() -> str:
     cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().split("\n") if cpuinfo.exists() else []
+    lines = cpuinfo.read_text(encoding="utf-8").split("\n") if cpuinfo.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
 

@@ -20,7 +20,7 @@ LINE_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a")
 def write_coverage_page(home: Path, record: dict[str, Any]) -> None:
     """Write coverage.md and coverage.png to the folder `home`."""
     _plot(home / "coverage.png", record)
-    (home / "coverage.md").write_text(_page(record), encoding="utf-8")
+    (home / "coverage.md").write_text(_page(record), encoding="utf-8", newline="\n")
 
 
 def chance(held: int, of: int) -> tuple[float, float]:

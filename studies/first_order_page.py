@@ -24,7 +24,7 @@ def write_first_order_page(home: Path, record: Record, before: Record) -> None:
         "first_order.md.j2", "studies", record=record, before=before, usual=usual,
         scenes=_scene_rows(record, before), blocks=_block_rows(record, before), gain=_gain(record, before),
     )  # fmt: skip
-    (home / "first_order.md").write_text(page, encoding="utf-8")
+    (home / "first_order.md").write_text(page, encoding="utf-8", newline="\n")
 
 
 def _errors(record: Record, key: str) -> dict[tuple, Record]:

@@ -27,7 +27,7 @@ def write_merl_page(home: Path, record: dict[str, Any]) -> None:
     materials = {kind: _materials(record, kind) for kind in record["summary"]}
     parts = {"rows": _rows(record), "shown": SHOWN, "materials": materials}
     page = hg.page_text("merl.md.j2", "studies", record=record, **parts)
-    (home / "merl.md").write_text(page, encoding="utf-8")
+    (home / "merl.md").write_text(page, encoding="utf-8", newline="\n")
 
 
 def _rows(record: dict[str, Any]) -> list[list[str]]:

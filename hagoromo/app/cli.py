@@ -27,6 +27,7 @@ import hagoromo as hg
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.streams import printable_streams
 from hagoromo.app.verb import Force, Out, Scheduler, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
@@ -45,6 +46,7 @@ def main(arguments: Sequence[str] | None = None, ends: bool = False) -> int:
     ends: the process ends with the command.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    printable_streams()
     try:
         status = _run(arguments, ends)
         if sys.stdout is not None:

@@ -14,7 +14,7 @@ from contextlib import contextmanager, redirect_stdout
 def silenced() -> Iterator[None]:
     """Discard standard output and standard error within the block, also those of C libraries."""
     stderr = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
             with redirect_stdout(nowhere):

@@ -42,4 +42,4 @@ def _state(folder: Path | None, text: str) -> list[Any]:
         paths = [path] if path.is_file() else sorted(inner for inner in path.rglob("*") if inner.is_file())
     except (InputError, OSError, ValueError):
         return []  # the text is not a path
-    return [[str(p.relative_to(path)), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]
+    return [[p.relative_to(path).as_posix(), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]

@@ -239,7 +239,7 @@ def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str
     image = write_pixels(photograph, home / "images" / f"{index:04d}")
     lit = [json.dumps(record_from_lamp(lamp)) for lamp in photograph.lamps]
     frame = {
-        "file_path": str(image.relative_to(home)),
+        "file_path": image.relative_to(home).as_posix(),
         "name": photograph.name,
         **record_from_camera(photograph.camera),
         "lamps": [lamps.setdefault(lamp, len(lamps)) for lamp in lit],

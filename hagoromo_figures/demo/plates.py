@@ -36,7 +36,7 @@ def write_plates(demo: Path, docs: Path) -> None:
         number, caption = name.split("_")[1], PAPER_FIGURES[name].caption
         parts.append(f"![{caption}](figures/{name}.jpg)\n\n*Figure {number}. {caption}*\n")
     with whole_file(docs / "figures.md", force=True) as page:
-        page.write_text("\n".join(parts), encoding="utf-8")
+        page.write_text("\n".join(parts), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]
     parts += [_shown(path, recipes, name) for name in made]
     parts += [_table(costs)] if costs else []
     with hg.whole_file(path, force=True) as partial:
-        partial.write_text("".join(parts), encoding="utf-8")
+        partial.write_text("".join(parts), encoding="utf-8", newline="\n")
 
 
 def _shown(path: Path, recipes: Path, name: str) -> str:

@@ -47,10 +47,8 @@ def _ends(paths: Sequence[str]) -> bytes:
     """Sizes and last bytes of files."""
     ends = []
     for path in paths:
-        file = os.open(path, os.O_RDONLY)
-        try:
-            size = os.lseek(file, 0, os.SEEK_END)
-            ends.append(size.to_bytes(8) + os.pread(file, TAIL, max(size - TAIL, 0)))
-        finally:
-            os.close(file)
+        with open(path, "rb", buffering=0) as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(size - TAIL, 0))
+            ends.append(size.to_bytes(8) + file.read(TAIL))
     return b"".join(ends)

@@ -1,0 +1,22 @@
+"""Standard output and standard error that can print every message, whatever encoding the system has set for them."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+def printable_streams() -> None:
+    """Let standard output and standard error take any text: ΔE₀₀, α, arrows, names of files that are not Unicode.
+
+    A file or pipe gets UTF-8 unless `PYTHONIOENCODING` says otherwise; Windows would choose a code page of 256
+    characters. A terminal keeps its encoding. What an encoding lacks is written as an escape such as \\u0394.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is None:
+            continue  # a stream of a notebook or of another program, or none at all
+        if stream.isatty() or os.environ.get("PYTHONIOENCODING"):
+            reconfigure(errors="backslashreplace")
+        else:
+            reconfigure(encoding="utf-8", errors="backslashreplace")

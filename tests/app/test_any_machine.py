@@ -1,0 +1,160 @@
+"""Windows and macOS, as far as a test on another system sees them: no call that POSIX alone has, text files of one
+encoding, and commands that run where Windows' limits are imitated (`windows.py`).
+"""
+
+import ast
+import io
+import sys
+from pathlib import Path
+
+import pytest
+
+from hagoromo.app.streams import printable_streams
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("hagoromo", "hagoromo_figures")
+WRITTEN = (*PACKAGES, "studies", "benchmarks", "examples", "docs/hooks")  # where text files are read and written
+# what Windows lacks: modules, and names of modules that it has
+MODULES = {"crypt", "curses", "fcntl", "grp", "nis", "posix", "pty", "pwd", "readline", "resource", "spwd", "syslog"}
+MODULES |= {"termios", "tty"}
+NAMES = {
+    "os": {
+        "chown", "chroot", "confstr", "fchdir", "fchown", "fork", "forkpty", "getegid", "geteuid", "getgid",
+        "getgroups", "getloadavg", "getpgid", "getpgrp", "getpriority", "getsid", "getuid", "killpg", "lchown",
+        "mkfifo", "mknod", "nice", "openpty", "pathconf", "posix_fadvise", "posix_fallocate", "posix_spawn", "pread",
+        "preadv", "pwrite", "pwritev", "sched_getaffinity", "sched_setaffinity", "sched_yield", "sendfile", "setegid",
+        "seteuid", "setgid", "setpgid", "setsid", "setuid", "statvfs", "fstatvfs", "sync", "sysconf", "sysconf_names",
+        "uname", "wait3", "wait4", "waitid", "WIFEXITED", "WIFSIGNALED", "WTERMSIG", "WNOHANG", "O_DIRECTORY",
+        "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_SYNC", "O_TMPFILE", "renameat2",
+    },
+    "signal": {
+        "SIGALRM", "SIGCHLD", "SIGCONT", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "SIGSTOP", "SIGTSTP", "SIGUSR1",
+        "SIGUSR2", "alarm", "pause", "pthread_kill", "pthread_sigmask", "setitimer", "siginterrupt", "sigpending",
+        "sigtimedwait", "sigwait",
+    },
+    "select": {"poll", "epoll", "kqueue"},
+    "socket": {"AF_UNIX", "socketpair"},
+    "time": {"tzset", "clock_gettime", "pthread_getcpuclockid"},
+    "asyncio": {"add_signal_handler"},
+}  # fmt: skip
+GUARDS = ("sys.platform", "os.name", "hasattr(", "platform.system(")
+
+
+def sources(folders: tuple[str, ...]) -> list[Path]:
+    return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def posix_only(text: str) -> list[str]:
+    """Lines of a module that Windows cannot run and that no test of the platform, and no `try`, stands around."""
+    tree = ast.parse(text)
+    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names if alias.name.split(".")[0] in MODULES]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names = [node.module] if (node.module or "").split(".")[0] in MODULES else []
+            names += [alias.name for alias in node.names if alias.name in NAMES.get(node.module or "", ())]
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            names = [node.attr] if node.attr in NAMES.get(node.value.id, ()) else []
+        else:
+            continue
+        if names and not is_guarded(node, parents):
+            found.append(f"{node.lineno}: {', '.join(map(str, names))}")
+    return found
+
+
+def is_guarded(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
+    while node in parents:
+        node = parents[node]
+        if isinstance(node, (ast.If, ast.IfExp)) and any(guard in ast.unparse(node.test) for guard in GUARDS):
+            return True
+        if isinstance(node, ast.Try):
+            caught = " ".join(ast.unparse(handler.type) for handler in node.handlers if handler.type)
+            if "ImportError" in caught or "AttributeError" in caught or "ModuleNotFoundError" in caught:
+                return True
+    return False
+
+
+def without_encoding(text: str) -> list[int]:
+    """Lines that open a text file in the encoding of the system."""
+    lines = []
+    for call in (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)):
+        name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+        named = {keyword.arg for keyword in call.keywords}
+        if isinstance(call.func, ast.Attribute) and name in ("read_text", "write_text"):
+            if "encoding" not in named:
+                lines.append(call.lineno)
+        elif name in ("open", "fdopen") and opens_text(call) and "encoding" not in named:
+            lines.append(call.lineno)
+    return lines
+
+
+def opens_text(call: ast.Call) -> bool:
+    """Whether a call of open(path, mode), or of path.open(mode), opens a text file."""
+    place = 0 if isinstance(call.func, ast.Attribute) and call.func.attr == "open" else 1
+    is_module = isinstance(call.func, ast.Attribute) and isinstance(call.func.value, ast.Name)
+    if is_module and ast.unparse(call.func) in ("os.open", "Image.open", "webbrowser.open", "OpenEXR.open"):
+        return False
+    modes = [keyword.value for keyword in call.keywords if keyword.arg == "mode"] + call.args[place : place + 1]
+    texts = [mode.value for mode in modes if isinstance(mode, ast.Constant) and isinstance(mode.value, str)]
+    return (bool(texts) and "b" not in texts[0]) or not modes
+
+
+def found_in(folders: tuple[str, ...], look) -> dict[str, list]:
+    """Files of the folders with what `look` finds in their text, if it finds something."""
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in sources(folders)}
+    assert len(texts) > 300
+    return {name: lines for name, text in texts.items() if (lines := look(text))}
+
+
+def test_the_packages_use_nothing_that_posix_alone_has():
+    assert found_in(PACKAGES, posix_only) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("import fcntl", ["1: fcntl"]),
+        ("from os import fork", ["1: fork"]),
+        ("def f():\n    import resource", ["2: resource"]),
+        ("import os\nx = os.sysconf('SC_PAGE_SIZE')", ["2: sysconf"]),
+        ("import os, sys\nif sys.platform != 'win32':\n    os.getuid()", []),
+        ("import os\nx = os.getuid() if hasattr(os, 'getuid') else 0", []),
+        ("try:\n    import fcntl\nexcept ImportError:\n    fcntl = None", []),
+        ("try:\n    import fcntl\nexcept OSError:\n    fcntl = None", ["2: fcntl"]),
+    ],
+)
+def test_what_posix_alone_has_is_found_unless_it_is_guarded(text, lines):
+    assert posix_only(text) == lines
+
+
+def test_text_files_have_one_encoding_on_every_system():
+    assert found_in(WRITTEN, without_encoding) == {}
+
+
+def test_text_in_the_encoding_of_the_system_is_found():
+    text = "open(p)\nopen(p, 'rb')\nopen(p, 'w', encoding='utf-8')\np.open('w')\np.read_text()\nos.open(p, 0)\n"
+    text += "p.write_text(t)\np.write_text(t, encoding='utf-8')\nwrite_text(p, t)\n"
+    assert without_encoding(text) == [1, 4, 5, 7]
+
+
+def test_streams_of_a_code_page_print_every_message(monkeypatch):
+    """Windows gives a file or pipe the code page 1252, which has neither Δ nor →, nor names that are no Unicode."""
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding="cp1252", errors="strict"))
+    monkeypatch.delenv("PYTHONIOENCODING", raising=False)
+    with pytest.raises(UnicodeEncodeError):
+        print("ΔE₀₀", flush=True)
+    printable_streams()
+    print("ΔE₀₀ → α \udcff", flush=True)
+    assert raw.getvalue().decode("utf-8").splitlines() == ["ΔE₀₀ → α \\udcff"]
+
+
+def test_an_encoding_that_the_user_has_set_stays(monkeypatch):
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding="cp1252", errors="strict"))
+    monkeypatch.setenv("PYTHONIOENCODING", "cp1252")
+    printable_streams()
+    print("10 µm, Δ", flush=True)
+    assert raw.getvalue().decode("cp1252").splitlines() == ["10 µm, \\u0394"]
