@@ -1,4 +1,5 @@
-"""The command line where Windows' limits are imitated: `python tests/app/imitated_windows.py VERB ...`.
+"""The command line where Windows' limits are imitated:
+`python tests/app/imitated_windows.py '[["info", "box.zarr"], ["--help"]]'`.
 
 What Windows lacks is taken away (modules, names of `os` and `signal`), `sys.platform` says win32, standard output has
 the code page 1252, and files that are open or mapped can neither be moved, replaced nor removed. Libraries are
@@ -10,6 +11,7 @@ from __future__ import annotations
 import errno
 import importlib
 import io
+import json
 import os
 import shutil
 import sys
@@ -101,4 +103,9 @@ if __name__ == "__main__":
     assert not hasattr(importlib.import_module("os"), "fork") and sys.stdout.encoding == "cp1252"
     from hagoromo.app.cli import main
 
-    sys.exit(main())
+    for arguments in json.loads(sys.argv[1]):
+        try:
+            status = main(arguments)
+        except SystemExit as end:  # --help
+            status = end.code
+        print(f"status {status}", flush=True)

@@ -1,9 +1,13 @@
 """Windows and macOS, as far as a test on another system sees them: no call that POSIX alone has, text files of one
-encoding, and commands that run where Windows' limits are imitated (`windows.py`).
+encoding, and commands that run where Windows' limits are imitated (`imitated_windows.py`).
 """
 
 import ast
 import io
+import json
+import os
+import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,7 +16,7 @@ import pytest
 from hagoromo.app.streams import printable_streams
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("hagoromo", "hagoromo_figures")
+PACKAGES = ("hagoromo", "hagoromo_figures", "hagoromo_start")
 WRITTEN = (*PACKAGES, "studies", "benchmarks", "examples", "docs/hooks")  # where text files are read and written
 # what Windows lacks: modules, and names of modules that it has
 MODULES = {"crypt", "curses", "fcntl", "grp", "nis", "posix", "pty", "pwd", "readline", "resource", "spwd", "syslog"}
@@ -37,6 +41,8 @@ NAMES = {
     "time": {"tzset", "clock_gettime", "pthread_getcpuclockid"},
     "asyncio": {"add_signal_handler"},
 }  # fmt: skip
+WORDS = re.compile(rf"\b({'|'.join(sorted(MODULES.union(*NAMES.values())))})\b")  # a file without any is not parsed
+OPENED = re.compile(r"open\(|read_text\(|write_text\(")
 GUARDS = ("sys.platform", "os.name", "hasattr(", "platform.system(")
 
 
@@ -46,6 +52,8 @@ def sources(folders: tuple[str, ...]) -> list[Path]:
 
 def posix_only(text: str) -> list[str]:
     """Lines of a module that Windows cannot run and that no test of the platform, and no `try`, stands around."""
+    if not WORDS.search(text):
+        return []
     tree = ast.parse(text)
     parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
     found = []
@@ -78,6 +86,8 @@ def is_guarded(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
 
 def without_encoding(text: str) -> list[int]:
     """Lines that open a text file in the encoding of the system."""
+    if not OPENED.search(text):
+        return []
     lines = []
     for call in (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)):
         name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
@@ -158,3 +168,42 @@ def test_an_encoding_that_the_user_has_set_stays(monkeypatch):
     printable_streams()
     print("10 µm, Δ", flush=True)
     assert raw.getvalue().decode("cp1252").splitlines() == ["10 µm, \\u0394"]
+
+
+SCENE = """
+[camera]
+size = [21, 15]
+focal = [200.0, 200.0]
+eye = [0.0, -0.05, 0.0]
+
+[[lamp]]
+name = "schlüssel"
+position = [0.5, -2.0, 1.0]
+intensity = 3.0
+
+[[box]]
+file = "häut α.zarr"
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="which files are open is read from /proc")
+def test_commands_run_where_windows_limits_are_imitated(tmp_path, recipe):
+    """Twice each: what a command leaves open, it could not replace. The folder has a space and letters beyond 1252."""
+    home = tmp_path / "mes données Δ"
+    home.mkdir()
+    (home / "haut.toml").write_text(recipe.replace("6.0", "3.0"), encoding="utf-8")
+    (home / "scene.toml").write_text(SCENE, encoding="utf-8")
+    build = ["build", "haut.toml", "--out", "häut α.zarr", "--force"]
+    render = ["render", "scene.toml", "--out", "bild é α.exr", "--force"]
+    commands = [["--help"], build, build, render, render, ["info", "häut α.zarr"], ["info", "Δ.exr"]]
+    command = [sys.executable, Path(__file__).with_name("imitated_windows.py"), json.dumps(commands)]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONIOENCODING"}
+    done = subprocess.run(command, cwd=home, env=environment, capture_output=True, timeout=300, check=False)
+    said = done.stdout.decode("utf-8")
+    assert [line for line in said.splitlines() if line.startswith("status")] == ["status 0"] * 6 + ["status 2"], (
+        said + done.stderr.decode("utf-8")
+    )
+    assert said.count("wrote häut α.zarr") == 2 and said.count("wrote bild é α.exr") == 2 and "usage: hagoromo" in said
+    assert done.stderr.decode("utf-8").splitlines() == ["hagoromo: Δ.exr does not exist: check the path"]
+    left = sorted(path.name for path in home.iterdir())
+    assert left == ["bild é α.exr", "bild é α.png", "haut.toml", "häut α.zarr", "scene.toml"]
