@@ -136,6 +136,9 @@ from .app.report.page import (
     write_page as write_page,
 )
 
+# Many captures
+from .app.batch.batch import Outcome as Outcome, batch as batch
+
 # Any file or folder that the package knows
 from .app.info import info as info
 from .app.schemas import json_schema as json_schema, schema_names as schema_names, write_schemas as write_schemas

@@ -1,7 +1,12 @@
 """The command line `hagoromo COMMAND`: each command parses its arguments, calls the package and prints what it wrote.
 
+<<<<<<< HEAD
 Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 Ctrl-C, 143 SIGTERM, 129
 SIGHUP; 141 nobody reads the output any more; 1 a bug.
+=======
+Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 interrupted; 1 a bug, or steps
+of a batch that failed.
+>>>>>>> 7e175ba (A batch runs a graph of commands over many captures, and again only what changed)
 Commands import modules when they run, so that `--help` is fast.
 """
 
@@ -33,7 +38,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.whole import names_written, replaceable_file, whole_folder
 
-DONE, BAD_INPUT, NOT_READ = 0, 2, 141
+DONE, SOME_FAILED, BAD_INPUT, NOT_READ = 0, 1, 2, 141
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -71,7 +76,7 @@ def _run(arguments: list[str], ends: bool) -> int:
         warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
         try:
             with signals_as_interrupt():
-                _parsed(arguments)()
+                return _parsed(arguments)() or DONE
         except BrokenPipeError:
             raise
         except (InputError, OSError) as error:
@@ -88,7 +93,6 @@ def _run(arguments: list[str], ends: bool) -> int:
                 raise
             print(f"hagoromo: {shortage(error)}", file=sys.stderr)
             return BAD_INPUT
-    return DONE
 
 
 def _give_up_streams() -> None:
@@ -103,7 +107,7 @@ def _give_up_streams() -> None:
     os.close(nowhere)
 
 
-def _parsed(arguments: list[str]) -> Callable[[], None]:
+def _parsed(arguments: list[str]) -> Callable[[], int | None]:
     """The command with its arguments, ready to run; `InputError` for wrong use."""
     errors = io.StringIO()
     try:
@@ -421,6 +425,27 @@ def relight(
             f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"
         )
     wrote(out / "report.html")
+
+
+@verb(verbs)
+def batch(
+    recipe: Positional[Path], out: Out, scheduler: Scheduler = None, dry_run: bool = False, force: Force = False
+) -> int:
+    """Commands over many captures, scenes or recipes; what did not change since the last run is not done again.
+
+    Exit status 1: some steps failed, the table names them; the others are done.
+
+    Args:
+        recipe: batch TOML: its steps, and the captures that they are repeated for.
+        dry_run: only say what would be done.
+    """
+    from hagoromo.app.batch.table import summary, table
+
+    with progress_bar("batch") as progress:
+        outcomes = hg.batch(recipe, out, scheduler=scheduler, dry_run=dry_run, force=force, progress=progress)
+    print("\n".join([*table(outcomes, dry_run), summary(outcomes, dry_run)]))
+    failed = not dry_run and any(outcome.state in ("failed", "not run") for outcome in outcomes)
+    return SOME_FAILED if failed else DONE
 
 
 @verb(verbs)

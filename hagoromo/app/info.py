@@ -147,6 +147,9 @@ def _exposure_facts(path: Path) -> Facts:
 
 def _toml(path: Path) -> Facts:
     record = read_toml(path)
+    if "step" in record:
+        names = [step.get("name") for step in record["step"] if isinstance(step, dict)]
+        return {"kind": "batch", "each": record.get("each"), "steps": names}
     if "camera" not in record:
         return {"kind": "matter", **{key: _short(value) for key, value in record.items()}}
     from hagoromo.image.scene_file import load_scene

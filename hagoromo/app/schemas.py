@@ -48,6 +48,7 @@ def write_schemas(folder: str | Path) -> tuple[Path, ...]:
 
 
 def _files() -> dict[str, Any]:
+    from hagoromo.app.batch.batch_file import BatchRecord
     from hagoromo.camera.formats.camera_file import CameraRecord
     from hagoromo.image.relight.prediction import PredictionRecord
     from hagoromo.image.scene_file import SceneRecord
@@ -66,4 +67,5 @@ def _files() -> dict[str, Any]:
         "relit": list[PredictionRecord],
         "box": BoxRecord,
         "scene": SceneRecord,
+        "batch": BatchRecord,
     }

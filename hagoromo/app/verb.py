@@ -20,12 +20,12 @@ Scheduler = Annotated[
 verbs = tyro.extras.SubcommandApp()
 
 
-def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Register a function as a command of `group`; parsing returns it with its arguments, without running it."""
 
-    def register(function: Callable[..., None]) -> Callable[..., None]:
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
-        def prepared(*args: Any, **kwargs: Any) -> Callable[[], None]:
+        def prepared(*args: Any, **kwargs: Any) -> Callable[[], Any]:
             return functools.partial(function, *args, **kwargs)
 
         group.command(prepared, name=name or function.__name__)

@@ -11,8 +11,7 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from itertools import islice
-from typing import Any
+from typing import Any, Protocol
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import free_memory
@@ -35,6 +34,33 @@ ALONE = {  # settings of Dask for workers that are started here
 VERSION = "__import__('hagoromo.version').__version__"  # an expression, because a worker may have any version, or none
 
 
+Tasks = Iterable[tuple[Any, ...] | None]  # the arguments of each, or None: the next is not known until one is done
+
+
+class Workers(Protocol):
+    """Who runs tasks: this process, or the workers of a cluster."""
+
+    def results(self, work: Callable[..., Any], tasks: Tasks, keep_errors: bool = False) -> Iterator[tuple[int, Any]]:
+        """Number and result of every task as it is done, in any order; see `Cluster`."""
+        ...
+
+
+class Here:
+    """This process, which runs one task after the other."""
+
+    def results(self, work: Callable[..., Any], tasks: Tasks, keep_errors: bool = False) -> Iterator[tuple[int, Any]]:
+        """Number and result of every task; a None ends them, because nothing is under way."""
+        for number, arguments in enumerate(tasks):
+            if arguments is None:
+                return
+            try:
+                yield number, work(*arguments)
+            except InputError as error:
+                if not keep_errors:
+                    raise
+                yield number, error
+
+
 class Cluster:
     """Workers that a Dask client reaches."""
 
@@ -50,34 +76,42 @@ class Cluster:
         """What `work` gives of `arguments`, on any worker."""
         return next(iter(self.results(work, [arguments])))[1]
 
-    def results(self, work: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+    def results(self, work: Callable[..., Any], tasks: Tasks, keep_errors: bool = False) -> Iterator[tuple[int, Any]]:
         """Number and result of every task as it is done, in any order; a task is the arguments of a call of `work`.
 
-        Tasks are sent as others are done, so that their number is not bounded by the scheduler's memory. The first
-        error of a task is raised, and what has not begun is called off.
+        Tasks are taken and sent as others are done, so that their number is not bounded by the scheduler's memory.
+        Where `tasks` gives None, it is asked again when one is done. The first error of a task is raised, and what has
+        not begun is called off; keep_errors: an `InputError` is its result.
         """
         from distributed import as_completed
 
-        numbered, sent, done = enumerate(tasks), {}, as_completed(loop=self.client.loop)
-
-        def send(count: int) -> None:
-            for number, arguments in islice(numbered, count):
-                future = self.client.submit(on_worker, __version__, work, arguments, pure=False)
-                sent[future] = number
-                done.add(future)
-
+        tasks, sent, done = iter(tasks), {}, as_completed(loop=self.client.loop)
+        most, number = AHEAD * max(self.workers, 1), 0
         try:
-            send(AHEAD * max(self.workers, 1))
-            for future in done:
-                result = self._result(future)
+            while True:
+                while len(sent) < most and (arguments := next(tasks, None)) is not None:
+                    future = self.client.submit(on_worker, __version__, work, arguments, pure=False)
+                    sent[future], number = number, number + 1
+                    done.add(future)
+                if not sent:
+                    return
+                future = next(done)
+                result = self._result(future, keep_errors)
                 yield sent.pop(future), result
-                del future  # the worker may forget it
-                send(1)
+                del future, result  # the worker may forget it
         finally:
             if sent:
                 self.client.cancel(list(sent))
 
-    def _result(self, future: Any) -> Any:
+    def _result(self, future: Any, keep_errors: bool) -> Any:
+        try:
+            return self._gathered(future)
+        except InputError as error:
+            if not keep_errors:
+                raise
+            return error
+
+    def _gathered(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.record import read_toml
 
 PIECE = 1 << 20  # bytes read at a time
-DEEPEST = 8  # TOML files that name each other
+Named = tuple[str, Path]
 
 
 def content(path: str | Path, quick: bool = False) -> str:
@@ -25,22 +26,37 @@ def content(path: str | Path, quick: bool = False) -> str:
 
 def content_with_named(path: str | Path, quick: bool = False) -> str:
     """Digest of a TOML file and of every file and folder beside or under it that one of its texts names."""
-    parts = [f"{name} {_content(file, quick)}" for name, file in sorted(set(_named(Path(path), "", DEEPEST)))]
+    parts = [f"{name} {_content(file, quick)}" for name, file in sorted(set(named_by(Path(path))))]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _named(toml: Path, prefix: str, deepest: int) -> Iterator[tuple[str, Path]]:
-    yield prefix, toml
-    for text in sorted(set(texts_of(read_toml(toml)))):
-        try:
-            path = inside(toml.parent, text)
-            there = bool(text) and path != toml.parent and path.exists()
-        except (InputError, OSError, ValueError):
-            continue  # the text is no path
-        if there and path.suffix == ".toml" and path.is_file() and deepest > 1:
-            yield from _named(path, f"{prefix}/{text}", deepest - 1)
-        elif there:
-            yield f"{prefix}/{text}", path
+def named_by(path: Path, awaited: Container[Path] = ()) -> Iterator[Named]:
+    """`path` itself and, of a TOML file, what its texts name and these name in turn, each once with a label of its own.
+
+    awaited: files and folders that count as named although they are not there yet, or not whole.
+    """
+    pending, seen = deque([("", path)]), {path}
+    while pending:
+        label, path = pending.popleft()
+        yield label, path
+        if path.suffix != ".toml" or not path.is_file() or any(place in awaited for place in (path, *path.parents)):
+            continue
+        for text in sorted(set(texts_of(read_toml(path)))):
+            named = _named(path.parent, text, awaited)
+            if named is not None and named not in seen:
+                seen.add(named)
+                pending.append((f"{label}/{text}", named))
+
+
+def _named(folder: Path, text: str, awaited: Container[Path]) -> Path | None:
+    """The file or folder inside `folder` that a text names; None where it names none."""
+    try:
+        path = inside(folder, text)
+        if not text or path == folder:
+            return None
+        return path if path.exists() or any(place in awaited for place in (path, *path.parents)) else None
+    except (InputError, OSError, ValueError):
+        return None  # the text is no path
 
 
 def texts_of(value: Any) -> Iterator[str]:

@@ -76,6 +76,45 @@ def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
     assert bits(tiled) == bits(hg.render(slab))
 
 
+BATCH = """
+each = "scenes/*.toml"
+[[step]]
+name = "rendered"
+verb = "render"
+arguments = ["{path}"]
+out = "pictures/{name}.exr"
+[[step]]
+name = "dimmed"
+verb = "expose"
+arguments = ["{rendered}"]
+out = "dimmed/{name}.exr"
+"""
+
+
+def test_a_batch_goes_on_when_a_worker_is_killed(scene, cluster, address, tmp_path):
+    """One of two workers is killed when the first of ten steps is done; one step fails, and only that."""
+    (tmp_path / "scenes").mkdir()
+    for number in range(5):
+        text = scene("size = [61, 47]", f"size = [{20 + number}, 17]").read_text()
+        text = text.replace("gamma = 0.2", "gamma = -0.2") if number == 3 else text
+        (tmp_path / "scenes" / f"{number}.toml").write_text(text)
+    (tmp_path / "batch.toml").write_text(BATCH)
+    before, shares = pids(cluster), []
+
+    def kill_at_the_first(share: float, step: str = "") -> None:
+        shares.append(share)
+        if len(shares) == 2:
+            os.kill(max(before), signal.SIGKILL)
+
+    many = hg.batch(tmp_path / "batch.toml", tmp_path / "many", scheduler=address, progress=kill_at_the_first)
+    assert 0 < shares[1] <= 0.2 and max(before) not in pids(cluster)
+    alone = hg.batch(tmp_path / "batch.toml", tmp_path / "one")
+    assert [(one.step, one.state) for one in many] == [(one.step, one.state) for one in alone]
+    assert [one.step for one in many if one.state != "done"] == ["rendered 3", "dimmed 3"]
+    for tiled, whole in zip(many, alone, strict=True):
+        assert tiled.state != "done" or tiled.out.read_bytes() == whole.out.read_bytes()
+
+
 def test_a_worker_that_finds_another_file_refuses(slab, cluster, monkeypatch):
     monkeypatch.setattr(render_tiles, "content_with_named", lambda *_, **__: "of another file")
     _, settings = hg.load_scene(slab)

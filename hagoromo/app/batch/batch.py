@@ -1,0 +1,181 @@
+"""Batch: the steps of a recipe, run in the order of what they need, here or on Dask's workers.
+
+A step that fails is reported with what it said, and so are those that need its result; all others go on. A step whose
+key and result are as they were is not run. Nothing but results and the ledger passes between steps, so that a worker
+that dies, or a run that is killed, loses what was under way and no more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from hagoromo.app.batch.batch_file import Step, read_batch
+from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
+from hagoromo.cluster.cluster import Here, Workers, workers_of
+from hagoromo.errors import InputError
+from hagoromo.files.content import content
+from hagoromo.progress import Progress, silent
+
+State = Literal["done", "unchanged", "failed", "not run"]
+SIGNALS = 128  # an exit status above tells of a signal that ended the command
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a step. said: its last line where it failed. seconds: that it took."""
+
+    step: str
+    out: Path
+    state: State
+    said: str = ""
+    seconds: float = 0.0
+
+
+def batch(
+    recipe: str | Path,
+    out: str | Path,
+    *,
+    scheduler: str | int | None = None,
+    dry_run: bool = False,
+    force: bool = False,
+    progress: Progress = silent,
+) -> tuple[Outcome, ...]:
+    """Run the steps of the recipe in a TOML file, with results in the folder `out`; what became of each.
+
+    scheduler: see `render`; by default steps run here, one after the other. dry_run: run nothing; steps that would run
+    are "not run". force: replace files that the batch did not make. A step is run again when the package's version, its
+    command, the content of a file that it reads, or a step that it needs changed. Raises `InputError` for a recipe that
+    is none; a step that fails raises nothing.
+    """
+    home = Path(out).absolute()
+    steps = read_batch(recipe, home)
+    ledger = Ledger(str(home))
+    if scheduler is None:
+        return _run(steps, ledger, Here(), dry_run, force, progress)
+    with workers_of(scheduler) as cluster:
+        return _run(steps, ledger, cluster, dry_run, force, progress)
+
+
+def _run(
+    steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: bool, force: bool, progress: Progress
+) -> tuple[Outcome, ...]:
+    progress(0.0, "inputs")
+    keys = keys_of(steps, _digests(steps, ledger, workers, dry_run))
+    fresh = {number for number, step in enumerate(steps) if ledger.is_done(step.out, keys[number])}
+    for number, step in enumerate(steps):
+        if step.needs and not fresh.issuperset(step.needs):
+            fresh.discard(number)
+    if not (force or dry_run):
+        _check_own(steps, ledger, fresh)
+    run = _Run(steps, keys, fresh)
+    if not dry_run:
+        for done, (number, outcome) in enumerate(workers.results(run_step, run.ready(ledger), keep_errors=True), 1):
+            run.finish(number, outcome)
+            progress(done / max(len(steps) - len(fresh), 1), "steps")
+    return tuple(run.outcomes())
+
+
+def _digests(steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: bool) -> dict[str, str]:
+    """Digest of every input of the steps; one is read only where size or time of change are not as they were."""
+    known = ledger.digests()
+    stamps = {str(read.path): stamp(read.path) for step in steps for read in step.inputs}
+    stale = [path for path, now in stamps.items() if known.get(path, [None, None])[1] != now]
+    digests = {path: [known[path][0], now] for path, now in stamps.items() if known.get(path, [None, None])[1] == now}
+    for number, digest in workers.results(content, ((path,) for path in stale)):
+        digests[stale[number]] = [digest, stamps[stale[number]]]
+    if stale and not dry_run:
+        ledger.keep_digests(digests)
+    return {path: digest for path, (digest, _) in digests.items()}
+
+
+def _check_own(steps: Sequence[Step], ledger: Ledger, fresh: set[int]) -> None:
+    for number, step in enumerate(steps):
+        if number not in fresh and step.out.exists() and not ledger.entry(step.out):
+            raise InputError(f"{step.out} exists and no batch made it: choose another name or add force (--force)")
+
+
+class _Run:
+    """Which steps are done, which can begin, and which never will."""
+
+    def __init__(self, steps: Sequence[Step], keys: Sequence[str], fresh: set[int]) -> None:
+        self.steps, self.keys = steps, keys
+        self.known: dict[int, Outcome] = {n: Outcome(steps[n].name, steps[n].out, "unchanged") for n in fresh}
+        self.lacking = [len(set(step.needs) - fresh) for step in steps]
+        self.followers: dict[int, list[int]] = {}
+        for number, step in enumerate(steps):
+            for need in set(step.needs) - fresh:
+                self.followers.setdefault(need, []).append(number)
+        self.queue = deque(n for n in range(len(steps)) if n not in fresh and not self.lacking[n])
+        self.sent: list[int] = []
+
+    def ready(self, ledger: Ledger) -> Iterator[tuple[Any, ...] | None]:
+        """Arguments of `run_step` for steps that can begin; None where the next must wait for one that is running."""
+        while len(self.known) < len(self.steps):
+            if self.queue:
+                number = self.queue.popleft()
+                self.sent.append(number)
+                yield ledger, self.steps[number], self.keys[number]
+            else:
+                yield None
+
+    def finish(self, sent: int, outcome: Outcome | InputError) -> None:
+        """Take in the outcome of the step that was sent as that number, or why its worker has none."""
+        number = self.sent[sent]
+        step = self.steps[number]
+        if isinstance(outcome, InputError):
+            outcome = Outcome(step.name, step.out, "failed", str(outcome))
+        self.known[number] = outcome
+        for follower in self.followers.get(number, ()):
+            self.lacking[follower] -= 1
+            if outcome.state != "done":
+                self._abandon(follower, step.name)
+            elif not self.lacking[follower] and follower not in self.known:
+                self.queue.append(follower)
+
+    def _abandon(self, number: int, failed: str) -> None:
+        pending = [number]
+        while pending:
+            one = pending.pop()
+            if one not in self.known:
+                step = self.steps[one]
+                self.known[one] = Outcome(step.name, step.out, "not run", f"it needs the result of {failed}")
+                pending += self.followers.get(one, [])
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """Of all steps, in their order."""
+        for number, step in enumerate(self.steps):
+            yield self.known.get(number) or Outcome(step.name, step.out, "not run")
+
+
+def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
+    """Run the command of a step, in this process; on a worker, too."""
+    from hagoromo.app.cli import main
+
+    begun, told = time.monotonic(), io.StringIO()
+    if ledger.is_done(step.out, key):  # by a worker that died before it could say so
+        return Outcome(step.name, step.out, "done")
+    ledger.begin(step.out, key)
+    step.out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(told):
+            status = main([*step.words, "--out", str(step.out), "--force"])
+    except SystemExit:
+        status = 2
+    except Exception as error:
+        status = 1
+        told.write(f"hagoromo: {type(error).__name__}: {' '.join(str(error).split())[:300]}\n")
+    if status > SIGNALS:
+        raise KeyboardInterrupt
+    lines = told.getvalue().strip().splitlines()
+    if status == 0:
+        ledger.done(step.out, key)
+        return Outcome(step.name, step.out, "done", seconds=time.monotonic() - begun)
+    said = lines[-1].removeprefix("hagoromo: ") if lines else f"it ended with status {status}"
+    return Outcome(step.name, step.out, "failed", said, time.monotonic() - begun)
