@@ -7,6 +7,8 @@ The message about a chunk that cannot be decoded names its file.
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import re
 import sys
@@ -22,13 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_folder
+from hagoromo.files.checks import existing_folder, sized_file
 from hagoromo.files.memory import require
+from hagoromo.files.record import JSON_GROWTH
 
 CODECS = (
     "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3
     "zlib", "bz2", "lz4", "lzma", "shuffle", "delta", "fixedscaleoffset", "crc32",  # v2
 )  # fmt: skip
+METADATA = ("zarr.json", ".zarray", ".zattrs", ".zgroup")  # files that zarr-python reads as JSON
+LARGEST_METADATA = 1 << 24  # bytes
+BYTES_PER_INNER_CHUNK = 1000  # what zarr-python keeps of each chunk of a shard while it reads it
 NUMBER_KINDS = "biuf"  # kinds of NumPy types
 Index = tuple[int, ...]
 
@@ -65,6 +71,7 @@ class ZarrArray:
         if whole and index not in self.files:
             return np.full([b - a for a, b in cell], self.array.fill_value, self.array.dtype)
         try:
+            self._check_files(low, high)
             if whole and self._decode:
                 stored = np.frombuffer(self._decode(Path(self.files[index]).read_bytes()), self.array.dtype)
                 return stored.reshape(self.grid)[tuple(slice(b - a) for a, b in cell)]
@@ -76,12 +83,23 @@ class ZarrArray:
     @cached_property
     def _decode(self) -> Callable[[bytes], Any] | None:
         """Decoder of plain Zstandard chunks: zarr-python takes a millisecond more per chunk."""
-        from numcodecs import Zstd
+        from hagoromo.files.zarr_codecs import unpacked
 
         codecs = _codecs(self.array.metadata)
         plain = [name for name, _ in codecs] == ["bytes", "zstd"] and self.array.shards is None
         native = codecs[0][1].get("endian", sys.byteorder) == sys.byteorder if plain else False
-        return Zstd().decode if native else None
+        size = math.prod(self.grid) * self.array.dtype.itemsize
+        return (lambda data: unpacked("zstd", data, size, True, {})) if native else None
+
+    def _check_files(self, low: Index, high: Index) -> None:
+        """ValueError for a file of the part from `low` to `high` that is larger than what it may hold, packed."""
+        from hagoromo.files.zarr_codecs import packed_limit
+
+        size, parts = math.prod(self.grid) * self.array.dtype.itemsize, inner_chunks(self.array)
+        spans = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.grid, strict=True))
+        for file in filter(None, map(self.files.get, itertools.product(*spans))):
+            if os.stat(file).st_size > packed_limit(size, parts):
+                raise ValueError(f"it is larger than the {size} bytes that it holds")
 
 
 def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str, Any], dict[str, ZarrArray]]:
@@ -90,6 +108,7 @@ def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str
 
     folder = existing_folder(path)
     files = _files(folder)
+    _check_metadata(folder, ("", *(f"{name}/" for name in names)), files)
     with _one_line_errors(folder):
         group = zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
         members = {name: group[name] for name in names if f"{name}/zarr.json" in files}
@@ -105,6 +124,7 @@ def open_array(path: str | Path) -> ZarrArray:
 
     folder = existing_folder(path)
     files = _files(folder)
+    _check_metadata(folder, ("",), files)
     with _one_line_errors(folder):
         return _checked(zarr.open_array(folder, mode="r"), folder, files)
 
@@ -125,8 +145,18 @@ def _files(folder: Path) -> set[str]:
     return paths
 
 
+def _check_metadata(folder: Path, places: tuple[str, ...], files: set[str]) -> None:
+    """InputError for a description of an array or group that is too large to be read."""
+    for name in (place + name for place in places for name in METADATA):
+        if name in files:
+            file = sized_file(folder / name, LARGEST_METADATA, "a description of arrays")
+            require(JSON_GROWTH * file.stat().st_size, str(file))
+
+
 def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
-    """`array`, if it is numeric, uses known codecs only, and its chunks fit into the memory."""
+    """`array`, if it is numeric, uses known codecs only, and its chunks fit into the memory; it unpacks no more."""
+    from hagoromo.files.zarr_codecs import bounded
+
     if not hasattr(array, "shape"):
         raise InputError(f"{folder} is a Zarr group: give the folder of an array")
     if array.dtype.kind not in NUMBER_KINDS:
@@ -134,8 +164,10 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
     for name, _ in _codecs(array.metadata):
         if name not in CODECS:
             raise InputError(f"{folder} is stored with the codec {name!r}: known are {', '.join(CODECS)}")
-    chunk = array.dtype.itemsize * np.prod(array.shards or array.chunks, dtype=float)
-    require(2.0 * chunk, f"one chunk of {folder}")
+    chunk = array.dtype.itemsize * math.prod(array.shards or array.chunks)
+    require(2.0 * chunk + BYTES_PER_INNER_CHUNK * inner_chunks(array), f"one chunk of {folder}")
+    pipeline = array.async_array.codec_pipeline
+    object.__setattr__(array.async_array, "codec_pipeline", bounded(pipeline, chunk))  # of this array only
     chunks = {}
     for name in files:
         match = re.fullmatch(r"(?:c[/.])?(\d+(?:[/.]\d+)*)", name)
@@ -143,6 +175,12 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
         if match and array.metadata.encode_chunk_key(index) == name:
             chunks[index] = f"{folder}{os.sep}{name}"  # text, not Path, because there may be very many
     return ZarrArray(array, str(folder), chunks)
+
+
+def inner_chunks(array: Any) -> int:
+    """How many chunks a file of the array holds: 1 where it has no shards."""
+    shards = array.shards or array.chunks
+    return math.prod(-(-whole // part) for whole, part in zip(shards, array.chunks, strict=True))
 
 
 def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
