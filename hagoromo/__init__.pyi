@@ -141,4 +141,5 @@ from .app.batch.batch import Outcome as Outcome, batch as batch
 
 # Any file or folder that the package knows
 from .app.info import info as info
+from .app.doctor import doctor as doctor
 from .app.schemas import json_schema as json_schema, schema_names as schema_names, write_schemas as write_schemas

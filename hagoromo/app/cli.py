@@ -1,12 +1,7 @@
 """The command line `hagoromo COMMAND`: each command parses its arguments, calls the package and prints what it wrote.
 
-<<<<<<< HEAD
 Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 Ctrl-C, 143 SIGTERM, 129
-SIGHUP; 141 nobody reads the output any more; 1 a bug.
-=======
-Exit status: 0 success; 2 wrong use or wrong input, with one line on standard error; 130 interrupted; 1 a bug, or steps
-of a batch that failed.
->>>>>>> 7e175ba (A batch runs a graph of commands over many captures, and again only what changed)
+SIGHUP; 141 nobody reads the output any more; 1 a bug, or a machine that `doctor` finds unable to render.
 Commands import modules when they run, so that `--help` is fast.
 """
 
@@ -23,7 +18,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -38,7 +33,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.whole import names_written, replaceable_file, whole_folder
 
-DONE, SOME_FAILED, BAD_INPUT, NOT_READ = 0, 1, 2, 141
+DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -489,3 +484,20 @@ def schema(kind: Positional[str | None] = None, out: Path | None = None) -> None
         print(*schema_names(), sep="\n")
     else:
         print(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))
+
+
+@verb(verbs)
+def doctor(as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> int:
+    """This machine on one page: backends, GPU, threads, memory, versions, and whether a small kernel is right.
+
+    Exit status 1 if it cannot render; the last line then says what to do. Paste the page into a report of a fault: it
+    holds neither the names of user and machine nor the path of the home folder.
+
+    Args:
+        as_json: as JSON, for programs.
+    """
+    from hagoromo.app.doctor import doctor_page
+
+    facts = hg.doctor()
+    print(json.dumps(facts, indent=1, ensure_ascii=False) if as_json else doctor_page(facts))
+    return DONE if facts["can_render"] else CANNOT_RENDER
