@@ -1,24 +1,113 @@
-"""Mesh files: all formats that trimesh reads; the parts of a file are joined to one mesh."""
+"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh; the parts of a file are joined to one mesh.
+
+Archives are not opened, nor textures, nor addresses; a glTF may name files of its own folder.
+"""
 
 from __future__ import annotations
 
+import io
+import json
+import math
+import struct
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
-from hagoromo.files.memory import require
+from hagoromo.files.checks import inside, read_bytes, sized_file
+from hagoromo.files.memory import is_shortage, require, shortage
+
+# suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
+# smallest triangles in binary
+GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0}
+LARGEST_MESH = 1 << 32  # bytes
+MOST_NODES = 1 << 16  # places of a glTF at which a mesh may stand
+BYTES_PER_ENTRY = 300.0  # memory of a corner or an index of a glTF, at every place where it stands
+GLTF_START = struct.Struct("<4sIIII")  # of a binary one: magic, version, length, length and type of its JSON
 
 
 def read_mesh(path: str | Path) -> Any:
     """The `trimesh.Trimesh` in a file; `InputError` when it is missing, damaged, too large, or has no triangles."""
     import trimesh
 
-    require(20 * existing_file(path).stat().st_size, str(path))
+    suffix = Path(path).suffix.lower()
+    if suffix not in GROWTH:
+        raise InputError(f"{path} is no mesh file of a known format: give one of {', '.join(GROWTH)}")
+    data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[suffix])
     try:
-        mesh = trimesh.load(str(path), force="mesh")
+        if suffix in (".glb", ".gltf"):
+            _check_gltf(_gltf_record(data, suffix), str(path))
+        files = _folder_files(Path(path).parent, GROWTH[suffix])
+        mesh = trimesh.load(
+            io.BytesIO(data), file_type=suffix[1:], force="mesh", resolver=files, skip_materials=True, process=True
+        )
+    except InputError:
+        raise
     except Exception as error:
-        raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())}") from error
+        if is_shortage(error):
+            raise InputError(f"{path}: {shortage(error)}") from error
+        raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())[:200]}") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
     return mesh
+
+
+def _folder_files(folder: Path, growth: float) -> Any:
+    """What trimesh asks for the files that a mesh names: only those in its folder."""
+    from trimesh.resolvers import Resolver
+
+    class FolderFiles(Resolver):
+        def __init__(self) -> None:
+            pass
+
+        def get(self, key: str) -> bytes:
+            return read_bytes(sized_file(inside(folder, key), LARGEST_MESH, "a file of a mesh"), growth)
+
+        def keys(self) -> Sequence[str]:
+            return ()
+
+        def write(self, name: str, data: Any) -> None:
+            raise InputError(f"{name} is not written: a mesh is only read")
+
+        def namespaced(self, namespace: str) -> Any:
+            return self
+
+    return FolderFiles()
+
+
+def _gltf_record(data: bytes, suffix: str) -> Any:
+    """The JSON of a glTF (Khronos glTF 2.0, 4.4)."""
+    if suffix == ".glb":
+        length = GLTF_START.unpack_from(data)[3]
+        data = data[GLTF_START.size : GLTF_START.size + length]
+    return json.loads(data)
+
+
+def _check_gltf(record: Any, where: str) -> None:
+    """Raise `InputError` for a glTF that becomes too large: its arrays, and its meshes at all places together."""
+    accessors, meshes, nodes = (_tables(record, name) for name in ("accessors", "meshes", "nodes"))
+    if len(nodes) > MOST_NODES:
+        raise InputError(f"{where} has {len(nodes)} nodes, a glTF {MOST_NODES} at most: join its parts")
+    counts = [_whole(accessor.get("count")) for accessor in accessors]
+    sizes = [
+        sum(
+            counts[k]
+            for part in _tables(mesh, "primitives")
+            for k in (part.get("indices"), *dict(part.get("attributes") or {}).values())
+            if isinstance(k, int) and 0 <= k < len(counts)
+        )
+        for mesh in meshes
+    ]
+    stand = [_whole(node["mesh"]) for node in nodes if "mesh" in node]
+    placed = sum(sizes[int(k)] for k in stand if k < len(sizes))
+    require(BYTES_PER_ENTRY * (sum(counts) + placed), where)
+
+
+def _tables(record: Any, name: str) -> list[Mapping[str, Any]]:
+    entries = record.get(name) if isinstance(record, Mapping) else None
+    return [entry for entry in entries or () if isinstance(entry, Mapping)]
+
+
+def _whole(value: Any) -> float:
+    """A count; infinite where it is none, so that nothing with it fits."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else math.inf

@@ -10,6 +10,7 @@ import warnings
 import zlib
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,10 +128,11 @@ def test_what_zarr_writes_is_read_as_it_is(tmp_path, name, sharded):
 @pytest.mark.parametrize("filters", [None, [{"id": "delta", "dtype": "<f4"}, {"id": "zlib", "level": 1}]])
 def test_version_2_is_bounded_too(tmp_path, compressor, filters):
     values = np.arange(np.prod(SHAPE), dtype=np.float32).reshape(SHAPE)
-    codecs = [get_codec(one) for one in filters or ()]
-    made = zarr.create_array(
+    codecs: Any = [get_codec(one) for one in filters or ()]
+    packer: Any = compressor and get_codec(compressor)
+    made: Any = zarr.create_array(
         tmp_path / "a.zarr", data=values, chunks=SHAPE, zarr_format=2, filters=codecs,
-        compressors=compressor and get_codec(compressor),
+        compressors=packer,
     )  # fmt: skip
     assert np.array_equal(read(tmp_path / "a.zarr"), values)
     if compressor or filters:
