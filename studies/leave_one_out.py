@@ -40,7 +40,7 @@ class KeptAside:
     photograph: hg.Photograph
     predictions: Mapping[str, NDArray[np.float64]]
     solved: hg.NormalMap
-    points: NDArray[np.float32]
+    points: NDArray[np.float64]
 
 
 def score(photograph: hg.Photograph, prediction: NDArray[np.floating]) -> tuple[float, float]:

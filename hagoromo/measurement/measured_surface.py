@@ -12,6 +12,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
+from hagoromo.photograph.points_file import read_points
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import read_materials
 
@@ -30,7 +31,7 @@ class MeasuredSurface:
     materials: tuple[MaterialEstimate, ...]
     labels: NDArray[np.int64]
     normals: NDArray[np.float32]
-    points: NDArray[np.float32] | None
+    points: NDArray[np.floating] | None
     body: NDArray[np.float32] | None
     body_error: NDArray[np.float32] | None
 
@@ -47,8 +48,8 @@ def read_surface(folder: str | Path) -> MeasuredSurface:
     if labels.ndim != 2 or labels.max() >= len(materials):
         raise InputError(f"{home / 'labels.png'} has labels up to {labels.max() + 1}: materials are {len(materials)}")
     at_points, at_body = inside(home, "points.exr"), inside(home, "body.exr")
-    normals = _vectors(inside(home, "normals.exr"), "N")
-    points = _vectors(at_points, "P") if at_points.is_file() else None
+    normals = _normals(inside(home, "normals.exr"))
+    points = read_points(at_points) if at_points.is_file() else None
     body, body_error = _body(at_body) if at_body.is_file() else (None, None)
     surface = MeasuredSurface(materials, labels, normals, points, body, body_error)
     channels = {"normals": 3, "points": 3, "body": len(materials[0].body_colour), "body_error": 0} if materials else {}
@@ -75,9 +76,9 @@ def _body(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     return values, np.stack(errors, axis=2) if len(errors) == len(names) else None
 
 
-def _vectors(path: Path, letter: str) -> NDArray[np.float32]:
+def _normals(path: Path) -> NDArray[np.float32]:
     layers, _ = read_exr(path)
-    names = [f"{letter}.{axis}" for axis in "XYZ"]
+    names = [f"N.{axis}" for axis in "XYZ"]
     if not set(names) <= set(layers):
         raise InputError(f"{path} must have the channels {', '.join(names)}: it has {', '.join(layers)}")
     return np.stack([layers[name] for name in names], axis=2)

@@ -54,7 +54,7 @@ class Measurement:
     predicted: tuple[NDArray[np.float32], ...]
     residuals: tuple[NDArray[np.float32], ...]
     normals: NDArray[np.float32]
-    points: NDArray[np.float32] | None = None
+    points: NDArray[np.floating] | None = None
     body: BodyMap | None = None
     separation: Separation | None = None
     body_spectra: Mapping[str, SpectrumEstimate] = field(default_factory=dict)

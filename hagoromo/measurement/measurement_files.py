@@ -19,6 +19,7 @@ from hagoromo.measurement.material.separation import Separation, write_separatio
 from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.pixels import default_channels
+from hagoromo.photograph.points_file import write_points
 from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
@@ -87,7 +88,7 @@ def _write_surface(
     write_png(home / "labels.png", (labels + 1).astype(np.uint8))
     write_exr(home / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(normals, 2, 0), strict=True)))
     if points is not None:
-        write_exr(home / "points.exr", dict(zip(("P.X", "P.Y", "P.Z"), np.moveaxis(points, 2, 0), strict=True)))
+        write_points(home / "points.exr", points)
     if variances[0] is not None and variances[1] is not None:
         write_exr(home / "variance.exr", {"normal": variances[0], "distance": variances[1]})
 

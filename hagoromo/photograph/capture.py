@@ -30,6 +30,7 @@ from hagoromo.files.record import ForeignRecord, decode, read_json, write_json, 
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
+from hagoromo.photograph.points_file import read_points, write_points
 from hagoromo.photograph.transforms import (
     CaptureRecord,
     FrameRecord,
@@ -45,7 +46,7 @@ TRANSFORMS = "transforms.json"
 # keys at the top of the file that frames do not inherit; a frame's sensor overrides single keys of the file's
 OF_THE_FILE = {*CaptureRecord.__struct_fields__, "pl_pos"} - {*ImageSettings.__struct_fields__} | {"sensor"}
 OF_ONE_FRAME = ("file_path", "name", "mask_path", "transform_matrix", "lamps")
-VECTORS = {"points": ("P.X", "P.Y", "P.Z"), "normals": ("N.X", "N.Y", "N.Z")}  # EXR channels
+NORMALS = ("N.X", "N.Y", "N.Z")  # EXR channels
 SHEET_COLUMNS, SHEET_WIDTH = 4, 800  # picture in a notebook: photographs per row, and width of a row [px]
 BYTES_PER_VALUE = 9  # of a photograph: float32 value, float32 variance and boolean `native`
 
@@ -143,8 +144,8 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
         home.resolve().name if top.name is None else top.name,
         home,
         top.truth,
-        _read_vectors(home, top.points_path, "points"),
-        _read_vectors(home, top.normals_path, "normals"),
+        None if top.points_path is None else read_points(inside(home, top.points_path)),
+        None if top.normals_path is None else _read_normals(inside(home, top.normals_path)),
         top.hagoromo.settings,
         top.hagoromo.seed,
     )
@@ -170,10 +171,12 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             name = re.sub(r"[^\w .()-]", "_", response.name or "response") + ".csv"
             response.write_table(home / name)
             shared["sensor"] = {**shared.get("sensor", {}), "response": name}
-        for what, vectors in (("points", capture.points), ("normals", capture.normals)):
-            if vectors is not None:
-                write_exr(home / f"{what}.exr", dict(zip(VECTORS[what], np.moveaxis(vectors, 2, 0), strict=True)))
-                shared[f"{what}_path"] = f"{what}.exr"
+        if capture.points is not None:
+            write_points(home / "points.exr", capture.points)
+            shared["points_path"] = "points.exr"
+        if capture.normals is not None:
+            write_exr(home / "normals.exr", dict(zip(NORMALS, np.moveaxis(capture.normals, 2, 0), strict=True)))
+            shared["normals_path"] = "normals.exr"
         if capture.truth is not None:
             shared["truth"] = capture.truth
         own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
@@ -260,12 +263,9 @@ def _same(one: Response | None, other: Response | None) -> bool:
     return knots and one.channels == other.channels and np.array_equal(one.values, other.values)
 
 
-def _read_vectors(home: Path, relative: str | None, what: str) -> NDArray[np.float32] | None:
-    if relative is None:
-        return None
-    path = inside(home, relative)
+def _read_normals(path: Path) -> NDArray[np.float32]:
     layers, _ = read_exr(path)
-    lacking = [name for name in VECTORS[what] if name not in layers]
+    lacking = [name for name in NORMALS if name not in layers]
     if lacking:
-        raise InputError(f"{path} lacks the channel {lacking[0]}: {what} have {', '.join(VECTORS[what])}")
-    return np.stack([layers[name] for name in VECTORS[what]], axis=2)
+        raise InputError(f"{path} lacks the channel {lacking[0]}: normals have {', '.join(NORMALS)}")
+    return np.stack([layers[name] for name in NORMALS], axis=2)

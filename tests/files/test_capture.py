@@ -9,10 +9,12 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import CANON_EOS_300D, Sensor, develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import Capture, load_capture, save_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.points_file import read_points
 
 HEIGHT, WIDTH = 13, 17
 LENS = (-0.1, 0.02, 0.001, -0.002, 0.003)
@@ -149,3 +151,23 @@ def test_what_makes_no_photograph_is_refused(change, message):
 def test_a_capture_has_a_photograph():
     with pytest.raises(InputError, match="no photograph"):
         Capture(())
+
+
+@pytest.mark.parametrize("away", [0.0, 1e4, 1e6])
+def test_points_keep_their_places_far_from_the_origin(tmp_path, away):
+    """Single precision alone keeps 1 mm at 10 km, and 6 cm at 1000 km."""
+    points = np.random.default_rng(4).uniform(-0.1, 0.1, (HEIGHT, WIDTH, 3)) + away * np.array((1.0, -0.7, 0.3))
+    points[3, 4:9] = 0.0
+    capture = Capture((photograph(PLAIN, 1),), points=points, normals=np.zeros_like(points))
+    again = load_capture(save_capture(capture, tmp_path / "capture")).points
+    assert again is not None and np.abs(again - points).max() < 3e-8
+    assert not again[3, 4:9].any() and (again != 0.0).any(axis=2).sum() == HEIGHT * WIDTH - 5
+    _, header = read_exr(tmp_path / "capture" / "points.exr")
+    assert ("points_origin" in header) == (away > 0.0)  # files of scenes near the origin are as before
+
+
+@pytest.mark.parametrize("stated", ["1 2", "1 2 nan", "one two three", "1 2 inf", ""])
+def test_a_damaged_origin_of_points_is_refused(tmp_path, stated):
+    write_exr(tmp_path / "points.exr", dict.fromkeys(("P.X", "P.Y", "P.Z"), np.ones((3, 4))), {"points_origin": stated})
+    with pytest.raises(InputError, match=r"points_origin is .*: give three finite numbers"):
+        read_points(tmp_path / "points.exr")

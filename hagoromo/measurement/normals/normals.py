@@ -170,6 +170,6 @@ def _segmented(capture: Capture, views: Views, normals: Array) -> NDArray[np.int
     camera = capture.photographs[0].camera
     points = capture.points
     if points is None:
-        points = (camera.position + camera.pixel_directions()).astype(np.float32)
+        points = camera.position + camera.pixel_directions()
     known = replace(capture, points=points, normals=views.image(normals.astype(np.float32)))
     return np.asarray(segment(known))

@@ -42,7 +42,7 @@ class Surface:
     Without an estimate of the depth, the variance is that of the shape at a fixed mean depth.
     """
 
-    points: NDArray[np.float32]
+    points: NDArray[np.float64]
     variance: NDArray[np.float32]
 
 
@@ -51,7 +51,7 @@ def points_from_normals(
     camera: Camera,
     distance: float,
     variance: NDArray[np.floating] | None = None,
-) -> NDArray[np.float32]:
+) -> NDArray[np.float64]:
     """The points of `surface_from_normals`."""
     return surface_from_normals(normals, camera, distance, variance, draws=0).points
 
@@ -86,7 +86,7 @@ def surface_from_normals(
         if draws
         else np.full(len(rows), np.inf)
     )
-    points, errors = np.zeros(normals.shape, np.float32), np.full(known.shape, np.inf, np.float32)
+    points, errors = np.zeros(normals.shape), np.full(known.shape, np.inf, np.float32)
     ray = _rays(camera, rows, columns)
     points[rows, columns] = (ray * depth[:, None]) @ camera.camera_to_world[:3, :3].T + camera.position
     errors[rows, columns] = spread * np.sum((ray * depth[:, None]) ** 2, axis=1)
@@ -95,7 +95,7 @@ def surface_from_normals(
 
 def anchored_surface(
     normals: NDArray[np.floating], camera: Camera, variance: NDArray[np.floating], log_depth: Array, factor: int
-) -> NDArray[np.float32]:
+) -> NDArray[np.float64]:
     """Points (h, w, 3) of the surface with `normals` around a coarser one of ln depth `log_depth` (h, w), NaN
     where that is unknown.
 
@@ -111,7 +111,7 @@ def anchored_surface(
     weight = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
     level = np.where(sure, level, level[sure].mean())
     depth = np.exp(net.settled(level, weight, ANCHORED).values)
-    points = np.zeros(normals.shape, np.float32)
+    points = np.zeros(normals.shape)
     ray = _rays(camera, rows, columns) * depth[:, None]
     points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
     return points

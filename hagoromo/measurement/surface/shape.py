@@ -80,7 +80,7 @@ def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, p
     status, change = Status.OUT_OF_STEPS, np.inf
     for round_ in range(SHAPE_ROUNDS):
         progress(round_ / SHAPE_ROUNDS, f"shape, round {round_ + 1}")
-        at_points = replace(capture, points=np.asarray(points, np.float32))
+        at_points = replace(capture, points=np.asarray(points))
         early = round_ < SIMPLE_ROUNDS
         normal_map = solve_normals(at_points, labels if early else None, strict if early else prior)
         depth = depth_estimate(normal_map)

@@ -47,7 +47,7 @@ class Fine:
     variance: NDArray[np.float32]
     body: NDArray[np.float32]
     labels: NDArray[np.int16]
-    points: NDArray[np.float32]
+    points: NDArray[np.float64]
     depth_variance: NDArray[np.float32]
     converged: NDArray[np.bool_]
 
@@ -79,7 +79,7 @@ def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, t
         np.full(size, np.inf, np.float32),
         np.zeros((*size, store.channels), np.float32),
         np.full(size, -1, np.int16),
-        np.zeros((*size, 3), np.float32),
+        np.zeros((*size, 3)),
         np.full(size, np.inf, np.float32),
         np.zeros(size, bool),
     )
