@@ -19,6 +19,7 @@ from hagoromo.files.whole import check_written, whole_file
 
 MAGIC = b"\x76\x2f\x31\x01"
 LINES_TOGETHER = 16  # that ZIP packs
+BYTES_PER_SAMPLE = 8.0  # as the file has it, up to 4, and as float32
 
 
 def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None) -> None:
@@ -81,13 +82,19 @@ def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str
     with source.open("rb") as file:
         if file.read(4) != MAGIC:
             raise InputError(f"{source} is not an EXR file: give an EXR")
-    header = _open(source, header_only=True)
-    (left, top), (right, bottom) = (map(int, corner) for corner in header.header()["dataWindow"])
-    require(4.0 * (right - left + 1) * (bottom - top + 1) * len(header.channels()), str(source))
+    require(sum(_pixel_bytes(part.header) for part in _open(source, header_only=True).parts), str(source))
     part = _open(source)
     channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in part.channels().items()}
     text = {name: value for name, value in part.header().items() if isinstance(value, str)}
     return channels, text
+
+
+def _pixel_bytes(header: Mapping[str, Any]) -> float:
+    """Memory [byte] of the pixels of a part, as they are read and as float32: the library reads all parts."""
+    (left, top), (right, bottom) = (map(float, corner) for corner in header["dataWindow"])
+    rows_together = header["tiles"].ySize if "tiles" in header else LINES_TOGETHER
+    across, down = max(right - left, 0.0) + 1.0, max(bottom - top, 0.0) + rows_together
+    return BYTES_PER_SAMPLE * across * down * len(header["channels"])
 
 
 def _open(path: Path, header_only: bool = False) -> Any:

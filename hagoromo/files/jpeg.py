@@ -13,6 +13,8 @@ from hagoromo.files.memory import require
 
 START, END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG_BYTES_PER_PIXEL = 6  # two copies of 3 bytes while decoding
+COEFFICIENT_BYTES_PER_PIXEL = 6  # of a progressive file, which is kept whole
+PROGRESSIVE = (0xC2, 0xC6, 0xCA, 0xCE)  # markers of their frames
 
 
 def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
@@ -28,7 +30,8 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
     height, width, frame = frame_header(data, path)
     if END not in data[frame:]:  # some cameras append data after it; a thumbnail before the frame has its own
         raise InputError(f"{path} is cut off: copy it again")
-    require(float(JPEG_BYTES_PER_PIXEL) * height * width, str(path))
+    kept = COEFFICIENT_BYTES_PER_PIXEL if data[frame + 1] in PROGRESSIVE else 0
+    require(float(JPEG_BYTES_PER_PIXEL + kept) * height * width, str(path))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:

@@ -15,6 +15,7 @@ from hagoromo.files.checks import read_bytes
 from hagoromo.files.memory import require
 from hagoromo.files.whole import write_bytes
 
+CHANNELS = {0: 1, 2: 3, 3: 4}  # of the kinds of pixel: grey, colours, palette (as it is decoded); others have 4
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -89,6 +90,7 @@ def _check_chunks(data: bytes, path: str | Path) -> None:
         if zlib.crc32(data[offset + 4 : offset + 8 + length]) != struct.unpack_from(">I", data, offset + 8 + length)[0]:
             raise InputError(f"{path} is damaged (check sum of chunk {kind!r}): copy it again")
         if kind == b"IHDR":
-            width, height = struct.unpack_from(">II", data, offset + 8)
-            require(float(width) * height * 8, str(path))
+            width, height, bits, kind_of_pixel = struct.unpack_from(">IIBB", data, offset + 8)
+            pixel = CHANNELS.get(kind_of_pixel, 4) * (2 if bits > 8 else 1)
+            require(2.0 * width * height * pixel, str(path))
         offset += 12 + length

@@ -34,11 +34,13 @@ def read_tiff(path: str | Path) -> NDArray:
                 raise InputError(
                     f"{source} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
                 )
-            require(2.0 * math.prod(map(float, shape)) * np.dtype(kind).itemsize, str(source))
+            size = math.prod(map(float, shape)) * np.dtype(kind).itemsize
+            require(2.0 * size, str(source))
             ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
-            if max(ends, default=0) > source.stat().st_size:
+            plain = page.compression == tifffile.COMPRESSION.NONE
+            if max(ends, default=0) > source.stat().st_size or (plain and sum(page.databytecounts) < size):
                 raise InputError(f"{source} is cut off: copy it again")
-            image = page.asarray() if page.compression == tifffile.COMPRESSION.NONE else _unpacked(source)
+            image = page.asarray() if plain else _unpacked(source)
     except InputError:
         raise
     except DAMAGE as error:

@@ -1,16 +1,21 @@
 """Write → read gives the same numbers; a bad file is refused in one line."""
 
+import struct
+import zlib
 from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
+from hagoromo.files import memory
 from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import Count, Record, Vector, about, decode, one_of, read_json, read_toml, write_json
 from hagoromo.files.table import read_table, write_table
+from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import whole_file, whole_folder
 
 RANDOM = np.random.default_rng(7)
@@ -105,9 +110,6 @@ def test_bad_json_is_refused(tmp_path, content):
 
 
 def test_a_png_that_promises_more_than_memory_is_refused_before_allocation(tmp_path):
-    import struct
-    import zlib
-
     write_png(tmp_path / "a.png", np.zeros((5, 7), np.uint8))
     data = bytearray((tmp_path / "a.png").read_bytes())
     data[16:24] = struct.pack(">II", 2**31 - 1, 2**31 - 1)
@@ -205,3 +207,64 @@ def test_a_folder_of_other_files_is_never_replaced(tmp_path):
     with pytest.raises(InputError, match="did not write"), whole_folder(tmp_path / "photos", force=True):
         pass
     assert (tmp_path / "photos" / "a.jpg").exists()
+
+
+def exr_of_window(path, last: int, other: int) -> None:
+    """An EXR of two parts; the header of the second says that its last pixel is (last, other)."""
+    import OpenEXR
+
+    window = (np.zeros(2, np.int32), np.full(2, 3, np.int32))
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "displayWindow": window}
+    parts = [OpenEXR.Part(dict(header), {"R": np.zeros((4, 4), np.float32)}, name) for name in ("a", "b")]
+    with OpenEXR.File(parts) as file:
+        file.write(str(path))
+    data = path.read_bytes()
+    place = data.rindex(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    path.write_bytes(data[:place] + struct.pack("<iiii", 0, 0, last, other) + data[place + 16 :])
+
+
+@pytest.mark.parametrize("last", [(2**20, 2**20), (2**29, 40), (40, 2**29)])
+def test_an_exr_of_which_any_part_promises_more_than_memory_is_refused_before_allocation(tmp_path, last):
+    exr_of_window(tmp_path / "a.exr", 3, 3)
+    assert read_exr(tmp_path / "a.exr")[0]["R"].shape == (4, 4)
+    exr_of_window(tmp_path / "a.exr", *last)
+    with pytest.raises(InputError, match="GiB of memory"):
+        read_exr(tmp_path / "a.exr")
+
+
+def test_the_memory_of_a_picture_follows_its_depth_and_kind(tmp_path, monkeypatch):
+    image = np.zeros((100, 100, 4), np.uint16)
+    write_png(tmp_path / "a.png", image)
+    monkeypatch.setattr(memory, "free_memory", lambda: 2.1 * image.nbytes)  # two copies fit in nine tenths, or not
+    with pytest.raises(InputError, match="GiB of memory"):
+        read_png(tmp_path / "a.png")
+    monkeypatch.setattr(memory, "free_memory", lambda: 2.3 * image.nbytes)
+    assert read_png(tmp_path / "a.png").shape == image.shape
+
+
+def test_a_progressive_jpeg_needs_room_for_its_coefficients_too(tmp_path, monkeypatch):
+    import cv2
+
+    for name, progressive in (("a.jpg", 0), ("b.jpg", 1)):
+        encoded = cv2.imencode(".jpg", np.zeros((100, 100, 3), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])[
+            1
+        ]
+        (tmp_path / name).write_bytes(encoded.tobytes())
+    monkeypatch.setattr(memory, "free_memory", lambda: 9 * 100 * 100)
+    assert read_jpeg(tmp_path / "a.jpg").shape == (100, 100, 3)
+    with pytest.raises(InputError, match="GiB of memory"):
+        read_jpeg(tmp_path / "b.jpg")
+
+
+def test_a_tiff_with_fewer_bytes_than_pixels_is_refused_before_allocation(tmp_path):
+    import tifffile
+
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((64, 64), np.uint8))
+    data = bytearray((tmp_path / "a.tif").read_bytes())
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        places = [file.pages.first.tags[name].valueoffset for name in ("ImageWidth", "ImageLength")]
+    for place in places:
+        struct.pack_into("<H", data, place, 4096)
+    (tmp_path / "a.tif").write_bytes(data)
+    with pytest.raises(InputError, match="is cut off"):
+        read_tiff(tmp_path / "a.tif")
