@@ -1,4 +1,4 @@
-"""Importing the package is fast and changes nothing."""
+"""Importing the package loads little and changes nothing."""
 
 import ast
 import importlib
@@ -11,7 +11,7 @@ import pytest
 
 import hagoromo
 
-HEAVY = ("drjit", "mitsuba", "colour", "matplotlib", "cv2", "scipy", "zarr")
+HEAVY = ("numpy", "drjit", "mitsuba", "colour", "matplotlib", "cv2", "scipy", "zarr")
 
 
 def run(code: str) -> str:
@@ -19,20 +19,17 @@ def run(code: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-def test_import_takes_less_than_a_second_and_loads_nothing_heavy():
-    """The issue's bound is 1 s of wall time; the best of three stands for an idle machine."""
+def test_import_loads_little_and_nothing_heavy():
+    """Some twenty modules beside Python's own: a few hundredths of a second."""
     code = f"""
-        import os, sys, time
-        before = dict(os.environ)
-        start = time.perf_counter()
+        import os, sys
+        before, modules = dict(os.environ), len(sys.modules)
         import hagoromo
-        took = time.perf_counter() - start
         assert dict(os.environ) == before
-        print(took, *(name for name in {HEAVY} if name in sys.modules))
+        print(len(sys.modules) - modules, *(name for name in {HEAVY} if name in sys.modules))
     """
-    results = [run(code).split() for _ in range(3)]
-    assert all(len(result) == 1 for result in results), results
-    assert min(float(result[0]) for result in results) < 1.0
+    count, *heavy = run(code).split()
+    assert int(count) < 60 and not heavy
 
 
 def test_no_mitsuba_variant_is_set_by_import():

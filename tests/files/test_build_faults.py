@@ -27,14 +27,21 @@ shape = { form = "sphere", radius_mm = 20.0 }
 material = { alpha = 0.2, beta = 0.1, gamma = 0.2, n = 1.5, body_colour = 0.8 }
 """  # 8 blocks of 64³ voxels
 SLOW_BUILD = """
-import sys, time
+import os, sys, time
 from hagoromo.app.cli import main
 from hagoromo.volume.store import field_blocks
 from hagoromo.volume.store.box_group import BoxGroup
 field_blocks.BRICKS_AT_ONCE = 1
 write = BoxGroup.write
-BoxGroup.write = lambda *a: (time.sleep(0.3), write(*a))
-sys.exit(main(["build", *sys.argv[1:]]))
+written = []
+
+def slowly(*a):
+    while written and not os.path.exists(sys.argv[1]):
+        time.sleep(0.02)
+    written.append(write(*a))
+
+BoxGroup.write = slowly
+sys.exit(main(["build", *sys.argv[2:]]))
 """
 
 
@@ -167,12 +174,13 @@ def test_the_box_that_is_replaced_stands_until_the_new_one_is_whole(recipe, tmp_
 
 
 def _started(recipe: Path, path: Path) -> subprocess.Popen:
-    """A process that builds slowly, once its first part is done."""
-    process = subprocess.Popen([sys.executable, "-c", SLOW_BUILD, str(recipe), "--out", str(path)])
+    """A process that builds, once its first part is done: it does not go on before there is a file `go` beside it."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_BUILD, str(path.with_name("go")), str(recipe), "--out", path]
+    )
     done = path.with_name(f".{path.name}.building") / "done" / "0.npz"
-    end = time.monotonic() + 60.0
     while not done.exists():
-        assert process.poll() is None and time.monotonic() < end
+        assert process.poll() is None
         time.sleep(0.02)
     return process
 
@@ -197,7 +205,8 @@ def test_of_two_processes_that_build_one_box_the_second_is_refused(recipe, tmp_p
         with pytest.raises(InputError, match=f"process {process.pid}"):
             build_to(recipe, path, force=True)
     finally:
-        assert process.wait(timeout=60) == 0  # undisturbed
+        (tmp_path / "go").touch()
+        assert process.wait() == 0  # undisturbed
     assert_whole(path, recipe)
 
 
