@@ -21,6 +21,7 @@ from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.raw import RAW_SUFFIXES, read_raw
 from hagoromo.files.record import read_json, read_toml
+from hagoromo.files.stores import address
 from hagoromo.files.table import read_table
 from hagoromo.files.tiff import read_tiff
 from hagoromo.image.image import read_image
@@ -37,6 +38,8 @@ def info(path: str | Path) -> Facts:
     `InputError` if it does not exist, is of unknown type, or cannot be read as the type that its name states.
     """
     path = Path(path)
+    if address(path):
+        return _box(path)
     if path.is_dir():
         return _folder(path)
     kind = KIND_READERS.get(existing_file(path).suffix.lower())

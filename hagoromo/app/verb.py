@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import arg
 
+from hagoromo.app.stage import named, run_staged
+
 Out = Annotated[Path, arg(help="where to write the result")]
 Force = Annotated[bool, arg(help="replace an existing result")]
 Scheduler = Annotated[
@@ -26,7 +28,7 @@ def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., Any]], 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def prepared(*args: Any, **kwargs: Any) -> Callable[[], Any]:
-            return functools.partial(function, *args, **kwargs)
+            return functools.partial(run_staged, function, *args, **kwargs)
 
         group.command(prepared, name=name or function.__name__)
         return function
@@ -37,4 +39,4 @@ def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., Any]], 
 def wrote(*paths: Path) -> None:
     """Print the files that a command wrote."""
     for path in paths:
-        print(f"wrote {path}")
+        print(f"wrote {named(path)}")

@@ -11,6 +11,8 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.files.record import read_toml
+from hagoromo.files.stores import address
+from hagoromo.files.stores import state as state_in_store
 
 PIECE = 1 << 20  # bytes read at a time
 Named = tuple[str, Path]
@@ -39,7 +41,12 @@ def named_by(path: Path, awaited: Container[Path] = ()) -> Iterator[Named]:
     while pending:
         label, path = pending.popleft()
         yield label, path
-        if path.suffix != ".toml" or not path.is_file() or any(place in awaited for place in (path, *path.parents)):
+        if (
+            path.suffix != ".toml"
+            or address(path)
+            or not path.is_file()
+            or any(place in awaited for place in (path, *path.parents))
+        ):
             continue
         for text in sorted(set(texts_of(read_toml(path)))):
             named = _named(path.parent, text, awaited)
@@ -51,6 +58,8 @@ def named_by(path: Path, awaited: Container[Path] = ()) -> Iterator[Named]:
 def _named(folder: Path, text: str, awaited: Container[Path]) -> Path | None:
     """The file or folder inside `folder` that a text names; None where it names none."""
     try:
+        if address(text):
+            return Path(text)
         path = inside(folder, text)
         if not text or path == folder:
             return None
@@ -71,6 +80,8 @@ def texts_of(value: Any) -> Iterator[str]:
 
 
 def _content(path: Path, quick: bool) -> str:
+    if address(path):
+        return hashlib.sha256(state_in_store(path).encode()).hexdigest()
     if path.is_file():
         return _of_file(path)
     if not path.is_dir():

@@ -24,9 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_folder, sized_file
+from hagoromo.files.checks import existing_folder
 from hagoromo.files.memory import require
 from hagoromo.files.record import JSON_GROWTH
+from hagoromo.files.stores import address, object_size, read_whole, sizes, zarr_store
 
 CODECS = (
     "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3
@@ -73,7 +74,7 @@ class ZarrArray:
         try:
             self._check_files(low, high)
             if whole and self._decode:
-                stored = np.frombuffer(self._decode(Path(self.files[index]).read_bytes()), self.array.dtype)
+                stored = np.frombuffer(self._decode(read_whole(self.files[index])), self.array.dtype)
                 return stored.reshape(self.grid)[tuple(slice(b - a) for a, b in cell)]
             return np.asarray(self.array[tuple(map(slice, low, high))])
         except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
@@ -98,7 +99,7 @@ class ZarrArray:
         size, parts = math.prod(self.grid) * self.array.dtype.itemsize, inner_chunks(self.array)
         spans = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.grid, strict=True))
         for file in filter(None, map(self.files.get, itertools.product(*spans))):
-            if os.stat(file).st_size > packed_limit(size, parts):
+            if object_size(file) > packed_limit(size, parts):
                 raise ValueError(f"it is larger than the {size} bytes that it holds")
 
 
@@ -106,11 +107,10 @@ def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str
     """Attributes and arrays of the Zarr v3 group at `path`; `names` that do not exist are omitted."""
     import zarr
 
-    folder = existing_folder(path)
-    files = _files(folder)
+    folder, files = _opened(path)
     _check_metadata(folder, ("", *(f"{name}/" for name in names)), files)
     with _one_line_errors(folder):
-        group = zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
+        group = zarr.open_group(zarr_store(folder), mode="r", zarr_format=3, use_consolidated=False)
         members = {name: group[name] for name in names if f"{name}/zarr.json" in files}
         return group.attrs.asdict(), {
             name: _checked(array, folder / name, {f[len(name) + 1 :] for f in files if f.startswith(f"{name}/")})
@@ -122,11 +122,18 @@ def open_array(path: str | Path) -> ZarrArray:
     """The Zarr array, v2 or v3, at `path`."""
     import zarr
 
-    folder = existing_folder(path)
-    files = _files(folder)
+    folder, files = _opened(path)
     _check_metadata(folder, ("",), files)
     with _one_line_errors(folder):
-        return _checked(zarr.open_array(folder, mode="r"), folder, files)
+        return _checked(zarr.open_array(zarr_store(folder), mode="r"), folder, files)
+
+
+def _opened(path: str | Path) -> tuple[Path, set[str]]:
+    """The folder, or the address of a store, and the paths of all files under it."""
+    if address(path) is not None:
+        return Path(path), set(sizes(path))
+    folder = existing_folder(path)
+    return folder, _files(folder)
 
 
 def _files(folder: Path) -> set[str]:
@@ -149,8 +156,12 @@ def _check_metadata(folder: Path, places: tuple[str, ...], files: set[str]) -> N
     """InputError for a description of an array or group that is too large to be read."""
     for name in (place + name for place in places for name in METADATA):
         if name in files:
-            file = sized_file(folder / name, LARGEST_METADATA, "a description of arrays")
-            require(JSON_GROWTH * file.stat().st_size, str(file))
+            size = object_size(folder / name)
+            if size > LARGEST_METADATA:
+                raise InputError(
+                    f"{folder / name} has {size} bytes, a description of arrays {LARGEST_METADATA} at most"
+                )
+            require(JSON_GROWTH * size, str(folder / name))
 
 
 def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
@@ -168,12 +179,12 @@ def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:
     require(2.0 * chunk + BYTES_PER_INNER_CHUNK * inner_chunks(array), f"one chunk of {folder}")
     pipeline = array.async_array.codec_pipeline
     object.__setattr__(array.async_array, "codec_pipeline", bounded(pipeline, chunk))  # of this array only
-    chunks = {}
+    chunks, parent = {}, f"{address(folder) or folder}{'/' if address(folder) else os.sep}"
     for name in files:
         match = re.fullmatch(r"(?:c[/.])?(\d+(?:[/.]\d+)*)", name)
         index = tuple(map(int, re.split("[/.]", match[1]))) if match else ()
         if match and array.metadata.encode_chunk_key(index) == name:
-            chunks[index] = f"{folder}{os.sep}{name}"  # text, not Path, because there may be very many
+            chunks[index] = f"{parent}{name}"  # text, not Path, because there may be very many
     return ZarrArray(array, str(folder), chunks)
 
 

@@ -32,6 +32,7 @@ from hagoromo.files.record import (
     one_of,
     read_toml,
 )
+from hagoromo.files.stores import address
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
@@ -75,7 +76,7 @@ class Place(Record, frozen=True, kw_only=True):
 class SceneBox(Place, frozen=True, kw_only=True):
     """A volume box: a file, or a recipe that is built when the scene is loaded."""
 
-    file: Annotated[str | None, about("volume box, a folder such as cloth.zarr")] = None
+    file: Annotated[str | None, about("volume box, a folder such as cloth.zarr, or s3://bucket/cloth.zarr")] = None
     recipe: Annotated[str | None, about("recipe, a file such as cloth.toml, in place of file")] = None
     tau: Annotated[Positive | None, about("extinction coefficient where the density is 1 [1/m]")] = None
     extinction: Annotated[Extinction | None, EXTINCTION] = None
@@ -190,7 +191,7 @@ def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
     key = decode(record, SceneBox, where)
     if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
-    box = load_box(inside(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
+    box = load_box(_box_place(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
     if box.texel and key.extinction not in (None, box.extinction):
         raise InputError(
             f"{where}: extinction is {key.extinction!r}, the box's texel was matched for {box.extinction!r}: "
@@ -205,6 +206,11 @@ def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
         ]
         box = box.with_materials(listed)
     return box.with_pose(_pose(key, where) @ box.pose)
+
+
+def _box_place(folder: Path, text: str) -> Path:
+    """Where a box is: inside the folder of the scene, or in a store that the scene names."""
+    return Path(text) if address(text) else inside(folder, text)
 
 
 def _surface(record: dict[str, Any], folder: Path, where: str) -> Surface:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.files.stores import is_file
 from hagoromo.files.whole import whole_folder
 from hagoromo.files.zarr_arrays import open_arrays
 from hagoromo.volume.box import VolumeBox
@@ -72,7 +73,7 @@ def look_at_box(path: str | Path) -> StoredBox:
 
 
 def _holds_shell(path: str | Path) -> bool:
-    return (Path(path) / "zarr.json").is_file() and is_shell(open_arrays(path)[0].get("hagoromo"))
+    return is_file(Path(path) / "zarr.json") and is_shell(open_arrays(path)[0].get("hagoromo"))
 
 
 def _blocks(box: VolumeBox, colours: int) -> Iterator[tuple[Block, dict[str, NDArray]]]:

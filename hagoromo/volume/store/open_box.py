@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.stores import is_file
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.bricks import table_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE, runs
@@ -33,7 +34,7 @@ class OpenBox(NamedTuple):
 def open_box(path: str | Path) -> OpenBox:
     """The box in the Zarr group at `path`; `InputError` when it is missing, damaged or foreign."""
     folder = Path(path)
-    if not (folder / "zarr.json").is_file():
+    if not is_file(folder / "zarr.json"):
         raise InputError(f"{folder} is no volume box: give a Zarr v3 group that `hagoromo build` wrote")
     attributes, arrays = open_arrays(folder, ARRAYS)
     header = header_from_record(attributes.get("hagoromo"), str(folder))

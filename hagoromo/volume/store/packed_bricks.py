@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import aligned, arrays
 from hagoromo.errors import InputError, described
+from hagoromo.files.stores import is_file
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.progress import Progress, silent
 from hagoromo.volume.bricks import Bricks, Grid, check_bricks
@@ -74,7 +75,7 @@ def read_packed(box: OpenBox) -> Bricks | None:
     Raises `InputError` where they are damaged, hold what is no voxel, or do not fit the memory.
     """
     folder = box.folder / PACKED_GROUP
-    if not (folder / "zarr.json").is_file() or "bricks" not in box.arrays or not len(box.places):
+    if not is_file(folder / "zarr.json") or "bricks" not in box.arrays or not len(box.places):
         return None
     record, stored = open_arrays(folder, tuple(PACKED_DTYPES))
     if record.get("format") != FORMAT or record.get("seal") != seal(box.arrays.values()):

@@ -13,11 +13,14 @@ from hashlib import blake2b
 from pathlib import Path
 
 from hagoromo.errors import InputError
+from hagoromo.files.stores import address, read_whole
+from hagoromo.files.stores import ends as store_ends
 from hagoromo.files.zarr_arrays import ZarrArray
 from hagoromo.volume.store.zarr_blocks import THREADS
 
 SEALED = {"name": "zstd", "configuration": {"level": 0, "checksum": True}}  # the codec of arrays that are sealed
 TAIL = 4  # bytes of the checksum
+LARGEST_METADATA = 1 << 24  # bytes of a zarr.json in a store
 FILES_AT_ONCE = 64  # files that a thread reads at a time
 
 
@@ -34,7 +37,9 @@ def seal(arrays: Iterable[ZarrArray]) -> str:
             files = [file for _, file in sorted(array.files.items())]
             batches = [files[k : k + FILES_AT_ONCE] for k in range(0, len(files), FILES_AT_ONCE)]
             try:
-                digest.update(folder.name.encode() + blake2b((folder / "zarr.json").read_bytes()).digest())
+                digest.update(
+                    folder.name.encode() + blake2b(read_whole(folder / "zarr.json", LARGEST_METADATA)).digest()
+                )
                 digest.update(repr(sorted(array.files)).encode())
                 for ends in threads.map(_ends, batches):
                     digest.update(ends)
@@ -45,6 +50,8 @@ def seal(arrays: Iterable[ZarrArray]) -> str:
 
 def _ends(paths: Sequence[str]) -> bytes:
     """Sizes and last bytes of files."""
+    if paths and address(paths[0]):
+        return b"".join(size.to_bytes(8) + tail for size, tail in store_ends(paths, TAIL))
     ends = []
     for path in paths:
         with open(path, "rb", buffering=0) as file:

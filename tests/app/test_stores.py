@@ -1,0 +1,177 @@
+"""Boxes, captures and results in a store: a local S3 server gives and takes them; what is lost there is one line."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+from hagoromo.files import stores
+from hagoromo.volume.store.box_store import look_at_box
+
+
+@pytest.fixture(scope="module")
+def s3():
+    """The address of an empty bucket of an S3 server on loopback; what is needed to reach it is in the environment."""
+    from moto.server import ThreadedMotoServer
+
+    keys = {"AWS_ACCESS_KEY_ID": "of", "AWS_SECRET_ACCESS_KEY": "nobody", "AWS_DEFAULT_REGION": "us-east-1"}
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    with pytest.MonkeyPatch.context() as patch:
+        host, port = server.get_host_and_port()
+        for key, value in (keys | {"AWS_ENDPOINT_URL": f"http://{host}:{port}"}).items():
+            patch.setenv(key, value)
+        stores._files.cache_clear()
+        stores._files("s3").mkdir("bucket")
+        yield "s3://bucket"
+        forget_sessions()
+        server.stop()
+
+
+def forget_sessions() -> None:
+    """Close what fsspec and zarr-python have opened, each in its own event loop."""
+    from fsspec.asyn import sync
+    from s3fs import S3FileSystem
+    from zarr.core.sync import sync as sync_of_zarr
+
+    for files in list(S3FileSystem._cache.values()):
+        if files._s3 is not None and files.asynchronous:
+            sync_of_zarr(files._s3.__aexit__(None, None, None))
+        elif files._s3 is not None:
+            sync(files.loop, files._s3.__aexit__, None, None, None)
+    S3FileSystem.clear_instance_cache()
+    stores._files.cache_clear()
+
+
+@pytest.fixture
+def stored(box, s3):
+    """A box on disk, and the address of the same in the store."""
+    stores.put(box, f"{s3}/{box.parent.name}/slab.zarr")
+    return box, f"{s3}/{box.parent.name}/slab.zarr"
+
+
+def test_a_box_in_a_store_has_the_bits_of_the_one_on_disk(stored, scene, tmp_path, capsys):
+    """Loaded, looked at, and rendered by a scene on disk that names it."""
+    box, address = stored
+    near, far = hg.load_box(box), hg.load_box(address)
+    for name in ("density", "axis"):
+        values = [np.array(getattr(one.bricks, name).values) for one in (near, far)]
+        assert values[0].size and (values[0] == values[1]).all()
+    assert str(look_at_box(address)) == str(look_at_box(box))
+    assert main(["info", address]) == 0 and "volume box" in capsys.readouterr().out
+    pictures = []
+    for place in ("slab.zarr", address):
+        path = scene(more=f'\n[[box]]\nfile = "{place}"\nposition = [-0.1, -0.2, 0.0]\n')
+        pictures.append(hg.render(path).weights)
+    assert pictures[0].max() > 0 and (pictures[0] == pictures[1]).all()
+
+
+def test_only_the_packed_bricks_and_ends_of_chunks_are_fetched(stored):
+    """Opening reads each packed chunk once and the last four bytes of the other chunks, not the chunks."""
+    box, address = stored
+    stores.traffic.clear()
+    hg.load_box(address)
+    sizes = {file.relative_to(box).as_posix(): file.stat().st_size for file in box.rglob("*") if file.is_file()}
+    packed = sum(size for name, size in sizes.items() if name.startswith("packed/") and "/c/" in name)
+    assert packed < stores.traffic["bytes"] < packed + 4096
+    stores.traffic.clear()
+    look_at_box(address)
+    assert stores.traffic["bytes"] < 4096
+
+
+def test_a_capture_is_measured_from_and_into_a_store(capture, s3, tmp_path, capsys):
+    address, out = f"{s3}/{tmp_path.name}/capture", f"{s3}/{tmp_path.name}/measured"
+    stores.put(capture, address)
+    assert main(["measure", address, "--out", out]) == 0
+    assert f"wrote {out}/report.html" in capsys.readouterr().out
+    assert main(["measure", str(capture), "--out", str(tmp_path / "measured")]) == 0
+    held = stores.sizes(out)
+    assert set(held) == {f.relative_to(tmp_path / "measured").as_posix() for f in (tmp_path / "measured").rglob("*.*")}
+    materials = stores.read_whole(f"{out}/materials.json", 1e6)
+    assert materials == (tmp_path / "measured" / "materials.json").read_bytes()
+    capsys.readouterr()
+    assert main(["measure", address, "--out", out]) == 2
+    assert "exists: choose another name or add force" in capsys.readouterr().err
+    assert stores.sizes(out) == held
+
+
+def test_a_box_is_built_and_a_picture_rendered_into_a_store(recipe, scene, s3, tmp_path):
+    (tmp_path / "skin.toml").write_text(recipe.replace("size_mm = 6.0", "size_mm = 2.0\nvoxel_mm = 0.1"))
+    box, picture = f"{s3}/{tmp_path.name}/skin.zarr", f"{s3}/{tmp_path.name}/a.exr"
+    assert main(["build", str(tmp_path / "skin.toml"), "--out", box]) == 0
+    assert main(["build", str(tmp_path / "skin.toml"), "--out", str(tmp_path / "skin.zarr")]) == 0
+    for name in stores.sizes(box):
+        assert stores.read_whole(f"{box}/{name}", 1e9) == (tmp_path / "skin.zarr" / name).read_bytes()
+    assert main(["render", str(scene("size = [61, 47]", "size = [13, 11]")), "--out", picture]) == 0
+    assert stores.is_file(picture) and stores.is_file(picture.replace(".exr", ".png"))
+
+
+def test_a_folder_that_was_cut_off_is_no_result(stored, tmp_path, monkeypatch):
+    """The upload dies before its last object, over an older box: no reader takes the rest for a box."""
+    box, address = stored
+    put_file, count = stores._files("s3").put_file, []
+
+    def dies(*args):
+        count.append(args)
+        if len(count) == 6:
+            raise ConnectionResetError("reset by peer")
+        return put_file(*args)
+
+    monkeypatch.setattr(stores._files("s3"), "put_file", dies)
+    with pytest.raises(hg.InputError, match="cannot be reached: reset by peer"):
+        stores.put(box, address)
+    assert len(stores.sizes(address)) == 5
+    with pytest.raises(hg.InputError, match="is no volume box"):
+        hg.load_box(address)
+    monkeypatch.setattr(stores._files("s3"), "put_file", put_file)
+    stores.check_free(address, force=False)
+    stores.put(box, address)
+    assert str(look_at_box(address)) == str(look_at_box(box))
+
+
+@pytest.mark.parametrize("lost", ["density/c/0/0/0", "packed/density/c/0/0/0/0"])
+def test_a_box_that_is_damaged_in_the_store_is_one_line(stored, refused, scene, tmp_path, lost):
+    box, address = stored
+    file = next(file for file in sorted(box.rglob("*")) if file.as_posix().endswith(f"slab.zarr/{lost}"))
+    stores._files("s3").pipe_file(f"{address.removeprefix('s3://')}/{lost}", file.read_bytes()[:-1])
+    if lost.startswith("density"):
+        shutil.rmtree(box / "packed")
+        stores._files("s3").rm(f"{address.removeprefix('s3://')}/packed", recursive=True)
+    path = scene(more=f'\n[[box]]\nfile = "{address}"\n')
+    said = refused("render", path, "--out", tmp_path / "a.exr")
+    assert "the file is damaged" in said and address in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("info", "s3://bucket/none.zarr"), "is no volume box"),
+        (("measure", "s3://bucket/none", "--out", "{}/a"), "s3://bucket/none does not exist"),
+        (("measure", "s3://nobody/none", "--out", "{}/a"), "does not exist"),
+        (("info", "gs://bucket/none.zarr"), "gcsfs"),
+        (("batch", "{}/batch.toml", "--out", "s3://bucket/a"), "need a folder on a disk"),
+    ],
+)
+def test_bad_addresses_are_one_line(s3, refused, tmp_path, arguments, said):
+    assert said in refused(*(argument.format(tmp_path) for argument in arguments))
+
+
+def test_a_store_that_nobody_serves_is_one_line(s3, refused, tmp_path, monkeypatch):
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    forget_sessions()
+    assert "cannot be reached" in refused("measure", "s3://bucket/none", "--out", tmp_path / "a")
+    forget_sessions()
+
+
+@pytest.mark.parametrize("path", ["/data/box.zarr", "box.zarr", "C:/box.zarr", "http://host/box.zarr", "s3", "s3:/"])
+def test_paths_are_no_addresses(path):
+    assert stores.address(path) is None
+
+
+@pytest.mark.parametrize("path", ["s3://bucket/a.zarr", "s3:/bucket/a.zarr"])
+def test_an_address_that_was_a_path_is_known_again(path):
+    assert stores.address(path) == "s3://bucket/a.zarr" and os.fspath(path)
