@@ -21,6 +21,7 @@ from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import CANON_EOS_300D, Sensor
 from hagoromo.errors import InputError
 
+LARGEST_SIDE = 1 << 24  # px, of an image
 PRESETS = ("canon_eos_kiss_digital",)
 
 
@@ -52,6 +53,8 @@ class Camera:
         """Check every figure once and freeze the pose."""
         if int(self.width) != self.width or int(self.height) != self.height or min(self.width, self.height) < 1:
             raise InputError(f"the image is {self.width} × {self.height} px: give two whole numbers above 0")
+        if max(self.width, self.height) > LARGEST_SIDE:
+            raise InputError(f"the image is {self.width:g} × {self.height:g} px: at most {LARGEST_SIDE} a side")
         keep = object.__setattr__
         keep(self, "width", int(self.width))
         keep(self, "height", int(self.height))

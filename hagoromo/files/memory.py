@@ -6,6 +6,7 @@ limits of the process leave (`ulimit -v`, `ulimit -d`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,6 +34,7 @@ def require(size: float, what: str) -> None:
     Called before the memory is allocated.
     """
     free = free_memory()
+    size = math.inf if isinstance(size, int) and size > UNLIMITED else float(size)  # too large a whole number for one
     if not size <= SHARE_OF_MEMORY * free:
         raise InputError(
             f"{what} needs {size / 2**30:.3g} GiB of memory and {free / 2**30:.3g} GiB are free: make it smaller"

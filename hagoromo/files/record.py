@@ -30,8 +30,9 @@ from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.whole import whole_file, write_text
 from hagoromo.version import __version__
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
+LARGEST_NUMBER = 1e15  # of sizes, counts per length and the like: what is beyond is a slip, and overflows soon
+Positive = Annotated[float, Meta(gt=0, le=LARGEST_NUMBER)]
+NotNegative = Annotated[float, Meta(ge=0, le=LARGEST_NUMBER)]
 Share = Annotated[float, Meta(ge=0, lt=1)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Count = Annotated[int, Meta(ge=0, le=2**32 - 1)]
@@ -47,6 +48,11 @@ PATH_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")  # of the paths in msg
 def about(text: str) -> Meta:
     """The meaning of a field, with its unit in brackets: the description in its JSON Schema."""
     return Meta(description=text)
+
+
+def from_to(least: int, most: int) -> Meta:
+    """Constraint: from `least` to `most`; of counts that decide how much memory or time a file takes."""
+    return Meta(ge=least, le=most)
 
 
 def like(*records: type, **other: Any) -> Meta:
@@ -346,7 +352,7 @@ def _range(kind: Any) -> str:
     low = f" above {kind.gt:g}" if kind.gt is not None else "" if kind.ge is None else f" from {kind.ge:g}"
     if kind.lt is not None:
         return f"{low} to below {kind.lt:g}"
-    if kind.le is not None and kind.le < 2**32 - 1:
+    if kind.le is not None and kind.le != 2**32 - 1:
         return f"{low} to {kind.le:g}"
     return f", {kind.ge:g} or more" if kind.ge is not None else low
 

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from hagoromo.camera.camera import PRESETS, Camera
+from hagoromo.camera.camera import LARGEST_SIDE, PRESETS, Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError, described
@@ -28,13 +28,14 @@ from hagoromo.files.record import (
     Vector,
     about,
     decode,
+    from_to,
     like,
     one_of,
     read_toml,
 )
 from hagoromo.files.stores import address
 from hagoromo.image.scene import Scene
-from hagoromo.image.settings import SHADOWS, Settings
+from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
@@ -55,7 +56,7 @@ class SceneCamera(Record, frozen=True, kw_only=True):
     focal: Annotated[Pair | None, about("focal lengths [α_x, α_y] [px], with size")] = None
     principal: Annotated[Pair | None, about("principal point [x, y] [px]; default: the middle")] = None
     distortion: Annotated[tuple[float, ...], about("4, 5 or 8 coefficients of OpenCV")] = (0.0,) * 8
-    binning: Annotated[Count, about("pixels along each axis that are taken together")] = 1
+    binning: Annotated[int, from_to(1, LARGEST_SIDE), about("pixels along each axis that are taken together")] = 1
     eye: Annotated[Vector | None, about("position of the camera, world axes [m]")] = None
     target: Annotated[Vector, about("point that the camera looks at, world axes [m]")] = NOWHERE
     up: Annotated[Vector, about("direction that is up in the image, world axes")] = (0.0, 0.0, 1.0)
@@ -102,9 +103,11 @@ class SceneSurface(Place, frozen=True, kw_only=True):
 class RenderRecord(Record, frozen=True, kw_only=True):
     """How a scene is rendered."""
 
-    samples: Annotated[Count, about("rays a pixel")] = Settings.samples
+    samples: Annotated[int, from_to(1, MOST_SAMPLES), about("rays a pixel")] = Settings.samples
     shadows: Annotated[str, one_of(*SHADOWS), about("how shadows are computed")] = Settings.shadows
-    shadow_resolution: Annotated[Count | None, about("texels a side of a shadow map; default: fitting")] = None
+    shadow_resolution: Annotated[
+        Annotated[int, from_to(2, FINEST_SHADOWS)] | None, about("texels a side of a shadow map; default: fitting")
+    ] = None
     tolerance: Annotated[float, about("error of the picture, root mean square over its mean, 1e-4…1")] = (
         Settings.tolerance
     )

@@ -9,6 +9,8 @@ from hagoromo.errors import InputError
 from hagoromo.image.scene import Scene
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
+MOST_SAMPLES = 1 << 16  # rays a pixel: their noise is a 256th of that of one
+FINEST_SHADOWS = 16384  # texels a side of a shadow map
 SHADOWS = ("map", "march", "none")
 
 
@@ -27,7 +29,7 @@ class Settings:
     >>> hg.Settings(samples=0)
     Traceback (most recent call last):
     ...
-    hagoromo.errors.InputError: samples is 0: give 1 or more rays a pixel
+    hagoromo.errors.InputError: samples is 0: give 1 to 65536 rays a pixel
     """
 
     samples: int = 1
@@ -38,14 +40,14 @@ class Settings:
     separate_lamps: bool = False
 
     def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise InputError(f"samples is {self.samples}: give 1 or more rays a pixel")
+        if not 1 <= self.samples <= MOST_SAMPLES:
+            raise InputError(f"samples is {self.samples}: give 1 to {MOST_SAMPLES} rays a pixel")
         if self.shadows not in SHADOWS:
             raise InputError(f"shadows is {self.shadows!r}: give one of {', '.join(SHADOWS)}")
         if not 1e-4 <= self.tolerance <= 1:
             raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
-        if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= 16384:
-            raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to 16384 texels")
+        if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= FINEST_SHADOWS:
+            raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to {FINEST_SHADOWS} texels")
 
 
 def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:

@@ -17,7 +17,7 @@ from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import MOSAICS, Sensor
 from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
-from hagoromo.files.record import Count, Positive, Record, Vector, WrittenBy, about, decode, like, one_of
+from hagoromo.files.record import Positive, Record, Vector, WrittenBy, about, decode, from_to, like, one_of
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import PROFILE, LampProfile
 from hagoromo.light.spectrum import SOURCE, Spectrum
@@ -37,7 +37,10 @@ class SensorRecord(Record, frozen=True, kw_only=True):
     read_noise: Annotated[float | None, about("standard deviation of the read noise [e⁻]")] = None
     black_level: Annotated[float | None, about("digital number of no light [DN]")] = None
     white_level: Annotated[Positive | None, about("digital number of saturation [DN]")] = None
-    bits: Annotated[Count | None, about("bits of a digital number, 1 to 16; default: those of the image file")] = None
+    bits: Annotated[
+        Annotated[int, from_to(1, 16)] | None,
+        about("bits of a digital number, 1 to 16; default: those of the image file"),
+    ] = None
     mosaic: Annotated[str, one_of(*MOSAICS), about("colours of the first 2 × 2 pixels by rows; empty: no mosaic")] = ""
     response: Annotated[str | None, about("spectral response: a CSV file in the capture, or a known camera")] = None
 

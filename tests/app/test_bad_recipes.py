@@ -2,6 +2,9 @@
 
 import pytest
 
+from hagoromo.errors import InputError
+from hagoromo.matter.cloth.draft import herringbone, satin, twill
+
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
@@ -21,3 +24,25 @@ def test_a_bad_recipe_is_refused(refused, tmp_path, old, new, said, recipe):
     assert old in recipe
     (tmp_path / "matter.toml").write_text(recipe.replace(old, new))
     assert said in refused("build", tmp_path / "matter.toml", "--out", tmp_path / "matter.zarr")
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        'variants = 1000000000', 'lay = "hanging"\nfolds = 1000000000', '[draft]\nweave = "satin"\nends = 1000000000',
+        '[draft]\nweave = "twill"\nover = 1000000000', '[draft]\nweave = "twill"\nover = 1999\nunder = 1999',
+        '[draft]\nweave = "herringbone"\nwidth = 1000000000', '[draft]\nweave = "jacquard"\nends = 1999',
+        "[warp]\nfibres = 1000000000", "[weft]\nplies = 1000000000", "resolution = 1e300", "threads_per_cm = 1e300",
+    ],
+)  # fmt: skip
+def test_numbers_that_decide_the_size_have_a_bound(refused, tmp_path, more, recipe):
+    cloth = recipe.replace('kind = "skin"\nsize_mm = 6.0', f'kind = "cloth"\n{more}')
+    (tmp_path / "matter.toml").write_text(cloth)
+    said = refused("build", tmp_path / "matter.toml", "--out", tmp_path / "matter.zarr")
+    assert "matter.toml" in said and "GiB" not in said
+
+
+@pytest.mark.parametrize("make", [lambda: satin(10**9), lambda: twill(10**9), lambda: herringbone(width=10**9)])
+def test_drafts_have_a_bound_in_calls_too(make):
+    with pytest.raises(InputError, match="at most 4000000 crossings"):
+        make()

@@ -1,5 +1,10 @@
 """Scenes that cannot be rendered are refused, and the message says why."""
 
+import pytest
+
+from hagoromo.errors import InputError
+from hagoromo.files.memory import require
+
 
 def test_unknown_keys_are_named_with_the_known_ones(refused, scene, tmp_path):
     for old, new in (("intensity = 3.0", "intensty = 3.0"), ("eye =", "zoom = 2\neye =")):
@@ -28,3 +33,23 @@ def test_a_lamp_inside_a_box_is_refused(refused, scene, box, tmp_path):
 def test_an_image_that_does_not_fit_memory_is_refused_before_allocation(refused, scene, tmp_path):
     vast = scene("size = [61, 47]", "size = [4000000, 3000000]")
     assert "GiB of memory" in refused("render", vast, "--out", tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[[lamp]]", "[render]\nsamples = 1000000000\n[[lamp]]"),
+        ("[[lamp]]", "[render]\nshadow_resolution = 1000000\n[[lamp]]"),
+        ("size = [61, 47]", "size = [1e300, 1e300]"),
+        ("size = [61, 47]", "size = [61, 47]\nbinning = 1000000000"),
+        ("bits = 12", "bits = 1000000000"),
+    ],
+)
+def test_numbers_that_decide_the_size_have_a_bound(refused, scene, tmp_path, old, new):
+    said = refused("render", scene(old, new), "--out", tmp_path / "a.exr")
+    assert "scene.toml" in said and "GiB" not in said
+
+
+def test_a_picture_that_no_number_holds_the_bytes_of_is_refused():
+    with pytest.raises(InputError, match="needs inf GiB"):
+        require(10**400, "the picture")

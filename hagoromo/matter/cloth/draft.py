@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.errors import InputError
 
 LARGEST_DRAFT = 4_000_000  # largest number of crossings in a draft
+LARGEST_REPEAT = 2000  # largest number of ends of a repeat of as many picks
 DIAMOND = ("00100", "01110", "11111", "01110", "00100")  # of a block design
 
 
@@ -75,6 +76,7 @@ def twill(over: int = 2, under: int = 2) -> Draft:
     """Twill: the warp goes over `over` picks and under `under`; each end does so one pick after its neighbour."""
     if over < 1 or under < 1:
         raise InputError(f"a twill {over}/{under}: give whole numbers from 1 on")
+    _check_size(over + under, over + under)
     pick, end = np.mgrid[: over + under, : over + under]
     return Draft((pick - end) % (over + under) < over)
 
@@ -84,6 +86,7 @@ def satin(ends: int = 5, step: int = 0, warp_faced: bool = True) -> Draft:
 
     step 0 takes the smallest that fits (2 for 5 ends, 3 for 8). warp_faced False: the other side (sateen).
     """
+    _check_size(ends, ends)
     fitting = [k for k in range(2, ends - 1) if gcd(k, ends) == 1]
     if not fitting or (step and step not in fitting):
         raise InputError(f"a satin of {ends} ends and step {step}: give 5, 7 or more ends, a step among {fitting}")
@@ -97,6 +100,7 @@ def herringbone(over: int = 2, under: int = 2, width: int = 8) -> Draft:
     shafts = over + under
     if width < shafts:
         raise InputError(f"a herringbone {width} ends wide: give at least {shafts}")
+    _check_size(shafts, 2 * width)
     up = np.arange(width) % shafts
     threading = np.concatenate([up, (up[-1] + shafts // 2 - np.arange(width)) % shafts])
     return on_loom(threading.tolist(), twill(over, under).drawdown, range(shafts))
@@ -110,10 +114,17 @@ def jacquard(pattern: Sequence[str] = DIAMOND, ends: int = 5) -> Draft:
     rows = [[sign == "1" for sign in row] for row in pattern]
     if not rows or len({len(row) for row in rows}) != 1 or not set("".join(pattern)) <= {"0", "1"}:
         raise InputError(f"a pattern {list(pattern)[:4]}: give rows of equal length made of 0 and 1")
+    _check_size(len(rows) * ends, len(rows[0]) * ends)
     figure = np.kron(np.array(rows[::-1]), np.ones((ends, ends), bool))
     shape = (len(rows), len(rows[0]))
     faces = [np.tile(satin(ends, warp_faced=face).drawdown, shape) for face in (False, True)]
     return Draft(np.where(figure, *faces))
+
+
+def _check_size(picks: int, ends: int) -> None:
+    """Raise `InputError` for a draft of more crossings than it may have, before it is made."""
+    if picks * ends > LARGEST_DRAFT:
+        raise InputError(f"a draft of {picks} picks and {ends} ends: at most {LARGEST_DRAFT} crossings, give fewer")
 
 
 def smallest_repeat(rows: NDArray) -> int:

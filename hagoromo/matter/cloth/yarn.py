@@ -8,13 +8,13 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import Count, NotNegative, Positive, about, one_of
+from hagoromo.files.record import NotNegative, Positive, about, from_to, one_of
 
 HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal discs can cover
 # ° of the outside: two plies then touch on both sides (Bohr & Olsen, "The ancient art of laying rope", 2011)
 LARGEST_TWIST_DEG = 45.0
 PRESSED = 1.15  # radius of plies that flatten each other, relative to plies that only touch
-MOST_FIBRES = 2000
+MOST_PLIES, MOST_FIBRES = 8, 2000
 HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
 
 
@@ -25,7 +25,7 @@ class Yarn(NamedTuple):
     flatness: Annotated[
         float, about("factor by which it lies wider in the cloth, and as much thinner, 1 (round) … 2")
     ] = 1.15
-    plies: Annotated[Count, about("number of plies, 1…8")] = 1
+    plies: Annotated[int, from_to(0, MOST_PLIES), about("number of plies, 1…8")] = 1
     twist_per_cm: Annotated[
         NotNegative, about("turns of the plies around one another; of one ply: of its fibres [1/cm]")
     ] = 6.0
@@ -33,7 +33,7 @@ class Yarn(NamedTuple):
     ply_twist_per_cm: Annotated[
         NotNegative, about("turns of the fibres in their ply, of the other hand; 0: as the ply [1/cm]")
     ] = 0.0
-    fibres: Annotated[Count, about("number of fibres of a ply")] = 150
+    fibres: Annotated[int, from_to(0, MOST_FIBRES), about("number of fibres of a ply")] = 150
     fibre_um: Annotated[Positive, about("diameter of a fibre [µm]")] = 18.0
     migration: Annotated[NotNegative, about("wandering of fibres through the yarn, of its ply's radius, 0…0.5")] = 0.12
     hairs_per_cm: Annotated[NotNegative, about("fly-away fibres [1/cm]")] = 12.0
@@ -101,7 +101,7 @@ def check_yarn(yarn: Yarn, name: str) -> Yarn:
         _check(yarn, key, name, getattr(yarn, key) > 0, "a number above 0")
     for key in ("twist_per_cm", "ply_twist_per_cm", "migration", "hairs_per_cm", "hair_mm", "uneven", "slubs_per_cm"):
         _check(yarn, key, name, getattr(yarn, key) >= 0, "a number, 0 or more")
-    for key, most in (("plies", 8), ("fibres", MOST_FIBRES)):
+    for key, most in (("plies", MOST_PLIES), ("fibres", MOST_FIBRES)):
         whole = isinstance(getattr(yarn, key), int)
         _check(yarn, key, name, whole and getattr(yarn, key) <= most, f"a whole number from 1 to {most}")
     _check(yarn, "hand", name, yarn.hand in HANDS, "Z or S")

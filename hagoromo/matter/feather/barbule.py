@@ -10,12 +10,13 @@ from typing import Annotated, Any, NamedTuple
 import drjit as dr
 
 from hagoromo.backend import arrays
-from hagoromo.files.record import Count, Positive, about
+from hagoromo.files.record import Positive, about, from_to
 from hagoromo.matter.feather.barb import Barb, section, way_along
 from hagoromo.matter.feather.rod import rod
 from hagoromo.matter.noise import random
 from hagoromo.matter.shape import unit
 
+MOST_HOOKS = 100
 BASE = 0.5  # share of a barbule's length that is a flat lamella; the rest is a thin thread
 BARBULE_TAPER = 0.6  # relative loss of width along a barbule
 HOOKED = 0.5, 0.9  # shares of a distal barbule's length between which hooklets sit
@@ -40,7 +41,7 @@ class Barbules(NamedTuple):
     width_mm: Annotated[Positive, about("width of the section at their foot [mm]")] = 0.011
     height_mm: Annotated[Positive, about("height of the section at their foot [mm]")] = 0.024
     rise_mm: Annotated[float, about("height by which distal barbules climb over proximal ones [mm]")] = 0.016
-    hooks: Annotated[Count, about("hooklets of a distal barbule")] = 4
+    hooks: Annotated[int, from_to(0, MOST_HOOKS), about("hooklets of a distal barbule")] = 4
     hook_mm: Annotated[Positive, about("distance that hooklets reach down [mm]")] = 0.03
 
 

@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import field
 
-from hagoromo.files.record import Count, Positive, Record, about, decode, decode_one, given, like, optional
+from hagoromo.files.record import Count, Positive, Record, about, decode, decode_one, from_to, given, like, optional
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.cloth import draft
@@ -44,8 +44,8 @@ class Plain(Record, frozen=True, tag_field="weave", tag="plain"):
 class Twill(Record, frozen=True, tag_field="weave", tag="twill"):
     """Twill: each end does as its neighbour, one pick later."""
 
-    over: Annotated[Count, about("picks that the warp goes over")] = 2
-    under: Annotated[Count, about("picks that the warp goes under")] = 2
+    over: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes over")] = 2
+    under: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes under")] = 2
 
     def draft(self) -> draft.Draft:
         """One repeat."""
@@ -55,8 +55,12 @@ class Twill(Record, frozen=True, tag_field="weave", tag="twill"):
 class Satin(Record, frozen=True, tag_field="weave", tag="satin"):
     """Satin: an end goes under one pick of a repeat."""
 
-    ends: Annotated[Count, about("ends of a repeat: 5, 7 or more")] = 5
-    step: Annotated[Count, about("ends by which the place moves from pick to pick; 0: the smallest that fits")] = 0
+    ends: Annotated[int, from_to(5, draft.LARGEST_REPEAT), about("ends of a repeat: 5, 7 or more")] = 5
+    step: Annotated[
+        int,
+        from_to(0, draft.LARGEST_REPEAT),
+        about("ends by which the place moves from pick to pick; 0: the smallest that fits"),
+    ] = 0
     warp_faced: Annotated[bool, about("whether the warp floats on the face; false: sateen")] = True
 
     def draft(self) -> draft.Draft:
@@ -67,9 +71,9 @@ class Satin(Record, frozen=True, tag_field="weave", tag="satin"):
 class Herringbone(Record, frozen=True, tag_field="weave", tag="herringbone"):
     """A twill whose line turns."""
 
-    over: Annotated[Count, about("picks that the warp goes over")] = 2
-    under: Annotated[Count, about("picks that the warp goes under")] = 2
-    width: Annotated[Count, about("ends after which the line turns")] = 8
+    over: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes over")] = 2
+    under: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes under")] = 2
+    width: Annotated[int, from_to(2, draft.LARGEST_DRAFT), about("ends after which the line turns")] = 8
 
     def draft(self) -> draft.Draft:
         """One repeat."""
@@ -82,7 +86,7 @@ class Jacquard(Record, frozen=True, tag_field="weave", tag="jacquard"):
     pattern: Annotated[tuple[str, ...], about("rows of signs; each is one repeat of the satin, 1: weft-faced")] = (
         draft.DIAMOND
     )
-    ends: Annotated[Count, about("ends of a repeat of the satin")] = 5
+    ends: Annotated[int, from_to(5, draft.LARGEST_REPEAT), about("ends of a repeat of the satin")] = 5
 
     def draft(self) -> draft.Draft:
         """One repeat."""

@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 import drjit as dr
 
 from hagoromo.backend import arrays
-from hagoromo.files.record import Count, NotNegative, Positive, about, one_of
+from hagoromo.files.record import NotNegative, Positive, about, from_to, one_of
 from hagoromo.matter.cloth.fabric import Fabric
 from hagoromo.matter.drape.drape import over_ball
 from hagoromo.matter.drape.eased import eased
@@ -34,6 +34,7 @@ from hagoromo.volume.store.plan import BoxPlan
 
 NARROW = 3.0  # [voxels of the carrier] width of cloth below which folds cannot be resolved
 CARRIER_MARGIN = 2.0  # voxels of the carrier around the cloth
+MOST_FOLDS, MOST_VARIANTS = 1000, 256
 HEM = 3.0  # voxels of the carrier over which presence falls at a hem
 
 
@@ -47,11 +48,11 @@ class LaidTable(RecipeTable, frozen=True, kw_only=True):
     ] = "flat"
     width_mm: Annotated[Positive, about("width of the cloth [mm]")] = 30.0
     height_mm: Annotated[Positive, about("height of the cloth [mm]")] = 30.0
-    folds: Annotated[Count, about("number of folds of a hanging cloth")] = 3
+    folds: Annotated[int, from_to(0, MOST_FOLDS), about("number of folds of a hanging cloth")] = 3
     fold_depth_mm: Annotated[NotNegative, about("depth of the folds at the hem [mm]")] = 7.0
     radius_mm: Annotated[Positive, about("radius of the ball under the cloth [mm]")] = 12.0
     carrier_mm: Annotated[Positive, about("voxels of the lattice that says where the cloth is [mm]")] = 0.8
-    variants: Annotated[Count, about("variants of the repeat, so that it is not visible")] = 4
+    variants: Annotated[int, from_to(0, MOST_VARIANTS), about("variants of the repeat, so that it is not visible")] = 4
 
 
 L = TypeVar("L", bound=LaidTable)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -43,7 +44,7 @@ def texel(
         )
     nu, nv, nh = cells.astype(int).tolist()
     shape = (nv + 1, variants * nu + 1, nh + 1)
-    require(48 * populations * int(np.prod(shape)), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
+    require(48 * populations * math.prod(shape), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
     density = np.zeros((populations, *shape), np.float32)
     axis = np.zeros((populations, *shape, 3), np.float32)
     values = [
