@@ -136,7 +136,7 @@ def _container() -> str | None:
 def _processor() -> Facts:
     import psutil
 
-    process = psutil.Process()
+    process: Any = psutil.Process()  # macOS does not tell its processors
     usable = len(process.cpu_affinity() or ()) if hasattr(process, "cpu_affinity") else None
     share = _first_line(Path("/sys/fs/cgroup/cpu.max")).split()
     quota = float(share[0]) / float(share[1]) if len(share) == 2 and share[0] != "max" else None
@@ -163,7 +163,8 @@ def _memory() -> Facts:
 
     from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 
-    memory, process = psutil.virtual_memory(), psutil.Process()
+    memory = psutil.virtual_memory()
+    process: Any = psutil.Process()  # its limits are Linux's
     limits = []
     for name, title in LIMITS.items():
         if hasattr(process, "rlimit") and hasattr(psutil, f"RLIMIT_{name}"):

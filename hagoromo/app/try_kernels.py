@@ -100,7 +100,7 @@ def _loaded(name: str) -> str | None:
     """Path of the library whose file has `name` in it and that this process has loaded, where the system tells."""
     import psutil
 
-    process = psutil.Process()
+    process: Any = psutil.Process()
     if not hasattr(process, "memory_maps"):
         return None  # macOS
     return next((mapped.path for mapped in process.memory_maps() if name in Path(mapped.path).name), None)

@@ -7,6 +7,7 @@ limits of the process leave (`ulimit -v`, `ulimit -d`).
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -65,11 +66,11 @@ def shortage(error: BaseException) -> str:
 
 def _left_by_limits() -> Iterator[int]:
     """What the limits of the process on its addresses and its data leave; nothing where the system has none."""
+    if sys.platform != "linux":
+        return  # macOS does not heed them, Windows has none
     import psutil
 
     process = psutil.Process()
-    if not hasattr(process, "rlimit"):
-        return  # macOS does not heed them, Windows has none
     used = process.memory_info()
     for limit, taken in ((psutil.RLIMIT_AS, used.vms), (psutil.RLIMIT_DATA, getattr(used, "data", 0))):
         soft = process.rlimit(limit)[0]
