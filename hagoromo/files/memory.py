@@ -7,9 +7,9 @@ limits of the process leave (`ulimit -v`, `ulimit -d`).
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from hagoromo.errors import InputError
 
@@ -66,13 +66,14 @@ def shortage(error: BaseException) -> str:
 
 def _left_by_limits() -> Iterator[int]:
     """What the limits of the process on its addresses and its data leave; nothing where the system has none."""
-    if sys.platform != "linux":
-        return  # macOS does not heed them, Windows has none
     import psutil
 
-    process = psutil.Process()
+    system: Any = psutil
+    process: Any = psutil.Process()
+    if not hasattr(process, "rlimit"):
+        return  # macOS does not heed them, Windows has none
     used = process.memory_info()
-    for limit, taken in ((psutil.RLIMIT_AS, used.vms), (psutil.RLIMIT_DATA, getattr(used, "data", 0))):
+    for limit, taken in ((system.RLIMIT_AS, used.vms), (system.RLIMIT_DATA, getattr(used, "data", 0))):
         soft = process.rlimit(limit)[0]
         if 0 <= soft < UNLIMITED:
             yield soft - taken
