@@ -7,6 +7,7 @@ import io
 import numpy as np
 
 from hagoromo.calibration.camera.calibrate_camera import CameraCalibration
+from hagoromo.files.names import plot_label
 
 OUTLIER_COLOUR, POINT_COLOUR = "#b5341d", "#2f5d9b"
 ARROW_SHARE = 0.05  # of the image's width: how long the arrow of a residual of three rms is drawn
@@ -30,7 +31,7 @@ def residual_plot(calibration: CameraCalibration) -> bytes:
     together.set(xlabel="residual in x [px]", ylabel="residual in y [px]", title=f"{len(corners)} corners")
     names = list(calibration.boards)
     colours = [OUTLIER_COLOUR if name in calibration.outliers else POINT_COLOUR for name in names]
-    by_photograph.barh(names, list(calibration.boards.values()), color=colours)
+    by_photograph.barh([plot_label(name) for name in names], list(calibration.boards.values()), color=colours)
     by_photograph.axvline(calibration.rms, color="#555", linewidth=0.8)
     by_photograph.invert_yaxis()
     by_photograph.tick_params(labelsize=7)

@@ -13,7 +13,7 @@ from tyro.conf import Positional, UseAppendAction
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, verb, wrote
+from hagoromo.app.verb import Force, Out, say, verb, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, whole_files
 
@@ -65,7 +65,7 @@ def calibrate_camera(
     for axis, value in zip("xy", calibration.camera.focal, strict=True):
         print(f"focal length {axis} {value:.2f} ± {calibration.standard_deviation[f'fl_{axis}']:.2f} px")
     for name in calibration.outliers:
-        print(f"{name}: rms {calibration.boards[name]:.3f} px, far above the others: check it, or leave it out")
+        say(f"{name}: rms {calibration.boards[name]:.3f} px, far above the others: check it, or leave it out")
     wrote(out, plot)
 
 
@@ -132,7 +132,7 @@ def calibrate_lamps(
             )  # fmt: skip
     result.save(out, force)
     summary = object_summary(result) if isinstance(result, hg.SelfCalibration) else lamp_summary(result)
-    print(*summary, sep="\n")
+    say(*summary)
     wrote(out)
 
 
@@ -174,7 +174,7 @@ def calibrate_response(
     ):
         print(f"{channel}: residual {100 * residual:.2f} % of the mean reading, noise {100 * noise:.2f} %")
     for remark in calibration.remarks():
-        print(remark)
+        say(remark)
     wrote(*targets)
 
 

@@ -28,9 +28,10 @@ from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.streams import printable_streams
-from hagoromo.app.verb import Force, Out, Scheduler, verb, verbs, wrote
+from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
+from hagoromo.files.names import printable
 from hagoromo.files.whole import names_written, replaceable_file, whole_folder
 
 DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None, ends: bool = False) -> int:
         _give_up_streams()
         return NOT_READ
     except OSError as error:  # of a standard output that is a file on a full disk
-        print(f"hagoromo: standard output: {_one_line(error)}", file=sys.stderr)
+        print(f"hagoromo: standard output: {printable(error)}", file=sys.stderr)
         _give_up_streams()
         return BAD_INPUT
     return status
@@ -68,18 +69,18 @@ def _run(arguments: list[str], ends: bool) -> int:
         return DONE
     names_written.clear()
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {_one_line(message)}", file=sys.stderr)
+        warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {printable(message)}", file=sys.stderr)
         try:
             with signals_as_interrupt():
                 return _parsed(arguments)() or DONE
         except BrokenPipeError:
             raise
         except (InputError, OSError) as error:
-            print(f"hagoromo: {_one_line(error)}", file=sys.stderr)
+            print(f"hagoromo: {printable(error)}", file=sys.stderr)
             return BAD_INPUT
         except KeyboardInterrupt as interrupt:
             written = f"{', '.join(map(str, names_written))} was written" if names_written else "nothing was written"
-            print(f"hagoromo: interrupted: {_one_line(interrupt) or written}", file=sys.stderr)
+            print(f"hagoromo: interrupted: {printable(interrupt) or written}", file=sys.stderr)
             if not ends:
                 wait_for_kernels()
             return exit_status()
@@ -120,11 +121,7 @@ def _from_box(text: str) -> str:
     """Tyro's error box as one line: rows are joined, horizontal rules (─ or -) become semicolons."""
     rows = [ANSI.sub("", row).strip("│|╭╮╰╯+ ") for row in text.splitlines()[1:-1]]
     clauses = " ".join("\n" if set(row) in ({"─"}, {"-"}) else row for row in rows).split("\n")
-    return "; ".join(_one_line(clause) for clause in clauses if clause.strip())
-
-
-def _one_line(message: object) -> str:
-    return " ".join(str(message).split())
+    return "; ".join(printable(clause) for clause in clauses if clause.strip())
 
 
 @verb(verbs)
@@ -196,7 +193,7 @@ def develop(
         white=white, mosaic=mosaic, gain=gain, read_noise=read_noise, demosaic=demosaic, undistort=undistort,
     )  # fmt: skip
     development.save(out, force)
-    print("\n".join(development_summary(development)))
+    say(*development_summary(development))
     wrote(out)
 
 
@@ -237,7 +234,7 @@ def capture(
         )  # fmt: skip
         result.save(partial)
     for photograph in result.photographs:
-        print(f"{photograph.name}: lamp {photograph.lamps[0].name or 'without a name'}")
+        say(f"{photograph.name}: lamp {photograph.lamps[0].name or 'without a name'}")
     wrote(out)
 
 
@@ -292,7 +289,7 @@ def measure(
     for material in measurement.materials:
         names = [name for name, identifiable in material.identifiable.items() if identifiable]
         tails = "" if math.isinf(material.nu) else f", facets with tails of nu = {material.nu:.3g}"
-        print(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}{tails}")
+        say(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}{tails}")
     wrote(out / "report.html")
 
 
@@ -309,7 +306,7 @@ def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
 
     with progress_bar("build") as progress:
         hg.build_to(recipe, out, force, progress)
-    print(look_at_box(out))
+    say(*str(look_at_box(out)).splitlines())
     wrote(out)
 
 
@@ -415,7 +412,7 @@ def relight(
         hg.write_relight_report(home / "report.html", relighting)
     for prediction in relighting.predictions:
         figures = prediction.compared["boxes"]
-        print(
+        say(
             f"{prediction.name}: volume boxes differ from the photograph by {100 * figures.relative_rmse:.1f} % "
             f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"
         )
@@ -438,7 +435,7 @@ def batch(
 
     with progress_bar("batch") as progress:
         outcomes = hg.batch(recipe, out, scheduler=scheduler, dry_run=dry_run, force=force, progress=progress)
-    print("\n".join([*table(outcomes, dry_run), summary(outcomes, dry_run)]))
+    say(*table(outcomes, dry_run), summary(outcomes, dry_run))
     failed = not dry_run and any(outcome.state in ("failed", "not run") for outcome in outcomes)
     return SOME_FAILED if failed else DONE
 
@@ -465,7 +462,7 @@ def info(file: Positional[Path]) -> None:
             YAML, _par.txt, COLMAP).
     """
     for key, value in hg.info(file).items():
-        print(f"{key}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}")
+        say(f"{key}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}")
 
 
 @verb(verbs)

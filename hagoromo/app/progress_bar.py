@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from hagoromo.app.interrupt import heed
+from hagoromo.files.names import escaped
 from hagoromo.progress import Progress
 
 QUIET_S = 30.0  # a command shorter than this writes no lines, so that bad input is answered by one line alone
@@ -55,6 +56,6 @@ def progress_lines(title: str, clock: Callable[[], float] = time.monotonic) -> P
         if clock() - last_s < PAUSE_S or (share - last_share < LINE_SHARE and step == last_step):
             return
         last_s, last_share, last_step = clock(), share, step
-        print(f"{title}: {100.0 * share:.0f} %{', ' if step else ''}{step}", file=sys.stderr, flush=True)
+        print(f"{title}: {100.0 * share:.0f} %{', ' if step else ''}{escaped(step)}", file=sys.stderr, flush=True)
 
     return shown

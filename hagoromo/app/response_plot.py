@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 
 from hagoromo.calibration.response.calibrate_response import ResponseCalibration
+from hagoromo.files.names import plot_label
 from hagoromo_figures.demo.plots import panels
 
 CHANNEL_COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
@@ -19,7 +20,7 @@ def response_plot(calibration: ResponseCalibration) -> bytes:
         colour = CHANNEL_COLOURS.get(name, f"C{channel}")
         low, high = calibration.interval_95[:, channel].T / top
         axis.fill_between(response.wavelengths, low, high, color=colour, alpha=0.25, linewidth=0)
-        axis.plot(response.wavelengths, response.values[:, channel] / top, color=colour, label=name)
+        axis.plot(response.wavelengths, response.values[:, channel] / top, color=colour, label=plot_label(name))
     axis.set_xlabel("wavelength [nm]", fontsize=9)
     axis.set_ylabel("response [of the greatest], 95 % interval", fontsize=9)
     axis.set_ylim(0.0, 1.3)

@@ -11,6 +11,7 @@ import tyro
 from tyro.conf import arg
 
 from hagoromo.app.stage import named, run_staged
+from hagoromo.files.names import escaped
 
 Out = Annotated[Path, arg(help="where to write the result")]
 Force = Annotated[bool, arg(help="replace an existing result")]
@@ -39,4 +40,10 @@ def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., Any]], 
 def wrote(*paths: Path) -> None:
     """Print the files that a command wrote."""
     for path in paths:
-        print(f"wrote {named(path)}")
+        say(f"wrote {named(path)}")
+
+
+def say(*lines: str) -> None:
+    """Print lines, in which names from files may stand, without the codes that a terminal obeys."""
+    for line in lines:
+        print(escaped(line))

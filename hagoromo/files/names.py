@@ -1,0 +1,28 @@
+"""Names: texts that files bring, made safe to show in a terminal and in a plot.
+
+A name in a file may hold codes that clear a terminal, write over what stands there, or turn its direction.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+
+
+def escaped(line: str) -> str:
+    """The text with control and invisible characters as escapes such as \\x1b; blanks of any width stay."""
+    return "".join(sign if sign.isprintable() or unicodedata.category(sign) == "Zs" else _escape(sign) for sign in line)
+
+
+def printable(text: object) -> str:
+    """The text in one line, `escaped`; line ends and other whitespace are one blank."""
+    return escaped(" ".join(str(text).split()))
+
+
+def plot_label(text: str) -> str:
+    """The text as a label of Matplotlib, which takes dollars for the marks of a formula and hides names after _."""
+    shown = printable(text).replace("$", r"\$")
+    return f"\u200b{shown}" if shown.startswith("_") else shown
+
+
+def _escape(sign: str) -> str:
+    return sign.encode("unicode_escape").decode("ascii")
