@@ -15,7 +15,7 @@ import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, say, verb, wrote
 from hagoromo.errors import InputError
-from hagoromo.files.whole import replaceable_file, whole_files
+from hagoromo.files.whole import replaceable_file, replaceable_files, whole_files
 
 DOUBTFUL_NOISE = 0.03  # relative noise of a reading beyond which spectra or illumination are probably wrong
 
@@ -53,7 +53,6 @@ def calibrate_camera(
     if plot == out:
         raise InputError(f"{out} is the name of a picture: give a name that ends in .json")
     target = _board(board, square, marker, dictionary, window)
-    replaceable_file(out, force)
     with whole_files((out, plot), force) as (record, picture), progress_bar("calibrate camera") as progress:
         calibration = hg.calibrate_camera(photographs, target, coefficients, square_pixels, progress)
         calibration.save(record)
@@ -157,8 +156,7 @@ def calibrate_response(
     from hagoromo.app.response_plot import response_plot
 
     targets = (*hg.ResponseCalibration.paths(out), out.with_suffix(".png"))
-    for path in targets:
-        replaceable_file(path, force)
+    replaceable_files(targets, force)
     calibration = _response(sources, lamp, chart, corners)
     with whole_files(targets, force) as partials:
         calibration.save(partials[0])

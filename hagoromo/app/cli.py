@@ -32,7 +32,7 @@ from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.names import printable
-from hagoromo.files.whole import names_written, replaceable_file, whole_folder
+from hagoromo.files.whole import names_written, replaceable_file, replaceable_files, whole_folder
 
 DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
 DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
@@ -329,8 +329,7 @@ def render(
             0.04).
         separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
     """
-    for path in (out, out.with_suffix(".png")):
-        replaceable_file(path, force)
+    replaceable_files((out, out.with_suffix(".png")), force)
     from hagoromo.image.scene_file import camera_and_settings
 
     if scheduler is None:
@@ -364,8 +363,7 @@ def expose(
         spectrum: NAME=SPECTRUM of a lamp: the name of an illuminant such as A or D65, or a CSV.
         response: response of the camera: a name or a CSV (default: linear sRGB).
     """
-    for path in (out, out.with_suffix(".png")):
-        replaceable_file(path, force)
+    replaceable_files((out, out.with_suffix(".png")), force)
     factors = {name: _factor(value, name) for name, value in map(_named_value, strength)}
     exposed = hg.expose(image, factors, dict(map(_named_value, spectrum)))
     wrote(*exposed.save(out, None if response is None else hg.Response.load(response), force))

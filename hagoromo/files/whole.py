@@ -60,7 +60,8 @@ def whole_files(paths: Sequence[str | Path], force: bool = False) -> Iterator[li
     They are moved one after the other, the first of `paths` last. If the process is killed in between, the next who
     writes one of them completes the others first: so either all are new or, after that, none is old.
     """
-    targets = [check_file(tidied(path), force) for path in paths]
+    replaceable_files(paths, force)
+    targets = [followed(path) for path in paths]
     main = targets[0]
     if len({target.parent for target in targets}) != 1 or len(set(targets)) != len(targets):
         named = " and ".join(map(str, paths))
@@ -132,8 +133,16 @@ def write_text(path: str | Path, text: str) -> None:
 
 def replaceable_file(path: str | Path, force: bool = False) -> Path:
     """`path`, if a file may be written there; raises `InputError` as `whole_file` does."""
-    check_file(tidied(path), force)
+    replaceable_files((path,), force)
     return Path(path)
+
+
+def replaceable_files(paths: Sequence[str | Path], force: bool = False) -> None:
+    """Raise `InputError` as `whole_files` does, before the work that they are the result of."""
+    for path in paths:
+        tidied(path)  # of all, before one of them is refused
+    for path in paths:
+        check_file(path, force)
 
 
 def replaceable_folder(path: str | Path, force: bool = False) -> Path:
