@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | figures | gallery | real | relit | lamps | near | spectra |
-# coverage | merl | first-order | platforms | package: each sets up what it needs.
+# coverage | merl | first-order | platforms | package | crash: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order figures gallery schemas platforms package
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order figures gallery schemas platforms package crash
 
 setup: $(READY)
 
@@ -113,3 +113,9 @@ gallery: $(READY)
 # The JSON Schemas of all files, made from the records that read them; a test holds that they are up to date.
 schemas: $(READY)
 	$(BIN)/hagoromo schema --out docs/schemas
+
+# Every verb that writes, killed at each of its file operations, and with a disk that is full after so many bytes of a
+# file (a quarter of an hour; the slow verbs at 30 points): docs/writing.md.
+crash: $(READY)
+	$(BIN)/python -m fuzz.crash --most 30
+	$(BIN)/python -m fuzz.crash --full

@@ -58,7 +58,7 @@ class Case:
     """A command. words: its arguments, names of inputs and of the first of `targets` as they lie in the folder.
 
     folder: whether the targets are folders. forked: whether it may run in a child of a process that has everything
-    loaded; kernels may not. quick: whether `make test` runs it. resumes: whether its work is kept after a fault.
+    loaded; kernels may not. resumes: whether its work is kept after a fault.
     """
 
     name: str
@@ -67,7 +67,6 @@ class Case:
     targets: tuple[str, ...]
     folder: bool = False
     forked: bool = True
-    quick: bool = True
     resumes: bool = False
 
     def given(self, folder: Path) -> list[str]:
@@ -162,27 +161,27 @@ def _capture(folder: Path) -> None:
 CASES = (
     Case("convert to OpenCV", _cameras, ("convert", "cameras.yml"), ("out.yml",)),
     Case("convert to COLMAP", _cameras, ("convert", "cameras.yml"), ("out",), folder=True),
-    Case("convert to nerfstudio", _cameras, ("convert", "cameras.yml"), ("out.json",), quick=False),
-    Case("convert to Middlebury", _cameras, ("convert", "cameras.yml"), ("out.txt",), quick=False),
+    Case("convert to nerfstudio", _cameras, ("convert", "cameras.yml"), ("out.json",)),
+    Case("convert to Middlebury", _cameras, ("convert", "cameras.yml"), ("out.txt",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
-    Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",), quick=False),
+    Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
     Case(
         "capture", _photographs, ("capture", "a.exr", "b.exr", "c.exr", "--lamps", "lamps.json"), ("out",),
-        folder=True, quick=False,
+        folder=True,
     ),
     Case(
         "calibrate response", _pairs, ("calibrate", "response", "pairs.csv"),
-        ("out.csv", "out_interval.csv", "out.png"), quick=False,
+        ("out.csv", "out_interval.csv", "out.png"),
     ),
     Case(
         "calibrate camera", _boards,
         ("calibrate", "camera", "0.png", "1.png", "2.png", "3.png", "--board", "9x6", "--square", "0.025"),
-        ("out.json", "out.png"), forked=False, quick=False,
+        ("out.json", "out.png"), forked=False,
     ),
-    Case("simulate", _scene, ("simulate", "scene.toml"), ("out",), folder=True, forked=False, quick=False),
-    Case("measure", _capture, ("measure", "capture"), ("out",), folder=True, forked=False, quick=False),
+    Case("simulate", _scene, ("simulate", "scene.toml"), ("out",), folder=True, forked=False),
+    Case("measure", _capture, ("measure", "capture"), ("out",), folder=True, forked=False),
     Case(
-        "build", _recipe, ("build", "solid.toml"), ("out.zarr",), folder=True, forked=False, quick=False, resumes=True
+        "build", _recipe, ("build", "solid.toml"), ("out.zarr",), folder=True, forked=False, resumes=True
     ),
-    Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png"), forked=False, quick=False),
+    Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png"), forked=False),
 )  # fmt: skip
