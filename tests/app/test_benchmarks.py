@@ -60,3 +60,36 @@ def test_the_steps_of_a_march_are_those_of_its_cells(monkeypatch):
     sys.modules.pop("steps")
     assert (walked == 6).all()
     assert found == {"steps": 7 * 64, "samples": 6 * 64}
+
+
+@pytest.fixture
+def backends(monkeypatch):
+    """benchmarks/backends.py, loaded as a command would be."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    yield importlib.import_module("backends")
+    sys.modules.pop("backends")
+
+
+def test_pictures_of_two_backends_are_compared(backends, tmp_path, capsys):
+    """The CPU against itself: the same bits. The shell and the ball take every path but that of recipes and texels."""
+    out = tmp_path / "backends.json"
+    small = ["--lines", "36", "--rounds", "0", "--voxels", "64", "--out", str(out)]
+    assert backends.main(["--backends", "llvm", "llvm", *small, "--scenes", "shell and ball"]) == 0
+    assert "within 0.001 of llvm" in capsys.readouterr().out
+    record = json.loads(out.read_text(encoding="utf-8"))
+    assert [(row["scene"], row["difference"]) for row in record["compared"]] == [("shell and ball", 0.0)]
+
+
+def test_a_picture_that_differs_and_a_backend_that_does_not_work_are_told(backends, monkeypatch, tmp_path, capsys):
+    """One part in 500 is too much; a picture that is not finite is."""
+    picture = np.ones((4, 4, 4), np.float32)
+    frame = {"scene": "shell", "lines": 4, "picture": "p", "seconds": 1.0}
+    first = {"backend": "llvm", "frames": [frame], "pictures": {"p": picture}}
+    other = {"backend": "cuda", "frames": [frame], "pictures": {"p": picture * np.float32(1.002)}}
+    assert backends.compared(first, other)[0]["difference"] > backends.BOUND
+    other["pictures"] = {"p": np.where(np.arange(64).reshape(4, 4, 4) == 0, np.nan, picture)}
+    assert backends.compared(first, other)[0]["difference"] == np.inf
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "absent.so"))
+    arguments = ["--backends", "llvm", "--lines", "9", "--scenes", "shell", "--voxels", "32"]
+    assert backends.main([*arguments, "--out", str(tmp_path / "backends.json")]) == 1
+    assert "llvm: hagoromo.errors.InputError: no Dr.Jit backend works here" in capsys.readouterr().out
