@@ -55,6 +55,11 @@ def from_to(least: int, most: int) -> Meta:
     return Meta(ge=least, le=most)
 
 
+def up_to(most: int) -> Meta:
+    """Constraint: a list of at most `most` entries."""
+    return Meta(max_length=most)
+
+
 def like(*records: type, **other: Any) -> Meta:
     """The JSON Schema of a field of plain data that a later step decodes as one of `records`.
 
@@ -332,6 +337,7 @@ def _wanted(kind: inspect.Type) -> str:
     if isinstance(kind, (inspect.ListType, inspect.VarTupleType)):
         least, most = kind.min_length, kind.max_length
         count = "" if not least else f"{least} " if least == most else f"{least} or more "
+        count = f"at most {most} " if most and not least else count
         return f"a list of {count}{_plural(kind.item_type)}"
     if isinstance(kind, inspect.StrType) and kind.pattern:
         return "one of " + ", ".join(name.replace("\\", "") for name in kind.pattern[4:-2].split("|"))

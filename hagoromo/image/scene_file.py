@@ -32,6 +32,7 @@ from hagoromo.files.record import (
     like,
     one_of,
     read_toml,
+    up_to,
 )
 from hagoromo.files.stores import address
 from hagoromo.image.scene import Scene
@@ -43,6 +44,7 @@ from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo.volume.store.box_store import load_box
 from hagoromo.volume.store.header import EXTINCTION
 
+MOST_PLACES = 10_000  # lamps, boxes or surfaces of a file
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -123,9 +125,11 @@ class SceneRecord(Record, frozen=True, kw_only=True):
     version_key = "format_version"
 
     camera: Annotated[dict[str, Any], like(SceneCamera), about("the camera")]
-    lamp: Annotated[list[Annotated[dict[str, Any], like(LampRecord)]], about("the lamps")] = []
-    box: Annotated[list[Annotated[dict[str, Any], like(SceneBox)]], about("the volume boxes")] = []
-    surface: Annotated[list[Annotated[dict[str, Any], like(SceneSurface)]], about("the surfaces")] = []
+    lamp: Annotated[list[Annotated[dict[str, Any], like(LampRecord)]], up_to(MOST_PLACES), about("the lamps")] = []
+    box: Annotated[list[Annotated[dict[str, Any], like(SceneBox)]], up_to(MOST_PLACES), about("the volume boxes")] = []
+    surface: Annotated[
+        list[Annotated[dict[str, Any], like(SceneSurface)]], up_to(MOST_PLACES), about("the surfaces")
+    ] = []
     render: Annotated[dict[str, Any], like(RenderRecord), about("how the scene is rendered")] = {}
     format_version: Annotated[Count, about("version of the format of scene files")] = 1
 

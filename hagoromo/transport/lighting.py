@@ -25,6 +25,7 @@ from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresne
 from hagoromo.transport.emission import Emission, emission_of
 from hagoromo.transport.medium import Element, TexelHit
 
+MOST_LAMPS = 512  # of a picture: each is a part of every kernel
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
 # (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], place in a texel)
 # → transmittance 0…1
@@ -167,7 +168,15 @@ class Lighting:
         attenuation: Attenuation | None = None,
         bases: Sequence[Sequence[Spectrum]] = (),
     ) -> None:
-        """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none)."""
+        """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none).
+
+        `InputError` for more than MOST_LAMPS lamps, or one with an intensity per channel.
+        """
+        if len(lamps) > MOST_LAMPS:
+            raise InputError(
+                f"{len(lamps)} lamps: a picture is computed under {MOST_LAMPS} at most, as kernels grow with them; "
+                f"give fewer, or add the pictures under each part of them"
+            )
         jit, self.materials, self.attenuation = arrays(), materials, attenuation
         bodies = materials.palette.bodies
         self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}

@@ -4,6 +4,7 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
+from hagoromo.transport.lighting import MOST_LAMPS
 
 
 def test_unknown_keys_are_named_with_the_known_ones(refused, scene, tmp_path):
@@ -53,3 +54,11 @@ def test_numbers_that_decide_the_size_have_a_bound(refused, scene, tmp_path, old
 def test_a_picture_that_no_number_holds_the_bytes_of_is_refused():
     with pytest.raises(InputError, match="needs inf GiB"):
         require(10**400, "the picture")
+
+
+def test_very_many_lamps_boxes_or_surfaces_are_refused(refused, scene, tmp_path):
+    lamp = "[[lamp]]\nto_lamp = [0.0, -1.0, 0.0]\n"
+    out = "--out", tmp_path / "a.exr"
+    assert f"{MOST_LAMPS + 1} lamps" in refused("render", scene(more=lamp * (MOST_LAMPS - 1)), *out)
+    for table in (lamp, '[[box]]\nfile = "a.zarr"\n', '[[surface]]\nmesh = "a.ply"\n'):
+        assert "a list of at most 10000 tables" in refused("render", scene(more=table * 10_001), *out)
