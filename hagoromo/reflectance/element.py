@@ -7,6 +7,7 @@ Directions are unit and leave the element; arguments are Python floats or Dr.Jit
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, Literal, get_args
 
@@ -179,13 +180,14 @@ def sphere_facets(cos_phase: Float, gamma: Float, nu: Float = GAUSSIAN) -> Float
     return total
 
 
+@functools.lru_cache(maxsize=256)
 def sphere_table(
     gamma: float, entries: int, nodes: int = TABLE_NODES, nu: float = GAUSSIAN, graded: bool = False
 ) -> np.ndarray:
     """`sphere_facets` at `entries` equal steps of χ from 0 to π: (entries,) float32, for linear look-up in kernels.
 
     graded: at equal steps of `graded_place`, which are small near χ = π, where the value falls to 0 within the width of
-    the facets; it may be smaller than a step of χ.
+    the facets; it may be smaller than a step of χ. Tables are kept, and cannot be written to.
     """
     Float64 = arrays().Float64
     turn, weight = np.array(_legendre(nodes)).T
@@ -196,7 +198,9 @@ def sphere_table(
     exponent = nu if is_gaussian(nu) else dr.opaque(Float64, nu)
     node = _sphere_node(dr.cos(phase), dr.opaque(Float64, gamma), exponent, across, along)
     values = np.array(node).reshape(entries, nodes, nodes)
-    return (values @ weight @ weight).astype(np.float32)
+    table = (values @ weight @ weight).astype(np.float32)
+    table.flags.writeable = False
+    return table
 
 
 def graded_place(cos_phase: Float) -> Float:

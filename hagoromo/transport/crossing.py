@@ -210,12 +210,12 @@ class Crossing:
         )  # fmt: skip
 
     def span(self, frame: Frame) -> tuple[Array3f, Array3f, Float, Float]:
-        """Origin and direction on a lattice, and the distances [m] where the ray enters and leaves it."""
+        """Origin and direction on a lattice, and the distances [m] where the ray enters and leaves its matter."""
         jit, (x, y, z) = arrays(), frame.columns
         start = self.origin.x * x + self.origin.y * y + self.origin.z * z + frame.shift
         along = self.direction.x * x + self.direction.y * y + self.direction.z * z
         along = dr.select(dr.abs(along) < 1e-9, 1e-9, along)  # a ray within a lattice plane: no 0/0 below
-        faces = (-0.5 - start) / along, (frame.last + 0.5 - start) / along
+        faces = [(bound - start) / along for bound in frame.bounds]
         enter = dr.fmax(dr.max(jit.Array3f(*map(dr.fmin, *faces))), self.near)
         leave = dr.fmin(dr.min(jit.Array3f(*map(dr.fmax, *faces))), self.far)
         return start, along, enter, leave

@@ -18,7 +18,7 @@ DEFAULT_TOLERANCE = 0.04  # relative RMSE of an image where there is matter [1]
 LONGEST_STEP = 1.5  # [voxel] at DEFAULT_TOLERANCE
 DEEPEST_STEP = 0.7  # optical depth of a step, at DEFAULT_TOLERANCE
 DENSEST = 64.0  # largest extinction [1/voxel]: matter this dense is opaque within a small part of a voxel
-ROW_FLOATS = 26  # per box: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation
+ROW_FLOATS = 32  # per box: 4 × 3 lattice from world, 3 last voxel, tau, step, 3 × 3 rotation, 2 × 3 bounds of matter
 
 
 @dataclass
@@ -28,6 +28,7 @@ class Frame:
     columns: list[Array3f]  # lattice_from_world: directions
     shift: Array3f  # and offset
     last: Array3f  # nx−1, ny−1, nz−1
+    bounds: tuple[Array3f, Array3f]  # between which matter lies [voxel]
     tau: Float  # extinction per unit of density [1/m]
     step: Float  # greatest length [m]
     row: Int  # blocks along x
@@ -52,6 +53,7 @@ class Frames:
             row[:12] = box.lattice_from_world[:3].T.ravel()
             row[12:15] = np.array(box.bricks.shape[::-1]) - 1
             row[15:17] = box.tau, box.voxel_size * LONGEST_STEP * finer
+            row[26:32] = np.concatenate(box.matter_bounds)
             row[17:26] = np.asarray(box.pose, float)[:3, :3].T.ravel()
             _, my, mx = blocks_shape(box.bricks.lattice)
             numbers[:] = mx, mx * my, start
@@ -63,7 +65,8 @@ class Frames:
             tau, step = (dr.opaque(jit.Float, float(v)) for v in floats[0, 15:17])
             row, layer, first = (dr.opaque(jit.Int, int(v)) for v in whole[0])
             rotation = [opaque_vector(floats[0, k : k + 3]) for k in (17, 20, 23)]
-            self.only = Frame([x, y, z], shift, last, tau, step, row, layer, first), rotation
+            bounds = opaque_vector(floats[0, 26:29]), opaque_vector(floats[0, 29:32])
+            self.only = Frame([x, y, z], shift, last, bounds, tau, step, row, layer, first), rotation
         dr.eval(self.floats, self.whole)
 
     def frame(self, box: UInt) -> Frame:
@@ -74,7 +77,8 @@ class Frames:
         x, y, z, shift, last = (self._vector(box, k) for k in range(0, 15, 3))
         tau, step = (dr.gather(jit.Float, self.floats, box * ROW_FLOATS + k) for k in (15, 16))
         row, layer, first = (dr.gather(jit.Int, self.whole, box * 3 + k) for k in range(3))
-        return Frame([x, y, z], shift, last, tau, step, row, layer, first)
+        bounds = self._vector(box, 26), self._vector(box, 29)
+        return Frame([x, y, z], shift, last, bounds, tau, step, row, layer, first)
 
     def rotation(self, box: UInt) -> list[Array3f]:
         """Axes of box number `box` in the world."""
@@ -87,7 +91,7 @@ class Frames:
 
 def most_at_once(boxes: Sequence[VolumeBox]) -> int:
     """Upper bound on the number of boxes that share a point, by overlaps of their axis-aligned bounds."""
-    corners = np.stack([box.corners() for box in boxes])
+    corners = np.stack([box.matter_corners() for box in boxes])
     low, high = corners.min(axis=1), corners.max(axis=1)
     touch = 1e-6 * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))
     overlap = ((low[:, None] + touch < high[None]) & (low[None] + touch < high[:, None])).all(axis=-1)

@@ -159,10 +159,8 @@ def march(
             channels = accumulated(lighting, channels, sample.gains(rates), sample.light)
             new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light)
             samples = put(samples, step.slot, new)
-        if step.brick >= 0:
-            step = medium.extinction(
-                step, direction, limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
-            )
+        parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
+        step = medium.extinction(step, direction, parts)
         intervals = put(intervals, step.slot, opened(step, interval, depth))
         state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
@@ -247,9 +245,8 @@ def optical_depth(
     depth = dr.zeros(arrays().Float, dr.width(direction))
     while crossing.unfinished(state) & (depth < deepest):
         step = medium.next(crossing, state)
-        if step.brick >= 0:
-            step = medium.extinction(step, direction)
-            depth += step.depth
+        step = medium.extinction(step, direction)
+        depth += step.depth
         state = crossing.advance(step, state)
         state = crossing.enter_next_box(state)
     return depth

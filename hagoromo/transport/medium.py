@@ -7,8 +7,8 @@ Where boxes overlap, their extinctions add. The optical depth along rays:
     state = crossing.start()
     while crossing.unfinished(state):
         step = medium.next(crossing, state)                # the next interval, and its brick
-        if step.brick >= 0:  step = medium.extinction(step, direction)
-                             depth += step.depth
+        step = medium.extinction(step, direction)
+        depth += step.depth
         state = crossing.advance(step, state)
         state = crossing.enter_next_box(state)             # where the ray has left a box
 
@@ -179,13 +179,19 @@ class Medium:
         return Step(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
 
     def extinction(self, step: Step, direction: Array3f, limit: Limit | None = None) -> Step:
-        """The step with the extinction σ along it, in a stored brick, for light along the unit `direction` (world).
+        """The step with the extinction σ along it, for light along the unit `direction` (world); none in empty bricks.
 
         τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell the
         optical depth is exact: along a ray a trilinear density is a cubic, which two Gauss points integrate. The
         projected area is that in the middle of the step.
         limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
+        return dr.if_stmt(
+            (step, direction), step.brick >= 0,
+            lambda step, direction: self._in_stored_brick(step, direction, limit), lambda step, direction: step,
+        )  # fmt: skip
+
+    def _in_stored_brick(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
         textures = self.textures
         if textures is None:
             return self._in_cell(step, direction, limit)

@@ -16,7 +16,7 @@ from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium, TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
 
-TEXELS_PER_VOXEL = 1.2  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
+TEXELS_PER_VOXEL = 1.8  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
 COARSEST_TEXEL = 64.0  # [voxel] along a texel of the finest map that is still of use
 MOST_TEXELS = 1024  # along a side of a shadow map: 96 MiB a lamp
 # where the three map rays around a point differ by more, the way to the lamp is marched
@@ -74,21 +74,16 @@ def mapped_attenuation(
     def looked_up(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float) -> Float:
         distance = jit.Float(distance)
         reach = dr.fmin(dr.select(extinction > dense, near, 0.0), distance)
-        depth = optical_depth(medium, point, to_lamp, jit.Float(0), reach)
         behind, difference = maps.transmittance(lamp, dr.fma(to_lamp, reach, point))
-        return dr.exp(-depth) * dr.if_stmt(
-            (point, to_lamp, distance, reach, behind), difference > dr.fma(share, behind, least),
-            to_the_lamp, lambda *place: place[-1],
-        )  # fmt: skip
-
-    def to_the_lamp(point: Array3f, to_lamp: Array3f, distance: Float, reach: Float, _: Float) -> Float:
-        return dr.exp(-optical_depth(medium, point, to_lamp, reach, distance))
+        uneven = difference > dr.fma(share, behind, least)
+        reach = dr.select(uneven, distance, reach)
+        return dr.select(uneven, 1.0, behind) * dr.exp(-optical_depth(medium, point, to_lamp, jit.Float(0), reach))
 
     return transmittance
 
 
 def fitting_resolution(medium: Medium, tolerance: float = DEFAULT_TOLERANCE) -> int:
-    """Texels a side: TEXELS_PER_VOXEL of the smallest voxel over the extent of all boxes, from 128 to MOST_TEXELS.
+    """Texels a side: TEXELS_PER_VOXEL of the smallest voxel over the extent of all matter, from 128 to MOST_TEXELS.
 
     A tolerance of a sixteenth takes twice as many.
     """
@@ -102,6 +97,6 @@ def too_wide_for_maps(medium: Medium) -> bool:
 
 
 def voxels_across(medium: Medium) -> float:
-    """Extent of all boxes together in the smallest voxel."""
-    corners = np.concatenate([box.corners() for box in medium.boxes])
+    """Extent of all matter together in the smallest voxel."""
+    corners = np.concatenate([box.matter_corners() for box in medium.boxes])
     return float(np.linalg.norm(np.ptp(corners, axis=0))) / min(box.voxel_size for box in medium.boxes)

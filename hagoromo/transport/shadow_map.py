@@ -79,7 +79,7 @@ class ShadowMaps:
         what = f"{len(lamps)} shadow maps of {resolution}² texels"
         check_entries(len(lamps) * resolution**2 * WORDS, what)
         require(4 * WORDS * len(lamps) * resolution**2, what)
-        corners = np.concatenate([box.corners() for box in medium.boxes])
+        corners = np.concatenate([box.matter_corners() for box in medium.boxes])
         self.views = [view_from(lamp, corners) for lamp in lamps]
         self.size = dr.opaque(jit.UInt, resolution)
         self.words = dr.full(jit.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
@@ -200,8 +200,7 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
             x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(0.5, before + depth, -fan.depth)
             fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
             fan.low, fan.high, covered = low, high, end
-        if step.brick >= 0:
-            step = medium.extinction(step, direction, fan.parts)
+        step = medium.extinction(step, direction, fan.parts)
         intervals = put(intervals, step.slot, opened(step, interval, depth))
         state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)

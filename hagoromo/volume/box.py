@@ -180,8 +180,25 @@ class VolumeBox:
 
     def corners(self) -> np.ndarray:
         """The eight corners in the world [m]: (8, 3)."""
+        return self._corners(np.zeros(3), self.size)
+
+    def matter_corners(self) -> np.ndarray:
+        """The eight corners, in the world [m], of the part that `matter_bounds` tells: (8, 3)."""
+        return self._corners(*((bound + 0.5) * self.voxel_size for bound in self.matter_bounds))
+
+    @property
+    def matter_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lattice coordinates (x, y, z) [voxel] between which all matter lies: low, high. With a texel those of the
+        lattice, since steps in a texel are counted from there.
+        """
+        if self.texel:
+            return np.full(3, -0.5), np.array(self.bricks.shape[::-1]) - 0.5
+        return self.bricks.bounds
+
+    def _corners(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Corners in the world of the part between `low` and `high` (x, y, z) [m] of the box."""
         unit = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-        return unit * self.size @ self.pose[:3, :3].T + self.pose[:3, 3]
+        return (low + unit * (high - low)) @ self.pose[:3, :3].T + self.pose[:3, 3]
 
     def contains(self, point: np.ndarray) -> bool:
         """Whether a world point [m] is inside the box."""

@@ -79,6 +79,18 @@ class Bricks:
             *(grid is not None for grid in (self.colour, self.material, self.chart))
         )
 
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lattice coordinates (x, y, z) [voxel] between which all stored bricks lie: low, high; without bricks those of
+        the lattice.
+        """
+        low, high = np.full(3, -0.5), np.array(self.shape[::-1]) - 0.5
+        if not self.kept:
+            return low, high
+        first, last = (place[::-1] for place in (self.places.min(axis=0), self.places.max(axis=0)))
+        behind = last + 1
+        return np.where(first > 0, BRICK * first, low), np.where(behind < self.lattice[::-1], BRICK * behind, high)
+
     def corners(self) -> np.ndarray:
         """First voxel (z, y, x) of every stored brick, in order: (bricks, 3)."""
         return self.places * BRICK

@@ -11,7 +11,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.lighting import Lighting, Materials, palette_of
-from hagoromo.transport.march import march
+from hagoromo.transport.march import march, optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.brick_writer import BrickWriter
@@ -46,6 +46,28 @@ def test_densities_come_back_exactly_and_axes_to_their_bits():
     assert np.array_equal(again, np.where(density < SMALLEST_DENSITY, np.float16(0), density))
     off = np.abs(turned - axis)[density >= SMALLEST_DENSITY].max(axis=0)
     assert (off < np.array([0.5 / 1023, 0.5 / 1023, 0.5 / 511]) + 2.0**-11).all()
+
+
+@pytest.mark.parametrize("shape", [(17, 17, 17), (13, 40, 26)])
+def test_rays_meet_the_matter_of_every_voxel(shape):
+    """One voxel at a time: the light along x that is lost behind it is that of its own tent, at the lattice's faces,
+    where density is that of the nearest voxel, too; and rays start and end at the bricks that hold it.
+    """
+    random = np.random.default_rng(5)
+    last = np.array(shape) - 1
+    places = [*(random.integers(0, last + 1) for _ in range(2)), np.zeros(3, int), last, last - 8]
+    for place in places:
+        density = np.zeros(shape, np.float32)
+        density[tuple(place)] = 1.0
+        box = VolumeBox.from_arrays(
+            density, np.broadcast_to(np.array((0, 0, 1), np.float32), (*shape, 3)), 0.01, 30.0, [MATTER]
+        )
+        outer = np.where(place == 0, -0.25, np.where(place == last, 0.25, 0.0))  # between the centre and the face
+        z, y, _ = 0.01 * (np.asarray(place) + outer + 0.5)
+        ray = arrays().Array3f(-1.0, float(y), float(z)), arrays().Array3f(1, 0, 0)
+        depth = optical_depth(Medium([box]), *ray, arrays().Float(0), arrays().Float(9))[0]
+        assert depth == pytest.approx(0.3, rel=1e-3), place
+        assert (np.ptp(box.matter_corners(), axis=0) <= 0.01 * 17.01).all()  # two bricks, and half a voxel at both ends
 
 
 def test_bricks_read_and_written_again_keep_their_bits():
