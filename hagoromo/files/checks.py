@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
-from pathlib import Path
+import sys
+from pathlib import Path, PureWindowsPath
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
@@ -16,6 +18,22 @@ KINDS = (
     (stat.S_ISBLK, "a device"),
 )
 AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # a pipe without a writer would block for ever
+
+
+DEVICES = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³])[ ]*([.:].*)?", re.IGNORECASE)
+
+
+def check_name(path: str | Path) -> None:
+    """Raise `InputError` on Windows for a name that it keeps for a device, or that it would change without a word.
+
+    What is written to NUL or con.exr is lost there; a name loses the dots and spaces at its end.
+    """
+    if sys.platform != "win32":
+        return
+    named = PureWindowsPath(path)
+    for part in named.parts[1 if named.anchor else 0 :]:
+        if part not in (".", "..") and (DEVICES.fullmatch(part) or part[-1] in " ." or ":" in part):
+            raise InputError(f"{path}: Windows keeps the name {part!r} for itself or changes it: choose another")
 
 
 def existing_file(path: str | Path) -> Path:

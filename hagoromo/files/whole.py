@@ -17,6 +17,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import check_name
 from hagoromo.files.exchange import exchange, move_new, sync, sync_one
 from hagoromo.files.leftovers import (
     COMMIT,
@@ -172,7 +173,8 @@ def put_folder(whole: Path, target: Path) -> None:
 
 
 def followed(path: str | Path) -> Path:
-    """`path` with all links followed; `InputError` for a link to nothing."""
+    """`path` with all links followed; `InputError` for a link to nothing, or for a name that Windows keeps."""
+    check_name(path)
     given = Path(path)
     if given.is_symlink() and not given.exists():
         raise InputError(f"{given} is a link to what does not exist: remove the link, or give another name")

@@ -14,6 +14,9 @@ from pathlib import Path
 import pytest
 
 from hagoromo.app.streams import printable_streams
+from hagoromo.errors import InputError
+from hagoromo.files.checks import check_name
+from hagoromo.files.whole import check_file
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("hagoromo", "hagoromo_figures", "hagoromo_start")
@@ -168,6 +171,21 @@ def test_an_encoding_that_the_user_has_set_stays(monkeypatch):
     printable_streams()
     print("10 µm, Δ", flush=True)
     assert raw.getvalue().decode("cp1252").splitlines() == ["10 µm, \\u0394"]
+
+
+@pytest.mark.parametrize("name", ["NUL", "con.exr", "results/aux.png", "COM1", "lpt9.tar.gz", "a.", "b ", "x.exr:s"])
+def test_names_that_windows_keeps_are_refused_there(name, monkeypatch, tmp_path):
+    (tmp_path / "results").mkdir()
+    check_file(tmp_path / name, force=False)  # elsewhere they are names as any other
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(InputError, match="Windows keeps the name"):
+        check_file(tmp_path / name, force=False)
+
+
+@pytest.mark.parametrize("name", ["../console.exr", "nulls/com.png", "./com10", "C:/work/a.b.exr", "conic.exr"])
+def test_other_names_are_not(name, monkeypatch):
+    monkeypatch.setattr(sys, "platform", "win32")
+    check_name(name)
 
 
 SCENE = """

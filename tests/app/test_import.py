@@ -36,6 +36,21 @@ def test_no_mitsuba_variant_is_set_by_import():
     assert run("import hagoromo, mitsuba; print(mitsuba.variant())").strip() == "None"
 
 
+def test_every_module_is_imported_without_a_warning():
+    """Nothing that the next Python or library takes away is used, as far as importing shows it."""
+    code = """
+        import importlib, pkgutil
+        import hagoromo, hagoromo_figures
+        for package in (hagoromo, hagoromo_figures):
+            for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+                if not module.name.endswith("__main__"):
+                    importlib.import_module(module.name)
+    """
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", textwrap.dedent(code)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+
+
 def stub() -> list[ast.ImportFrom]:
     tree = ast.parse(Path(hagoromo.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     return [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
