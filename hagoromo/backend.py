@@ -31,7 +31,8 @@ MOST_ENTRIES = 2**32 - 1  # largest number of entries of an array, whose indices
 OLDEST_LLVM = 17  # oldest version on x86: with older ones, kernels with a maximum or arctan2 abort (Dr.Jit 1.5)
 NO_LLVM = (
     "no Dr.Jit backend works here: no GPU was found and the library libLLVM {state}; "
-    "install it (Debian/Ubuntu: apt-get install libllvm19, macOS: brew install llvm, Windows: the LLVM installer) or set DRJIT_LIBLLVM_PATH"
+    "install it (Debian/Ubuntu: apt-get install libllvm19, macOS: brew install llvm, Windows: LLVM's installer) "
+    "or set DRJIT_LIBLLVM_PATH"
 )
 
 
