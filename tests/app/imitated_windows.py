@@ -20,14 +20,39 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+# what Windows lacks: modules, and names of modules that it has
+MODULES = {"crypt", "curses", "fcntl", "grp", "nis", "posix", "pty", "pwd", "readline", "resource", "spwd", "syslog"}
+MODULES |= {"termios", "tty"}
+NAMES = {
+    "os": {
+        "chown", "chroot", "confstr", "fchdir", "fchown", "fork", "forkpty", "getegid", "geteuid", "getgid",
+        "getgroups", "getloadavg", "getpgid", "getpgrp", "getpriority", "getsid", "getuid", "killpg", "lchown",
+        "mkfifo", "mknod", "nice", "openpty", "pathconf", "posix_fadvise", "posix_fallocate", "posix_spawn", "pread",
+        "preadv", "pwrite", "pwritev", "sched_getaffinity", "sched_setaffinity", "sched_yield", "sendfile", "setegid",
+        "seteuid", "setgid", "setpgid", "setsid", "setuid", "statvfs", "fstatvfs", "sync", "sysconf", "sysconf_names",
+        "uname", "wait3", "wait4", "waitid", "WIFEXITED", "WIFSIGNALED", "WTERMSIG", "WNOHANG", "O_DIRECTORY",
+        "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_SYNC", "O_TMPFILE", "renameat2",
+    },
+    "signal": {
+        "SIGALRM", "SIGCHLD", "SIGCONT", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "SIGSTOP", "SIGTSTP", "SIGUSR1",
+        "SIGUSR2", "alarm", "pause", "pthread_kill", "pthread_sigmask", "setitimer", "siginterrupt", "sigpending",
+        "sigtimedwait", "sigwait",
+    },
+    "select": {"poll", "epoll", "kqueue"},
+    "socket": {"AF_UNIX"},
+    "time": {"tzset", "clock_gettime", "pthread_getcpuclockid"},
+    "asyncio": {"add_signal_handler"},
+}  # fmt: skip
+
 LIBRARIES = """asyncio cv2 colour colour_demosaicing drjit filelock jinja2 lazy_loader matplotlib.pyplot mitsuba msgspec
 multiprocessing numpy OpenEXR platformdirs psutil rawpy rich.console rich.progress scipy.ndimage scipy.optimize
 scipy.sparse.linalg skimage.metrics subprocess tempfile tifffile trimesh tyro zarr zarr.storage concurrent.futures
 drjit.llvm.ad drjit.detail ctypes.util uuid""".split()
 
 
-def imitate(modules: set[str], names: dict[str, set[str]]) -> None:
-    """Take away what Windows lacks. names: module → its names that go."""
+def imitate() -> None:
+    """Take away what Windows lacks."""
+    assert not any(name.partition(".")[0].startswith("hagoromo") for name in sys.modules)  # they would keep it
     for library in LIBRARIES:
         importlib.import_module(library)
     import filelock
@@ -35,14 +60,14 @@ def imitate(modules: set[str], names: dict[str, set[str]]) -> None:
 
     _ = filelock.FileLock, filelock.SoftFileLock, filelock.Timeout  # loaded on first use
     mitsuba.set_variant("llvm_ad_rgb")
-    for name in modules:
+    for name in MODULES:
         sys.modules[name] = None  # type: ignore[assignment]  # an import of it raises ImportError
     shutil._use_fd_functions = False  # type: ignore[attr-defined]
     for name in ("unlink", "remove", "rmdir"):
         setattr(os, name, held_back(getattr(os, name), 1))
     os.replace = held_back(os.replace, 2)
     os.rename = held_back(refuse_existing(os.rename), 2)
-    for module, gone in names.items():
+    for module, gone in NAMES.items():
         sys.modules[module] = without(importlib.import_module(module), gone)
     sys.modules["os"].name = "nt"  # type: ignore[attr-defined]
     sys.platform = "win32"
@@ -97,9 +122,7 @@ def first_open(path: str) -> str | None:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    from tests.app.test_any_machine import MODULES, NAMES
-
-    imitate(MODULES, NAMES)
+    imitate()
     assert not hasattr(importlib.import_module("os"), "fork") and sys.stdout.encoding == "cp1252"
     from hagoromo.app.cli import main
 

@@ -17,33 +17,11 @@ from hagoromo.app.streams import printable_streams
 from hagoromo.errors import InputError
 from hagoromo.files.checks import check_name
 from hagoromo.files.whole import check_file
+from tests.app.imitated_windows import MODULES, NAMES
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("hagoromo", "hagoromo_figures", "hagoromo_start")
 WRITTEN = (*PACKAGES, "studies", "benchmarks", "examples", "docs/hooks")  # where text files are read and written
-# what Windows lacks: modules, and names of modules that it has
-MODULES = {"crypt", "curses", "fcntl", "grp", "nis", "posix", "pty", "pwd", "readline", "resource", "spwd", "syslog"}
-MODULES |= {"termios", "tty"}
-NAMES = {
-    "os": {
-        "chown", "chroot", "confstr", "fchdir", "fchown", "fork", "forkpty", "getegid", "geteuid", "getgid",
-        "getgroups", "getloadavg", "getpgid", "getpgrp", "getpriority", "getsid", "getuid", "killpg", "lchown",
-        "mkfifo", "mknod", "nice", "openpty", "pathconf", "posix_fadvise", "posix_fallocate", "posix_spawn", "pread",
-        "preadv", "pwrite", "pwritev", "sched_getaffinity", "sched_setaffinity", "sched_yield", "sendfile", "setegid",
-        "seteuid", "setgid", "setpgid", "setsid", "setuid", "statvfs", "fstatvfs", "sync", "sysconf", "sysconf_names",
-        "uname", "wait3", "wait4", "waitid", "WIFEXITED", "WIFSIGNALED", "WTERMSIG", "WNOHANG", "O_DIRECTORY",
-        "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_SYNC", "O_TMPFILE", "renameat2",
-    },
-    "signal": {
-        "SIGALRM", "SIGCHLD", "SIGCONT", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "SIGSTOP", "SIGTSTP", "SIGUSR1",
-        "SIGUSR2", "alarm", "pause", "pthread_kill", "pthread_sigmask", "setitimer", "siginterrupt", "sigpending",
-        "sigtimedwait", "sigwait",
-    },
-    "select": {"poll", "epoll", "kqueue"},
-    "socket": {"AF_UNIX", "socketpair"},
-    "time": {"tzset", "clock_gettime", "pthread_getcpuclockid"},
-    "asyncio": {"add_signal_handler"},
-}  # fmt: skip
 WORDS = re.compile(rf"\b({'|'.join(sorted(MODULES.union(*NAMES.values())))})\b")  # a file without any is not parsed
 OPENED = re.compile(r"open\(|read_text\(|write_text\(")
 GUARDS = ("sys.platform", "os.name", "hasattr(", "platform.system(")
