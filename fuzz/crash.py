@@ -29,7 +29,7 @@ from typing import Any
 from fuzz.crash_cases import CASES, Case
 
 CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate", "hagoromo.rename")
-CALLS = "mkdir,mkdirat,rename,renameat,renameat2,unlink,unlinkat,rmdir,link,linkat,fsync,ftruncate,pwrite64"
+CALLS = "mkdir,rename,renameat2,unlink,unlinkat,rmdir,link,fsync,ftruncate,write,pwrite64"
 OLD = b"what was there before"
 ALL_RIGHT, NO_STATUS = 0, 70  # the second of a command that ended in a traceback
 LIMITS = (0, 1, 100, 1000, 3000, 10_000, 30_000)  # bytes of a file after which the disk is full
@@ -82,11 +82,15 @@ def command(arguments: list[str]) -> int:
     return main(arguments)
 
 
-def run(case: Case, folder: Path, force: bool, kill_at: int | None = None, limit: int | None = None) -> Run:
-    """Run the command of `case` in `folder`, in a process of its own."""
+def run(
+    case: Case, folder: Path, force: bool, kill_at: int | None = None, limit: int | None = None, traced: bool = False
+) -> Run:
+    """Run the command of `case` in `folder`, in a process of its own; traced: operations are calls of the system."""
     count = folder.parent / "count"
     count.unlink(missing_ok=True)
     arguments = [*case.given(folder), *(["--force"] if force else [])]
+    if traced:
+        return _traced(arguments, folder.parent / "calls", kill_at)
     if not case.forked:
         options = [f"{folder}", f"{kill_at or 0}", f"{-1 if limit is None else limit}", f"{count}"]
         ended = subprocess.run(
@@ -109,6 +113,18 @@ def run(case: Case, folder: Path, force: bool, kill_at: int | None = None, limit
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     counted = int(count.read_text() or 0) if count.exists() else 0
     return Run(status, said.decode(errors="replace"), counted)
+
+
+def _traced(arguments: list[str], calls: Path, kill_at: int | None) -> Run:
+    """Run a command under strace; any of its threads is killed at its call number `kill_at`."""
+    kill = [] if kill_at is None else ["-e", f"inject={CALLS}:signal=SIGKILL:when={kill_at}"]
+    strace = ["strace", "-f", "-qq", "-o", str(calls), "-e", f"trace={CALLS}", *kill]
+    ended = subprocess.run(
+        [*strace, sys.executable, "-B", "-m", "hagoromo", *arguments],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=SECONDS, check=False,
+    )  # fmt: skip
+    threads = Counter(line.split()[0] for line in calls.read_text(errors="replace").splitlines())
+    return Run(ended.returncode, ended.stderr.decode(errors="replace"), max(threads.values(), default=0))
 
 
 def _in_child(folder: Path, kill_at: int | None, limit: int | None, count: Path, arguments: list[str]) -> int:
@@ -160,13 +176,15 @@ def put_old(case: Case, folder: Path) -> None:
             (folder / name).write_bytes(OLD)
 
 
-def faults(case: Case, home: Path, most: int, full: bool) -> Iterator[str]:
+def faults(case: Case, home: Path, most: int, full: bool, traced: bool) -> Iterator[str]:
     """Kill (or fill the disk of) a case at up to `most` points; yields "" for each clean one, else what was wrong."""
     for force in (False, True):
         fresh = home / "fresh"
         _renew(home, fresh)
         inputs = set(os.listdir(fresh))
-        first = run(case, fresh, force)
+        if force:
+            put_old(case, fresh)
+        first = run(case, fresh, force, traced=traced)
         assert first.status == ALL_RIGHT, f"{case.name}: {first.said}"
         new = states(case, fresh)
         points = list(LIMITS) if full else list(range(1, first.operations + 1))
@@ -176,7 +194,11 @@ def faults(case: Case, home: Path, most: int, full: bool) -> Iterator[str]:
             if force:
                 put_old(case, fresh)
             old = states(case, fresh)
-            wrong = (_filled if full else _killed)(case, fresh, force, point, (old, new), inputs)
+            if full:
+                wrong = _filled(case, fresh, force, point, (old, new), inputs)
+            else:
+                ended = run(case, fresh, force, kill_at=point, traced=traced)
+                wrong = _killed(case, fresh, force, ended, (old, new), inputs)
             yield f"{case.name}{' --force' if force else ''} at {point}: {wrong}" if wrong else ""
 
 
@@ -196,11 +218,10 @@ def _renew(home: Path, fresh: Path) -> None:
 
 
 def _killed(
-    case: Case, folder: Path, force: bool, point: int, known: tuple[list[str], list[str]], inputs: set[str]
+    case: Case, folder: Path, force: bool, ended: Run, known: tuple[list[str], list[str]], inputs: set[str]
 ) -> str:
-    """What is wrong after a kill at `point`, or after the run behind it."""
+    """What is wrong after a command was killed, or after the same command has run again."""
     old, new = known
-    ended = run(case, folder, force, kill_at=point)
     if ended.status not in (-signal.SIGKILL, ALL_RIGHT):
         return f"status {ended.status}: {ended.said[-200:]}"
     found = states(case, folder)
@@ -251,6 +272,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--most", type=int, default=10**6, help="points of each verb, spread evenly (default: all)")
     parser.add_argument("--full", action="store_true", help="a full disk in place of kills")
+    parser.add_argument("--strace", action="store_true", help="kill at calls of the system, by strace")
     parser.add_argument("--verbs", nargs="*", default=[], help="names of cases (default: all)")
     asked = parser.parse_args()
     tried, unclean = Counter[str](), Counter[str]()
@@ -263,7 +285,7 @@ def main() -> int:
             case.make(home / "inputs")
             if case.forked:
                 _load(case, home)
-            for wrong in faults(case, home, asked.most, asked.full):
+            for wrong in faults(case, home, asked.most, asked.full, asked.strace):
                 tried[case.name] += 1
                 unclean[case.name] += bool(wrong)
                 if wrong:
