@@ -11,8 +11,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import pytest
 
+import hagoromo as hg
 from hagoromo.app.streams import printable_streams
 from hagoromo.errors import InputError
 from hagoromo.files.checks import check_name
@@ -164,6 +166,20 @@ def test_names_that_windows_keeps_are_refused_there(name, monkeypatch, tmp_path)
 def test_other_names_are_not(name, monkeypatch):
     monkeypatch.setattr(sys, "platform", "win32")
     check_name(name)
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".json"])
+def test_opencv_is_given_no_name_that_it_cannot_open_on_windows(suffix, monkeypatch, tmp_path):
+    """OpenCV's files are opened by names of the code page there: others are read by Python."""
+    path, names = tmp_path / f"kamera Δ{suffix}", []
+    camera = hg.Camera(64, 48, (90.0, 91.0), (32.5, 24.0), (0.1, -0.02, 0, 0, 0, 0, 0, 0))
+    hg.write_views(path, {"": camera}, "opencv")
+    real = cv2.FileStorage
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(cv2, "FileStorage", lambda name, flags: names.append(name) or real(name, flags))
+    read = hg.read_views(path)[""]
+    assert (read.focal, read.principal, read.distortion) == (camera.focal, camera.principal, camera.distortion)
+    assert len(names) == 1 and "Δ" not in names[0]
 
 
 SCENE = """

@@ -7,6 +7,7 @@ points from the centre of the first pixel: the principal point moves by ½ px.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,11 @@ def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[s
     source = sized_file(path, LARGEST, "a file of cameras")
     require(GROWTH * source.stat().st_size, str(source))
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        if sys.platform == "win32" and not str(path).isascii():  # OpenCV opens no such name there
+            text = source.read_text(encoding="utf-8")
+            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        else:
+            storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         return _views(storage.root(), size, str(path))
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
         said = " ".join(str(error).split())[:80]
