@@ -175,6 +175,7 @@ def test_opencv_is_given_no_name_that_it_cannot_open_on_windows(suffix, monkeypa
     camera = hg.Camera(64, 48, (90.0, 91.0), (32.5, 24.0), (0.1, -0.02, 0, 0, 0, 0, 0, 0))
     hg.write_views(path, {"": camera}, "opencv")
     real = cv2.FileStorage
+    hg.read_views(path)  # so that libraries are loaded as this system has them
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(cv2, "FileStorage", lambda name, flags: names.append(name) or real(name, flags))
     read = hg.read_views(path)[""]
