@@ -14,6 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.whole import write_text
 
+MOST_COLUMNS = 4096
 LARGEST_TABLE = 1 << 26  # bytes
 GROWTH = 30.0  # memory of the cells of a file as texts, in its sizes
 
@@ -38,6 +39,8 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     names = [cell.strip() for cell in rows[0][1]]
     if all(_number(name) is not None for name in names):
         raise InputError(f"{path} has no header row: name its columns in the first row, such as wavelength_nm,value")
+    if len(names) > MOST_COLUMNS:
+        raise InputError(f"{path} has {len(names)} columns, a table {MOST_COLUMNS} at most: give another")
     if len(set(names)) != len(names) or "" in names:
         raise InputError(f"{path} has columns {', '.join(names)}: give each its own name")
     values = np.empty((len(rows) - 1, len(names)))

@@ -32,7 +32,8 @@ def test_a_bad_recipe_is_refused(refused, tmp_path, old, new, said, recipe):
         'variants = 1000000000', 'lay = "hanging"\nfolds = 1000000000', '[draft]\nweave = "satin"\nends = 1000000000',
         '[draft]\nweave = "twill"\nover = 1000000000', '[draft]\nweave = "twill"\nover = 1999\nunder = 1999',
         '[draft]\nweave = "herringbone"\nwidth = 1000000000', '[draft]\nweave = "jacquard"\nends = 1999',
-        "[warp]\nfibres = 1000000000", "[weft]\nplies = 1000000000", "resolution = 1e300", "threads_per_cm = 1e300",
+        "[warp]\nfibres = 1000000000", "[warp]\nhairs_per_cm = 1e12", "[warp]\nslubs_per_cm = 1e12",
+        "[weft]\nplies = 1000000000", "resolution = 1e300", "threads_per_cm = 1e300",
     ],
 )  # fmt: skip
 def test_numbers_that_decide_the_size_have_a_bound(refused, tmp_path, more, recipe):

@@ -268,3 +268,9 @@ def test_a_tiff_with_fewer_bytes_than_pixels_is_refused_before_allocation(tmp_pa
     (tmp_path / "a.tif").write_bytes(data)
     with pytest.raises(InputError, match="is cut off"):
         read_tiff(tmp_path / "a.tif")
+
+
+def test_a_table_of_very_many_columns_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text(",".join(f"c{k}" for k in range(5000)) + "\n" + ",".join("1" for _ in range(5000)))
+    with pytest.raises(InputError, match="5000 columns"):
+        read_table(tmp_path / "a.csv")

@@ -20,6 +20,7 @@ from numcodecs import LZ4, Blosc, Zstd, get_codec
 from hagoromo.errors import InputError
 from hagoromo.files.zarr_arrays import open_array
 from hagoromo.files.zarr_codecs import ZSTD_START, unpacked, zstd_size
+from hagoromo.volume.store.zarr_blocks import ZarrBlocks
 
 SHAPE = (16, 24, 40)
 SIZE = 4 * 16 * 24 * 40  # bytes of the only chunk
@@ -189,3 +190,10 @@ def test_shards_of_very_many_chunks_and_vast_descriptions_are_refused(tmp_path):
         file.truncate(1 << 34)
     with pytest.raises(InputError, match="a description of arrays"):
         open_array(tmp_path / "a.zarr")
+
+
+def test_a_lattice_of_which_no_table_fits_the_memory_is_refused_by_its_description(tmp_path):
+    vast = [100_000] * 3
+    array = open_array(array_of(tmp_path, [BYTES], {}, vast, (64, 64, 64), fill=1))
+    with pytest.raises(InputError, match="GiB of memory"):
+        ZarrBlocks(array, {})

@@ -15,6 +15,7 @@ HEXAGONAL = math.pi / (2.0 * math.sqrt(3.0))  # share of a plane that equal disc
 LARGEST_TWIST_DEG = 45.0
 PRESSED = 1.15  # radius of plies that flatten each other, relative to plies that only touch
 MOST_PLIES, MOST_FIBRES = 8, 2000
+MOST_HAIRS, MOST_SLUBS = 1000.0, 100.0  # per cm of yarn
 HANDS = {"Z": 1.0, "S": -1.0}  # of twist: Z is a right-handed screw
 
 
@@ -106,7 +107,7 @@ def check_yarn(yarn: Yarn, name: str) -> Yarn:
         _check(yarn, key, name, whole and getattr(yarn, key) <= most, f"a whole number from 1 to {most}")
     _check(yarn, "hand", name, yarn.hand in HANDS, "Z or S")
     _check(yarn, "flatness", name, 1 <= yarn.flatness <= 2, "a number from 1 (round) to 2")
-    for key, most in (("migration", 0.5), ("uneven", 0.3)):
+    for key, most in (("migration", 0.5), ("uneven", 0.3), ("hairs_per_cm", MOST_HAIRS), ("slubs_per_cm", MOST_SLUBS)):
         _check(yarn, key, name, getattr(yarn, key) <= most, f"at most {most:g}")
     if yarn.ply_twist_per_cm and yarn.plies == 1:
         raise InputError(f"ply_twist_per_cm of the {name} is {yarn.ply_twist_per_cm:g}: a yarn of one ply has none")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError, described
 from hagoromo.files.memory import require
 from hagoromo.files.zarr_arrays import Index, ZarrArray
-from hagoromo.volume.bricks import check_shape
+from hagoromo.volume.bricks import check_shape, table_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE
 from hagoromo.volume.store.brick_writer import DENSEST
 
@@ -51,7 +51,8 @@ class ZarrBlocks:
         self.across = tuple(-(-n // side) for n, side in zip(self.shape, self.tile, strict=True))
         voxel = 40 + 8 * self.colours  # as read and as kept, two tiles a thread
         require(2.0 * THREADS * voxel * np.prod(self.tile, dtype=float), f"reading tiles of {density.where}")
-        require(24.0 * np.prod(self.across, dtype=float), f"a list of the tiles of {density.where}")
+        require(60.0 * np.prod(self.across, dtype=float), f"a list of the tiles of {density.where}")
+        require(8.0 * np.prod(table_shape(self.shape), dtype=float), f"a table of the bricks of {density.where}")
 
     def tiles(self) -> NDArray[np.int64]:
         """Tiles that may hold matter, in C order: (n, 3) [z, y, x in tiles]."""
