@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 STATUS_OF_SIGNALS = 128  # exit status of a process that a signal ended, without the number of the signal
-AGAIN_S = 0.05  # between two attempts to raise
+AGAIN_S = 0.02  # between two attempts to raise
 # where nothing may be raised: what compiled code calls, and what takes back unfinished output
 COMPILED_STEPS = {"_loop_cond", "_loop_body", "_if_stmt_true", "_if_stmt_false", "__del__"}  # those of dr.syntax
 CLOSED = ("drjit", "mitsuba", "importlib", "_frozen_importlib", "zarr", "asyncio", "filelock", "shutil", "tempfile")
