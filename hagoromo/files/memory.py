@@ -25,7 +25,7 @@ FILES_OF_GROUP = (
 # what libraries write who report a lack of memory by another exception than MemoryError
 SIGNS_OF_SHORTAGE = (
     "out of memory", "insufficient memory", "cannot allocate memory", "failed to map segment", "bad_alloc",
-    "can't start new thread", "unable to allocate",
+    "can't start new thread", "unable to allocate", "could not allocate",
 )  # fmt: skip
 
 

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
+from hagoromo.files.memory import require
 from hagoromo.image.expose import photograph
 from hagoromo.image.origin import camera_from, origin_of
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.image.surface import Surfaces
-from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.progress import Progress, part_of, silent
 
 HIDDEN_SHARE = 1e-3  # share of a pixel's light from volume boxes above which its surface counts as hidden
@@ -55,6 +56,8 @@ def simulate(
     scene, settings = scene_and_settings(scene, settings)
     if scene.camera.response is None or scene.camera.sensor is None:
         raise InputError(f"camera {scene.camera.name!r} has no response or no sensor: a photograph needs both")
+    pixels = float(len(scene.lamps)) * scene.camera.width * scene.camera.height
+    require(BYTES_PER_VALUE * len(scene.camera.response.channels) * pixels, f"{len(scene.lamps)} photographs")
     photographs = []
     for k, lamp in enumerate(scene.lamps):
         lit, count = scene.with_lamps(lamp), len(scene.lamps)
