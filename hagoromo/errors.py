@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+LONGEST = 1000  # characters of a message: what is longer repeats a file
+BREAKS = re.compile(r"[\s\x1c-\x1f\x85\u2028\u2029]*[\n\r\t\v\f\x1c-\x1f\x85\u2028\u2029]\s*")
 
 
 class InputError(ValueError):
     """Wrong input. The message is one line; the command line prints it and ends with exit status 2."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(one_line(message))
+
+
+def one_line(message: object) -> str:
+    """A message as one line of printable characters, whatever names and values of a file it repeats.
+
+    >>> one_line("a.json: name must be a text: given \x1b[31m")
+    'a.json: name must be a text: given \\\\x1b[31m'
+    """
+    text = str(message)
+    if not text.isprintable():
+        text = BREAKS.sub(" ", text)
+        text = "".join(
+            one if one.isprintable() or one == "\xa0" else one.encode("unicode_escape").decode() for one in text
+        )
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 300]} … {text[-290:]}"
 
 
 @contextmanager

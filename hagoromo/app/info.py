@@ -69,7 +69,7 @@ def _transforms(path: Path) -> Facts:
         "frames": len(frames),
         "images_absent": count_absent(path, frames),
         "size": [record.get("w"), record.get("h")],
-        "lamps": len(record.get("lamps", [])),
+        "lamps": len(lamps) if isinstance(lamps := record.get("lamps", []), list) else 0,
         "sensor": "sensor" in record,
         "truth": "truth" in record,
     }

@@ -199,7 +199,7 @@ def _opaque(figures: Sequence[float] | NDArray[np.float64]) -> list[Any]:
 def _figures(what: str, figures: Sequence[float], count: int) -> tuple[float, ...]:
     try:
         numbers = tuple(float(figure) for figure in figures)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = ()
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise InputError(f"{what} is {figures!r}: give {count} finite numbers")

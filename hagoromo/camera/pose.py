@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.errors import InputError
 
 ROTATION_TOLERANCE = 1e-6  # largest entry of R Rᵀ − I in a pose that is taken for a rigid one
+FARTHEST = 1e12  # largest number in a pose [m], whose square is still a number
 ROUNDING = 1e-12  # the same, up to which a pose is kept to the last bit
 
 
@@ -19,6 +20,8 @@ def rigid_pose(matrix: ArrayLike, what: str, tolerance: float = ROTATION_TOLERAN
     pose = np.array(matrix, np.float64) if _is_matrix(matrix) else np.empty(0)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-9):
         raise InputError(f"{what} is no pose: give 4 × 4 finite numbers, the last row 0 0 0 1")
+    if np.abs(pose[:3]).max() > FARTHEST:
+        raise InputError(f"{what} is no pose: a number in it is above {FARTHEST:g}")
     off = np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max()
     if off > tolerance or np.linalg.det(pose[:3, :3]) < 0.0:
         raise InputError(f"{what} is no rotation (R Rᵀ differs from 1 by {off:.2g}, or mirrors): give a rigid pose")
@@ -58,6 +61,6 @@ def inverse_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 def _is_matrix(matrix: ArrayLike) -> bool:
     try:
         np.asarray(matrix, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False
     return True

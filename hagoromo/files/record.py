@@ -42,6 +42,9 @@ Matrix = Annotated[tuple[float, ...], Meta(min_length=16, max_length=16)]  # 4 Ã
 REFERENCE = "#/$defs/"
 LARGEST_TOML, LARGEST_JSON = 1 << 24, 1 << 28  # bytes
 TOML_GROWTH, JSON_GROWTH = 100.0, 30.0  # memory of the tables of a file, in its sizes: those of its shortest values
+DEEPEST = 100  # tables within tables of a file
+MOST_BITS = 1023  # of a whole number, which then is a finite float
+MOST_BITS_OF_ALL = math.inf  # where the type of every number is checked anyway
 PATH_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")  # of the paths in msgspec's messages, such as $.lamp[0].name
 
 
@@ -122,8 +125,9 @@ def decode(data: Any, record: type[R], where: str) -> R:
     """
     if isinstance(data, Mapping):
         data = current(data, record, where)
-    for path, value in _numbers(data):
-        if not math.isfinite(value):
+    check_plain(data, where, MOST_BITS_OF_ALL)
+    for path, value in _values(data):
+        if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{_place(where, path)} must be a finite number: given {value}")
     fields = () if getattr(record, "takes_null", True) else record.__struct_fields__
     for key in fields if isinstance(data, dict) else ():
@@ -196,18 +200,43 @@ def given(record: Any) -> dict[str, Any]:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file; `InputError` when it is missing or not valid TOML."""
     try:
-        return tomllib.loads(read_bytes(sized_file(path, LARGEST_TOML, "a TOML file"), TOML_GROWTH).decode("utf-8"))
+        data = tomllib.loads(read_bytes(sized_file(path, LARGEST_TOML, "a TOML file"), TOML_GROWTH).decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {_first_line(error)}") from error
+    check_plain(data, str(path))
+    return data
 
 
 def read_json(path: str | Path) -> Any:
     """The object in a JSON file; `InputError` when it is missing, not valid JSON, or holds NaN or Infinity."""
-    data = read_bytes(sized_file(path, LARGEST_JSON, "a JSON file"), JSON_GROWTH)
+    return json_value(read_bytes(sized_file(path, LARGEST_JSON, "a JSON file"), JSON_GROWTH), str(path))
+
+
+def json_value(text: bytes | str, where: str) -> Any:
+    """The value of a JSON text that came from `where`; `InputError` as `read_json`."""
     try:
-        return json.loads(data.decode("utf-8-sig"), parse_constant=_refuse)
+        text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        data = json.loads(text, parse_constant=_refuse)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not valid JSON, it may be cut off: {_first_line(error)}") from error
+        raise InputError(f"{where} is not valid JSON, it may be cut off: {_first_line(error)}") from error
+    check_plain(data, where)
+    return data
+
+
+def check_plain(data: Any, where: str, most_bits: float = MOST_BITS) -> None:
+    """`InputError` for plain data that no code could use.
+
+    Tables nested deeper than `DEEPEST`, whole numbers beyond the range of floats, and texts that are not Unicode.
+    """
+    for path, value in _values(data):
+        if isinstance(value, int) and value.bit_length() > most_bits:
+            raise InputError(
+                f"{_place(where, path)} must be a number below 1e308: given one of {value.bit_length()} bits"
+            )
+        if isinstance(value, str) and not value.isascii() and not _is_unicode(value):
+            raise InputError(f"{_place(where, path)} must be a text: given one that is not Unicode")
+        if len(path) > DEEPEST:
+            raise InputError(f"{where} nests deeper than {DEEPEST} tables or lists: it is damaged")
 
 
 def write_json(path: str | Path, record: Any) -> None:
@@ -363,17 +392,31 @@ def _range(kind: Any) -> str:
     return f", {kind.ge:g} or more" if kind.ge is not None else low
 
 
-def _numbers(data: Any) -> Iterator[tuple[Steps, float]]:
-    """All floats in plain data with their paths; without recursion, because files may nest deeply."""
+def _values(data: Any) -> Iterator[tuple[Steps, Any]]:
+    """All values in plain data, and keys, with their paths; without recursion, because files may nest deeply."""
     stack: list[tuple[Steps, Any]] = [((), data)]
     while stack:
         path, value = stack.pop()
-        if isinstance(value, float):
+        if isinstance(value, (Mapping, list, tuple)):
+            if len(path) > DEEPEST:
+                yield path, None
+                continue
+            entries = value.items() if isinstance(value, Mapping) else enumerate(value)
+            for key, part in entries:
+                if isinstance(key, str) and not key.isascii():
+                    yield path, key
+                stack.append(((*path, key if isinstance(key, int) else str(key)), part))
+        else:
             yield path, value
-        elif isinstance(value, Mapping):
-            stack.extend(((*path, str(key)), part) for key, part in value.items())
-        elif isinstance(value, (list, tuple)):
-            stack.extend(((*path, index), part) for index, part in enumerate(value))
+
+
+def _is_unicode(text: str) -> bool:
+    """Whether a text has no halves of surrogate pairs, which JSON can write and nothing can print."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _first_line(error: BaseException) -> str:

@@ -12,9 +12,7 @@ import math
 import os
 import re
 import sys
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +24,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder
 from hagoromo.files.memory import require
+from hagoromo.files.reading import reading
 from hagoromo.files.record import JSON_GROWTH
 from hagoromo.files.stores import address, object_size, read_whole, sizes, zarr_store
 
@@ -77,7 +76,7 @@ class ZarrArray:
                 stored = np.frombuffer(self._decode(read_whole(self.files[index])), self.array.dtype)
                 return stored.reshape(self.grid)[tuple(slice(b - a) for a, b in cell)]
             return np.asarray(self.array[tuple(map(slice, low, high))])
-        except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
+        except Exception as error:  # codecs raise what comes to them at damaged bytes
             place = self.files[index] if whole else f"{self.where} near {low}"
             raise InputError(f"{place} cannot be decoded, the file is damaged: {_one_line(error)}") from error
 
@@ -109,7 +108,7 @@ def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str
 
     folder, files = _opened(path)
     _check_metadata(folder, ("", *(f"{name}/" for name in names)), files)
-    with _one_line_errors(folder):
+    with reading(folder, "Zarr"):
         group = zarr.open_group(zarr_store(folder), mode="r", zarr_format=3, use_consolidated=False)
         members = {name: group[name] for name in names if f"{name}/zarr.json" in files}
         return group.attrs.asdict(), {
@@ -124,7 +123,7 @@ def open_array(path: str | Path) -> ZarrArray:
 
     folder, files = _opened(path)
     _check_metadata(folder, ("",), files)
-    with _one_line_errors(folder):
+    with reading(folder, "Zarr"):
         return _checked(zarr.open_array(zarr_store(folder), mode="r"), folder, files)
 
 
@@ -207,19 +206,6 @@ def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
         entries.append((record["name"].removeprefix("numcodecs."), settings))
         pending += [*settings.get("codecs", ()), *settings.get("index_codecs", ())]
     return entries
-
-
-@contextmanager
-def _one_line_errors(folder: Path) -> Iterator[None]:
-    """Turn errors of zarr-python about a damaged or foreign folder into a one-line `InputError`."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about types outside the specification, which are refused later
-            yield
-    except InputError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError, MemoryError) as error:
-        raise InputError(f"{folder} cannot be read as Zarr: {_one_line(error)}") from error
 
 
 def _one_line(error: Exception) -> str:

@@ -20,6 +20,7 @@ from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import png_bytes, write_png
+from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
@@ -180,13 +181,12 @@ def read_image(path: str | Path) -> Image:
     """The Image in an EXR that `Image.save` wrote; `InputError` for any other EXR (`read_exr` reads those)."""
     channels, header = read_exr(path)
     try:
-        record = json.loads(header["palette"])
-        palette = _palette_from_record(record)
-        metadata = json.loads(header["hagoromo"])
+        palette = _palette_from_record(json_value(header["palette"], f"{path}: palette"))
+        metadata = dict(json_value(header["hagoromo"], f"{path}: hagoromo"))
         empty = np.zeros(channels["A"].shape, np.float32)
         names = Image(empty[..., None], empty, palette).channel_names()
         weights = np.stack([channels[name] for name in names], axis=-1)
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path} holds no weights of Hagoromo: render it again ({error})") from error
     return Image(weights, channels["A"], palette, metadata)
 

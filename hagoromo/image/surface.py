@@ -16,6 +16,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
+from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError
 from hagoromo.reflectance.reflectance import Reflectance
 
@@ -48,7 +49,9 @@ class Surface:
     def __post_init__(self) -> None:
         who = f"surface {self.name!r}" if self.name else "surface"
         pose = np.asarray(self.pose, float)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3])) < 1e-30:
+        if not (np.abs(pose) <= FARTHEST).all():
+            raise InputError(f"{who}: pose holds what is no number up to {FARTHEST:g}")
+        if pose.shape != (4, 4) or abs(np.linalg.det(pose[:3, :3])) < 1e-30:
             raise InputError(f"{who}: pose is not an invertible 4 × 4 matrix of finite numbers")
         if self.reflectance.element != "plane":
             raise InputError(
@@ -59,8 +62,13 @@ class Surface:
         if self.shape != "mesh" or self.vertices is None or self.faces is None:
             raise InputError(f"{who}: shape is {self.shape!r}: give a mesh or one of {', '.join(SHAPES)}")
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not len(vertices) or not np.isfinite(vertices).all():
-            raise InputError(f"{who}: vertices are {vertices.shape}: give (n, 3) finite numbers")
+        if (
+            vertices.ndim != 2
+            or vertices.shape[1] != 3
+            or not len(vertices)
+            or not (np.abs(vertices) <= FARTHEST).all()
+        ):
+            raise InputError(f"{who}: vertices are {vertices.shape}: give (n, 3) finite numbers up to {FARTHEST:g} m")
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
             raise InputError(f"{who}: faces are {faces.shape}: give (m, 3) indices of its {len(vertices)} vertices")
 

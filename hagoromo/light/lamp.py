@@ -164,7 +164,7 @@ def _unit(values: ArrayLike, what: str, way: str) -> NDArray[np.float64]:
 def _vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{what} must be three numbers: given {values!r:.60}") from error
     if array.shape != (3,) or not np.isfinite(array).all():
         raise InputError(f"{what} must be three finite numbers: given {array.tolist()!r:.60}")

@@ -237,7 +237,7 @@ def _check_steps(angles: NDArray[np.float64], what: str) -> None:
 def _numbers(values: ArrayLike, who: str) -> NDArray[np.float64]:
     try:
         array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{who} must hold numbers: given {values!r:.60}") from error
     if not array.size or not np.isfinite(array).all():
         raise InputError(f"{who} must hold finite numbers")

@@ -228,7 +228,7 @@ def _raised_cosine(wavelengths: NDArray[np.float64], start: float, end: float) -
 def _frozen(values: ArrayLike) -> NDArray[np.float64]:
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"a spectrum needs numbers: given {values!r:.60}") from error
     array.flags.writeable = False
     return array

@@ -23,7 +23,7 @@ def fingerprint(record: Mapping[str, Any], folder: Path | None) -> str:
     known = {"recipe": record, "files": files, "version": __version__, "backend": backend.name()}
     try:
         return json.dumps(known, sort_keys=True)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"a box on disk needs a recipe of plain values: {error}") from error
 
 

@@ -116,7 +116,8 @@ def _matrix(root: Any, keys: Sequence[str], where: str) -> NDArray[np.float64] |
     node = next((candidate for candidate in map(root.getNode, keys) if not candidate.empty()), None)
     if node is None:
         return None
-    rows, columns = (int(node.getNode(key).real()) if node.isMap() else 0 for key in ("rows", "cols"))
+    stated = [node.getNode(key).real() if node.isMap() else 0.0 for key in ("rows", "cols")]
+    rows, columns = (int(number) if 0.0 < number < LARGEST else 0 for number in stated)
     data = node.getNode("data") if node.isMap() else node
     if rows < 1 or columns < 1 or data.size() != rows * columns:
         raise InputError(f"{where}: {keys[0]} states {rows} × {columns} numbers and does not hold them: it is damaged")

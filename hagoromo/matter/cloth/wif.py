@@ -99,8 +99,9 @@ class WifFile:
         )  # fmt: skip
         try:
             reader.read_string(text.lstrip("\ufeff"))
-        except configparser.Error as error:
-            raise InputError(f"{path} is not a valid WIF file: {str(error).splitlines()[0]}") from error
+        except (configparser.Error, AttributeError) as error:  # a line that continues a key without a value
+            said = str(error).splitlines()[0] if isinstance(error, configparser.Error) else "a line is indented"
+            raise InputError(f"{path} is not a valid WIF file: {said}") from error
         self.path = path
         self.sections = {name.strip().lower(): dict(reader.items(name)) for name in reader.sections()}
 

@@ -22,6 +22,7 @@ from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.memory import require
+from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.development.bracket import Merged, Shot, merge
 from hagoromo.photograph.development.exposure import Exposure, alike
@@ -129,17 +130,17 @@ class Development:
             native = (
                 np.stack([layers[NATIVE + name] > 0.5 for name in names], 2) if NATIVE + names[0] in layers else None
             )
-            record = {key: json.loads(header[key]) for key in RECORD}
+            record = {key: json_value(header[key], f"{path}: {key}") for key in RECORD}
             valid, focal = layers[ALPHA] == 1.0, header.get("focal_px")
-        except (KeyError, ValueError, IndexError) as error:
+            return Development(
+                values, variance, np.asarray(valid, np.bool_), native,
+                Noise(*(record[key] for key in RECORD[:5])), record["exposures_s"],
+                [Ratio(**ratio) for ratio in record["ratios"]],
+                {name: (x, y) for name, (x, y) in record["shifts_px"].items()}, record["clipped"], record["hot"],
+                None if focal is None else float(focal), "undistorted" in header,
+            )  # fmt: skip
+        except (KeyError, ValueError, IndexError, TypeError, AttributeError) as error:
             raise InputError(f"{path} is not a developed photograph: develop one first ({error})") from error
-        return Development(
-            values, variance, np.asarray(valid, np.bool_), native,
-            Noise(*(record[key] for key in RECORD[:5])), record["exposures_s"],
-            [Ratio(**ratio) for ratio in record["ratios"]],
-            {name: (x, y) for name, (x, y) in record["shifts_px"].items()}, record["clipped"], record["hot"],
-            None if focal is None else float(focal), "undistorted" in header,
-        )  # fmt: skip
 
 
 def check_exr_name(path: str | Path) -> Path:

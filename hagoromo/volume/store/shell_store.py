@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
+from hagoromo.files.reading import reading
 from hagoromo.files.record import decode
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.box import VolumeBox
@@ -151,10 +152,8 @@ def _whole(array: ZarrArray, kind: Any, shape: tuple[int | None, ...]) -> NDArra
     """All numbers of an array of that type and shape (None: any)."""
     _check(array, kind, shape)
     require(float(np.prod(array.shape, dtype=float)) * np.dtype(kind).itemsize, array.where)
-    try:
+    with reading(array.where, "an array"):
         return np.asarray(array.array[...])
-    except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
-        raise InputError(f"{array.where} cannot be decoded, a file in it is damaged") from error
 
 
 def _check(array: ZarrArray, kind: Any, shape: tuple[int | None, ...]) -> None:
