@@ -5,16 +5,17 @@ JPEG and PNG hold EXIF as an embedded TIFF, so tifffile (a dependency of scikit-
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
 from hagoromo.files.checks import existing_file
-from hagoromo.files.silence import silenced
+from hagoromo.files.reading import reading
+from hagoromo.files.silence import tifffile_silenced
 
 TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # first bytes of a file; the last two: Olympus, Panasonic
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm
@@ -52,9 +53,9 @@ def read_exif(path: str | Path) -> Exif:
     if source is None:
         return Exif()
     try:
-        with silenced(), tifffile.TiffFile(source) as file:
+        with reading(path, "EXIF"), tifffile_silenced(), tifffile.TiffFile(source) as file:
             tags = {tag.name: tag.value for tag in file.pages.first.tags}
-    except (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, MemoryError, struct.error):
+    except InputError:
         return Exif()
     inner = tags.get("ExifTag")
     return _exif({**tags, **(inner if isinstance(inner, Mapping) else {})})

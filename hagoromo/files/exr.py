@@ -6,20 +6,22 @@ import os
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
+from hagoromo.files.apart import read_apart
+from hagoromo.files.checks import read_bytes
+from hagoromo.files.exr_lines import MAGIC, Layout, Part, read_layout, read_lines
 from hagoromo.files.memory import require
-from hagoromo.files.silence import silenced
+from hagoromo.files.reading import reading
 from hagoromo.files.whole import check_written, whole_file
 
-MAGIC = b"\x76\x2f\x31\x01"
 LINES_TOGETHER = 16  # that ZIP packs
 BYTES_PER_SAMPLE = 8.0  # as the file has it, up to 4, and as float32
+PREFIX = "channel "  # of names of channels among those of arrays
 
 
 def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None) -> None:
@@ -65,50 +67,46 @@ def _text(file: BinaryIO) -> bytes:
 
 def read_header(path: str | Path) -> dict[str, str]:
     """The text metadata of the first part; `InputError` if the file is missing or not an EXR."""
-    source = existing_file(path)
-    with source.open("rb") as file:
-        if file.read(4) != MAGIC:
-            raise InputError(f"{source} is not an EXR file: give an EXR")
-    header = _open(source, header_only=True).header()
-    return {name: value for name, value in header.items() if isinstance(value, str)}
+    return _layout(path)[1].parts[0].texts
 
 
 def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
     """Channels, name → (height, width) float32, and the text metadata of the first part.
 
-    `InputError` if the file is missing, not an EXR, truncated, or larger than the free memory.
+    Lines that are packed by ZIP or not at all are read here; what else there is (tiles, parts, PIZ, …) by OpenEXR's
+    library in a process of its own, because it prints. `InputError` if the file is missing, not an EXR, truncated, or
+    larger than the free memory.
     """
-    source = existing_file(path)
-    with source.open("rb") as file:
-        if file.read(4) != MAGIC:
-            raise InputError(f"{source} is not an EXR file: give an EXR")
-    require(sum(_pixel_bytes(part.header) for part in _open(source, header_only=True).parts), str(source))
-    part = _open(source)
-    channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in part.channels().items()}
-    text = {name: value for name, value in part.header().items() if isinstance(value, str)}
-    return channels, text
+    data, layout = _layout(path)
+    require(sum(map(_pixel_bytes, layout.parts)), str(path))
+    if layout.in_lines:
+        with reading(path, "EXR"):
+            return read_lines(data, layout), layout.parts[0].texts
+    channels = read_apart(channels_by_library, Path(path), "EXR")
+    return {name.removeprefix(PREFIX): values for name, values in channels.items()}, layout.parts[0].texts
 
 
-def _pixel_bytes(header: Mapping[str, Any]) -> float:
+def _pixel_bytes(part: Part) -> float:
     """Memory [byte] of the pixels of a part, as they are read and as float32: the library reads all parts."""
-    (left, top), (right, bottom) = (map(float, corner) for corner in header["dataWindow"])
-    rows_together = header["tiles"].ySize if "tiles" in header else LINES_TOGETHER
-    across, down = max(right - left, 0.0) + 1.0, max(bottom - top, 0.0) + rows_together
-    return BYTES_PER_SAMPLE * across * down * len(header["channels"])
+    return BYTES_PER_SAMPLE * part.width * (part.height - 1.0 + part.rows_together) * len(part.channels)
 
 
-def _open(path: Path, header_only: bool = False) -> Any:
+def channels_by_library(path: Path) -> dict[str, NDArray[np.float32]]:
+    """PREFIX + name → (height, width), of the first part, by OpenEXR's library; run by `read_apart`."""
     import OpenEXR
 
-    try:
-        with silenced():
-            file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
-    except (RuntimeError, ValueError, MemoryError) as error:
-        raise InputError(f"{path} cannot be read as EXR, it may be cut off: {_one_line(error)}") from error
-    if not file.parts:
-        raise InputError(f"{path} cannot be read as EXR: it is cut off or damaged: copy it again")
-    return file
+    with reading(path, "EXR"):
+        file = OpenEXR.File(str(path), separate_channels=True)
+        if not file.parts:
+            raise InputError(f"{path} cannot be read as EXR: it is cut off or damaged: copy it again")
+        channels = file.channels().items()
+        return {PREFIX + name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in channels}
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+def _layout(path: str | Path) -> tuple[bytes, Layout]:
+    """The bytes of an EXR, and its headers."""
+    data = read_bytes(path)
+    if not data.startswith(MAGIC):
+        raise InputError(f"{path} is not an EXR file: give an EXR")
+    with reading(path, "EXR"):
+        return data, read_layout(data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes
 from hagoromo.files.memory import require
+from hagoromo.files.reading import reading
 
 START, END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG_BYTES_PER_PIXEL = 6  # two copies of 3 bytes while decoding
@@ -22,7 +24,7 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
 
     `InputError` if the file is missing, not a JPEG, truncated, damaged, or larger than the free memory.
     """
-    import cv2
+    from PIL.JpegImagePlugin import JpegImageFile
 
     data = read_bytes(path)
     if not data.startswith(START):
@@ -32,13 +34,13 @@ def read_jpeg(path: str | Path) -> NDArray[np.uint8]:
         raise InputError(f"{path} is cut off: copy it again")
     kept = COEFFICIENT_BYTES_PER_PIXEL if data[frame + 1] in PROGRESSIVE else 0
     require(float(JPEG_BYTES_PER_PIXEL + kept) * height * width, str(path))
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:
-        image = None
-    if image is None or image.dtype != np.uint8:
-        raise InputError(f"{path} cannot be decoded as JPEG: copy it again")
-    return np.asarray(image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1]), np.uint8)
+    with reading(path, "JPEG"):
+        # Pillow's libjpeg prints nothing; its own check of sizes is in Image.open, and ours is above
+        picture = JpegImageFile(io.BytesIO(data))
+        if picture.size != (width, height):
+            raise InputError(f"{path} is a damaged JPEG: copy it again")
+        picture.load()
+        return np.array(picture if picture.mode == "L" else picture.convert("RGB"), np.uint8)
 
 
 def frame_header(data: bytes, path: str | Path) -> tuple[int, int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import existing_file
 from hagoromo.files.exif import Exif, read_exif
 from hagoromo.files.memory import require
-from hagoromo.files.silence import silenced
 
 RAW_SUFFIXES = tuple(
     f".{suffix}"
@@ -40,45 +41,46 @@ def read_raw(path: str | Path) -> Raw:
     `InputError` if the file is missing, truncated, larger than the free memory, in a format that LibRaw does not read,
     or has a mosaic other than Bayer's.
     """
+    stored = read_apart(raw_by_library, existing_file(path), "camera RAW")
+    exif, other = (
+        read_exif(path),
+        dict(zip(("exposure_s", "iso", "f_number", "focal_mm"), stored["other"], strict=True)),
+    )
+    known = {name: getattr(exif, name) or float(value) or None for name, value in other.items()}  # not of TIFF's kind
+    return Raw(
+        stored["numbers"], str(stored["mosaic"]), stored["black"], float(stored["white"]), replace(exif, **known)
+    )
+
+
+def raw_by_library(path: Path) -> dict[str, NDArray[Any]]:
+    """The fields of a `Raw`, and the settings that LibRaw knows; run by `read_apart`, because LibRaw prints."""
     import rawpy
 
-    source = existing_file(path)
     try:
-        with silenced(), rawpy.RawPy() as raw:
-            raw.open_file(str(source))
+        with rawpy.RawPy() as raw:
+            raw.open_file(str(path))
             sizes = raw.sizes
-            require(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(source))
+            require(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(path))
             raw.unpack()
-            return _raw(raw, source)
+            return _fields(raw, path)
     except rawpy.LibRawError as error:
         text = error.args[0] if error.args else ""
         text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-        raise InputError(f"{source} cannot be read as camera RAW, it may be cut off: {text or 'damaged'}") from error
+        raise InputError(f"{path} cannot be read as camera RAW, it may be cut off: {text or 'damaged'}") from error
 
 
-def _raw(raw: Any, path: Path) -> Raw:
-    image = np.array(raw.raw_image_visible)
+def _fields(raw: Any, path: Path) -> dict[str, NDArray[Any]]:
+    image, shot = np.array(raw.raw_image_visible), raw.other
     white = min([raw.white_level, *(w for w in raw.camera_white_level_per_channel or () if w)])
     black = np.asarray(raw.black_level_per_channel, np.float64)
+    settings = np.array([shot.shutter_speed, shot.iso_speed, shot.aperture, shot.focal_length], np.float64)
+    rest = {"white": np.array(white, np.float64), "other": settings}
     if image.ndim == 3:  # DNG without a mosaic
-        return Raw(image[..., :3], "", np.full((2, 2), black[0]), float(white), _exif(raw, path))
+        return {"numbers": image[..., :3], "mosaic": np.array(""), "black": np.full((2, 2), black[0]), **rest}
     if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
         raise InputError(f"{path} has another mosaic than Bayer's 2 × 2: convert it to a linear TIFF first")
     index = raw.raw_colors_visible[:2, :2]
     mosaic = "".join(chr(raw.color_desc[colour]) for colour in index.ravel())
     if sorted(mosaic) != sorted("RGGB"):
         raise InputError(f"{path} has the mosaic {mosaic}: only R, G, G, B is read, convert it to a linear TIFF first")
-    return Raw(image, mosaic, black[index], float(white), _exif(raw, path))
-
-
-def _exif(raw: Any, path: Path) -> Exif:
-    """The settings in EXIF; those that it lacks, as in files that are not TIFF, from LibRaw."""
-    exif, other = read_exif(path), raw.other
-    return Exif(
-        exif.exposure_s or other.shutter_speed or None,
-        exif.iso or other.iso_speed or None,
-        exif.f_number or other.aperture or None,
-        exif.focal_mm or other.focal_length or None,
-        exif.sensor_mm,
-        exif.camera,
-    )
+    return {"numbers": image, "mosaic": np.array(mosaic), "black": black[index], **rest}

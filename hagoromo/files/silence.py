@@ -1,24 +1,47 @@
-"""Silence: C libraries that parse a file write nothing to standard output and standard error.
+"""Silence: libraries that parse a file print nothing about its damage, which the exception that follows says.
 
-Some libraries print messages about a damaged file in addition to the error that they return.
+Only the libraries' own logs are closed. The process's standard error is never redirected: other threads, and notebooks,
+print to it meanwhile.
 """
 
 from __future__ import annotations
 
-import os
+import logging
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_closed: ContextVar[bool] = ContextVar("_closed", default=False)
+
+
+class _Opened(logging.Filter):
+    """Lets records through unless their thread is within `tifffile_silenced`."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return not _closed.get()
 
 
 @contextmanager
-def silenced() -> Iterator[None]:
-    """Discard standard output and standard error within the block, also those of C libraries."""
-    stderr = os.dup(2)
-    with open(os.devnull, "w", encoding="utf-8") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            with redirect_stdout(nowhere):
-                yield
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
+def tifffile_silenced() -> Iterator[None]:
+    """tifffile logs nothing in this thread while the block runs."""
+    log = logging.getLogger("tifffile")
+    if not any(isinstance(one, _Opened) for one in log.filters):
+        log.addFilter(_Opened())
+    before = _closed.set(True)
+    try:
+        yield
+    finally:
+        _closed.reset(before)
+
+
+@contextmanager
+def opencv_silenced() -> Iterator[None]:
+    """OpenCV logs nothing while the block runs, in no thread: its level is one for the process."""
+    import cv2
+
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,10 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.files.memory import require
-from hagoromo.files.silence import silenced
+from hagoromo.files.reading import reading
+from hagoromo.files.silence import opencv_silenced, tifffile_silenced
 
 PIXEL_TYPES = (np.uint8, np.uint16, np.float32)
-DAMAGE = (ValueError, KeyError, IndexError, TypeError, OSError, OverflowError, struct.error)
 
 
 def read_tiff(path: str | Path) -> NDArray:
@@ -26,25 +25,24 @@ def read_tiff(path: str | Path) -> NDArray:
     import tifffile
 
     source = existing_file(path)
-    try:
-        with silenced(), tifffile.TiffFile(source) as file:
-            page = file.pages.first
-            shape, kind = page.shape, page.dtype
-            if kind not in PIXEL_TYPES or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
-                raise InputError(
-                    f"{source} holds {kind} of shape {shape}: 8, 16 bits or float, 1 or 3 channels are read"
-                )
-            size = math.prod(map(float, shape)) * np.dtype(kind).itemsize
-            require(2.0 * size, str(source))
-            ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
-            plain = page.compression == tifffile.COMPRESSION.NONE
-            if max(ends, default=0) > source.stat().st_size or (plain and sum(page.databytecounts) < size):
-                raise InputError(f"{source} is cut off: copy it again")
-            image = page.asarray() if plain else _unpacked(source)
-    except InputError:
-        raise
-    except DAMAGE as error:
-        raise InputError(f"{source} cannot be read as TIFF: {' '.join(str(error).split())[:80]}") from error
+    with reading(source, "TIFF"), tifffile_silenced(), tifffile.TiffFile(source) as file:
+        page = file.pages.first
+        shape, kind = page.shape, page.dtype
+        if kind not in PIXEL_TYPES or len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
+            raise InputError(
+                f"{source} holds {kind} of shape {str(shape)[:40]}: 8, 16 bits or float, 1 or 3 channels are read"
+            )
+        if page.bitspersample != 8 * np.dtype(kind).itemsize:
+            raise InputError(
+                f"{source} has {page.bitspersample} bits a sample: 8, 16 bits or float are read, convert it"
+            )
+        size = math.prod(map(float, shape)) * np.dtype(kind).itemsize
+        require(2.0 * size, str(source))
+        ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
+        plain = page.compression == tifffile.COMPRESSION.NONE
+        if max(ends, default=0) > source.stat().st_size or (plain and sum(page.databytecounts) < size):
+            raise InputError(f"{source} is cut off: copy it again")
+        image = page.asarray() if plain else _unpacked(source)
     if image.shape != shape or image.dtype != kind:
         raise InputError(f"{source} is cut off or damaged: copy it again")
     return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
@@ -54,10 +52,8 @@ def _unpacked(path: Path) -> NDArray:
     """Decode by OpenCV, whose libtiff knows all compressions and never decodes more than a strip holds."""
     import cv2
 
-    try:
+    with opencv_silenced():
         image = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise ValueError(str(error)) from error
     if image is None:
         raise ValueError("its compressed pixels are damaged")
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., [2, 1, 0, 3][: image.shape[2]]])

@@ -1,0 +1,9 @@
+"""Fuzzer: spoilt files of every kind that the package reads must be refused in one line, or read.
+
+    python -m fuzz                                # every reader, a fixed count of mutations
+    python -m fuzz --reader wif --seed 1234       # one mutation again
+    python -m fuzz --minutes 15                   # more and more seeds, until the time is over (make fuzz)
+
+`readers` is the table of readers, each with a good sample; `mutators` spoils samples; `judge` decides; `corpus` holds
+files that once failed.
+"""

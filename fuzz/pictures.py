@@ -1,0 +1,154 @@
+"""Good samples of pictures: EXR, PNG, JPEG, TIFF and DNG, as small as they can be while every branch is met."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
+from hagoromo.light.spectrum import Spectrum
+
+COLOUR = np.random.default_rng(1).integers(0, 256, (13, 17, 3)).astype(np.uint8)
+DEEP = COLOUR.astype(np.uint16) * 257
+LAMPS = ("key", "fill")
+
+
+def exr(path: Path) -> None:
+    """Scan lines, with text among the attributes."""
+    write_exr(path, {name: COLOUR[..., k] for k, name in enumerate("RGB")}, {"undistorted": "yes"})
+
+
+def exr_tiles(path: Path) -> None:
+    """Tiles of half floats."""
+    import OpenEXR
+
+    header = {
+        "compression": OpenEXR.PIZ_COMPRESSION,
+        "type": OpenEXR.tiledimage,
+        "tiles": OpenEXR.TileDescription(),
+    }
+    pixels = {name: np.ascontiguousarray(COLOUR[..., k].astype(np.float16)) for k, name in enumerate("RGB")}
+    with OpenEXR.File(header, pixels) as file:
+        file.write(str(path))
+
+
+def exr_parts(path: Path) -> None:
+    """Two parts, the second of integers."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.scanlineimage}
+    first = {name: np.ascontiguousarray(COLOUR[..., k].astype(np.float32)) for k, name in enumerate("RGB")}
+    second = {"Z": np.ascontiguousarray(COLOUR[..., 0].astype(np.uint32))}
+    parts = [OpenEXR.Part({**header, "name": name}, pixels) for name, pixels in (("a", first), ("b", second))]
+    with OpenEXR.File(parts) as file:
+        file.write(str(path))
+
+
+def rendered(path: Path, palette: bytes | None = None, metadata: bytes | None = None) -> None:
+    """An EXR of `render`, with the palette of its weights; palette, metadata: other texts in their place."""
+    shape, flat = (5, 7), Spectrum.constant(1.0).record()
+    names = [f"lamp{k}.{colour}" for k in range(2) for colour in ("body0", "interface0")]
+    record = {"bodies": [flat], "interfaces": [flat], "lamps": [flat, flat]}
+    record |= {"lamp_names": list(LAMPS), "lamp_groups": [0, 1]}
+    scene = {"lamps": [{"name": name, "intensity": 1.0, "spectrum": flat} for name in LAMPS]}
+    header = {
+        "palette": (palette or json.dumps(record).encode()).decode("utf-8", "replace"),
+        "hagoromo": (metadata or json.dumps({"version": "0.2.0", "scene": scene}).encode()).decode("utf-8", "replace"),
+    }
+    write_exr(path, {name: np.full(shape, 0.25, np.float32) for name in [*names, "A", "R", "G", "B"]}, header)
+
+
+def png(path: Path) -> None:
+    """8 bits, three channels."""
+    write_png(path, COLOUR)
+
+
+def png_kinds(path: Path) -> None:
+    """A palette with transparency, text, colour profile and EXIF: chunks that libraries warn about."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    picture = Image.fromarray(COLOUR).quantize(16)
+    text = PngInfo()
+    text.add_text("Comment", "a text")
+    exif = Image.Exif()
+    exif[0x829A], exif[0x8827] = 0.01, 100
+    picture.save(path, pnginfo=text, transparency=3, icc_profile=b"\0" * 132, exif=exif, gamma=0.45)
+
+
+def png_deep(path: Path) -> None:
+    """16 bits with alpha, interlaced."""
+    import cv2
+
+    alpha = np.full((*DEEP.shape[:2], 1), 65535, np.uint16)
+    path.write_bytes(cv2.imencode(".png", np.concatenate([DEEP, alpha], axis=2))[1].tobytes())
+
+
+def mask(path: Path) -> None:
+    """Grey, white inside."""
+    inside = np.zeros((13, 17), np.uint8)
+    inside[3:9, 4:12] = 255
+    write_png(path, inside)
+
+
+def jpeg(path: Path) -> None:
+    """Colour with EXIF, and a progressive scan."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110], exif[0x0112] = "Maker", "Maker One", 6
+    exif.get_ifd(0x8769).update({0x829A: 0.01, 0x829D: 5.6, 0x8827: 100, 0x920A: 55.0, 0xA405: 82})
+    Image.fromarray(COLOUR).save(path, "JPEG", exif=exif, progressive=True, quality=90)
+
+
+def jpeg_grey(path: Path) -> None:
+    """One channel, baseline."""
+    from PIL import Image
+
+    Image.fromarray(COLOUR[..., 0]).save(path, "JPEG", restart_marker_blocks=1)
+
+
+def tiff(path: Path) -> None:
+    """Plain strips of 16 bits."""
+    import tifffile
+
+    tifffile.imwrite(path, DEEP, rowsperstrip=4, resolution=(72, 72), software="a")
+
+
+def tiff_packed(path: Path) -> None:
+    """Deflate with a predictor, which OpenCV's libtiff decodes."""
+    from PIL import Image
+
+    Image.fromarray(COLOUR).save(path, "TIFF", compression="tiff_adobe_deflate", tiffinfo={317: 2})
+
+
+def tiff_lzw(path: Path) -> None:
+    """LZW, one channel of 8 bits."""
+    from PIL import Image
+
+    Image.fromarray(COLOUR[..., 0]).save(path, "TIFF", compression="tiff_lzw")
+
+
+def tiff_bilevel(path: Path) -> None:
+    """One bit a pixel."""
+    from PIL import Image
+
+    Image.fromarray(COLOUR[..., 0] > 99).save(path, "TIFF", compression="group4")
+
+
+def tiff_float(path: Path) -> None:
+    """Tiles of floats."""
+    import tifffile
+
+    tifffile.imwrite(path, DEEP.astype(np.float32), tile=(16, 16))
+
+
+def dng(path: Path) -> None:
+    """A raw photograph of a Bayer mosaic."""
+    from tests.inverse.simulated_bracket import write_dng
+
+    raw = np.random.default_rng(2).integers(500, 14_000, (62, 94)).astype(np.uint16)
+    write_dng(path, raw)

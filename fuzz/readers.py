@@ -1,0 +1,222 @@
+"""Readers: every function that reads a file, with a good sample of it."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzz import boxes, pictures, records
+from fuzz.trees import spoilt_json
+
+
+class Reader(NamedTuple):
+    """write: makes a good sample, a file or a folder, at the path it is given. read: takes the path of it.
+
+    entry: what `read` takes, of an existing folder that `write` fills. share: of the usual number of mutations, for
+    what takes long.
+    """
+
+    name: str
+    write: Callable[[Path], None]
+    read: Callable[[Path], Any]
+    entry: str = ""
+    share: float = 1.0
+
+    @property
+    def in_folder(self) -> bool:
+        """Whether `write` fills a folder that is there already."""
+        return bool(self.entry) or "." not in self.name
+
+
+def _info(path: Path) -> Any:
+    """All facts, as the command prints them."""
+    from hagoromo.app.info import info
+
+    return json.dumps(info(path), ensure_ascii=False).encode()
+
+
+def _plan(path: Path) -> Any:
+    """The plan of a recipe."""
+    from hagoromo.matter.build import _planned
+
+    return _planned(path)
+
+
+def _tables(path: Path) -> Any:
+    """The tables of a recipe and its material, without the plan, which takes long."""
+    from hagoromo.files.record import decode, read_toml
+    from hagoromo.matter.build import _OfKind
+    from hagoromo.matter.recipes.recipe import Recipe
+    from hagoromo.matter.registry import OWN
+
+    tables, where = read_toml(path), str(path)
+    kind = OWN.get(decode(tables, _OfKind, where).kind, OWN["solid"])
+    table = decode(tables, kind.record, where)
+    element = kind.element_of(table) if kind.element_of else kind.element
+    return Recipe(table, element, path.parent, where).material
+
+
+def _draft(path: Path) -> Any:
+    from hagoromo.matter.cloth.weave import LINEN
+    from hagoromo.matter.cloth.wif import cloth_of, read_wif
+
+    return cloth_of(read_wif(path), LINEN.warp, LINEN.weft)
+
+
+def _colmap(path: Path) -> Any:
+    from hagoromo.camera.formats.colmap import read_colmap, read_points
+
+    return read_colmap(path), read_points(path)
+
+
+def _array(path: Path) -> Any:
+    from hagoromo.files.zarr_arrays import open_array
+    from hagoromo.volume.store.zarr_blocks import ZarrBlocks
+
+    blocks = ZarrBlocks(open_array(path), {})
+    return [blocks.voxels(tile) for tile in blocks.tiles()]
+
+
+def _exposure(path: Path) -> Any:
+    from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
+
+    return read_exposure(path, StatedExposure(transfer="linear")), _info(path)
+
+
+def _pixels(path: Path) -> Any:
+    from hagoromo.photograph.pixels import default_channels, read_pixels
+    from hagoromo.photograph.transforms import ImageSettings
+
+    return read_pixels(path, ImageSettings(), default_channels(3), "bilinear", str(path)), _info(path)
+
+
+def _float_exposure(path: Path) -> Any:
+    from hagoromo.image.compare import compare
+
+    return compare(path, path), _pixels(path)
+
+
+def _late(module: str, name: str) -> Callable[[Path], Any]:
+    """A function of the package by name, imported when it is called: workers start quickly."""
+
+    def read(path: Path) -> Any:
+        found: Any = __import__(module, fromlist=["_"])
+        return functools.reduce(getattr, name.split("."), found)(path)
+
+    return read
+
+
+def _views(kind: str, name: str) -> Callable[[Path], None]:
+    return lambda folder: records.views(folder, kind, name)
+
+
+def _colmap_model(text: bool) -> Callable[[Path], None]:
+    def write(folder: Path) -> None:
+        records.views(folder, "colmap-text" if text else "colmap", "model")
+        records.points(folder / "model", binary=not text)
+
+    return write
+
+
+def _curve(path: Path) -> Any:
+    from hagoromo.photograph.development.transfer import Transfer
+
+    return Transfer.load(path, 255).light(np.arange(256, dtype=np.uint8).reshape(16, 16))
+
+
+def _mask(path: Path) -> Any:
+    from hagoromo.photograph.pixels import read_mask
+
+    return read_mask(path, (13, 17))
+
+
+def _response(path: Path) -> Any:
+    from hagoromo.calibration.response.calibrate_response import calibrate_response
+
+    return calibrate_response(path)
+
+
+LOAD_SCENE = _late("hagoromo.image.scene_file", "load_scene")
+READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
+LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
+SIMPLE = (
+    Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
+    *(
+        Reader(f"recipe-{name}.toml", records.recipe(name), _tables)
+        for name in ("linen", "jacquard", "stockinette", "covert", "down", "wing", "skin", "solid")
+    ),
+    Reader("plan-solid.toml", records.recipe("solid"), _plan, share=0.5),
+    Reader("plan-mesh", records.mesh_recipe, _plan, "a.toml", share=0.5),
+    Reader("capture", records.capture, _late("hagoromo.photograph.capture", "load_capture")),
+    Reader("capture-info", records.capture, _info, "transforms.json"),
+    Reader("measurement", records.measured, _late("hagoromo.measurement.measurement", "Measurement.load")),
+    Reader("materials.json", records.materials, _info),
+    Reader("lamps.json", records.lamps, _late("hagoromo.photograph.lit_photographs", "load_lamps")),
+    Reader("lamps-info.json", records.lamps, _info),
+    Reader("camera.json", records.camera, _late("hagoromo.camera.formats.camera_file", "read_camera")),
+    Reader("camera-calibration.json", records.camera,
+           _late("hagoromo.calibration.camera.calibrate_camera", "CameraCalibration.load")),
+    Reader("nerfstudio", _views("nerfstudio", "a.json"), READ_VIEWS, "a.json"),
+    Reader("opencv-yaml", _views("opencv", "a.yml"), READ_VIEWS, "a.yml"),
+    Reader("opencv-json", _views("opencv", "b.json"), READ_VIEWS, "b.json"),
+    Reader("middlebury", _views("middlebury", "a_par.txt"), READ_VIEWS, "a_par.txt"),
+    Reader("colmap-text", _colmap_model(True), _colmap, "model"),
+    Reader("colmap-binary", _colmap_model(False), _colmap, "model"),
+    Reader("wif.wif", records.text(records.WIF), _draft),
+    Reader("ies.ies", records.text(records.IES), _info),
+    Reader("mesh.ply", records.text(records.PLY), _late("hagoromo.files.mesh", "read_mesh")),
+    Reader("mesh.obj", records.text(records.OBJ), _late("hagoromo.files.mesh", "read_mesh")),
+    Reader("mesh.off", records.text(records.OFF), _late("hagoromo.files.mesh", "read_mesh")),
+    Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
+    Reader("table.csv", records.spectrum, _info),
+    Reader("response.csv", records.response, _late("hagoromo.camera.response", "Response.load")),
+    Reader("spectra.csv", records.spectra, _late("hagoromo.reflectance.spectra.prior_spectra", "read_spectra")),
+    Reader("pairs.csv", records.pairs, _response, share=0.1),
+    Reader("transfer.csv", records.curve, _curve),
+    Reader("calibrated-response", records.calibrated_response,
+           _late("hagoromo.calibration.response.calibrate_response", "ResponseCalibration.load"), "a.csv"),
+    Reader("scan-lines.exr", pictures.exr, _float_exposure),
+    Reader("tiles.exr", pictures.exr_tiles, _float_exposure),
+    Reader("parts.exr", pictures.exr_parts, _pixels),
+    Reader("rendered.exr", pictures.rendered, _late("hagoromo.image.image", "read_image")),
+    Reader("8-bit.png", pictures.png, _pixels),
+    Reader("16-bit.png", pictures.png_deep, _pixels),
+    Reader("palette.png", pictures.png_kinds, _pixels),
+    Reader("mask.png", pictures.mask, _mask),
+    Reader("progressive.jpg", pictures.jpeg, _pixels),
+    Reader("grey.jpg", pictures.jpeg_grey, _exposure),
+    Reader("strips.tif", pictures.tiff, _exposure),
+    Reader("deflate.tif", pictures.tiff_packed, _pixels),
+    Reader("lzw.tif", pictures.tiff_lzw, _pixels),
+    Reader("bilevel.tif", pictures.tiff_bilevel, _pixels),
+    Reader("float.tif", pictures.tiff_float, _info),
+    Reader("raw.dng", pictures.dng, _exposure),
+    Reader("box.zarr", boxes.box, LOAD_BOX),
+    Reader("shell.zarr", boxes.shell, LOAD_BOX, share=0.5),
+    *(
+        Reader(f"v3-{name}.zarr", functools.partial(boxes.array_v3, codec=name), _array)
+        for name in ("zstd", "gzip", "blosc")
+    ),
+    Reader("v3-shards.zarr", functools.partial(boxes.array_v3, shards=True), _array),
+    *(
+        Reader(f"v2-{name}.zarr", functools.partial(boxes.array_v2, codec=name), _array)
+        for name in ("zlib", "gzip", "blosc", "lz4", "bz2")
+    ),
+)  # fmt: skip
+READERS = {reader.name: reader for reader in SIMPLE}
+
+
+def palette_spoilt(path: Path, random: np.random.Generator) -> None:
+    """A rendered EXR that is whole but for one of the two texts among its attributes."""
+    from hagoromo.files.exr import read_exr
+
+    pictures.rendered(path)
+    texts = read_exr(path)[1]
+    key = ("palette", "hagoromo")[int(random.integers(2))]
+    spoilt = spoilt_json(texts[key].encode(), random)
+    pictures.rendered(path, **{"palette" if key == "palette" else "metadata": spoilt[:100_000]})

@@ -1,0 +1,114 @@
+"""Trees: JSON and TOML with a value of another kind, a key lost, doubled or renamed, otherwise valid."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from typing import Any
+
+import numpy as np
+
+Random = np.random.Generator
+Path = tuple[Any, ...]
+DEEP = 20_000
+# texts that stand for what json.dumps cannot write
+RAW = {
+    "@deep list@": "[" * DEEP + "]" * DEEP,
+    "@deep table@": '{"a":' * DEEP + "1" + "}" * DEEP,
+    "@400 digits@": "9" * 400,
+    "@5000 digits@": "9" * 5000,
+    "@surrogate@": '"\\ud800"',
+    "@huge exponent@": "1e400",
+    "@NaN@": "NaN",
+}
+TOML_RAW = {
+    "@deep list@": "[" * DEEP + "]" * DEEP,
+    "@deep table@": "{a=" * DEEP + "1" + "}" * DEEP,
+    "@400 digits@": "9" * 400,
+    "@5000 digits@": "9" * 5000,
+    "@surrogate@": '"\\ud800"',
+    "@huge exponent@": "1e400",
+    "@NaN@": "nan",
+    "@date@": "1979-05-27T07:32:00Z",
+}
+VALUES: tuple[Any, ...] = (
+    [], {}, None, "", "text", True, 0, -1, 1, 2, 0.5, -0.0, 1e308, -1e308, 1e-310, 1e30, 2**31, 2**32, 2**53, 2**63,
+    2**64, -(2**63) - 1, math.inf, -math.inf, math.nan, [[]], [{}], [1], [1, 2, 3], {"a": 1}, "../a", "1", "1e5", "nan",
+    "a\nb\x1b[31m\u2028", "\x00", "x" * 3000, [0.0] * 16, [1, "a"], [None], [[1, 2], [3]], [1e308] * 3, 7, 65, 10**6,
+    *TOML_RAW,
+)  # fmt: skip
+
+
+def spoilt_json(data: bytes, random: Random) -> bytes:
+    """A JSON text with one thing wrong in its tree."""
+    try:
+        tree = json.loads(data)
+    except (ValueError, RecursionError):
+        return data[: len(data) // 2]
+    try:
+        text = json.dumps(changed(tree, random), indent=1)
+    except (ValueError, RecursionError):
+        return data[: len(data) // 3]
+    for word, raw in RAW.items():
+        text = text.replace(f'"{word}"', raw)
+    return text.encode()
+
+
+def spoilt_toml(data: bytes, random: Random) -> bytes:
+    """A TOML text with one thing wrong in its tree."""
+    try:
+        tree = tomllib.loads(data.decode())
+    except (ValueError, RecursionError):
+        return data[: len(data) // 2]
+    tree = changed(tree, random)
+    if not isinstance(tree, dict):
+        return repr(tree).encode()
+    text = "".join(f"{json.dumps(str(key))} = {_toml(value)}\n" for key, value in tree.items() if value is not None)
+    for word, raw in TOML_RAW.items():
+        text = text.replace(f'"{word}"', raw)
+    return text.encode("utf-8", "surrogatepass")
+
+
+def changed(tree: Any, random: Random) -> Any:
+    """The tree with one node replaced, removed, renamed or doubled."""
+    paths = list(_paths(tree))
+    path = paths[int(random.integers(len(paths)))]
+    return _with(tree, path, int(random.integers(10)), random)
+
+
+def _paths(tree: Any, path: Path = ()) -> list[Path]:
+    children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    return [path, *(below for key, value in children for below in _paths(value, (*path, key)))]
+
+
+def _with(tree: Any, path: Path, act: int, random: Random) -> Any:
+    if not path:
+        return VALUES[int(random.integers(len(VALUES)))]
+    key, rest = path[0], path[1:]
+    copy = tree.copy()
+    if rest or act < 7:
+        copy[key] = _with(tree[key], rest, act, random)
+    elif act == 7:
+        copy.pop(key)
+    elif isinstance(copy, dict):
+        other = list(copy)[int(random.integers(len(copy)))]
+        copy[key if act == 8 else "\x1b[31mnew\nkey"] = copy[other]
+    else:
+        copy[key:key] = [copy[key]] * (1 if act == 8 else 300)
+    return copy
+
+
+def _toml(value: Any) -> str:
+    """A value on one line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(str(k))} = {_toml(v)}" for k, v in value.items() if v is not None) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(one) for one in value if one is not None) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return {math.inf: "inf", -math.inf: "-inf"}.get(value, "nan")
+    if isinstance(value, (int, float)):
+        return repr(value)
+    return json.dumps(value) if isinstance(value, str) else f'"{value}"'

@@ -1,0 +1,130 @@
+"""Worker: a process that tries seeds of readers one after the other, and writes a line of JSON about each.
+
+    python -m fuzz.worker RESULTS READER:FIRST:COUNT…
+
+Before each try its reader and seed are written to RESULTS.now, so that a crash or a hang has a name.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzz.judge import Verdict, judged
+from fuzz.mutators import spoilt
+from fuzz.readers import READERS, Reader, palette_spoilt
+
+MEMORY = 6 << 30  # [byte] of addresses beyond those that the process starts with: what wants more fails
+GOOD = -1  # the seed of the good sample
+LEADING = (".json", ".toml", ".zarray", ".yml", ".txt", ".wif", ".csv")  # files of a folder that are spoilt most
+
+
+class Sample(NamedTuple):
+    """files: of a good sample, name in the folder → bytes. is_file: whether it is one file, not a folder."""
+
+    files: dict[str, bytes]
+    is_file: bool
+
+
+class Job(NamedTuple):
+    """Seeds `first` to first + count of a reader."""
+
+    reader: str
+    first: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.reader}:{self.first}:{self.count}"
+
+
+def main(arguments: list[str]) -> None:
+    """Try the jobs that the command line names."""
+    results = Path(arguments[0])
+    bound_memory()
+    with results.open("a", encoding="utf-8") as out, tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
+        for text in arguments[1:]:
+            name, first, count = text.rsplit(":", 2)
+            results.with_suffix(".now").write_text(json.dumps([name, int(first)]))
+            sample = sample_of(READERS[name])
+            for seed in range(int(first), int(first) + int(count)):
+                results.with_suffix(".now").write_text(json.dumps([name, seed]))
+                verdict = tried(READERS[name], sample, seed, Path(scratch))
+                print(json.dumps({"reader": name, "seed": seed, **verdict._asdict()}), file=out, flush=True)
+    results.with_suffix(".now").unlink(missing_ok=True)
+
+
+def bound_memory() -> None:
+    """Let this process take `MEMORY` more addresses, where the system can bound them."""
+    try:
+        import resource
+    except ImportError:
+        return
+    import psutil
+
+    limit = psutil.Process().memory_info().vms + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def sample_of(reader: Reader) -> Sample:
+    """The good sample of a reader."""
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        home = Path(folder) / reader.name
+        if reader.in_folder:
+            home.mkdir()
+        reader.write(home)
+        if home.is_file():
+            return Sample({reader.name: home.read_bytes()}, True)
+        files = sorted(path for path in home.rglob("*") if path.is_file())
+        return Sample({path.relative_to(home).as_posix(): path.read_bytes() for path in files}, False)
+
+
+def tried(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Verdict:
+    """The verdict on the sample spoilt by `seed`."""
+    verdict = judged(reader.read, written(reader, sample, seed, scratch))
+    shutil.rmtree(scratch / "try", ignore_errors=True)
+    return verdict
+
+
+def written(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Path:
+    """The path to read: the spoilt sample in the folder `scratch`."""
+    random = None if seed == GOOD else np.random.default_rng([zlib.crc32(reader.name.encode()), seed])
+    home = scratch / "try"
+    shutil.rmtree(home, ignore_errors=True)
+    home.mkdir(parents=True)
+    if random and reader.name == "rendered.exr" and random.random() < 0.6:
+        palette_spoilt(home / reader.name, random)
+        return home / reader.name
+    files = dict(sample.files)
+    if random:
+        _spoil(files, random)
+    inside = home if sample.is_file else home / reader.name
+    for name, data in files.items():
+        (inside / name).parent.mkdir(parents=True, exist_ok=True)
+        (inside / name).write_bytes(data)
+    return inside / reader.name if sample.is_file else inside / reader.entry
+
+
+def _spoil(files: dict[str, bytes], random: np.random.Generator) -> None:
+    """One file of the sample spoilt, or, where there are several, lost or in the place of another."""
+    names = sorted(files)
+    leading = [name for name in names if name.endswith(LEADING)]
+    chosen = leading if leading and random.random() < 0.6 else names
+    name = chosen[int(random.integers(len(chosen)))]
+    act = random.random()
+    if len(names) > 1 and act < 0.03:
+        del files[name]
+    elif len(names) > 1 and act < 0.06:
+        files[name] = files[names[int(random.integers(len(names)))]]
+    else:
+        files[name] = spoilt(name, files[name], random)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
