@@ -96,7 +96,8 @@ def remove_work(work: Path) -> None:
     if not work.is_dir() or (work / COMMIT).exists():
         return
     with suppress(OSError):
-        (work / MARK).touch()
+        with suppress(OSError):  # a full disk
+            (work / MARK).touch()
         for entry in sorted(work.iterdir(), key=lambda entry: entry.name != "recipe"):
             if entry.name == MARK:
                 continue
@@ -104,8 +105,8 @@ def remove_work(work: Path) -> None:
                 shutil.rmtree(entry, ignore_errors=True)
             else:
                 entry.unlink(missing_ok=True)
-        if os.listdir(work) == [MARK]:
-            (work / MARK).unlink()
+        if set(os.listdir(work)) <= {MARK}:
+            (work / MARK).unlink(missing_ok=True)
             work.rmdir()
 
 

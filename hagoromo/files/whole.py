@@ -209,6 +209,8 @@ def check_folder(path: str | Path, force: bool) -> Path:
         raise InputError(f"{path} is a file: give a folder name")
     if Path.cwd().is_relative_to(target):
         raise InputError(f"{path} is the folder that this runs in, or holds it: give the name of another folder")
+    if os.path.ismount(target):
+        raise InputError(f"{path} is where a file system is mounted: give the name of a folder in it")
     if target.exists() and any(target.iterdir()):
         if not force:
             raise InputError(f"{path} exists: choose another name or add force (--force)")
@@ -297,12 +299,14 @@ def parents_of(target: Path) -> Iterator[None]:
 
 @contextmanager
 def _told(target: Path) -> Iterator[None]:
-    """A full disk as one line."""
+    """A full disk as one line; other errors of what lies beside the target name the target."""
     try:
         yield
     except OSError as error:
-        if error.errno not in FULL:
-            raise
         named = Path(str(error.filename or target))
+        if error.errno not in FULL:
+            if named.parent == target.parent and named.name.startswith("."):
+                raise OSError(error.errno, error.strerror, str(target)) from error
+            raise
         where = target if named.is_relative_to(target.parent) else named
         raise InputError(f"{where}: {FULL[error.errno]}; {target} is as it was") from error

@@ -311,3 +311,46 @@ def test_what_was_written_is_known(tmp_path):
     with whole_folder(tmp_path / "box") as folder:
         write_text(folder / "part", "text")
     assert names_written == [tmp_path / "box"]
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_nothing(tmp_path, monkeypatch):
+    def full(path, *_):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "touch", full)
+    for write in (whole_file, whole_folder):
+        with pytest.raises(InputError, match="the disk is full"), write(tmp_path / "a"):
+            raise AssertionError
+    assert names(tmp_path) == []
+
+
+@pytest.mark.skipif(not os.path.ismount("/dev"), reason="the system mounts nothing at /dev")
+def test_where_a_file_system_is_mounted_no_folder_is_put():
+    with pytest.raises(InputError, match="is mounted"), whole_folder("/dev", force=True):
+        raise AssertionError
+
+
+def test_of_many_that_write_one_target_each_is_whole_or_refused(tmp_path):
+    """Threads, which hold locks as processes do; nobody waits, and none leaves anything."""
+    ended: list[str] = []
+
+    def write(number: int) -> None:
+        for _ in range(10):
+            try:
+                with whole_file(tmp_path / "a", force=True) as path:
+                    path.write_text(f"{number}" * 1000)
+                with whole_folder(tmp_path / "b", force=True) as folder:
+                    (folder / f"{number}").touch()
+                ended.append("written")
+            except InputError as error:
+                ended.append("refused" if "is being written by process" in str(error) else str(error))
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(ended) == 40 and set(ended) <= {"written", "refused"} and "written" in ended
+    text = (tmp_path / "a").read_text()
+    assert len(text) == 1000 and len(set(text)) == 1 and len(names(tmp_path / "b")) == 2
+    assert names(tmp_path) == ["a", "b"]
