@@ -9,7 +9,8 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 
-ATTEMPTS = 3  # a process that removes its lock file at the same moment makes one attempt fail
+PATIENCE_S = 0.2  # for a process that only looks at leftovers, so that of two that begin at once one wins
+POLL_S = 0.01
 
 
 @contextmanager
@@ -21,14 +22,11 @@ def locked(path: Path, busy: str) -> Iterator[None]:
     """
     import filelock
 
-    lock = filelock.FileLock(path, timeout=0, thread_local=False)
-    for attempt in range(ATTEMPTS):
-        try:
-            lock.acquire()
-            break
-        except filelock.Timeout:
-            if attempt == ATTEMPTS - 1:
-                raise InputError(busy.format(pid=_holder(path))) from None
+    lock = filelock.FileLock(path, timeout=PATIENCE_S, thread_local=False)
+    try:
+        lock.acquire(poll_interval=POLL_S)
+    except filelock.Timeout:
+        raise InputError(busy.format(pid=_holder(path))) from None
     soft = isinstance(lock, filelock.SoftFileLock)  # on a file system without locks: the file itself is the lock
     try:
         if not soft:
