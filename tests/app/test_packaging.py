@@ -5,6 +5,7 @@ and the recipes of conda and Docker ask for what the package asks for.
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -154,6 +155,17 @@ def test_containers_and_environments_install_the_same_llvm_and_a_python_that_is_
     assert re.findall(r"^USER (\w+)$", dockerfile, re.MULTILINE) == ["hagoromo"]  # not root
     kept = {line[1:] for line in text("packaging/Dockerfile.dockerignore").splitlines() if line.startswith("!")}
     assert kept == {*WHEEL, "LICENSE", "README.md", "constraints.txt", "pyproject.toml"}
+
+
+def test_the_container_gets_what_the_wheel_is_built_of(dist, tmp_path):
+    """The files that its .dockerignore lets through, and no others, build the same wheel."""
+    source = tmp_path / "source"
+    source.mkdir()
+    for line in text("packaging/Dockerfile.dockerignore").splitlines():
+        if line.startswith("!"):
+            copy = shutil.copytree if (ROOT / line[1:]).is_dir() else shutil.copy
+            copy(ROOT / line[1:], source / line[1:])
+    assert files_of(built(source, tmp_path)[0]) == files_of(dist[0])
 
 
 def test_every_python_that_is_claimed_is_tested():
