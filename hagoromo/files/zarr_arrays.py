@@ -52,7 +52,7 @@ class ZarrArray:
         """Length of each axis."""
         return self.array.shape
 
-    @property
+    @cached_property
     def grid(self) -> Index:
         """Length of each axis of the part that one file holds."""
         return self.array.shards or self.array.chunks
@@ -91,15 +91,19 @@ class ZarrArray:
         size = math.prod(self.grid) * self.array.dtype.itemsize
         return (lambda data: unpacked("zstd", data, size, True, {})) if native else None
 
-    def _check_files(self, low: Index, high: Index) -> None:
-        """ValueError for a file of the part from `low` to `high` that is larger than what it may hold, packed."""
+    @cached_property
+    def _largest_file(self) -> float:
+        """Most bytes that a file may have: those of its chunks, packed."""
         from hagoromo.files.zarr_codecs import packed_limit
 
-        size, parts = math.prod(self.grid) * self.array.dtype.itemsize, inner_chunks(self.array)
+        return packed_limit(math.prod(self.grid) * self.array.dtype.itemsize, inner_chunks(self.array))
+
+    def _check_files(self, low: Index, high: Index) -> None:
+        """ValueError for a file of the part from `low` to `high` that is larger than what it may hold."""
         spans = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.grid, strict=True))
         for file in filter(None, map(self.files.get, itertools.product(*spans))):
-            if object_size(file) > packed_limit(size, parts):
-                raise ValueError(f"it is larger than the {size} bytes that it holds")
+            if os.stat(file).st_size > self._largest_file:
+                raise ValueError(f"it is larger than the {self._largest_file:.0f} bytes that its chunks may take")
 
 
 def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str, Any], dict[str, ZarrArray]]:

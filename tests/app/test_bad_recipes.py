@@ -4,6 +4,9 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.matter.cloth.draft import herringbone, satin, twill
+from hagoromo.matter.cloth.weave import LINEN, woven_paths
+from hagoromo.matter.drape.drape import over_ball
+from hagoromo.matter.drape.hanging import flat, hanging
 
 
 @pytest.mark.parametrize(
@@ -46,4 +49,17 @@ def test_numbers_that_decide_the_size_have_a_bound(refused, tmp_path, more, reci
 @pytest.mark.parametrize("make", [lambda: satin(10**9), lambda: twill(10**9), lambda: herringbone(width=10**9)])
 def test_drafts_have_a_bound_in_calls_too(make):
     with pytest.raises(InputError, match="at most 4000000 crossings"):
+        make()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: flat((1e9, 1e9)), lambda: hanging((1e9, 30.0), 3, 7.0), lambda: over_ball((1e9, 1.0), 5.0),
+        lambda: woven_paths(LINEN._replace(warp_per_cm=1e-9, weft_per_cm=1e-9), 0.1, 4, 0),
+        lambda: woven_paths(LINEN._replace(warp_colours=tuple(range(1_000_003))), 0.1, 256, 0),
+    ],
+)  # fmt: skip
+def test_cloth_that_does_not_fit_the_memory_is_refused_before_it_is_laid(make):
+    with pytest.raises(InputError, match="GiB of memory"):
         make()

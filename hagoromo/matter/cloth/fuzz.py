@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, clip, lookup
+from hagoromo.files.memory import require
 from hagoromo.matter.cloth.section import sharp_radius
 from hagoromo.matter.cloth.strand import Grid, Paths, nearest_steps
+from hagoromo.matter.cloth.wander import check_drawn
 from hagoromo.matter.cloth.yarn import Yarn
 from hagoromo.matter.shape import coverage
 
@@ -36,6 +38,8 @@ def grown(
     points = paths.points[variant]
     length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum()
     hairs, step = [], HAIR_STEP * yarn.diameter_mm
+    check_drawn(0.1 * yarn.hairs_per_cm * length, "fly-away fibres")
+    require(100.0 * 0.1 * yarn.hairs_per_cm * length * (4.0 + yarn.hair_mm / step), "the fly-away fibres of a yarn")
     for _ in range(draw.poisson(0.1 * yarn.hairs_per_cm * length)):
         thread, at = draw.integers(points.shape[0]), draw.integers(1, points.shape[1] - 1)
         tangent = points[thread, at + 1] - points[thread, at - 1]

@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.errors import InputError
 from hagoromo.matter.cloth.yarn import Yarn
 
 WANDER_WAVES = 1, 2, 3, 5  # per period, of the variation along a yarn
+MOST_DRAWN = 1_000_000  # slubs or fly-away fibres of a period
 SLUB = 0.33, 2.0  # additional girth of a slub [girths], and its length [diameters]
 TWIST = 0.3  # [rad] standard deviation of the twist
 
@@ -34,6 +36,7 @@ def wander(yarn: Yarn, free: NDArray, length: float, variants: int, draws: tuple
     """
     shared, own = draws
     yarns, steps = free.shape
+    check_drawn(0.1 * yarn.slubs_per_cm * length * yarns * variants, "slubs")
     way = np.arange(steps) / steps
 
     def varied() -> NDArray:
@@ -49,6 +52,12 @@ def wander(yarn: Yarn, free: NDArray, length: float, variants: int, draws: tuple
             each += SLUB[0] * np.exp(-((away * length / (SLUB[1] * yarn.diameter_mm)) ** 2)) * inner
     start = 2.0 * np.pi * shared.random((yarns, 1))
     return Wander(girth / np.sqrt((girth**2).mean()), aside, phase + start)
+
+
+def check_drawn(count: float, what: str) -> None:
+    """Raise `InputError` for more things on the yarns of a period than are drawn one by one; what: their name."""
+    if not count <= MOST_DRAWN:
+        raise InputError(f"the yarns of a period have {count:.3g} {what}, at most {MOST_DRAWN} are drawn: give fewer")
 
 
 def freedom(points: NDArray, period: tuple[float, float], margin: float) -> NDArray:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.memory import require
 from hagoromo.matter.cloth.draft import Draft, plain, satin, twill
 from hagoromo.matter.cloth.strand import Paths
 from hagoromo.matter.cloth.wander import freedom, wander, wandered
@@ -93,8 +94,18 @@ def period_of(cloth: Woven) -> tuple[float, float]:
 
 
 def woven_paths(cloth: Woven, margin: float, variants: int, seed: int) -> tuple[Paths, Paths]:
-    """Paths of the warp and of the weft; within `margin` [mm] of the border of the period all variants agree."""
+    """Paths of the warp and of the weft; within `margin` [mm] of the border of the period all variants agree.
+
+    `InputError` where a period has more of them than the memory holds.
+    """
+    require(sum(_points(cloth, k) for k in (0, 1)) * (60.0 + 50.0 * variants), "the yarns of a period of the cloth")
     return _paths(cloth, 0, margin, variants, seed), _paths(cloth, 1, margin, variants, seed)
+
+
+def _points(cloth: Woven, k: int) -> float:
+    """Points of all paths of the warp (k = 0) or the weft (k = 1), between crossings and along the yarn."""
+    steps = period_of(cloth)[1 - k] / (cloth.warp, cloth.weft)[k].diameter_mm * STEPS_PER_DIAMETER
+    return _yarns(cloth, k) * (float(_yarns(cloth, 1 - k)) * POINTS_PER_CROSSING + steps)
 
 
 def _paths(cloth: Woven, k: int, margin: float, variants: int, seed: int) -> Paths:

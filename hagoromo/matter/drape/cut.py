@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.matter.drape.sheet import Sheet
+from hagoromo.files.memory import require
+from hagoromo.matter.drape.sheet import BYTES_PER_POINT, Sheet
 
 Place = NDArray[np.float64]
 LEAST_POINTS_PER_EDGE = 6  # least number of points along an edge
@@ -58,6 +59,8 @@ class Cut:
                 f"points {spacing:g} mm apart on a cloth of {self.width:g} × {self.height:g} mm: "
                 "give a spacing of at most half its shorter edge"
             )
+        count = (self.width / spacing + 1.0) * (self.height / spacing + 1.0)
+        require(BYTES_PER_POINT * count, f"a cloth of {self.width:g} × {self.height:g} mm")
         columns, rows = round(self.width / spacing) + (not self.closed), round(self.height / spacing) + 1
         columns, rows = max(columns, LEAST_POINTS_PER_EDGE), max(rows, LEAST_POINTS_PER_EDGE)
         return np.linspace(0.0, 1.0, columns, endpoint=not self.closed), np.linspace(0.0, 1.0, rows)

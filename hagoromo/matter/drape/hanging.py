@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.matter.drape.sheet import Sheet
+from hagoromo.files.memory import require
+from hagoromo.matter.drape.sheet import BYTES_PER_POINT, Sheet
 
 UPPER_WIDTH_SHARE = 0.8  # width at the upper edge, as a share of that at the hem
 SWAY = 0.1  # shift of the folds to the side between upper edge and hem, as a share of the width
@@ -54,6 +57,8 @@ def hanging(size_mm: tuple[float, float], folds: int, depth_mm: float, seed: int
 
 def _grid(size_mm: tuple[float, float]) -> tuple[NDArray, NDArray]:
     """u and v of the points of a piece."""
+    count = math.prod(max(8.0, edge / HANGING_SPACING_MM) for edge in size_mm)
+    require(BYTES_PER_POINT * count, f"a cloth of {size_mm[0]:g} × {size_mm[1]:g} mm")
     along = [np.linspace(0.0, edge, max(8, round(edge / HANGING_SPACING_MM))) for edge in size_mm]
     u, v = np.meshgrid(along[0] - 0.5 * size_mm[0], along[1])
     return u, v

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 
+BYTES_PER_POINT = 150.0  # memory of a point of a sheet while it is laid
+
 
 @dataclass(frozen=True, eq=False)
 class Sheet:

@@ -64,8 +64,8 @@ class _Samples:
     def __init__(self, sheets: Sequence[Sheet], period: tuple[float, float]) -> None:
         from scipy.spatial import KDTree
 
+        require(300.0 * sum(sheet.u.size * _times(sheet) ** 2 for sheet in sheets), "the points of the sheets")
         fine = [sheet.refined(_times(sheet)) for sheet in sheets]
-        require(300 * sum(sheet.u.size for sheet in fine), "the points of the sheets")
         tables, shape = [], []
         first = 0
         for number, (sheet, coarse) in enumerate(zip(fine, sheets, strict=True)):
