@@ -175,7 +175,7 @@ CASES = (
     ),
     Case(
         "calibrate camera", _boards,
-        ("calibrate", "camera", "0.png", "1.png", "2.png", "3.png", "--board", "9x6", "--square", "0.025"),
+        ("calibrate", "camera", "0.png", "1.png", "2.png", "3.png", "--board", "7x5", "--square", "0.02"),
         ("out.json", "out.png"), forked=False,
     ),
     Case("simulate", _scene, ("simulate", "scene.toml"), ("out",), folder=True, forked=False),
