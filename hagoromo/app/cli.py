@@ -277,8 +277,8 @@ def measure(
         capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
         n: refractive index, where it is known.
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
-        facets: of known shape: Gaussian, with tails (student-t), or by evidence (auto).
-        interface: of known shape: in the colour of the lamp (neutral), coloured, or by evidence (auto).
+        facets: Gaussian, with tails (student-t), or by evidence (auto).
+        interface: in the colour of the lamp (neutral), coloured, or by evidence (auto).
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(

@@ -47,8 +47,15 @@ def facet_density(angle2: Array, log_gamma: Array, tail: Array, with_tail: bool 
     by_log_gamma = 2.0 * u * rise / (known * (1.0 + rise * u)) * value
     if not with_tail:
         return FacetDensity(value, by_log_gamma, np.zeros(1))
-    slope = beside / known**2 - LN2 * (1.0 + rise) * u / (known * (1.0 + rise * u))
-    return FacetDensity(value, by_log_gamma, np.where(tail < SMALL_TAIL, _slope_of_small(u, tail), slope) * value)
+    return FacetDensity(value, by_log_gamma, log_density_by_tail(u, tail) * value)
+
+
+def log_density_by_tail(u: Array, tail: Array) -> Array:
+    """Slope of ln D by the tail 1/ν, at u = φ²/γ²; the two are of one shape."""
+    known = np.maximum(tail, 1e-12)
+    rise = np.expm1(LN2 * known)
+    slope = np.log1p(rise * u) / known**2 - LN2 * (1.0 + rise) * u / (known * (1.0 + rise * u))
+    return np.where(tail < SMALL_TAIL, _slope_of_small(u, tail), slope)
 
 
 def _slope_of_small(u: Array, tail: Array | float) -> Array:

@@ -22,6 +22,7 @@ from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals
 from hagoromo.measurement.surface.depth import Surface, surface_from_normals
@@ -56,30 +57,35 @@ def measure(
     unknown shape [m], by default to the world's origin; under near lamps it is a first guess. labels: (h, w) materials
     0, 1, …, −1 unknown, and colour_from_highlights: whether to measure the colour of the lamps; both of a capture with
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
-    there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto"; both of a capture
-    with known shape only. scratch: folder for the temporary files of tiles (default: the system's). progress: called
-    with the share of the work done (0 … 1) and the name of the step.
+    there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". scratch: folder for
+    the temporary files of tiles (default: the system's). progress: called with the share of the work done (0 … 1) and
+    the name of the step.
 
     Warns of photographs that moved. Raises `InputError` for a capture that can be measured in no way.
     """
     check_model(facets, interface)
     settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
     settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
-    wanted = KnownShape(n, labels, colour_from_highlights, facets, interface)
+    wanted = Wanted(n, labels, colour_from_highlights, facets, interface)
     measurement = _measured(capture, wanted, distance, scratch, progress)
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
 
 
 @dataclass(frozen=True, eq=False)
-class KnownShape:
-    """What is asked of a capture with known shape: see `measure`."""
+class Wanted:
+    """What is asked for: see `measure`."""
 
     n: float | None
     labels: NDArray[np.integer] | None
     colour_from_highlights: bool
     facets: Facets
     interface: Interface
+
+    @property
+    def model(self) -> GlossModel:
+        """Of facets and interface, where the shape is unknown."""
+        return GlossModel(self.facets, self.interface)
 
     def check_unknown_shape(self) -> None:
         """`InputError` where something is asked that has no effect on a capture of unknown shape."""
@@ -91,16 +97,11 @@ class KnownShape:
             raise InputError(
                 "with unknown shape, labels and colour_from_highlights have no effect: omit them, or give the shape"
             )
-        if self.facets == "student-t" or self.interface == "coloured":
-            raise InputError(
-                "with unknown shape the facets are Gaussian and the interface is neutral: omit facets (--facets) and "
-                "interface (--interface), or give the capture its shape"
-            )
 
 
 def _measured(
     capture: Capture | str | Path,
-    wanted: KnownShape,
+    wanted: Wanted,
     distance: float | None,
     scratch: str | Path | None,
     progress: Progress,
@@ -110,37 +111,44 @@ def _measured(
         source = large_source(capture)
         if source is not None:
             away = _distance(source.photograph(0).camera, distance, wanted)
-            return _measure_tiles(source, Path(scratch or tempfile.gettempdir()), away, progress)
+            return _measure_tiles(source, Path(scratch or tempfile.gettempdir()), away, progress, wanted.model)
         capture = load_capture(capture)
     _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
-        model = wanted.facets, wanted.interface
         measurement = measure_known_shape(
-            capture, wanted.labels, wanted.n, wanted.colour_from_highlights, progress, *model
+            capture,
+            wanted.labels,
+            wanted.n,
+            wanted.colour_from_highlights,
+            progress,
+            wanted.facets,
+            wanted.interface,
         )
         measurement = replace(measurement, points=capture.points, capture=capture)
     else:
         away = _distance(capture.photographs[0].camera, distance, wanted)
-        normals, surface = _solve(capture, away, progress)
+        normals, surface = _solve(capture, away, progress, wanted.model)
         measurement = _with_shape(capture, normals, surface)
         assert measurement.capture is not None
         measurement = with_separation(measurement.capture, measurement)
     return replace(measurement, body_spectra=body_spectra(capture, measurement.materials))
 
 
-def _measure_tiles(source: FolderSource, scratch: Path, distance: float, progress: Progress) -> Measurement:
-    coarse, fine = solve_large(source, scratch, distance, progress)
+def _measure_tiles(
+    source: FolderSource, scratch: Path, distance: float, progress: Progress, model: GlossModel
+) -> Measurement:
+    coarse, fine = solve_large(source, scratch, distance, progress, model)
     measurement = _with_shape(coarse.capture, coarse.normal_map, coarse.surface)
     materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
 
 
-def _solve(capture: Capture, distance: float, progress: Progress) -> tuple[NormalMap, Surface]:
+def _solve(capture: Capture, distance: float, progress: Progress, model: GlossModel) -> tuple[NormalMap, Surface]:
     """Normals and points of a capture of unknown shape."""
     if has_near_lamps(capture):
-        shape = solve_shape(capture, distance, progress=progress)
+        shape = solve_shape(capture, distance, progress=progress, model=model)
         return shape.normal_map, shape.surface
-    normals = solve_normals(capture, progress=progress)
+    normals = solve_normals(capture, progress=progress, model=model)
     camera = capture.photographs[0].camera
     return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)
 
@@ -166,7 +174,7 @@ def _warn_of_motion(capture: Capture) -> None:
         )
 
 
-def _distance(camera: Camera, distance: float | None, wanted: KnownShape) -> float:
+def _distance(camera: Camera, distance: float | None, wanted: Wanted) -> float:
     """Distance to an object of unknown shape [m]; `InputError` where it is unknown, or n, labels … are given."""
     away = float(np.linalg.norm(camera.position)) if distance is None else distance
     if away == 0.0:

@@ -18,7 +18,7 @@ from hagoromo.measurement.gloss import gloss_law, gloss_spread, pixel_gloss
 from hagoromo.measurement.gloss.gloss_record import with_gloss
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material import albedo_variation, interval, material_fit
-from hagoromo.measurement.normals import photometric_fit, pixel_fit
+from hagoromo.measurement.normals import photometric_rounds, pixel_fit
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import solve_normals
 from hagoromo.measurement.robust_fit import minimise
@@ -88,8 +88,8 @@ def test_pixels_whose_gloss_does_not_converge_are_counted(worn, monkeypatch):
 
 def test_normals_and_their_lamps_that_do_not_converge_are_remarked(glossy, monkeypatch):
     monkeypatch.setattr(pixel_fit, "PIXEL_FIT_STEPS", 1)
-    monkeypatch.setattr(photometric_fit, "PHOTOMETRIC_FIT_STEPS", 1)
-    monkeypatch.setattr(photometric_fit, "PHOTOMETRIC_FIT_ROUNDS", 1)
+    monkeypatch.setattr(photometric_rounds, "PHOTOMETRIC_FIT_STEPS", 1)
+    monkeypatch.setattr(photometric_rounds, "PHOTOMETRIC_FIT_ROUNDS", 1)
     found = solve_normals(glossy, ALL)
     assert found.fit.pixel_status is not None and (found.fit.pixel_status == Status.OUT_OF_STEPS).mean() > 0.5
     material = measurement_of(glossy, found).materials[0]

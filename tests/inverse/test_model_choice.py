@@ -95,7 +95,7 @@ def test_where_the_photographs_do_not_tell_the_facets_stay_gaussian_and_that_is_
     found = estimate_material(photographed(3, 3.0, NEUTRAL, beta=0.03, full_well=300.0), "dull", 1, n=1.5)
     assert found.nu == math.inf and not found.identifiable["nu"]
     assert found.interval_95["nu"][0] < 3.0 and found.interval_95["nu"][1] == math.inf
-    assert found.beta == 0.0 or any("cannot be told from Gaussian" in remark for remark in found.remarks)
+    assert found.beta == 0.0 or any("cannot be distinguished from Gaussian" in remark for remark in found.remarks)
 
 
 def test_a_model_that_lacks_tails_comes_as_near_as_any_of_its_form():

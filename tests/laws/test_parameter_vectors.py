@@ -18,8 +18,8 @@ def test_theta_of_a_material_is_unpacked_as_it_was_packed():
 
 def test_shared_parameters_of_the_photometric_fit_are_unpacked_as_they_were_packed():
     random = np.random.default_rng(0)
-    gloss, lamps = random.random((3, photometric_step.OF_GLOSS)), random.random((5, photometric_step.OF_LAMP))
-    unpacked = photometric_step.unpack_shared(photometric_step.pack_shared(gloss, lamps, 0.7), 3)
+    gloss, lamps = random.random((3, 7)), random.random((5, photometric_step.OF_LAMP))
+    unpacked = photometric_step.unpack_shared(photometric_step.pack_shared(gloss, lamps, 0.7), (3, 7))
     np.testing.assert_array_equal(unpacked[0], gloss)
     np.testing.assert_array_equal(unpacked[1], lamps)
     assert unpacked[2] == 0.7

@@ -19,7 +19,15 @@ from hagoromo.measurement.material.albedo_variation import find_albedo_variation
 from hagoromo.measurement.material.interval import Profile, inflation, largest_tail, profile_over_n, profile_over_tail
 from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
-from hagoromo.measurement.material.model_choice import ChosenFit, Facets, Fitted, Interface, choose_fit, fit_as
+from hagoromo.measurement.material.model_choice import (
+    ChosenFit,
+    Facets,
+    Fitted,
+    Interface,
+    choose_fit,
+    fit_as,
+    model_remarks,
+)
 from hagoromo.measurement.material.quantity import Quantity, alpha, body_colour, colour_of_interface, coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, with_colour_error
 from hagoromo.measurement.material.uncertainty import (
@@ -104,7 +112,7 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
         start = np.where(np.arange(fit.theta.size) == fit.theta.size + LOG_N1, np.log(index - 1.0), fit.theta)
         values, covered = values_at(fit_as(observations, index, chosen.model, start).fit.theta), None
         remarks.append(f"n is not identifiable from these photographs: {index:.3g} was chosen, intervals allow any n")
-    remarks += _remarks_on_model(chosen, intervals)
+    remarks += model_remarks(chosen.tails, chosen.coloured, chosen.model, intervals["nu"][0], chosen.failure)
     unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
     if unknown:
         remarks.append(f"not identifiable from these photographs: {', '.join(unknown)}")
@@ -173,21 +181,6 @@ def _with_wide(chosen: ChosenFit, intervals: dict[str, Any]) -> dict[str, Any]:
             (v - NORMAL_95 * e, v + NORMAL_95 * e) for v, e in zip(values, errors, strict=True)
         )
     return missing | intervals
-
-
-def _remarks_on_model(chosen: ChosenFit, intervals: dict[str, Any]) -> list[str]:
-    """What was chosen between Gaussian facets and such with tails, a neutral interface and a coloured one, and why."""
-    remarks = []
-    if chosen.failure:
-        remarks.append(f"facets with tails and a coloured interface were not tried: {chosen.failure}")
-    if chosen.tails is not None:
-        found = "have tails" if chosen.model.tails else "cannot be told from Gaussian ones"
-        least = "" if chosen.model.tails else f"; nu is above {intervals['nu'][0]:.2g}"
-        remarks.append(f"the facets {found} (χ² rises by {chosen.tails:.3g} without tails{least})")
-    if chosen.coloured is not None:
-        found = "has a colour of its own" if chosen.model.coloured else "cannot be told from a neutral one"
-        remarks.append(f"the interface {found} (χ² rises by {chosen.coloured:.3g} with the colour of the lamp)")
-    return remarks
 
 
 def _value_and_error(fit: MaterialFit, quantity: Quantity) -> tuple[float, float]:

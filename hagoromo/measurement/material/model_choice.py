@@ -103,6 +103,26 @@ def choose_fit(
     return ChosenFit(fitted, found, wide, tails, coloured)
 
 
+def model_remarks(
+    tails: float | None, coloured: float | None, model: Model, least_nu: float, failure: str = ""
+) -> list[str]:
+    """What was chosen between Gaussian facets and such with tails, a neutral interface and a coloured one, and why.
+
+    tails, coloured: rise of χ² without them, None where that was not tested. least_nu: lower end of the interval of ν.
+    """
+    remarks = []
+    if failure:
+        remarks.append(f"facets with tails and a coloured interface were not tried: {failure}")
+    if tails is not None:
+        found = "have tails" if model.tails else "cannot be distinguished from Gaussian ones"
+        least = "" if model.tails else f"; nu is above {least_nu:.2g}"
+        remarks.append(f"the facets {found} (χ² rises by {max(tails, 0.0):.3g} without tails{least})")
+    if coloured is not None:
+        found = "has a colour of its own" if model.coloured else "cannot be distinguished from a neutral one"
+        remarks.append(f"the interface {found} (χ² rises by {max(coloured, 0.0):.3g} with the colour of the lamp)")
+    return remarks
+
+
 def _widened(observations: Observations, n: float | None, model: Model, base: MaterialFit) -> Fitted:
     """The fit of the widest `model`: from the narrower fit `base`, and from starts of its own if that explains less.
 

@@ -9,14 +9,25 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95, Status
-from hagoromo.measurement.material.quantity import log_albedo
+from hagoromo.measurement.facets import TAIL_RANGE
+from hagoromo.measurement.material.model_choice import Model, model_remarks
+from hagoromo.measurement.material.quantity import Quantity, colour_of_interface, coordinate, log_albedo, log_beta
+from hagoromo.measurement.material.uncertainty import is_identifiable
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
-from hagoromo.measurement.normals.shading import N
+from hagoromo.measurement.normals.shading import TAIL, N
 from hagoromo.measurement.normals.views import Array
-from hagoromo.measurement.parameters import pack_theta
+from hagoromo.measurement.parameters import (
+    LOG_GAMMA,
+    STRENGTH,
+    channels_of,
+    colour_slice,
+    pack_theta,
+    unpack_theta,
+)
+from hagoromo.measurement.parameters import TAIL as TAIL_OF_THETA
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.facets import LEAST_NU
@@ -50,60 +61,142 @@ def measurement_of(capture: Capture, normal_map: NormalMap) -> Measurement:
 
 
 def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEstimate:
-    """The estimate of one material; left: (K, C, P) residuals in standard deviations of the noise."""
+    """The estimate of one material; residual: (K, C, P) in standard deviations of the noise."""
     fit = normal_map.fit
     mine = fit.labels == number
     body = np.median(fit.body[:, mine], axis=1)
     alpha, parts = float(body.mean()), max(PARTS * float(mine.mean()), 1.0)
     varies = float(np.std(fit.body[:, mine].mean(axis=0))) / alpha
     scatter = np.std(fit.body[:, mine] / fit.body[:, mine].mean(axis=0), axis=1) / math.sqrt(parts)
-    colour, covariance = body / alpha, fit.covariance[number]
-    beta, gamma = np.exp(fit.gloss.rows[number, :2]).tolist()
-    log_of_albedo, gradient = log_albedo(pack_theta(body, beta, gamma, N)[None])
-    slope = np.array([1.0, float(gradient[0, -2]), 0.0, 0.0])
-    value = {"alpha": alpha, "beta": beta, "gamma": gamma, "specular_albedo": math.exp(float(log_of_albedo[0]))}
-    relative = {
-        "alpha": math.hypot(varies / math.sqrt(parts), fit.model_error),
-        "beta": math.sqrt(covariance[0, 0]),
-        "gamma": math.sqrt(covariance[1, 1]),
-        "specular_albedo": math.sqrt(slope @ covariance @ slope),
-    }
-    error: dict[str, Any] = {key: value[key] * relative[key] for key in value}
-    interval: dict[str, Any] = {key: _log_interval(value[key], relative[key]) for key in value}
+    colour = body / alpha
+    gloss = _Gloss(fit, number, body)
+    value: dict[str, Any] = gloss.values() | {"alpha": alpha}
+    relative = gloss.relative_errors() | {"alpha": math.hypot(varies / math.sqrt(parts), fit.model_error)}
+    error: dict[str, Any] = {key: value[key] * relative[key] for key in relative}
+    interval: dict[str, Any] = {key: _log_interval(value[key], relative[key]) for key in relative}
     of_colour = tuple(
         (c - NORMAL_95 * s, c + NORMAL_95 * s) for c, s in zip(colour.tolist(), scatter.tolist(), strict=True)
     )
-    identifiable = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")}
-    identifiable |= dict.fromkeys(("n", "nu", "interface_colour"), False)
-    both = float(covariance[0, 1]) / (relative["beta"] * relative["gamma"])
+    interval |= {"n": N_RANGE, "body_colour": of_colour} | gloss.intervals()
+    identifiable = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")} | {"n": False}
+    identifiable |= gloss.identifiable(interval["nu"])
+    both = gloss.correlation()
     return MaterialEstimate(
         name=f"material {number + 1}",
         pixels=int(mine.sum()),
         body_colour=tuple(colour.tolist()),
-        interface_colour=(1.0,) * len(body),
         n=N,
-        standard_error=error | {"n": None, "body_colour": tuple(scatter.tolist())},
-        interval_95=interval | {"n": N_RANGE, "nu": (LEAST_NU, math.inf), "body_colour": of_colour},
+        standard_error=error | {"n": None, "body_colour": tuple(scatter.tolist())} | gloss.errors(),
+        interval_95=interval,
         correlation=((1.0, None, None, None), (None, 1.0, both, None), (None, both, 1.0, None), (None,) * 4),
         identifiable=identifiable,
         chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
         remarks=(
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
-            *_remarks(fit, number, identifiable),
+            *_remarks(fit, number, identifiable, interval["nu"][0]),
         ),
         convergence=None if fit.status is None else fit.status.record(),
         **value,
     )
 
 
-def _remarks(fit: Fit, number: int, identifiable: dict[str, bool]) -> list[str]:
+class _Gloss:
+    """The gloss of one material as the parameters θ of `parameters`, with their covariance; n and body are fixed."""
+
+    def __init__(self, fit: Fit, number: int, body: Array) -> None:
+        rows, channels = fit.gloss.rows[number], len(body)
+        self.free = np.zeros(len(rows), bool) if fit.choice is None else fit.choice.free[number]
+        self.wide = None if fit.choice is None else (fit.choice.wide[number], fit.choice.wide_covariance[number])
+        colour = fit.gloss.colour[number]
+        beta, gamma = np.exp(rows[:2])
+        nu = 1.0 / rows[TAIL] if rows[TAIL] > 0.0 else math.inf
+        mean = float(colour.mean())
+        self.theta = pack_theta(body, float(beta) * mean, float(gamma), N, nu, colour / mean)
+        slopes = np.zeros((len(self.theta), len(rows)))
+        slopes[STRENGTH, 0], slopes[LOG_GAMMA, 1] = self.theta[STRENGTH], 1.0
+        if self.free[TAIL]:
+            slopes[TAIL_OF_THETA, TAIL] = 1.0
+        if self.coloured:
+            slopes[colour_slice(channels), TAIL + 1 :] = np.eye(channels - 1)
+        self.covariance = slopes @ fit.covariance[number] @ slopes.T
+
+    @property
+    def coloured(self) -> bool:
+        """Whether the interface has a colour of its own."""
+        return bool(self.free[TAIL + 1 :].any())
+
+    def error(self, quantity: Quantity) -> float:
+        """Standard error of `quantity`."""
+        gradient = quantity(self.theta[None])[1][0]
+        return math.sqrt(float(gradient @ self.covariance @ gradient))
+
+    def values(self) -> dict[str, Any]:
+        """Of the gloss, by their names in `MaterialEstimate`."""
+        _, beta, gamma, _, nu, colour = unpack_theta(self.theta)
+        albedo = math.exp(float(log_albedo(self.theta[None])[0][0]))
+        return {
+            "beta": beta,
+            "gamma": gamma,
+            "nu": nu,
+            "interface_colour": tuple(colour.tolist()),
+            "specular_albedo": albedo,
+        }
+
+    def relative_errors(self) -> dict[str, float]:
+        """Standard errors of ln β, ln γ and ln of the specular albedo."""
+        quantities = {"beta": log_beta, "gamma": coordinate(LOG_GAMMA), "specular_albedo": log_albedo}
+        return {key: self.error(quantity) for key, quantity in quantities.items()}
+
+    def correlation(self) -> float:
+        """Of ln β and ln γ."""
+        gradient, spread = log_beta(self.theta[None])[1][0], self.relative_errors()
+        return float(gradient @ self.covariance[:, LOG_GAMMA]) / (spread["beta"] * spread["gamma"])
+
+    def errors(self) -> dict[str, Any]:
+        """Standard errors of ν and of the interface colour, None where they were not estimated."""
+        tail, channels = float(self.theta[TAIL_OF_THETA]), channels_of(self.theta)
+        known = bool(self.free[TAIL]) and tail > 0.0
+        colours = tuple(self.error(colour_of_interface(i)) for i in range(channels)) if self.coloured else None
+        return {"nu": self.error(coordinate(TAIL_OF_THETA)) / tail**2 if known else None, "interface_colour": colours}
+
+    def intervals(self) -> dict[str, Any]:
+        """95 % intervals of ν and the interface colour; where facets stay Gaussian, ν is bounded by the wider fit."""
+        low, high = TAIL_RANGE
+        if self.free[TAIL]:
+            reach = NORMAL_95 * self.error(coordinate(TAIL_OF_THETA))
+            tail = float(self.theta[TAIL_OF_THETA])
+            low, high = max(tail - reach, low), min(tail + reach, high)
+        elif self.wide is not None and self.wide[0][TAIL] > 0.0:
+            rows, covariance = self.wide
+            high = min(float(rows[TAIL]) + NORMAL_95 * math.sqrt(float(covariance[TAIL, TAIL])), high)
+        found: dict[str, Any] = {"nu": (1.0 / high, math.inf if low <= 0.0 else 1.0 / low)}
+        if self.coloured:
+            colour, errors = self.values()["interface_colour"], self.errors()["interface_colour"]
+            pairs = zip(colour, errors, strict=True)
+            found["interface_colour"] = tuple((c - NORMAL_95 * e, c + NORMAL_95 * e) for c, e in pairs)
+        return found
+
+    def identifiable(self, of_nu: tuple[float, float]) -> dict[str, bool]:
+        """Whether ν and the interface colour are known well enough."""
+        nu, errors = self.values()["nu"], self.errors()["interface_colour"]
+        return {
+            "nu": math.isfinite(nu) and is_identifiable(nu, of_nu, (LEAST_NU, math.inf)),
+            "interface_colour": errors is not None and max(errors) <= RELATIVE_LIMIT,
+        }
+
+
+def _remarks(fit: Fit, number: int, identifiable: dict[str, bool], least_nu: float) -> list[str]:
     """Remarks on fits that did not converge, on the error of the model, and on parameters that are not identifiable."""
     remarks = [
         *_unsettled(fit, number),
         f"the error of the model is {100 * fit.model_error:.1f} %, in addition to the noise",
         f"n is not identifiable with all lamps on the camera's side: {N} was chosen, and beta holds for it",
-        "without a given shape, tails of the facets and a colour of the interface are not estimated",
     ]
+    if fit.choice is not None:
+        free, rises = fit.choice.free[number], (fit.choice.tails[number], fit.choice.coloured[number])
+        tails, coloured = (None if np.isnan(rise) else float(rise) for rise in rises)
+        model = Model(bool(free[TAIL]), bool(free[TAIL + 1 :].any()))
+        remarks += model_remarks(tails, coloured, model, least_nu, fit.choice.failure)
     sigma, error = float(fit.gloss.rows[number, 2]), math.sqrt(fit.covariance[number, 2, 2])
     if abs(sigma) > NOTABLE * error:
         way = "more" if sigma > 0.0 else "less"

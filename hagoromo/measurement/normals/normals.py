@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.material.segment import segment
+from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.photometric_fit import photometric_fit
 from hagoromo.measurement.normals.photometric_model import Fit, Prior
-from hagoromo.measurement.normals.shading import LEAST_COSINE, Gloss
+from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
@@ -51,6 +52,7 @@ def solve_normals(
     labels: NDArray[np.integer] | None = None,
     prior: Prior | None = None,
     progress: Progress = silent,
+    model: GlossModel = BY_EVIDENCE,
 ) -> NormalMap:
     """Normals of the surface in `capture` by photometric stereo with gloss: one view, four known lamps or more.
 
@@ -58,7 +60,8 @@ def solve_normals(
     light the object. Far lamps need nothing else; for near lamps the capture must have points (see `solve_shape`).
 
     labels: (h, w) materials 0, 1, …, −1 unknown; by default they follow from the body colours. prior: standard
-    deviations of the lamps' strengths and places and of the bodies' parameters before the photographs are used.
+    deviations of the lamps' strengths and places and of the bodies' parameters before the photographs are used. model:
+    whether facets have tails, and the interface a colour of its own: never, always, or by evidence.
     Raises `InputError` when the photographs do not determine the normals (see `views_from_capture`).
     """
     progress(0.0, "normals")
@@ -67,7 +70,7 @@ def solve_normals(
     progress(0.2, "materials")
     if labels is None:
         labels = _segmented(capture, views, normals)
-    views, fit = solve_fit(views, labels, normals, body, prior)
+    views, fit = solve_fit(views, labels, normals, body, prior, model)
     progress(1.0, "")
     return NormalMap(
         views.image(fit.normals.astype(np.float32)),
@@ -80,7 +83,12 @@ def solve_normals(
 
 
 def solve_fit(
-    views: Views, labels: NDArray[np.integer], normals: Array, body: Array, prior: Prior | None = None
+    views: Views,
+    labels: NDArray[np.integer],
+    normals: Array,
+    body: Array,
+    prior: Prior | None = None,
+    model: GlossModel = BY_EVIDENCE,
 ) -> tuple[Views, Fit]:
     """The photometric fit from robust Lambertian `normals` (P, 3) and `body` (C, P); labels (h, w), −1 joins 0.
 
@@ -88,9 +96,9 @@ def solve_fit(
     """
     material = np.maximum(labels[views.rows, views.columns], 0)
     names, numbers = np.unique(material, return_inverse=True)
-    gloss = Gloss(np.tile(START_GLOSS, (len(names), 1)))
+    gloss = Gloss.alike(START_GLOSS, len(names), views.values.shape[1])
     start = replace(_without_gloss(views, normals, body), labels=numbers.astype(np.intp), gloss=gloss)
-    return photometric_fit(views, start, prior)
+    return photometric_fit(views, start, prior, model)
 
 
 def least_squares_lambert(views: Views) -> tuple[Array, Array]:
@@ -129,14 +137,14 @@ def _without_gloss(views: Views, normals: Array, body: Array) -> Fit:
         normals,
         body,
         np.zeros(pixels, np.intp),
-        Gloss.none(1),
+        Gloss.none(1, len(body)),
         np.zeros(lamps),
         np.zeros((lamps, 2)),
         np.zeros((lamps, 3)),
         0.0,
         START_ERROR,
         np.full(pixels, np.inf),
-        np.full((1, 4, 4), np.nan),
+        np.full((1, TAIL + len(body), TAIL + len(body)), np.nan),
     )
 
 

@@ -15,10 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares import CAUCHY_SCALE, FitStatus
-from hagoromo.measurement.normals.shading import Gloss, shading
+from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
 
 STATED_WEIGHT = 6.0  # a stated scale counts as much as this many numbers of the lamps
+
+
+@dataclass(frozen=True, eq=False)
+class GlossChoice:
+    """The test of M materials for tails of their facets and for a colour of their interface.
+
+    free: (M, G) which numbers of a row of `Gloss` were estimated. tails, coloured: (M,) rise of χ² without the
+    extension, NaN where it was asked for, excluded, or not tested. wide, wide_covariance: rows (M, G) of the fit with
+    all that was allowed, and their covariance (M, G, G). failure: why no extension was tried; else "".
+    """
+
+    free: NDArray[np.bool_]
+    tails: Array
+    coloured: Array
+    wide: Array
+    wide_covariance: Array
+    failure: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +45,8 @@ class Fit:
     of the distance of the surface to the stated distance.
 
     model_error: relative error of the model, in addition to the noise. variance: (P,) of the normal's direction
-    [rad²], the sum over its two turns; inf where not estimated. covariance: (M, 4, 4) of the rows of `gloss`.
+    [rad²], the sum over its two turns; inf where not estimated. covariance: (M, G, G) of the rows of `gloss`.
+    choice: whether the facets of each material have tails, and its interface a colour of its own; None: not examined.
     status: how the fit of gloss and lamps ended; pixel_status: (P,) `Status` of the fit of each normal; shape_status:
     how the rounds of normals and surface under near lamps ended. None: there was no such fit.
     """
@@ -44,6 +62,7 @@ class Fit:
     model_error: float
     variance: Array
     covariance: Array
+    choice: GlossChoice | None = None
     status: FitStatus | None = None
     pixel_status: NDArray[np.int8] | None = None
     shape_status: FitStatus | None = None
@@ -51,6 +70,11 @@ class Fit:
     def evenness(self, place: Array) -> Array:
         """s_k (K, P) at `place` (P, 2)."""
         return evenness(self.strength, self.slope, place)
+
+    @property
+    def interface_colour(self) -> Array:
+        """(C, P) colour of the interface of each pixel, of geometric mean 1."""
+        return self.gloss.colour[self.labels].T
 
     def pixels(self, chosen: NDArray) -> Fit:
         """The fit of some pixels."""
@@ -67,7 +91,7 @@ def evenness(strength: Array, slope: Array, place: Array) -> Array:
 def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     """(K, C, P) values of the fit under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
     shade = shading(fit.normals, to_lamp, to_eye, fit.gloss.rows[fit.labels])
-    return fit.body[None] * shade.body[:, None] + shade.interface[:, None]
+    return fit.body[None] * shade.body[:, None] + fit.interface_colour * shade.interface[:, None]
 
 
 def precision(views: Views, model_error: float) -> Array:
@@ -96,10 +120,12 @@ class Prior:
     exponent: float = 0.2
     distance: float = 0.05
 
-    @property
-    def gloss(self) -> Array:
-        """(4, 2) mean and standard deviation of ln β, ln γ, σ, ln ε: any dielectric, as wide as measured ones vary."""
-        return np.array([[np.log(1.0), 2.0], [np.log(0.3), 1.0], [0.0, self.roughness], [0.0, self.exponent]])
+    def gloss(self, numbers: int) -> Array:
+        """(G, 2) mean and standard deviation of the `numbers` G of a row of `Gloss`: any dielectric, as wide as
+        measured ones vary.
+        """
+        body = [[0.0, self.roughness], [0.0, self.exponent]]
+        return np.array([[np.log(1.0), 2.0], [np.log(0.3), 1.0], *body, *[[0.0, 1.0]] * (numbers - TAIL)])
 
     def loss(self, lamps: Array) -> float:
         """Twice the negative logarithm of the prior of `lamps` (K, 6): ln e, a, shift."""

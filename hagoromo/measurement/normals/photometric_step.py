@@ -7,6 +7,7 @@ from Lambert's law would be explained by uneven lamps.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,15 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.normals.lamp_shift import Shifted, shifted
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
-from hagoromo.measurement.normals.shading import Gloss, Shading, shading, turned
+from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface_by_tail, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.parameters import contrasts
 
 LOG_GAMMA_RANGE = (np.log(0.02), np.log(1.2))  # of ln γ, γ [rad]
 ROUGHNESS_RANGE, LOG_EXPONENT_RANGE = (-0.2, 1.0), (np.log(0.3), np.log(2.0))  # of σ and ln ε
-LONGEST_STEP = 0.5  # largest step of each of ln β, ln γ, σ, ln ε and the parameters of the lamps
-OF_GLOSS = 4  # parameters of a material: ln β, ln γ, σ, ln ε
+COLOUR_RANGE = (-3.0, 3.0)  # of each number of the interface colour
+LONGEST_STEP = 0.5  # largest step of each number of a row of gloss and of a lamp
 OF_LAMP = 6  # parameters of a lamp: ln e, a (2), shift (3)
 
 
@@ -30,13 +33,15 @@ OF_LAMP = 6  # parameters of a lamp: ln e, a (2), shift (3)
 class Problem:
     """Some pixels and their values in the photographs.
 
-    place: (P, 2) of the pixels on the object. share: effective number of independent values per value.
+    place: (P, 2) of the pixels on the object. share: effective number of independent values per value. free: (M, G)
+    which numbers of the rows of gloss are estimated; the others stay where they are.
     """
 
     views: Views
     place: Array
     share: float
     prior: Prior
+    free: NDArray[np.bool_]
 
 
 class Step:
@@ -48,7 +53,8 @@ class Step:
         gloss = fit.gloss.rows[fit.labels]
         self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, views.to_eye, gloss)
         self.even = (fit.evenness(problem.place) * np.exp(self.lamps.light))[:, None]  # (K, 1, P)
-        self.model = self.even * (fit.body * self.shade.body[:, None] + self.shade.interface[:, None])
+        self.colour = fit.interface_colour  # (C, P)
+        self.model = self.even * (fit.body * self.shade.body[:, None] + self.colour * self.shade.interface[:, None])
         self.deviation = views.values - self.model
         inverse = precision(views, fit.model_error)
         squared = self.deviation**2 * inverse / CAUCHY_SCALE**2
@@ -62,7 +68,8 @@ class Step:
 
     def _prior_loss(self) -> float:
         prior = self.problem.prior
-        gloss = np.sum(((self.fit.gloss.rows - prior.gloss[:, 0]) / prior.gloss[:, 1]) ** 2)
+        centre, spread = prior.gloss(self.fit.gloss.rows.shape[1]).T
+        gloss = np.sum(((self.fit.gloss.rows - centre) / spread) ** 2)
         return float(gloss) + prior.loss(self.of_lamps) + (self.fit.depth / prior.distance) ** 2
 
     @property
@@ -87,11 +94,13 @@ class Step:
         local_change = solved[..., -1] - solved[..., :-1] @ change
         normals = turned(fit.normals, np.clip(local_change[:, :2], -0.3, 0.3), self.problem.views.to_eye)
         body = np.maximum(fit.body + local_change[:, 2:].T, 0.1 * fit.body)
-        gloss_change, lamps_change, depth_change = unpack_shared(change, len(fit.gloss.rows))
+        gloss_change, lamps_change, depth_change = unpack_shared(change, fit.gloss.rows.shape)
         rows = fit.gloss.rows + gloss_change
         rows[:, 1] = np.clip(rows[:, 1], *LOG_GAMMA_RANGE)
         rows[:, 2] = np.clip(rows[:, 2], *ROUGHNESS_RANGE)
         rows[:, 3] = np.clip(rows[:, 3], *LOG_EXPONENT_RANGE)
+        rows[:, TAIL] = np.clip(rows[:, TAIL], *TAIL_RANGE)
+        rows[:, TAIL + 1 :] = np.clip(rows[:, TAIL + 1 :], *COLOUR_RANGE)
         each = self.of_lamps + lamps_change
         return replace(
             fit,
@@ -105,13 +114,13 @@ class Step:
         )
 
     def covariances(self) -> tuple[Array, Array]:
-        """(M, OF_GLOSS, OF_GLOSS) of each material's row of gloss, (K, OF_LAMP) variance of lamps; the rest is free."""
+        """(M, G, G) of each material's row of gloss, (K, OF_LAMP) variance of lamps; the rest is free."""
         outer, _ = self._undamped
-        count = len(self.fit.gloss.rows)
+        count, numbers = shape = self.fit.gloss.rows.shape
         inverse = np.linalg.inv(outer)
-        split = OF_GLOSS * count
-        of_gloss = inverse[:split, :split].reshape(count, OF_GLOSS, count, OF_GLOSS)
-        of_lamps = unpack_shared(np.diag(inverse), count)[1].astype(np.float64)
+        split = count * numbers
+        of_gloss = inverse[:split, :split].reshape(count, numbers, count, numbers)
+        of_lamps = unpack_shared(np.diag(inverse), shape)[1].astype(np.float64)
         return np.stack([of_gloss[m, :, m] for m in range(count)]).astype(np.float64), of_lamps
 
     @cached_property
@@ -139,14 +148,29 @@ class Step:
         fit, shade, (lamps, channels, pixels) = self.fit, self.shade, self.model.shape
         local = np.zeros((pixels, lamps, channels, 2 + channels))
         for i, (body, interface) in enumerate(zip(shade.body_turned, shade.interface_turned, strict=True)):
-            local[..., i] = np.moveaxis(self.even * (fit.body * body[:, None] + interface[:, None]), 2, 0)
+            slope = self.even * (fit.body * body[:, None] + self.colour * interface[:, None])
+            local[..., i] = np.moveaxis(slope, 2, 0)
         for c in range(channels):
             local[:, :, c, 2 + c] = (self.even[:, 0] * shade.body).T
-        by_width = np.broadcast_to(self.even * shade.by_width[:, None], self.model.shape)
-        interface = np.broadcast_to(self.even * shade.interface[:, None], self.model.shape)
-        by_body = [self.even * fit.body * part[:, None] for part in shade.by_body]
-        gloss = np.stack([_rows(part) for part in (interface, by_width, *by_body)], axis=-1)
-        return local.reshape(pixels, lamps * channels, 2 + channels), gloss, *self._by_lamp()
+        return local.reshape(pixels, lamps * channels, 2 + channels), self._by_gloss(), *self._by_lamp()
+
+    def _by_gloss(self) -> Array:
+        """Slopes of the values by the numbers of the own material's gloss (P, K·C, G), 0 by those that are held."""
+        fit, shade, free = self.fit, self.shade, self.problem.free
+        channels, (_, numbers) = self.model.shape[1], fit.gloss.rows.shape
+        of_interface = self.even * self.colour
+        interface, by_width = (of_interface * part[:, None] for part in (shade.interface, shade.by_width))
+        parts = [interface, by_width, *(self.even * fit.body * part[:, None] for part in shade.by_body)]
+        slopes = np.zeros((self.model.shape[2], self.model.shape[0] * channels, numbers))
+        if free[:, TAIL].any():
+            eye, rows = self.problem.views.to_eye, fit.gloss.rows[fit.labels]
+            by_tail = interface_by_tail(shade.interface, fit.normals, self.lamps.to_lamp, eye, rows)
+            parts.append(of_interface * by_tail[:, None])
+        for j, part in enumerate(parts):
+            slopes[..., j] = _rows(part)
+        for j, contrast in enumerate(contrasts(channels).T):
+            slopes[..., TAIL + 1 + j] = _rows(interface * contrast[:, None])
+        return slopes if free.all() else slopes * free[fit.labels][:, None]
 
     def _by_lamp(self) -> tuple[Array, Array]:
         """Slopes of the values by the own lamp's ln e, a and shift (P, K·C, OF_LAMP), and by depth (P, K·C, 1)."""
@@ -154,7 +178,7 @@ class Step:
         level = (1.0 + fit.slope @ place.T)[:, None]
         parts = [self.model, self.model * place[:, 0] / level, self.model * place[:, 1] / level]
         led = [
-            self.even * (fit.body * body[:, None] + interface[:, None])
+            self.even * (fit.body * body[:, None] + self.colour * interface[:, None])
             for body, interface in zip(self.shade.body_led, self.shade.interface_led, strict=True)
         ]
         for j in range(4):
@@ -165,7 +189,7 @@ class Step:
         return np.stack([_rows(part) for part in parts[:-1]], axis=-1), _rows(parts[-1])[..., None]
 
     def _border(self, weighed: Array, gloss: Array, lamps: Array) -> Array:
-        """(P, 2 + C, OF_GLOSS M + OF_LAMP K) products of the pixels' own slopes with those of gloss and lamps."""
+        """(P, 2 + C, G M + OF_LAMP K) products of the pixels' own slopes with those of gloss and lamps."""
         count, channels, pixels = self.model.shape
         own = weighed @ gloss
         member = (self.fit.labels[:, None] == np.arange(len(self.fit.gloss.rows))).astype(np.float64)
@@ -177,8 +201,8 @@ class Step:
     def _outer(self, gloss: Array, lamps: Array, depth: Array) -> tuple[Array, Array]:
         """Normal equations of gloss, lamps and depth, with their priors."""
         fit, prior, (count, channels, pixels) = self.fit, self.problem.prior, self.model.shape
-        materials = len(fit.gloss.rows)
-        size = OF_GLOSS * materials
+        materials, numbers = fit.gloss.rows.shape
+        size = numbers * materials
         outer = np.zeros((size + OF_LAMP * count + 1,) * 2)
         rhs = np.zeros(len(outer))
         deviation = _rows(self.deviation)
@@ -186,17 +210,17 @@ class Step:
         each = (pixels, count, channels)
         by_lamp = np.moveaxis(lamps.reshape(*each, OF_LAMP), 1, 0)  # (K, P, C, OF_LAMP)
         of_lamp = np.moveaxis((lamps * self.weight_of_rows[..., None]).reshape(*each, OF_LAMP), 1, 0)
-        gloss_of_lamp = np.moveaxis(weighed.reshape(*each, OF_GLOSS), 1, 0)
+        gloss_of_lamp = np.moveaxis(weighed.reshape(*each, numbers), 1, 0)
         for m in range(materials):
-            index, own = slice(OF_GLOSS * m, OF_GLOSS * (m + 1)), fit.labels == m
-            outer[index, index] = weighed[own].reshape(-1, OF_GLOSS).T @ gloss[own].reshape(-1, OF_GLOSS)
-            both = np.swapaxes(gloss_of_lamp[:, own].reshape(count, -1, OF_GLOSS), 1, 2) @ by_lamp[:, own].reshape(
+            index, own = slice(numbers * m, numbers * (m + 1)), fit.labels == m
+            outer[index, index] = weighed[own].reshape(-1, numbers).T @ gloss[own].reshape(-1, numbers)
+            both = np.swapaxes(gloss_of_lamp[:, own].reshape(count, -1, numbers), 1, 2) @ by_lamp[:, own].reshape(
                 count, -1, OF_LAMP
             )
-            outer[index, size:-1] = np.moveaxis(both, 0, 1).reshape(OF_GLOSS, -1)
+            outer[index, size:-1] = np.moveaxis(both, 0, 1).reshape(numbers, -1)
             outer[size:-1, index] = outer[index, size:-1].T
-            outer[index, -1] = outer[-1, index] = weighed[own].reshape(-1, OF_GLOSS).T @ depth[own].ravel()
-            rhs[index] = weighed[own].reshape(-1, OF_GLOSS).T @ deviation[own].ravel()
+            outer[index, -1] = outer[-1, index] = weighed[own].reshape(-1, numbers).T @ depth[own].ravel()
+            rhs[index] = weighed[own].reshape(-1, numbers).T @ deviation[own].ravel()
         left, by_depth = (np.moveaxis(part.reshape(each), 1, 0).reshape(count, -1) for part in (deviation, depth))
         weighted_depth = depth[..., 0] * self.weight_of_rows
         outer[-1, -1], rhs[-1] = np.sum(weighted_depth * depth[..., 0]), np.sum(weighted_depth * deviation)
@@ -205,21 +229,22 @@ class Step:
             outer[index, index] = own @ by_lamp[k].reshape(-1, OF_LAMP)
             rhs[index] = own @ left[k]
             outer[index, -1] = outer[-1, index] = own @ by_depth[k]
-        of_gloss = np.tile(prior.gloss[:, 1] ** -2.0, (materials, 1))
+        centre, spread = prior.gloss(numbers).T
+        of_gloss = np.tile(spread**-2.0, (materials, 1))
         precision_of_prior = pack_shared(of_gloss, prior.precision(self.of_lamps), prior.distance**-2.0)
-        away = pack_shared(fit.gloss.rows - prior.gloss[:, 0], self.of_lamps, fit.depth)
+        away = pack_shared(np.where(self.problem.free, fit.gloss.rows - centre, 0.0), self.of_lamps, fit.depth)
         return outer + np.diag(precision_of_prior), rhs - precision_of_prior * away
 
 
 def pack_shared(gloss: Array, lamps: Array, depth: float) -> Array:
-    """The parameters that all pixels share as one vector: gloss (M, OF_GLOSS), lamps (K, OF_LAMP) and depth."""
+    """The parameters that all pixels share as one vector: gloss (M, G), lamps (K, OF_LAMP) and depth."""
     return np.r_[gloss.ravel(), lamps.ravel(), depth]
 
 
-def unpack_shared(shared: NDArray[np.floating], materials: int) -> tuple[Array, Array, float]:
-    """Gloss (M, OF_GLOSS), lamps (K, OF_LAMP) and depth of a vector: the inverse of `pack_shared`."""
-    split, shared = OF_GLOSS * materials, np.asarray(shared, np.float64)
-    return shared[:split].reshape(-1, OF_GLOSS), shared[split:-1].reshape(-1, OF_LAMP), float(shared[-1])
+def unpack_shared(shared: NDArray[np.floating], gloss: tuple[int, ...]) -> tuple[Array, Array, float]:
+    """Gloss of this shape (M, G), lamps (K, OF_LAMP) and depth of a vector: the inverse of `pack_shared`."""
+    split, shared = math.prod(gloss), np.asarray(shared, np.float64)
+    return shared[:split].reshape(gloss), shared[split:-1].reshape(-1, OF_LAMP), float(shared[-1])
 
 
 def _rows(values: Array) -> Array:

@@ -5,6 +5,7 @@ Levenberg–Marquardt with Cauchy's loss on the residuals of `photometric_fit`; 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.least_squares import CAUCHY_SCALE, Status
-from hagoromo.measurement.normals.shading import LEAST_COSINE, N, body_of
+from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, N, body_of, colour_of, exponent_of
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
@@ -29,7 +30,7 @@ LEAST_BODY_RATIO = 0.1  # smallest ratio of a body colour after a step to the on
 class Light(NamedTuple):
     """The known quantities of the pixel fit.
 
-    gloss: (P, 4) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
+    gloss: (P, G) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
     values, 0 where they are not used.
     """
 
@@ -114,7 +115,11 @@ class PixelData:
         self.values, self.precision = self.floats(views.values), self.floats(light.precision)
         self.evenness, self.to_lamp = self.floats(light.evenness), self.floats(views.to_lamp)
         self.to_eye = self.vectors(views.to_eye)
-        self.gloss = [self.floats(row) for row in np.maximum(light.gloss, -80.0).T]
+        self.gloss = [self.floats(row) for row in np.maximum(light.gloss[:, :TAIL], -80.0).T]
+        nu = exponent_of(light.gloss)
+        self.tails = {} if nu is None else {"nu": self.floats(nu)}
+        colours = colour_of(light.gloss).T
+        self.colours = [self.floats(colour) for colour in colours] if np.any(colours != 1.0) else None
 
     def floats(self, values: NDArray) -> Any:
         """The values as one array of the device."""
@@ -140,11 +145,11 @@ class PixelData:
             by_body = scale * shade[0]
             for i in range(c):
                 sample = (lamp * c + i) * self.width + pixel
-                deviation = dr.gather(jit.Float, self.values, sample) - scale * (body[i] * shade[0] + shade[1])
+                deviation = dr.gather(jit.Float, self.values, sample) - scale * self.value(body, i, shade)
                 precision = dr.gather(jit.Float, self.precision, sample)
                 squared = deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2)
                 weight = precision / (1.0 + squared)
-                a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
+                a, b = (scale * self.value(body, i, by) for by in turned)
                 terms = (CAUCHY_SCALE**2 * dr.log(1.0 + squared), weight * a * a, weight * a * b, weight * b * b)
                 sides = (weight * a * deviation, weight * b * deviation)
                 for j, term in enumerate((*terms, *sides)):
@@ -185,6 +190,11 @@ class PixelData:
         behind = dr.fmax(LEAST_COSINE - dr.dot(tried, self.to_eye), 0.0)
         return dr.normalize(tried + behind * self.to_eye), colours
 
+    def value(self, body: list[Any], channel: int, weights: Sequence[Any]) -> Any:
+        """The value of a channel for `weights` of body and interface; for their slopes, its slope."""
+        interface = weights[1] if self.colours is None else self.colours[channel] * weights[1]
+        return body[channel] * weights[0] + interface
+
     def shade(self, normal: Any, to_lamp: Any, turns: tuple[Any, Any]) -> tuple[Any, list[Any]]:
         """(body, interface) weights, and their slopes by the two turns of the normal."""
         slopes, weights = [], ()
@@ -192,7 +202,8 @@ class PixelData:
             angle = arrays().Float(0)
             dr.enable_grad(angle)
             n = dr.normalize(normal + angle * turn)
-            weights = torrance_sparrow(n, to_lamp, self.to_eye, 1.0, dr.exp(self.gloss[0]), dr.exp(self.gloss[1]), N)
+            beta, gamma = (dr.exp(row) for row in self.gloss[:2])
+            weights = torrance_sparrow(n, to_lamp, self.to_eye, 1.0, beta, gamma, N, **self.tails)
             body = body_of(weights.body, dr.dot(n, self.to_eye), dr.dot(to_lamp, self.to_eye), self.gloss[2:])
             weights = body, weights.interface
             dr.set_grad(angle, 1.0)

@@ -17,24 +17,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
+from hagoromo.measurement.facets import log_density_by_tail
+from hagoromo.measurement.parameters import contrasts
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 Array = NDArray[np.float64]
 
 N = 1.5  # refractive index: not identifiable when all lamps stand on the camera's side
+TAIL = 4  # place of the tail in a row of gloss; the numbers of the interface colour follow it
 LEAST_COSINE = 0.02  # smallest cosine of a normal to the eye, and smallest t: keeps 1/cosθ_r of the model below 50
 
 
 @dataclass(frozen=True, eq=False)
 class Gloss:
-    """Deviation of M materials from Lambert: rows (ln β, ln γ, σ, ln ε), (M, 4). β in the unit of the values."""
+    """Deviation of M materials from Lambert: rows (ln β, ln γ, σ, ln ε, tail 1/ν, x), (M, 5 + C − 1).
+
+    β is in the unit of the values, and that of the geometric mean of the C channels. The C − 1 numbers x give the
+    colour of the interface (see `parameters`); 0 is a neutral one.
+    """
 
     rows: Array
 
     @staticmethod
-    def none(count: int) -> Gloss:
+    def none(count: int, channels: int) -> Gloss:
         """Materials without an interface, whose body follows Lambert's law."""
-        return Gloss(np.tile([-np.inf, np.log(0.3), 0.0, 0.0], (count, 1)))
+        return Gloss.alike((-np.inf, np.log(0.3), 0.0, 0.0), count, channels)
+
+    @staticmethod
+    def alike(row: Sequence[float], count: int, channels: int) -> Gloss:
+        """Materials of the same `row` (ln β, ln γ, σ, ln ε), with Gaussian facets and a neutral interface."""
+        return Gloss(np.tile([*row, *np.zeros(channels)], (count, 1)))
+
+    @property
+    def colour(self) -> Array:
+        """(M, C) colour of the interface, of geometric mean 1."""
+        return colour_of(self.rows)
+
+
+def colour_of(rows: Array) -> Array:
+    """(M, C) colour of the interface in rows of gloss (M, 5 + C − 1), of geometric mean 1."""
+    return np.exp(rows[:, TAIL + 1 :] @ contrasts(rows.shape[1] - TAIL).T).astype(np.float64)
 
 
 class Shading(NamedTuple):
@@ -55,9 +77,10 @@ class Shading(NamedTuple):
 
 
 def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shading:
-    """Shading of pixels with `normals` (P, 3), under lamps to_lamp (K, P, 3), gloss (P, 4) rows as `Gloss` has them.
+    """Shading of pixels with `normals` (P, 3), under lamps to_lamp (K, P, 3), gloss (P, 4 or more) rows of `Gloss`.
 
-    The turns are towards `tangents(normals)`.
+    The turns are towards `tangents(normals)`. The interface is that of a channel of colour 1; rows of four numbers have
+    Gaussian facets.
     """
     jit, (lamps, pixels) = arrays(), to_lamp.shape[:2]
 
@@ -67,7 +90,9 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
 
     n, v, (t, b) = wide(normals), wide(to_eye), (wide(turn) for turn in tangents(normals))
     towards = jit.Array3f(to_lamp.reshape(-1, 3).T.astype(np.float32))
-    log_beta, log_gamma, *body_rows = wide(np.maximum(gloss, -80.0))
+    log_beta, log_gamma, *body_rows = wide(np.maximum(gloss[:, :TAIL], -80.0))
+    nu = exponent_of(gloss)
+    tails = {} if nu is None else {"nu": wide(nu[:, None])[0]}
     parts = []
     aside = [jit.Array3f(turn.T.astype(np.float32)) for turn in tangents(to_lamp.reshape(-1, 3))]
     still = jit.Array3f(0.0)
@@ -78,7 +103,7 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
         normal = dr.normalize(n + moved * (t, b, still, still, still)[turned])
         led = dr.normalize(towards + moved * (still, still, still, *aside)[turned])
         width = dr.exp(log_gamma + moved if turned == 2 else log_gamma)
-        weights = torrance_sparrow(normal, led, v, 1.0, dr.exp(log_beta), width, N)
+        weights = torrance_sparrow(normal, led, v, 1.0, dr.exp(log_beta), width, N, **tails)
         body = body_of(weights.body, dr.dot(normal, v), dr.dot(led, v), body_rows)
         dr.set_grad(moved, 1.0)
         slopes = dr.forward_to(body, weights.interface)
@@ -93,6 +118,20 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
         part.numpy().reshape(lamps, pixels).astype(np.float64) for part in chosen
     )
     return Shading(body, interface, (b1, b2), (i1, i2), by_width, (by_sigma, by_epsilon), (b3, b4), (i3, i4))
+
+
+def exponent_of(gloss: Array) -> Array | None:
+    """(P,) ν of rows of gloss, infinite for Gaussian facets; None where all are: then eq. (4) is computed."""
+    tail = gloss[:, TAIL] if gloss.shape[1] > TAIL else np.zeros(1)
+    return None if not np.any(tail > 0.0) else np.where(tail > 0.0, 1.0 / np.where(tail > 0.0, tail, 1.0), np.inf)
+
+
+def interface_by_tail(interface: Array, normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Array:
+    """Slope (K, P) of the `interface` of `shading` by the tail 1/ν."""
+    half = to_lamp + to_eye
+    cosine = np.einsum("kpi,pi->kp", half, normals) / np.maximum(np.linalg.norm(half, axis=2), 1e-12)
+    u = np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2 * np.exp(-2.0 * gloss[:, 1])
+    return interface * log_density_by_tail(u, np.broadcast_to(gloss[:, TAIL], u.shape))
 
 
 def tangents(normals: Array) -> tuple[Array, Array]:

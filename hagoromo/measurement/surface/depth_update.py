@@ -78,12 +78,12 @@ def _sums(data: PixelData, normal: Any, body: list[Any], towards: Any, brighter:
         new = list(sums)
         for i in range(c):
             sample = (lamp * c + i) * data.width + pixel
-            model = scale * (body[i] * shade[0] + shade[1])
-            slope = (more * scale * (body[i] * farther[0] + farther[1]) - model) * (1.0 / STRIDE)
+            model = scale * data.value(body, i, shade)
+            slope = (more * scale * data.value(body, i, farther) - model) * (1.0 / STRIDE)
             deviation = dr.gather(jit.Float, data.values, sample) - model
             precision = dr.gather(jit.Float, data.precision, sample)
             weight = precision / (1.0 + deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2))
-            a, b = (scale * (body[i] * by[0] + by[1]) for by in turned)
+            a, b = (scale * data.value(body, i, by) for by in turned)
             for j, by in enumerate((slope, a, b, deviation)):
                 new[j] += weight * slope * by
             new[4 + i] += weight * slope * scale * shade[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hagoromo.files.record import read_json
+from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_store
 from hagoromo.measurement.surface.tiles import Coarse, Fine, solve_coarse, solve_tiles
 from hagoromo.photograph.capture import TRANSFORMS, count_absent, load_capture
@@ -37,14 +38,16 @@ def needs_tiles(photograph: Photograph, count: int) -> bool:
     return SOLVE_BYTES_PER_VALUE * float(photograph.values.size) * count > LARGEST_CAPTURE_BYTES
 
 
-def solve_large(source: Source, scratch: Path, distance: float, progress: Progress = silent) -> tuple[Coarse, Fine]:
+def solve_large(
+    source: Source, scratch: Path, distance: float, progress: Progress = silent, model: GlossModel = BY_EVIDENCE
+) -> tuple[Coarse, Fine]:
     """The solution for a small capture of means over squares of pixels, and the full-size maps.
 
     scratch: folder for temporary files. distance: first guess of the distance to the surface [m].
     """
 
     with tile_store(source, scratch, part_of(progress, 0.0, STORING_SHARE)) as store:
-        coarse = solve_coarse(store, distance, progress=part_of(progress, STORING_SHARE, COARSE_SHARE))
+        coarse = solve_coarse(store, distance, None, part_of(progress, STORING_SHARE, COARSE_SHARE), model)
         fine = solve_tiles(
             store, coarse, part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
         )

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, Status
+from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
+from hagoromo.measurement.normals.independent_share import independent_share
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals
-from hagoromo.measurement.normals.photometric_fit import independent_share
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.pixel_fit import Light
 from hagoromo.measurement.normals.views import Array, Views
@@ -24,6 +25,7 @@ from hagoromo.measurement.surface.depth_update import depth_update
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
+SIMPLE = GlossModel("gaussian", "neutral")
 SHAPE_ROUNDS = 6
 SIMPLE_ROUNDS = 2  # first rounds, with Lambertian bodies and lamps where they are stated: the shape is still wrong
 CONVERGED_CHANGE = 5e-4  # rms change of ln depth in a round below which the rounds have converged
@@ -53,12 +55,19 @@ def has_near_lamps(capture: Capture) -> bool:
     return any(lamp.position is not None for photograph in capture.photographs for lamp in photograph.lamps)
 
 
-def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Shape:
+def solve_shape(
+    capture: Capture,
+    distance: float,
+    prior: Prior | None = None,
+    progress: Progress = silent,
+    model: GlossModel = BY_EVIDENCE,
+) -> Shape:
     """Normals and points of the surface in `capture` under near lamps, solved together in rounds.
 
     Each round solves the normals with the lamps as seen from the points, and the points from the normals. distance:
     first guess of the mean depth along the axis of the camera [m]; points of the capture, if it has them, replace it.
-    prior: as in `solve_normals`. Raises `InputError` as `solve_normals` does, and for a distance that is not above 0.
+    prior, model: as in `solve_normals`; Gaussian facets in the first rounds. Raises `InputError` as `solve_normals`,
+    and for a distance that is not above 0.
     """
     prior = prior or Prior()
     camera = capture.photographs[0].camera
@@ -68,7 +77,7 @@ def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, p
     if points is None:
         rays = camera.pixel_directions()
         points = camera.position + rays * (distance / (rays @ camera.camera_to_world[:3, 2]))[..., None]
-    labels: NDArray[np.integer] | None = np.zeros((camera.height, camera.width), np.intp)
+    labels: NDArray[np.integer] = np.zeros((camera.height, camera.width), np.intp)
     strict = replace(
         prior,
         strength=FIXED_SCALE,
@@ -82,7 +91,10 @@ def solve_shape(capture: Capture, distance: float, prior: Prior | None = None, p
         progress(round_ / SHAPE_ROUNDS, f"shape, round {round_ + 1}")
         at_points = replace(capture, points=np.asarray(points))
         early = round_ < SIMPLE_ROUNDS
-        normal_map = solve_normals(at_points, labels if early else None, strict if early else prior)
+        if early:
+            normal_map = solve_normals(at_points, labels, strict, model=SIMPLE)
+        else:
+            normal_map = solve_normals(at_points, None, prior, model=model)
         depth = depth_estimate(normal_map)
         middle = float(np.median(np.exp(depth.log_depth[depth.precision > 0.0])))
         surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth, draws=0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_normals
 from hagoromo.measurement.normals.photometric_model import Prior, evenness, precision
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, Light, fit_pixels
@@ -59,13 +60,19 @@ class Fine:
         return [remark] if share > STILL_MOVING_SHARE else []
 
 
-def solve_coarse(store: TileStore, distance: float, prior: Prior | None = None, progress: Progress = silent) -> Coarse:
+def solve_coarse(
+    store: TileStore,
+    distance: float,
+    prior: Prior | None = None,
+    progress: Progress = silent,
+    model: GlossModel = BY_EVIDENCE,
+) -> Coarse:
     """Everything that the tiles share, from the coarse capture; distance: approximate, to the surface [m]."""
     capture = store.coarse
     if has_near_lamps(capture):
-        shape = solve_shape(capture, distance, prior, progress)
+        shape = solve_shape(capture, distance, prior, progress, model)
         return Coarse(capture, shape.normal_map, shape.surface)
-    normal_map = solve_normals(capture, prior=prior, progress=progress)
+    normal_map = solve_normals(capture, prior=prior, progress=progress, model=model)
     camera = capture.photographs[0].camera
     return Coarse(capture, normal_map, surface_from_normals(normal_map.normals, camera, distance, normal_map.variance))
 

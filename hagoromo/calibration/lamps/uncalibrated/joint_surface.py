@@ -85,7 +85,7 @@ class JointSurface:
         around = guess.lamps[:, 0] - guess.lamps[:, 0].mean()
         self.spread = float(np.sum(around**2)) + ALIKE**2
         self.tilt = np.array([float(np.mean(slope @ guess.depth)) for slope in data.field.slopes])
-        mean, scale = prior.gloss.T
+        mean, scale = prior.gloss(OF_GLOSS).T
         losses = (
             CAUCHY_SCALE**2 / unit * float(np.sum(np.log1p(squared[data.used]))),
             2.0 * data.few * self.disorder,
@@ -223,7 +223,7 @@ class JointSurface:
         index, alike = 2 * count + each, count / self.spread
         outer[np.ix_(index, index)] += alike * np.eye(count) + (UNIT_PRECISION / count - alike) / count
         rhs[index] -= alike * (strength - strength.mean()) + UNIT_PRECISION / count * strength.mean()
-        mean, scale = self.prior.gloss.T
+        mean, scale = self.prior.gloss(OF_GLOSS).T
         slope = self.guess.lamps[:, 1:].T.ravel()
         # Cauchy's: an occasional lamp is near, or shaded by its stand
         precision = np.r_[1.0 / (self.prior.slope**2 + (slope / CAUCHY_SCALE) ** 2), scale**-2.0]

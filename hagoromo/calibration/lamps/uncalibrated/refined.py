@@ -29,8 +29,8 @@ from hagoromo.least_squares import (
     levenberg_marquardt,
     robust_scale,
 )
-from hagoromo.measurement.normals.photometric_fit import SMALLEST_MODEL_ERROR
 from hagoromo.measurement.normals.photometric_model import Prior
+from hagoromo.measurement.normals.photometric_rounds import SMALLEST_MODEL_ERROR
 from hagoromo.measurement.surface.height_field import height_field
 from hagoromo.progress import Progress, silent
 

@@ -1,0 +1,65 @@
+"""Rounds: gloss and lamps settled at a model error that follows from the residuals, until both agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hagoromo.least_squares import NORMAL_MEDIAN, Damping, FitStatus, SingleProblem, Tolerance, levenberg_marquardt
+from hagoromo.measurement.normals.photometric_model import Fit, Prior, size
+from hagoromo.measurement.normals.photometric_step import Problem, Step
+
+PHOTOMETRIC_FIT_STEPS, PHOTOMETRIC_FIT_ROUNDS = 12, 3
+PHOTOMETRIC_FIT_DAMPING = Damping(start=1e-2, shrink=5.0, grow=5.0, least=1e-5, most=np.inf, ties=False)
+PHOTOMETRIC_FIT_GAIN = 1e-4  # relative to the cost: a step that gains less is the last
+SMALLEST_MODEL_ERROR = 0.003  # relative
+
+
+class Rounds(NamedTuple):
+    """The problem with the prior that was learnt, its last point, and how the last round ended."""
+
+    problem: Problem
+    step: Step
+    status: FitStatus
+
+
+def settled(problem: Problem, fit: Fit, gain: float = PHOTOMETRIC_FIT_GAIN) -> tuple[Step, FitStatus]:
+    """`fit` moved to the nearest minimum of the problem, at its model error, and how that ended."""
+    start, tolerance = Step(problem, fit), Tolerance(gain=gain)
+    solution = levenberg_marquardt(SingleProblem(), start, PHOTOMETRIC_FIT_DAMPING, tolerance, PHOTOMETRIC_FIT_STEPS)
+    return solution.state, solution.status
+
+
+def rounds(problem: Problem, fit: Fit, stated: Prior) -> Rounds:
+    """Gloss, lamps and model error from `fit` on.
+
+    The scales of the prior of the lamps are learnt along the way; `stated` has them as they were stated.
+    """
+    status = None
+    for _ in range(PHOTOMETRIC_FIT_ROUNDS):
+        first = Step(problem, fit).cost
+        step, status = settled(problem, fit)
+        fit = replace(step.fit, model_error=_model_error(step))
+        learnt = problem.prior.learnt(stated, step.of_lamps, step.covariances()[1])
+        problem = replace(problem, prior=learnt)
+        if first - step.cost < 1e-3 * first:
+            break
+    assert status is not None  # there is a round at least
+    return Rounds(problem, Step(problem, fit), status)
+
+
+def _model_error(step: Step) -> float:
+    """Relative error of the model for which the median of the squared residuals is that of a normal distribution."""
+    used = np.broadcast_to(step.problem.views.used[:, None], step.model.shape)
+    channels, pixels = step.model.shape[1:]
+    freedom = 1.0 - (2.0 + channels) * pixels / max(float(used.sum()), 1.0)
+    squared = (step.deviation**2)[used] / max(freedom, 0.1)
+    noise, signal = step.problem.views.variance[used], size(step.problem.views)[used] ** 2
+    low, high = np.log(SMALLEST_MODEL_ERROR), 0.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        excess = np.median(squared / (noise + np.exp(2 * middle) * signal)) > NORMAL_MEDIAN
+        low, high = (middle, high) if excess else (low, middle)
+    return float(np.exp(0.5 * (low + high)))
