@@ -5,6 +5,7 @@ import pytest
 
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.lamp_colour import lamp_colour
+from hagoromo.measurement.material.sandwich import inverse_over
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.judges import intervals_hold, mean_is
 
@@ -95,3 +96,17 @@ def test_lamp_colour_is_within_its_standard_error():
         found = lamp_colour(simulate(truths, seed, size=73, labels=labels, white=white), labels)
         held.append(np.abs(found.value - white) < 1.96 * found.standard_error)
     assert (np.abs(100 * np.mean(held, axis=0) - 95) < 5.3).all(), np.mean(held, axis=0)
+
+
+def test_two_parameters_that_cannot_be_distinguished_have_large_variances():
+    """Rounding makes the least eigenvalue of such a curvature 0, or below 0 by 1e-16; 0.5 ± 1e8 is then the answer.
+
+    One lamp at one angle shows β F₀ alone: n had a standard error of 1e-8 there, and no interval.
+    """
+    for rounding in (-3.6e-15, 0.0, 1e-18):
+        curvature = np.array([[4.0, 2.0, 0.0], [2.0, 1.0 + rounding, 0.0], [0.0, 0.0, 9.0]])
+        inverse = inverse_over(curvature, np.array([True, True, True]))
+        assert np.all(np.diag(inverse)[:2] > 1e10) and np.linalg.eigvalsh(inverse).min() > -1e-3
+        assert abs(inverse[2, 2] - 1.0 / 9.0) < 1e-12
+    without_effect = inverse_over(np.diag([2.0, 0.0]), np.array([True, True]))
+    np.testing.assert_allclose(without_effect, np.diag([0.5, 0.0]))

@@ -16,6 +16,7 @@ from hagoromo.measurement.robust_fit import at_bound
 from hagoromo.measurement.sight import Array
 
 OUTLIER = 6.0  # standard deviations
+LEAST_CURVATURE = 1e-14  # of a direction, where that of each parameter is 1: below is rounding
 
 
 @dataclass(frozen=True)
@@ -122,10 +123,16 @@ def with_colour_error(fit: MaterialFit, error: Array) -> MaterialFit:
 
 
 def inverse_over(curvature: Array, free: NDArray[np.bool_]) -> Array:
-    """Inverse of `curvature` (P, P) over the free parameters, 0 elsewhere."""
+    """Inverse of `curvature` (P, P) over the free parameters, 0 elsewhere and for a parameter without any effect.
+
+    Parameters that cannot be distinguished have a very large variance: rounding makes the curvature of such a direction
+    0 or less, and its inverse is then that of LEAST_CURVATURE.
+    """
     inverse = np.zeros_like(curvature)
-    inner = curvature[np.ix_(free, free)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))  # 0 where a parameter has no effect
+    known = np.flatnonzero(free & (np.diag(curvature) > 0.0))
+    inner = curvature[np.ix_(known, known)]
+    scale = 1.0 / np.sqrt(np.diag(inner))
     both = np.outer(scale, scale)
-    inverse[np.ix_(free, free)] = np.linalg.pinv(inner * both, hermitian=True) * both
+    values, vectors = np.linalg.eigh(inner * both)
+    inverse[np.ix_(known, known)] = (vectors / np.maximum(values, LEAST_CURVATURE)) @ vectors.T * both
     return inverse
