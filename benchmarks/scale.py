@@ -20,7 +20,7 @@ from shells import FUZZY, RADIUS, THIN, Shell
 from turns import in_turn, medians, options, record, seconds
 
 import hagoromo as hg
-from hagoromo.files.checks import SHARE_OF_MEMORY, free_memory
+from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.volume.bricks import brick_bytes
 from hagoromo.volume.voxels import BRICK
 
