@@ -58,6 +58,7 @@ bench: $(PEERS)
 	$(BIN)/python benchmarks/scaling.py
 	$(BIN)/python benchmarks/scale.py
 	$(BIN)/python benchmarks/open_box.py --out out/bench/open_box.json
+	$(BIN)/python benchmarks/equal_error.py
 	$(BIN)/python benchmarks/peers.py --out out/bench
 	$(BIN)/python benchmarks/page.py
 

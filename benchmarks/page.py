@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from plots import bound, growth
-from tables import bound_told, march_told, open_told, scale_told, scaling_told
+from tables import bound_told, equal_error_told, march_told, open_told, scale_told, scaling_told
 from turns import RECORDS
 
 from hagoromo.files.record import read_json
@@ -22,7 +22,10 @@ from hagoromo.files.whole import whole_file
 
 PAGE = Path("docs/performance.md")
 FIGURES = PAGE.parent / "figures"
-TOLD = {"march": march_told, "scaling": scaling_told, "scale": scale_told, "bound": bound_told}
+TOLD = {
+    "march": march_told, "scaling": scaling_told, "scale": scale_told, "bound": bound_told,
+    "equal_error": equal_error_told,
+}  # fmt: skip
 PLOTS = {"scaling": growth, "bound": bound}
 
 

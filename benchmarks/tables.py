@@ -37,6 +37,17 @@ def march_told(found: Mapping[str, Any]) -> str:
     )
 
 
+def equal_error_told(found: Mapping[str, Any]) -> str:
+    """Time at equal error against version 0.2.0."""
+    head = {
+        "shadows": "shadows", "tolerance": "tolerance of 0.2.0", "percent": "its error [%]", "before": "its time",
+        "now": "time now at that error", "ratio": "times as quick",
+    }  # fmt: skip
+    names = {"map": "shadow maps", "march": "marched shadows"}
+    rows = [row | {"shadows": names[row["shadows"]], "percent": 100 * row["error"]} for row in found["rows"]]
+    return f"{table(head, rows)}\n\nTimes are in units of the yardstick's; medians of {found['rounds']} rounds."
+
+
 def scaling_told(found: Mapping[str, Rows]) -> str:
     """Growth with resolution, pixels, lamps and boxes."""
     parts = ["![Time of a frame against resolution, pixels, lamps and boxes](figures/scaling.png)"]
