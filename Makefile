@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | figures | gallery | real | relit | lamps | near | spectra |
-# coverage | merl | first-order | platforms | package | crash: each sets up what it needs.
+# coverage | merl | first-order | cluster | platforms | package | crash: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order figures gallery schemas platforms package crash
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery schemas platforms package crash
 
 setup: $(READY)
 
@@ -96,6 +96,11 @@ coverage: $(READY)
 first-order: $(READY)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.first_order --out out/first_order --force
 	cp out/first_order/first_order.md docs/ && cp out/first_order/*.png docs/figures/
+
+# Workers on this machine, one of them killed, and a simulation of many (minutes): docs/cluster.md.
+cluster: $(READY)
+	$(BIN)/python -m studies.cluster --out out/cluster --force
+	cp out/cluster/cluster.md docs/ && cp out/cluster/cluster.png docs/figures/
 
 # 80 measured materials, fitted with our model and with GGX + Lambert (minutes; needs the fits beside): docs/merl.md.
 merl: $(READY)

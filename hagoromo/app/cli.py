@@ -269,6 +269,7 @@ def measure(
     distance: float | None = None,
     facets: Literal["auto", "gaussian", "student-t"] = "auto",
     interface: Literal["auto", "neutral", "coloured"] = "auto",
+    scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
     """Capture → materials.json, normals.exr, labels.png, a picture of each photograph's residuals, report.html.
@@ -282,8 +283,9 @@ def measure(
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(
-            capture, n=n, distance=distance, facets=facets, interface=interface, scratch=home, progress=progress
-        )
+            capture, n=n, distance=distance, facets=facets, interface=interface, scratch=home, progress=progress,
+            scheduler=scheduler,
+        )  # fmt: skip
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)
     for material in measurement.materials:
@@ -294,7 +296,7 @@ def measure(
 
 
 @verb(verbs)
-def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
+def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force: Force = False) -> None:
     """Recipe of matter (shape, micro-structure, material) → volume box, which may be larger than the memory.
 
     The same command resumes a build that was interrupted or stopped because the disk was full.
@@ -305,7 +307,7 @@ def build(recipe: Positional[Path], out: Out, force: Force = False) -> None:
     from hagoromo.volume.store.box_store import look_at_box
 
     with progress_bar("build") as progress:
-        hg.build_to(recipe, out, force, progress)
+        hg.build_to(recipe, out, force, progress, scheduler)
     say(*str(look_at_box(out)).splitlines())
     wrote(out)
 

@@ -40,7 +40,7 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -
     >>> bool(abs(volume / 33.5 - 1) < 0.1)  # a soft edge of a voxel enlarges it
     True
     """
-    plan, where, _ = _planned(recipe)
+    plan, where, _ = planned(recipe)
     progress(0.0)
     with described(where):
         box = plan.box()
@@ -49,20 +49,30 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -
 
 
 def build_to(
-    recipe: Mapping[str, Any] | str | Path, path: str | Path, force: bool = False, progress: Progress = silent
+    recipe: Mapping[str, Any] | str | Path,
+    path: str | Path,
+    force: bool = False,
+    progress: Progress = silent,
+    scheduler: str | int | None = None,
 ) -> None:
     """Build the box of a recipe at `path`, block by block. Memory holds one block; an interrupted build is resumed.
 
-    Raises what `build` and `resumable_folder` raise.
+    scheduler: see `render`; workers fill the blocks of a recipe file, and write them where `path` is, which all must
+    see. The bits are the same. Raises what `build` and `resumable_folder` raise.
     """
     replaceable_folder(path, force)  # before any work
-    plan, where, folder = _planned(recipe)
+    plan, where, folder = planned(recipe)
     with described(where):
         known = fingerprint(plan.header.provenance["recipe"], folder)
-    build_box(plan, path, known, force, progress)
+    if scheduler is None:
+        build_box(plan, path, known, force, progress)
+        return
+    from hagoromo.matter.build_parts import build_on  # Dask is an extra
+
+    build_on(scheduler, recipe, plan, path, known, force, progress)
 
 
-def _planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path | None]:
+def planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path | None]:
     """The plan of a recipe's box; what messages call the recipe; the folder of the files that it names."""
     if isinstance(recipe, (str, Path)):
         record, where, folder = read_toml(recipe), str(recipe), Path(recipe).parent

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import warnings
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
+from hagoromo.cluster.cluster import Workers, workers_of
 from hagoromo.errors import InputError
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
 from hagoromo.measurement.material.body_map import BodyMap
@@ -45,6 +47,7 @@ def measure(
     interface: Interface = "auto",
     scratch: str | Path | None = None,
     progress: Progress = silent,
+    scheduler: str | int | None = None,
 ) -> Measurement:
     """The materials and the surface of `capture`: a Capture, or the path of a capture folder.
 
@@ -59,7 +62,8 @@ def measure(
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
     there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". scratch: folder for
     the temporary files of tiles (default: the system's). progress: called with the share of the work done (0 … 1) and
-    the name of the step.
+    the name of the step. scheduler: see `render`; its workers solve the tiles, in a scratch folder that all must see,
+    with the same bits; what is solved as one is solved here.
 
     Warns of photographs that moved. Raises `InputError` for a capture that can be measured in no way.
     """
@@ -67,7 +71,7 @@ def measure(
     settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
     settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
     wanted = Wanted(n, labels, colour_from_highlights, facets, interface)
-    measurement = _measured(capture, wanted, distance, scratch, progress)
+    measurement = _measured(capture, wanted, distance, scratch, progress, scheduler)
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
 
@@ -105,14 +109,19 @@ def _measured(
     distance: float | None,
     scratch: str | Path | None,
     progress: Progress,
+    scheduler: str | int | None,
 ) -> Measurement:
     """`measure`, without its settings."""
     if not isinstance(capture, Capture):
         source = large_source(capture)
         if source is not None:
             away = _distance(source.photograph(0).camera, distance, wanted)
-            return _measure_tiles(source, Path(scratch or tempfile.gettempdir()), away, progress, wanted.model)
+            home = Path(scratch or tempfile.gettempdir())
+            with workers_of(scheduler) if scheduler is not None else nullcontext() as workers:
+                return _measure_tiles(source, home, away, progress, wanted.model, workers)
         capture = load_capture(capture)
+    if scheduler is not None:
+        warnings.warn("the capture is measured here: only large ones of unknown shape have tiles", stacklevel=3)
     _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
         measurement = measure_known_shape(
@@ -135,9 +144,14 @@ def _measured(
 
 
 def _measure_tiles(
-    source: FolderSource, scratch: Path, distance: float, progress: Progress, model: GlossModel
+    source: FolderSource,
+    scratch: Path,
+    distance: float,
+    progress: Progress,
+    model: GlossModel,
+    workers: Workers | None,
 ) -> Measurement:
-    coarse, fine = solve_large(source, scratch, distance, progress, model)
+    coarse, fine = solve_large(source, scratch, distance, progress, model, workers)
     measurement = _with_shape(coarse.capture, coarse.normal_map, coarse.surface)
     materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)

@@ -1,5 +1,6 @@
 """Work on Dask's workers: the bits of one machine, whoever dies; what is not fit for it is refused in one line."""
 
+import dataclasses
 import os
 import signal
 
@@ -11,6 +12,11 @@ from hagoromo.cluster import cluster as clusters
 from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.image import render_tiles
 from hagoromo.image.image import Image
+from hagoromo.measurement.surface import tile_store
+from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
+from hagoromo.photograph.capture import save_capture
+from hagoromo.volume.store import field_blocks
+from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
 
 SLAB = """
 [[box]]
@@ -113,6 +119,55 @@ def test_a_batch_goes_on_when_a_worker_is_killed(scene, cluster, address, tmp_pa
     assert [one.step for one in many if one.state != "done"] == ["rendered 3", "dimmed 3"]
     for tiled, whole in zip(many, alone, strict=True):
         assert tiled.state != "done" or tiled.out.read_bytes() == whole.out.read_bytes()
+
+
+BALL = """
+kind = "solid"
+voxel_mm = 0.1
+shape = {form = "sphere", radius_mm = 3.0}
+material = {alpha = 0.2, beta = 0.1, gamma = 0.2, n = 1.5, body_colour = 0.8}
+"""
+
+
+def test_a_box_of_parts_has_the_bytes_of_one_machine(cluster, address, tmp_path, monkeypatch):
+    """Of a ball in six parts every file of the box is the same."""
+    few = "setattr(__import__('hagoromo.volume.store.field_blocks', fromlist=['it']), 'BRICKS_AT_ONCE', {})"
+    cluster.client.run(eval, few.format(64))
+    monkeypatch.setattr(field_blocks, "BRICKS_AT_ONCE", 64)
+    (tmp_path / "ball.toml").write_text(BALL)
+    try:
+        parts = []
+        tell = lambda share, step="": parts.append(share)  # noqa: E731
+        hg.build_to(tmp_path / "ball.toml", tmp_path / "many.zarr", progress=tell, scheduler=address)
+    finally:
+        cluster.client.run(eval, few.format(1 << 12))
+    hg.build_to(tmp_path / "ball.toml", tmp_path / "one.zarr")
+    one, many = (
+        {file.relative_to(box).as_posix(): file.read_bytes() for file in sorted(box.rglob("*")) if file.is_file()}
+        for box in (tmp_path / "one.zarr", tmp_path / "many.zarr")
+    )
+    assert len(parts) > 6 and len(one) > 20 and one == many
+
+
+def test_tiles_of_a_measurement_have_the_bits_of_one_machine(cluster, tmp_path, monkeypatch):
+    """A picture of two tiles, with everything that they share; the scratch folder is left empty."""
+    monkeypatch.setattr(tile_store, "COARSE_PIXELS", 200)
+    capture, _ = simulate(ring_rig(280, 60, 5), sphere, Look(0.3), bits=10)
+    save_capture(capture, tmp_path / "capture")
+    source = tile_store.FolderSource(tmp_path / "capture", tuple(range(5)))
+    with tile_store.tile_store(source, tmp_path) as store:
+        coarse = solve_coarse(store, 1.03 * SURFACE_DISTANCE)
+        one, many = solve_tiles(store, coarse), solve_tiles(store, coarse, workers=cluster)
+        assert store.count == 2
+    assert one.converged[:, 192:].any() and one.converged[:, :192].any()
+    for field in dataclasses.fields(one):
+        assert getattr(one, field.name).tobytes() == getattr(many, field.name).tobytes(), field.name
+    assert [path.name for path in tmp_path.iterdir()] == ["capture"]
+
+
+def test_a_capture_that_is_solved_as_one_says_so(scene, capture, address, tmp_path):
+    with pytest.warns(UserWarning, match="the capture is measured here"):
+        hg.measure(capture, scheduler=address)
 
 
 def test_a_worker_that_finds_another_file_refuses(slab, cluster, monkeypatch):

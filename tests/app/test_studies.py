@@ -37,6 +37,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "merl_truth.py": {"files.record"},
     # the steps that a tolerance stands for
     "first_order.py": {"transport.frames"},
+    # workers, before and while they work
+    "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
     "gallery/gallery_item.py": {"backend"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hagoromo.cluster.cluster import Workers
 from hagoromo.files.record import read_json
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_store
@@ -39,16 +40,21 @@ def needs_tiles(photograph: Photograph, count: int) -> bool:
 
 
 def solve_large(
-    source: Source, scratch: Path, distance: float, progress: Progress = silent, model: GlossModel = BY_EVIDENCE
+    source: Source,
+    scratch: Path,
+    distance: float,
+    progress: Progress = silent,
+    model: GlossModel = BY_EVIDENCE,
+    workers: Workers | None = None,
 ) -> tuple[Coarse, Fine]:
     """The solution for a small capture of means over squares of pixels, and the full-size maps.
 
     scratch: folder for temporary files. distance: first guess of the distance to the surface [m].
+    workers: who solves the tiles; see `solve_tiles`.
     """
 
     with tile_store(source, scratch, part_of(progress, 0.0, STORING_SHARE)) as store:
         coarse = solve_coarse(store, distance, None, part_of(progress, STORING_SHARE, COARSE_SHARE), model)
-        fine = solve_tiles(
-            store, coarse, part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
-        )
+        told = part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
+        fine = solve_tiles(store, coarse, told, workers=workers)
     return coarse, fine

@@ -6,12 +6,17 @@ colours of each tile are then fitted with these known, and its depth is integrat
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
+from hagoromo.cluster.cluster import Here, Workers
 from hagoromo.errors import InputError
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_normals
@@ -77,8 +82,32 @@ def solve_coarse(
     return Coarse(capture, normal_map, surface_from_normals(normal_map.normals, camera, distance, normal_map.variance))
 
 
-def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, tiles: range | None = None) -> Fine:
-    """All tiles (or those in `tiles`), given the coarse capture. `InputError` when three lamps light no pixel."""
+Shared: TypeAlias = "tuple[TileStore, Coarse] | str"  # what all tiles need, or the file that has it
+
+
+class Solved(NamedTuple):
+    """The pixels (P,) of a tile whose normals are solved, and what is known of each, as in `Fine`."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    normals: NDArray
+    variance: NDArray
+    body: NDArray
+    converged: NDArray[np.bool_]
+    labels: NDArray[np.intp]
+
+
+def solve_tiles(
+    store: TileStore,
+    coarse: Coarse,
+    progress: Progress = silent,
+    tiles: range | None = None,
+    workers: Workers | None = None,
+) -> Fine:
+    """All tiles (or those in `tiles`), given the coarse capture. `InputError` when three lamps light no pixel.
+
+    workers: who solves the tiles; those of other processes must see the file of the store.
+    """
     camera = store.camera
     size = camera.height, camera.width
     fine = Fine(
@@ -91,53 +120,95 @@ def solve_tiles(store: TileStore, coarse: Coarse, progress: Progress = silent, t
         np.zeros(size, bool),
     )
     known = tiles or range(store.count)
-    for i, tile in enumerate(known):
-        progress(0.7 * i / len(known), f"normals of tile {i + 1} of {len(known)}")
-        _solve_tile(store, coarse, tile, fine)
+    shared: Shared = (store, coarse) if workers is None else _shared_file(store, coarse)
+    runner = workers or Here()
+    for done, (_, solved) in enumerate(runner.results(_solve_tile, ((shared, tile) for tile in known)), 1):
+        progress(0.7 * done / len(known), f"normals of tile {done} of {len(known)}")
+        if solved is not None:
+            _put(fine, solved)
     if not np.isfinite(fine.variance).any():
         raise InputError("no pixel is lit by three lamps: expose longer")
-    for i, tile in enumerate(known):
-        progress(0.7 + 0.3 * i / len(known), f"depth of tile {i + 1} of {len(known)}")
-        _integrate_tile(store, coarse, tile, fine)
+    maps = fine.normals, fine.variance
+    windows = ((shared, tile, *(part[_window(store, tile)] for part in maps)) for tile in known)
+    for done, (number, points) in enumerate(runner.results(_integrate_tile, windows), 1):
+        progress(0.7 + 0.3 * done / len(known), f"depth of tile {done} of {len(known)}")
+        if points is not None:
+            place = store.place(known[number])
+            fine.points[place], fine.depth_variance[place] = points
     progress(1.0, "")
     return fine
 
 
-def _solve_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> None:
-    """Normals and body colours of a tile, on the coarse surface and with its gloss and lamps."""
+def _put(fine: Fine, solved: Solved) -> None:
+    place = solved.rows, solved.columns
+    fine.normals[place] = solved.normals
+    fine.body[place] = solved.body
+    fine.variance[place] = solved.variance
+    fine.converged[place] = solved.converged
+    fine.labels[place] = solved.labels
+
+
+def _shared_file(store: TileStore, coarse: Coarse) -> str:
+    """A file beside the tiles with what all workers need; its path. The scratch folder is this user's alone."""
+    path = store.path.with_name("shared")
+    path.write_bytes(pickle.dumps((store, coarse)))
+    return str(path)
+
+
+@lru_cache(maxsize=1)
+def _from_file(path: str) -> tuple[TileStore, Coarse]:
+    if not Path(path).is_file():
+        raise InputError(f"a worker does not see {path}: write to a folder that all workers share")
+    return pickle.loads(Path(path).read_bytes())
+
+
+def _known(shared: Shared) -> tuple[TileStore, Coarse]:
+    return _from_file(shared) if isinstance(shared, str) else shared
+
+
+def _solve_tile(shared: Shared, tile: int) -> Solved | None:
+    """Normals and body colours of a tile, on the coarse surface and with its gloss and lamps; None where are none."""
+    store, coarse = _known(shared)
     fit, small = coarse.normal_map.fit, coarse.normal_map.views
     stack, *rows_columns = store.stack(tile)
     pixels = rows_columns[0], rows_columns[1]
     if not len(pixels[0]):
-        return
+        return None
     depth, _, _ = _coarse_depth(store, coarse, pixels)
     points = _points(store.camera, pixels, depth)
     views = views_from_stack(stack, store.camera, small.lamps, points, pixels)
     if not len(views.rows):
-        return
+        return None
     label_of = np.zeros(small.shape, np.intp)
     label_of[small.rows, small.columns] = fit.labels
     inside = np.minimum(views.rows // store.factor, small.shape[0] - 1)
     labels = label_of[inside, np.minimum(views.columns // store.factor, small.shape[1] - 1)]
     even = evenness(fit.strength, fit.slope, _place(views.rows, views.columns, coarse, store.factor))
     light = Light(fit.gloss.rows[labels], even, precision(views, fit.model_error))
-    pixels_fit = fit_pixels(views, light, *robust_lambert(views))
-    fine.normals[views.rows, views.columns] = pixels_fit.normals
-    fine.body[views.rows, views.columns] = pixels_fit.body.T
-    fine.variance[views.rows, views.columns] = pixels_fit.variance
-    fine.converged[views.rows, views.columns] = pixels_fit.converged
-    fine.labels[views.rows, views.columns] = labels
+    found = fit_pixels(views, light, *robust_lambert(views))
+    return Solved(views.rows, views.columns, found.normals, found.variance, found.body.T, found.converged, labels)
 
 
-def _integrate_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> None:
-    """Points of a tile: its normals integrated around the coarse surface, including a margin shared with neighbours."""
+def _window(store: TileStore, tile: int) -> tuple[slice, slice]:
+    """Rows and columns of a tile with the margin that it shares with its neighbours."""
     (rows, columns), camera, margin = store.place(tile), store.camera, MARGIN * store.factor
     top, left = max(rows.start - margin, 0), max(columns.start - margin, 0)
-    wide = np.s_[top : min(rows.stop + margin, camera.height), left : min(columns.stop + margin, camera.width)]
-    normals = fine.normals[wide]
+    return np.s_[top : min(rows.stop + margin, camera.height), left : min(columns.stop + margin, camera.width)]
+
+
+def _integrate_tile(
+    shared: Shared, tile: int, normals: NDArray[np.float32], variance: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.float32]] | None:
+    """Points of a tile and the variance of their distance: its normals integrated around the coarse surface.
+
+    normals, variance: of the `_window` of the tile. None where nothing is known.
+    """
+    store, coarse = _known(shared)
+    (rows, columns), camera = store.place(tile), store.camera
+    top, left = (part.start for part in _window(store, tile))
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     if not known.any():
-        return
+        return None
     part_camera = replace(
         camera,
         width=normals.shape[1],
@@ -150,13 +221,12 @@ def _integrate_tile(store: TileStore, coarse: Coarse, tile: int, fine: Fine) -> 
     level = np.full(known.shape, np.nan)
     level[known] = np.where(sure, np.log(depth), np.nan)
     if not sure.any():
-        return
-    points = anchored_surface(normals, part_camera, fine.variance[wide], level, store.factor)
+        return None
+    points = anchored_surface(normals, part_camera, variance, level, store.factor)
     own = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    fine.points[rows, columns] = points[own]
     errors = np.full(known.shape, np.inf, np.float32)
     errors[known] = spread
-    fine.depth_variance[rows, columns] = errors[own]
+    return points[own], errors[own]
 
 
 def _coarse_depth(

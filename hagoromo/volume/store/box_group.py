@@ -31,12 +31,16 @@ class BoxGroup:
     """The group in an empty folder, or in one where a box of the same kind was begun.
 
     shape: (nz, ny, nx) voxels. colours: coefficients of the body colour, 0 for none. material: whether there are any.
+    begun: another process has made the group and its arrays; here only blocks are written.
     """
 
-    def __init__(self, folder: Path, shape: Shape, header: BoxHeader, colours: int, material: bool) -> None:
+    def __init__(
+        self, folder: Path, shape: Shape, header: BoxHeader, colours: int, material: bool, begun: bool = False
+    ) -> None:
         self.folder, self.shape = folder, shape
-        self.group = zarr.open_group(folder, mode="a", zarr_format=3)
-        self.group.attrs["hagoromo"] = header.record()
+        self.group = zarr.open_group(folder, mode="r+" if begun else "a", zarr_format=3)
+        if not begun:
+            self.group.attrs["hagoromo"] = header.record()
         self._arrays: dict[str, Any] = {"density": self._array("density", "float16")}
         self._arrays["axis"] = self._array("axis", "float16", 3)
         if colours:

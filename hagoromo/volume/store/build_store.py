@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -21,6 +22,7 @@ from hagoromo.volume.table import BLOCK
 
 BUILT = 0.7  # of the work, when all blocks are written and their bricks are to be packed
 Bricks = tuple[NDArray[np.int64], NDArray[np.uint8]]  # places (n, 3) of bricks with matter, and their `matter_flags`
+Elsewhere = Callable[[Path, list[int]], Iterator[tuple[int, Bricks]]]  # folder, numbers of parts → number, bricks
 
 
 def build_box(
@@ -29,8 +31,11 @@ def build_box(
     fingerprint: str,
     force: bool = False,
     progress: Progress = silent,
+    elsewhere: Elsewhere | None = None,
 ) -> None:
     """Build the box of `plan` at `path`, whole or not at all.
+
+    elsewhere: writes the blocks of parts in other processes, which see the same folder and have the same plan.
 
     fingerprint: text that differs for plans of different voxels; a run that was cut off is taken up again by the next
     one with the same, see `resumable_folder`, which also says what is raised.
@@ -40,27 +45,39 @@ def build_box(
         save_box(plan.box(), path, force)
         return
     with resumable_folder(path, fingerprint, force) as folder:
-        group = BoxGroup(folder, blocks.shape, plan.header, blocks.colours, blocks.material)
+        group = group_of(plan, folder)
         done = folder.parent / "done"
         done.mkdir(exist_ok=True)
-
-        def write(block_and_values: tuple[Block, dict[str, NDArray]]) -> Bricks:
-            block, values = block_and_values
-            group.write(block, values)
-            flags = matter_flags(filled(values["density"] > 0))
-            held = np.argwhere(flags)
-            return held + np.array(block) * BLOCK, flags[tuple(held.T)]
-
-        parts, bricks = blocks.parts(), []
-        for number, part in enumerate(parts):
-            path = done / f"{number}.npz"
-            noted = _noted(path, group) or _joined(list(in_order(write, blocks.read(part))))
-            if not path.exists():
-                _note(path, noted)
-            bricks.append(noted)
-            progress(BUILT * (number + 1) / len(parts))
-        group.finish(kept_bricks(*_joined(bricks), blocks.shape))
+        count = len(blocks.parts())
+        noted = ((number, _noted(done / f"{number}.npz", group)) for number in range(count))
+        bricks = {number: known for number, known in noted if known}
+        missing = [number for number in range(count) if number not in bricks]
+        made = elsewhere(folder, missing) if elsewhere else ((n, write_part(plan, group, n)) for n in missing)
+        for number, known in made:
+            _note(done / f"{number}.npz", known)
+            bricks[number] = known
+            progress(BUILT * len(bricks) / count)
+        group.finish(kept_bricks(*_joined([bricks[number] for number in range(count)]), blocks.shape))
         write_packed(folder, part_of(progress, BUILT, 1.0 - BUILT))
+
+
+def group_of(plan: BoxPlan, folder: Path, begun: bool = False) -> BoxGroup:
+    """The Zarr group of a box in a folder. begun: another process has made it."""
+    blocks = plan.blocks
+    return BoxGroup(folder, blocks.shape, plan.header, blocks.colours, blocks.material, begun)
+
+
+def write_part(plan: BoxPlan, group: BoxGroup, number: int) -> Bricks:
+    """Write the blocks of a part of the plan; its bricks that hold matter."""
+
+    def write(block_and_values: tuple[Block, dict[str, NDArray]]) -> Bricks:
+        block, values = block_and_values
+        group.write(block, values)
+        flags = matter_flags(filled(values["density"] > 0))
+        held = np.argwhere(flags)
+        return held + np.array(block) * BLOCK, flags[tuple(held.T)]
+
+    return _joined(list(in_order(write, plan.blocks.read(plan.blocks.parts()[number]))))
 
 
 def _joined(bricks: list[Bricks]) -> Bricks:
