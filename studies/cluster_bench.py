@@ -14,8 +14,8 @@ import hagoromo as hg
 from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.image.render_tiles import render_tiles
 
-SIZE = 1280, 960
-EMPTY_TASKS = 2000
+SIZE = 640, 480
+EMPTY_TASKS = 1000
 RECIPE = """
 kind = "solid"
 voxel_mm = 0.1

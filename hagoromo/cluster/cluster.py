@@ -23,6 +23,7 @@ MOST_WORKERS = 256  # processes on this machine
 SHARE_OF_MEMORY = 0.8  # of what is free now, for all workers of this machine together
 AHEAD = 4  # tasks a worker that wait on the scheduler; more only when these are done
 DEATHS = 10  # workers that may die of a task before it is given up
+NOWHERE_ELSE = "127.0.0.1:0"  # of the servers that tell of the state of workers: this machine, any free port
 THREADS = "HAGOROMO_THREADS"  # environment of a worker: threads of its kernels
 NO_DASK = "--scheduler needs Dask, which is not installed: install hagoromo[cluster]"
 ALONE = {  # settings of Dask for workers that are started here
@@ -224,8 +225,9 @@ def _started(distributed: Any, count: int) -> Iterator[Any]:
     with (
         config.set(ALONE),
         distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-            memory_limit=memory, silence_logs=logging.CRITICAL, env=threads,
+            n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=NOWHERE_ELSE,
+            worker_dashboard_address=NOWHERE_ELSE, scheduler_kwargs={"dashboard": False}, memory_limit=memory,
+            silence_logs=logging.CRITICAL, env=threads,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):  # fmt: skip

@@ -4,6 +4,7 @@ import dataclasses
 import os
 import signal
 
+import psutil
 import pytest
 
 import hagoromo as hg
@@ -229,3 +230,13 @@ def test_many_tasks_wait_here_and_not_at_the_scheduler(cluster):
         assert result == number and sent - done <= 2 * clusters.AHEAD
         if done == 50:
             break
+
+
+def test_two_clusters_of_one_machine_stand_side_by_side_on_loopback(cluster):
+    """Nothing listens to other machines, where whoever reaches a worker may run what he likes on it."""
+    with workers_of(1) as other:
+        assert (cluster.run(abs, -1), other.run(abs, -2)) == (1, 2)
+        here = psutil.Process()
+        sockets = [one for process in (here, *here.children(recursive=True)) for one in process.net_connections()]
+    listening = {one.laddr.ip for one in sockets if one.status == psutil.CONN_LISTEN}
+    assert listening == {"127.0.0.1"}
