@@ -199,8 +199,9 @@ def given(record: Any) -> dict[str, Any]:
 
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file; `InputError` when it is missing or not valid TOML."""
+    text = read_bytes(sized_file(path, LARGEST_TOML, "a TOML file"), TOML_GROWTH)
     try:
-        data = tomllib.loads(read_bytes(sized_file(path, LARGEST_TOML, "a TOML file"), TOML_GROWTH).decode("utf-8"))
+        data = tomllib.loads(text.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {_first_line(error)}") from error
     check_plain(data, str(path))

@@ -32,7 +32,8 @@ def pipe(tmp_path):
 
 @pytest.mark.parametrize("suffix", KIND_READERS)
 def test_a_pipe_is_refused_and_not_waited_for(refused, pipe, suffix):
-    assert "is a pipe" in refused("info", pipe(f"a{suffix}"))
+    path = pipe(f"a{suffix}")
+    assert refused("info", path) == f"hagoromo: {path} is a pipe: give a file on a disk\n"
 
 
 def test_verbs_do_not_wait_for_pipes(refused, capture, pipe, tmp_path):
