@@ -30,6 +30,7 @@ from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.streams import printable_streams
 from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
 from hagoromo.errors import InputError
+from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.names import printable
 from hagoromo.files.whole import names_written, replaceable_file, replaceable_files, whole_folder
@@ -450,7 +451,7 @@ def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None, 
         mask: PNG that is not black where the images are compared.
         peak: value of white in EXR files (default: the largest of the reference).
     """
-    print(json.dumps(hg.compare(a, b, mask, peak).record()))
+    print(finite_json(hg.compare(a, b, mask, peak).record(), "the comparison"))
 
 
 @verb(verbs)
@@ -462,7 +463,7 @@ def info(file: Positional[Path]) -> None:
             YAML, _par.txt, COLMAP).
     """
     for key, value in hg.info(file).items():
-        say(f"{key}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}")
+        say(f"{key}: {value if isinstance(value, str) else finite_json(value, key)}")
 
 
 @verb(verbs)

@@ -145,7 +145,11 @@ def develop_raw(raw: ArrayLike, sensor: Sensor, demosaic: Demosaic = "bilinear")
     else:
         saturated = np.any(saturated, axis=2)
     values, spread = electrons / sensor.exposure, variance / sensor.exposure**2
-    return Developed(values.astype(np.float32), spread.astype(np.float32), ~saturated)
+    with np.errstate(over="ignore"):
+        values, spread = values.astype(np.float32), spread.astype(np.float32)
+    if not (np.isfinite(values).all() and np.isfinite(spread).all()):
+        raise InputError(f"the light is beyond single precision: correct the sensor's exposure, {sensor.exposure:.3g}")
+    return Developed(values, spread, ~saturated)
 
 
 def native_channels(sensor: Sensor, height: int, width: int) -> NDArray[np.bool_] | None:

@@ -15,6 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import read_bytes
 from hagoromo.files.exr_lines import MAGIC, Layout, Part, read_layout, read_lines
+from hagoromo.files.finite import check_finite
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.whole import check_written, whole_file
@@ -27,14 +28,16 @@ PREFIX = "channel "  # of names of channels among those of arrays
 def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None) -> None:
     """Write `channels`, name → (height, width), as float32 with lossless compression.
 
-    `InputError` when there is no channel or their shapes differ.
+    `InputError` when there is no channel, their shapes differ, or a value is not finite in single precision.
     """
     import OpenEXR
 
-    arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
+    with np.errstate(over="ignore"):
+        arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
     shapes = sorted({values.shape for values in arrays.values()})
     if len(shapes) != 1 or len(shapes[0]) != 2 or 0 in shapes[0]:
         raise InputError(f"the channels of an EXR have shapes {shapes}: give one shape (height, width) for all")
+    check_finite({f"channel {name}": values for name, values in arrays.items()}, Path(path).name)
     header = {**(metadata or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with whole_file(path, force=True) as partial:
         try:

@@ -27,6 +27,7 @@ from msgspec import UNSET, Meta, UnsetType, inspect
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.finite import finite_json
 from hagoromo.files.whole import whole_file, write_text
 from hagoromo.version import __version__
 
@@ -245,11 +246,7 @@ def write_json(path: str | Path, record: Any) -> None:
 
     `InputError` for NaN, Infinity or a value that JSON cannot represent.
     """
-    try:
-        text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{path} cannot be written: {error}") from error
-    write_text(path, text + "\n")
+    write_text(path, finite_json(record, Path(path).name, indent=1) + "\n")
 
 
 def save_json(path: str | Path, record: Any, force: bool = False) -> Path:

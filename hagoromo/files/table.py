@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.finite import check_finite
 from hagoromo.files.whole import write_text
 
 MOST_COLUMNS = 4096
@@ -52,11 +53,14 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
 def write_table(path: str | Path, columns: Mapping[str, ArrayLike], comment: str = "") -> None:
     """Write `columns`, name → (rows,), such that `read_table` returns the same float64 numbers.
 
-    comment: a line before the columns, which `read_table` skips.
+    comment: a line before the columns, which `read_table` skips. `InputError` for numbers that are not finite.
     """
     arrays = [np.asarray(values, dtype=np.float64) for values in columns.values()]
     if len({array.shape for array in arrays}) != 1 or arrays[0].ndim != 1:
         raise InputError(f"a table needs columns of one length: given shapes {[array.shape for array in arrays]}")
+    check_finite(
+        {f"column {name}": array for name, array in zip(columns, arrays, strict=True)}, Path(path).name, "rows"
+    )
     text = io.StringIO(newline="")
     text.write(f"# {comment}\n" if comment else "")
     writer = csv.writer(text, lineterminator="\n")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.sensor import develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
+from hagoromo.files.finite import check_finite
 from hagoromo.image.image import Image, StrengthOfLamp, read_image
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
@@ -46,6 +47,7 @@ def photograph(image: Image, scene: Scene, seed: int = 0, name: str = "", percen
     if camera.response is None or camera.sensor is None:
         raise InputError(f"camera {camera.name!r} has no response or no sensor: a photograph needs both")
     signal = image.expose(camera.response)
+    check_finite({"its light": signal}, f"photograph {name!r}", "values")
     sensor = camera.sensor.metered(max(_metered(signal, percentile), 1e-30))
     developed = develop_raw(expose_raw(signal, sensor, seed), sensor)
     return Photograph(

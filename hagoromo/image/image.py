@@ -6,7 +6,6 @@ of the scene (MODEL §5): the integrals are small matrices, so another camera or
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.finite import finite_json
 from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
@@ -72,7 +72,8 @@ class Image:
             raise InputError(f"{len(lamps)} lamp spectra given: the image has {len(self.palette.lamps)} lamp groups")
         # MODEL §5, eq. (10)
         matrix = np.concatenate([response_matrix(self.palette.colours, lamp, response) for lamp in lamps], axis=1)
-        return (self.weights @ matrix.T.astype(np.float32)).astype(np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused where it is written
+            return (self.weights @ matrix.T.astype(np.float32)).astype(np.float32)
 
     @property
     def lamp_names(self) -> tuple[str, ...]:
@@ -157,8 +158,8 @@ class Image:
             channels[name] = self.weights[..., k]
         header = {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
-            "hagoromo": json.dumps(self.metadata),
-            "palette": json.dumps(_palette_record(self.palette)),
+            "hagoromo": finite_json(self.metadata, str(target)),
+            "palette": finite_json(_palette_record(self.palette), str(target)),
         }
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):

@@ -24,6 +24,8 @@ from hagoromo.reflectance.material.materials_file import MaterialRecord, write_m
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
 GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
+VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
+UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 Map = NDArray[np.floating]
 
 
@@ -53,7 +55,8 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
 def read_measurement(home: Path) -> Measurement:
     """The measurement in the folder `home`; see `Measurement.load`."""
     surface = read_surface(home)
-    variances = _read_maps(inside(home, "variance.exr"), ("normal", "distance"), surface) or (None, None)
+    stored = _read_maps(inside(home, "variance.exr"), VARIANCE_CHANNELS, surface)
+    variances = [np.where(one < UNKNOWN_VARIANCE, one, np.inf) for one in stored] if stored else [None, None]
     spectra = inside(home, "body_spectra.json")
     writer = decode(read_json(inside(home, "materials.json"))[0], MaterialRecord, "materials.json").hagoromo
     return Measurement(
@@ -89,8 +92,9 @@ def _write_surface(
     write_exr(home / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(normals, 2, 0), strict=True)))
     if points is not None:
         write_points(home / "points.exr", points)
-    if variances[0] is not None and variances[1] is not None:
-        write_exr(home / "variance.exr", {"normal": variances[0], "distance": variances[1]})
+    held = [np.minimum(one, UNKNOWN_VARIANCE) for one in variances if one is not None]
+    if len(held) == len(VARIANCE_CHANNELS):
+        write_exr(home / "variance.exr", dict(zip(VARIANCE_CHANNELS, held, strict=True)))
 
 
 def _body_channels(body: BodyMap) -> dict[str, NDArray[np.float32]]:

@@ -175,7 +175,9 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             write_points(home / "points.exr", capture.points)
             shared["points_path"] = "points.exr"
         if capture.normals is not None:
-            write_exr(home / "normals.exr", dict(zip(NORMALS, np.moveaxis(capture.normals, 2, 0), strict=True)))
+            known = np.isfinite(capture.normals).all(axis=2, keepdims=True)
+            normals = np.moveaxis(np.where(known, capture.normals, 0.0), 2, 0)
+            write_exr(home / "normals.exr", dict(zip(NORMALS, normals, strict=True)))
             shared["normals_path"] = "normals.exr"
         if capture.truth is not None:
             shared["truth"] = capture.truth

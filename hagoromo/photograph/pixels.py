@@ -88,7 +88,8 @@ def write_pixels(photograph: Photograph, stem: Path) -> Path:
     count = photograph.values.shape[2]
     response = photograph.camera.response
     names = response.channels if response and len(response.channels) == count else default_channels(count)
-    layers = {"": photograph.values, VARIANCE: photograph.variance}
+    used, light = photograph.mask[..., None], {"": photograph.values, VARIANCE: photograph.variance}
+    layers = {prefix: np.where(used | np.isfinite(layer), layer, 0.0) for prefix, layer in light.items()}
     if photograph.native is not None:
         layers[NATIVE] = photograph.native.astype(np.float32)
     channels = {prefix + name: layer[..., i] for prefix, layer in layers.items() for i, name in enumerate(names)}

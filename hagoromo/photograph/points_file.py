@@ -20,10 +20,10 @@ FAR = 16.0  # sizes of the surface, from which on its points are counted from a 
 
 
 def write_points(path: str | Path, points: NDArray[np.floating]) -> None:
-    """Write `points` (height, width, 3) [m], 0 where unknown."""
+    """Write `points` (height, width, 3) [m], 0 or not finite where unknown."""
     known = np.isfinite(points).all(axis=2) & (points != 0.0).any(axis=2)
     origin = _beside(points[known].astype(np.float64)) if known.any() else np.zeros(3)
-    counted = np.where(known[..., None], points - origin, points)
+    counted = np.where(known[..., None], points - origin, 0.0)
     header = {ORIGIN: " ".join(map(repr, origin.tolist()))} if origin.any() else None
     write_exr(path, dict(zip(CHANNELS, np.moveaxis(counted, 2, 0), strict=True)), header)
 

@@ -62,3 +62,13 @@ def test_very_many_lamps_boxes_or_surfaces_are_refused(refused, scene, tmp_path)
     assert f"{MOST_LAMPS + 1} lamps" in refused("render", scene(more=lamp * (MOST_LAMPS - 1)), *out)
     for table in (lamp, '[[box]]\nfile = "a.zarr"\n', '[[surface]]\nmesh = "a.ply"\n'):
         assert "a list of at most 10000 tables" in refused("render", scene(more=table * 10_001), *out)
+
+
+@pytest.mark.parametrize("intensity", ["1e37", "1e38", "1e300"])
+def test_light_beyond_single_precision_is_not_written(refused, scene, tmp_path, intensity):
+    strong = scene("intensity = 3.0", f"intensity = {intensity}")
+    if intensity != "1e37":  # the picture of that can be held, its variance cannot
+        assert "not finite in" in refused("render", strong, "--out", tmp_path / "a.exr")
+    said = refused("simulate", strong, "--out", tmp_path / "photographs")
+    assert "not finite in" in said or "beyond single precision" in said
+    assert {path.name for path in tmp_path.iterdir()} == {"scene.toml"}

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.files.exr import write_exr
+from hagoromo.files.exr import read_exr
 from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.png import write_png
 from hagoromo.photograph.capture import Capture, load_capture, save_capture
@@ -97,10 +98,15 @@ def test_linear_exr_without_variance_gets_an_assumed_one(tmp_path):
     write_foreign(tmp_path, np.zeros((5, 7, 3), np.uint8), file_path="a.exr", exposure_s=0.5)
     values = np.random.default_rng(2).uniform(0.0, 9.0, (5, 7, 3)).astype(np.float32)
     values[1, 2, 0] = np.nan
-    write_exr(tmp_path / "a.exr", dict(zip("RGB", np.moveaxis(values, 2, 0), strict=True)))
-    shot = load_capture(tmp_path).photographs[0]
+    channels = {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate("RGB")}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, channels) as file:
+        file.write(str(tmp_path / "a.exr"))  # as another program does: this package writes no NaN
+    capture = load_capture(tmp_path)
+    (shot,) = capture.photographs
     np.testing.assert_array_equal(shot.values, 2.0 * values)
     assert (~shot.mask).sum() == 1 and (shot.variance[shot.mask] > 0.0).all()
+    layers, _ = read_exr(save_capture(capture, tmp_path / "own") / "images" / "0000.exr")
+    assert all(np.isfinite(layer).all() for layer in layers.values()) and layers["R"][1, 2] == 0.0
 
 
 def test_jpeg_reads_as_stored_and_refuses_halves(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr
 from hagoromo.photograph.capture import save_capture
 from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
 from tests.inverse import simulated_ball
@@ -79,6 +80,8 @@ def test_the_call_is_the_command_for_far_lamps_and_the_camera_at_the_origin(far)
     same_files(measurement.save(far / "call"), far / "command")
     assert measurement.settings == {"distance_m": 1.0}
     assert {"points.exr", "variance.exr", "body_spectra.json"} <= contents(far / "call").keys()
+    for path in sorted((far / "call").glob("*.exr")):
+        assert all(np.isfinite(layer).all() for layer in read_exr(path)[0].values()), path
     with pytest.raises(InputError, match="give the distance of the object"):
         hg.measure(capture)
     with pytest.raises(InputError, match="the refractive index has no effect"):

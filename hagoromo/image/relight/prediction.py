@@ -123,7 +123,8 @@ def predict(stage: Stage, photograph: Photograph, number: int, home: Path) -> Pr
     if not mask.any():
         raise InputError(f"photograph {photograph.name!r} shows nothing of the measured surface: check its camera")
     matrix = _to_srgb(photograph)
-    shown = photograph.values.astype(np.float64) @ matrix.T
+    used = photograph.mask[..., None]
+    shown = np.where(used | np.isfinite(photograph.values), photograph.values, 0.0).astype(np.float64) @ matrix.T
     level = float(np.percentile(shown[mask].max(axis=1), PAGE_WHITE_PERCENTILE))
     if not level > 0.0:
         raise InputError(f"photograph {photograph.name!r} is black where the surface is: nothing can be compared")

@@ -7,7 +7,6 @@ white level as 1, as in a capture (EXR and float TIFF keep their own unit); they
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import require
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_file
@@ -110,7 +110,7 @@ class Development:
         if self.native is not None:
             layers[NATIVE] = self.native.astype(np.float32)
         channels = {prefix + name: layer[..., i] for prefix, layer in layers.items() for i, name in enumerate(names)}
-        header = {key: json.dumps(value, ensure_ascii=False) for key, value in self.record().items()}
+        header = {key: finite_json(value, str(path)) for key, value in self.record().items()}
         header["colourSpace"] = "camera, linear, light per second at ISO 100, white level 1"
         if self.focal_px is not None:
             header["focal_px"] = f"{self.focal_px:.6g}"

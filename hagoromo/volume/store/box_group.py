@@ -8,6 +8,7 @@ attribute `hagoromo` holds the header. Beside the arrays the group `packed` keep
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from hagoromo.files.finite import check_finite, finite_json
 from hagoromo.volume.bricks import table_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE
 from hagoromo.volume.store.header import BoxHeader
@@ -40,7 +42,7 @@ class BoxGroup:
         self.folder, self.shape = folder, shape
         self.group = zarr.open_group(folder, mode="r+" if begun else "a", zarr_format=3)
         if not begun:
-            self.group.attrs["hagoromo"] = header.record()
+            self.group.attrs["hagoromo"] = json.loads(finite_json(header.record(), str(folder)))
         self._arrays: dict[str, Any] = {"density": self._array("density", "float16")}
         self._arrays["axis"] = self._array("axis", "float16", 3)
         if colours:
@@ -53,6 +55,7 @@ class BoxGroup:
         region = tuple(
             slice(BLOCK_SIDE * k, min(BLOCK_SIDE * (k + 1), n)) for k, n in zip(block, self.shape, strict=True)
         )
+        check_finite(values, f"the block {block} of {self.folder}", "numbers")
         for name, array in self._arrays.items():
             array[region] = values[name][tuple(slice(0, r.stop - r.start) for r in region)]
 

@@ -8,6 +8,7 @@ the voxels along (z, y, x).
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import zarr
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.finite import check_finite, finite_json
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.record import decode
@@ -40,7 +42,7 @@ def write_shell(box: VolumeBox, folder: Path) -> None:
     """Write the shell `box` into an empty folder."""
     assert box.texel is not None
     group = zarr.open_group(folder, mode="w", zarr_format=3)
-    group.attrs["hagoromo"] = header_of(box).record()
+    group.attrs["hagoromo"] = json.loads(finite_json(header_of(box).record(), str(folder)))
     group.attrs["shape"] = list(box.bricks.shape)
     total = max(box.bricks.kept, 1)
     made: dict[str, Any] = {
@@ -54,6 +56,7 @@ def write_shell(box: VolumeBox, folder: Path) -> None:
     for begin in range(0, box.bricks.kept, BRICKS_PER_CHUNK):
         end = min(begin + BRICKS_PER_CHUNK, box.bricks.kept)
         held = box.bricks.read(begin, end)
+        check_finite(held, str(folder), "numbers")
         made["height"][begin:end], made["normal"][begin:end] = held["density"], held["axis"]
         made["chart"][begin:end] = held["chart"]
     group.create_array("places", data=box.bricks.places.astype(np.int32), compressors=SEALED)
