@@ -22,15 +22,21 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.volume.box import VolumeBox
 
 STEP = 2.0**13  # [voxel] in which the origin follows the camera: near it, places are then exact to 2e-4 voxel
+NEAR = 2.0  # sizes of the matter, up to which it stands near the origin of the world as it is
 FAR = 16.0  # sizes of all matter, from which on the rays of a camera begin in front of it
 Origin = NDArray[np.float64]
 
 
 def origin_of(things: Sequence[VolumeBox] | Sequence[Surface], camera: Camera) -> Origin:
-    """(3,) [m], world: the middle of `things`, moved towards the camera by whole steps within their bounds."""
+    """(3,) [m], world: the middle of `things`, moved towards the camera by whole steps within their bounds.
+
+    (0, 0, 0) in place of a middle less than NEAR sizes away: pictures of such scenes keep their bits.
+    """
     corners = np.concatenate([thing.corners() for thing in things])
     low, high = corners.min(axis=0), corners.max(axis=0)
     step, middle = STEP * min(thing.finest for thing in things), 0.5 * (low + high)
+    if np.linalg.norm(middle) <= NEAR * np.linalg.norm(high - low):
+        middle = np.zeros(3)
     return middle + step * np.round((np.clip(camera.position, low, high) - middle) / step)
 
 
