@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from inspect import cleandoc
 from typing import Any, get_args
 
 import msgspec
@@ -29,6 +30,8 @@ def record_schema(record: Any) -> dict[str, Any]:
     title = (entry.__doc__ or "").splitlines()[0].rstrip(".")
     takes_null = {one.__name__ for one in _records(ForeignRecord) if one.takes_null}
     for name, table in tables.items():
+        if "description" in table:
+            table["description"] = cleandoc(table["description"])  # Python 3.13 does so by itself
         for key, field in table["properties"].items():
             table["properties"][key] = _as_decoded(field, name in takes_null)
     return {"$schema": DIALECT, "title": title, **schema, "$defs": {key: tables[key] for key in sorted(tables)}}

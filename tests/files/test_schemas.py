@@ -166,3 +166,10 @@ def test_a_file_without_a_version_is_read_and_one_of_a_newer_version_refused(tmp
 
 def test_the_record_of_a_camera_is_that_of_its_schema():
     assert set(LENS) <= known("camera", CameraRecord)
+
+
+@pytest.mark.parametrize("kind", schema_names())
+def test_descriptions_have_no_indentation(kind):
+    """That of the source stays in a docstring up to Python 3.12, and is gone in later ones."""
+    tables = json_schema(kind)["$defs"].values()
+    assert not any("\n  " in table.get("description", "") for table in tables)
