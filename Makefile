@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | figures | gallery | real | relit | lamps | near | spectra |
-# coverage | merl | first-order | cluster | platforms | package | crash: each sets up what it needs.
+# coverage | merl | first-order | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery schemas platforms package crash
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -42,6 +42,10 @@ package: $(READY)
 	$(BIN)/pytest -q tests/app/test_packaging.py
 	$(BIN)/python -c 'from hatchling.build import build_sdist, build_wheel; build_sdist("out/package"); build_wheel("out/package")'
 	@ls out/package
+
+# Spoilt files of every kind, more and more seeds (a quarter of an hour): each is read, or refused in one line.
+fuzz: $(READY)
+	$(BIN)/python -m fuzz --minutes 15 --processes 2 --keep out/fuzz
 
 test-slow: $(READY)
 	$(BIN)/pytest -n 2 --dist worksteal -m slow

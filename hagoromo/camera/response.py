@@ -21,6 +21,7 @@ from hagoromo.files.checks import inside
 from hagoromo.light.colour import colour_matching
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
 
+LARGEST_VALUE = 1e15  # of a curve, relative
 OBSERVER_CHANNELS = ("X", "Y", "Z")  # colour matching functions
 LIMITS_LINE = re.compile(r"# *limits_nm *= *(\d+(?:\.\d+)?) *, *(\d+(?:\.\d+)?) *\r?\n")  # the first line of a CSV
 # Two-sided Gaussians of the stand-in for the EOS 300D: height, centre [nm], widths below and above it [nm].
@@ -61,6 +62,8 @@ class Response:
         values = np.array(values, np.float64)
         if values.ndim != 2 or values.shape[1] != len(channels) or len(set(channels)) != len(channels):
             raise InputError(f"response of shape {values.shape}, channels {tuple(channels)}: name each column once")
+        if np.abs(values).max(initial=0.0) > LARGEST_VALUE:
+            raise InputError(f"response {name!r} has values above {LARGEST_VALUE:g}: scale them down")
         curves = [Spectrum(wavelengths, column) for column in values.T]
         values.flags.writeable = False
         object.__setattr__(self, "wavelengths", curves[0].wavelengths)

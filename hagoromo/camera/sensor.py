@@ -25,6 +25,8 @@ BILINEAR = {"R": SQUARE, "G": CROSS, "B": SQUARE}
 # it, measured on flat and sloping fields of white noise (both within 0.02).
 MENON_VARIANCE = {"R": 1.02, "G": 0.84, "B": 1.02}
 DEMOSAIC_REACH = {"bilinear": 1, "menon2007": 3}  # pixels around a saturated sample whose interpolated values it spoils
+LEAST = {"gain": 1e-9, "exposure": 1e-30, "full_well": 1e-9}  # figures beyond which single precision has no variances
+MOST = {"gain": 1e12, "exposure": 1e30, "full_well": 1e15, "read_noise": 1e9}
 SATURATION_MARGIN = 4.0  # read noises below full well from which a sample counts as saturated
 
 
@@ -55,6 +57,9 @@ class Sensor:
             figure, least = getattr(self, name), "at least" if name in ("read_noise", "black_level") else "above"
             if not np.isfinite(figure) or figure < 0.0 or (figure == 0.0 and least == "above"):
                 raise InputError(f"the sensor's {name} is {figure}: it must be finite and {least} 0")
+            if figure > MOST.get(name, np.inf) or 0.0 < figure < LEAST.get(name, 0.0):
+                bounds = f"{LEAST.get(name, 0.0):g} to {MOST[name]:g}"
+                raise InputError(f"the sensor's {name} is {figure:g}: it must be from {bounds}")
         if int(self.bits) != self.bits or self.bits > 16 or self.black_level >= self.largest:
             raise InputError(f"{self.bits} bits with black level {self.black_level}: give 1–16 bits, black below white")
         if self.mosaic not in MOSAICS:

@@ -178,7 +178,10 @@ def followed(path: str | Path) -> Path:
     given = Path(path)
     if given.is_symlink() and not given.exists():
         raise InputError(f"{given} is a link to what does not exist: remove the link, or give another name")
-    return Path(os.path.realpath(given))
+    target = Path(os.path.realpath(given))
+    if not target.name:
+        raise InputError(f"{given} is the root of a disk: give the name of a file or folder on it")
+    return target
 
 
 def check_written(partial: Path, path: str | Path, whole: bool = True) -> None:

@@ -102,7 +102,10 @@ class ZarrArray:
         """ValueError for a file of the part from `low` to `high` that is larger than what it may hold."""
         spans = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.grid, strict=True))
         for file in filter(None, map(self.files.get, itertools.product(*spans))):
-            if object_size(file) > self._largest_file:
+            stored = object_size(file)
+            if stored == 0:
+                raise ValueError("it is empty")  # zarr-python takes an empty shard for one that is not there
+            if stored > self._largest_file:
                 raise ValueError(f"it is larger than the {self._largest_file:.0f} bytes that its chunks may take")
 
 

@@ -27,6 +27,9 @@ SUFFIXES = (*READERS, ".exr", *RAW_SUFFIXES)
 VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside those of the values
 
 
+LARGEST_VALUE = 1e15  # whose square, over a full well, is a number in single precision
+
+
 class Pixels(NamedTuple):
     """values, variance, native: as `Photograph`; valid (height, width); sensor: None if its parameters are assumed."""
 
@@ -126,6 +129,8 @@ def _from_exr(path: Path, channels: Sequence[str], scale: float) -> Pixels:
         raise InputError(f"{path} has no channel of values: give one such as Y, or R, G and B")
     values = np.stack([layers[name] for name in names], axis=2)
     finite = np.isfinite(values).all(axis=2)
+    if np.abs(values[finite]).max(initial=0.0) > LARGEST_VALUE:
+        raise InputError(f"{path} has values above {LARGEST_VALUE:g}, whose variances are no numbers: scale them down")
     if all(VARIANCE + name in layers for name in names):
         variance = np.stack([layers[VARIANCE + name] for name in names], axis=2)
     else:

@@ -43,10 +43,17 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
         others = (total - own) / (len(marks) - 1)
         rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=STEPS_PER_PIXEL)[0]
         back = shift(own, (rows, columns), order=1, mode="nearest")
-        still, shifted = (float(np.corrcoef(others.ravel(), p.ravel())[0, 1]) for p in (own, back))
+        still, shifted = (_correlation(others, p) for p in (own, back))
         if np.hypot(rows, columns) > MOVED_PX and shifted > max(LEAST_CORRELATION, still):
             shifts[photograph.name] = (-k * float(columns), -k * float(rows))
     return shifts
+
+
+def _correlation(one: NDArray, other: NDArray) -> float:
+    """Pearson's correlation of two pictures; 0 where one is even."""
+    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return 0.0
+    return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
 
 def _marks(photograph: Photograph, k: int) -> NDArray[np.float64]:

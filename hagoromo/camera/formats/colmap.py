@@ -6,6 +6,7 @@ https://colmap.github.io/format.html. Of its lenses those are read that OpenCV's
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -122,7 +123,7 @@ def _colmap_camera(camera: Camera, number: int) -> ColmapCamera:
 def _pose(image: ColmapImage, where: str) -> NDArray[np.float64]:
     from scipy.spatial.transform import Rotation
 
-    length = float(np.linalg.norm(image.quaternion))
+    length = math.hypot(*image.quaternion)  # which does not overflow
     if not abs(length - 1.0) < QUATERNION_TOLERANCE:
         raise InputError(f"{where} has a quaternion of length {length:.4g}: it must be 1")
     w, x, y, z = image.quaternion
