@@ -42,9 +42,9 @@ def _info(path: Path) -> Any:
 
 def _plan(path: Path) -> Any:
     """The plan of a recipe."""
-    from hagoromo.matter.build import _planned
+    from hagoromo.matter.build import planned
 
-    return _planned(path)
+    return planned(path)
 
 
 def _tables(path: Path) -> Any:
