@@ -120,9 +120,10 @@ class Cluster:
         try:
             return future.result()
         except KilledWorker as error:
+            last, count = error.last_worker.address, error.allowed_failures + 1
             raise InputError(
-                f"{error.allowed_failures + 1} workers died of one task, the last at {error.last_worker.address}: it "
-                f"needs more memory than a worker has, give fewer workers or more memory to each"
+                f"workers died of one task, {count} in all, the last at {last}: "
+                f"it needs more memory than a worker has, give fewer workers or more memory to each"
             ) from error
         except FutureCancelledError as error:
             raise InputError("the scheduler is gone: start it and run this again") from error

@@ -240,3 +240,12 @@ def test_two_clusters_of_one_machine_stand_side_by_side_on_loopback(cluster):
         sockets = [one for process in (here, *here.children(recursive=True)) for one in process.net_connections()]
     listening = {one.laddr.ip for one in sockets if one.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
+
+
+def test_a_task_of_which_workers_die_is_one_line_and_the_next_one_runs(cluster, monkeypatch):
+    monkeypatch.setattr(cluster.client.cluster.scheduler, "allowed_failures", 0)
+    with pytest.raises(
+        hg.InputError, match=r"workers died of one task, 1 in all, the last at tcp://127\.0\.0\.1:.*memory"
+    ):
+        cluster.run(eval, "__import__('os').kill(__import__('os').getpid(), 9)")
+    assert cluster.run(abs, -3) == 3
