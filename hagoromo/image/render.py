@@ -19,7 +19,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.transport.film import Film
+from hagoromo.transport.film import R3, Film
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
 from hagoromo.transport.march import march
@@ -160,7 +160,7 @@ def pixel_points(samples: int, seed: int) -> np.ndarray:
     """
     if samples == 1:
         return np.array([[0.5, 0.5, 0.0]])
-    steps = np.outer(np.arange(samples), (0.8191725133961645, 0.6710436067037893, 0.5497004779019703))
+    steps = np.outer(np.arange(samples), R3)
     order = np.argsort((np.random.default_rng(seed).random(3) + steps) % 1.0, axis=0)
     return (np.argsort(order, axis=0) + 0.5) / samples
 

@@ -18,6 +18,7 @@ from hagoromo.files.memory import require
 from hagoromo.progress import Progress, silent
 
 RAYS_AT_ONCE = 1 << 21  # rays of one launch; progress is reported, and an interrupt taken, between launches
+R3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # Roberts 2018: three dimensions, evenly filled
 TILE = (4, 4)  # columns, rows of pixels whose rays are numbered side by side, to share vector lanes
 
 

@@ -275,10 +275,8 @@ class Lighting:
         texel_hit: TexelHit | None,
     ) -> Float:
         """Transmittance from a lamp to `point`; looked up only where matter faces the lamp (`lit`)."""
-        attenuation = self.attenuation
-        if attenuation is None:
-            return 1.0
-        Float = arrays().Float
+        attenuation, Float = self.attenuation, arrays().Float
+        assert attenuation is not None
         return dr.if_stmt(
             args=(point, to_lamp, Float(distance), Float(extinction), texel_hit),
             cond=lit,

@@ -20,6 +20,7 @@ from hagoromo.matter.texel.layer import LAMP_DISTANCE_M, Layer
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
+from hagoromo.transport.film import R3
 from hagoromo.transport.textures import SHADOW_STEP
 
 CANDIDATES = 8  # places of which a point is drawn
@@ -30,7 +31,6 @@ DRAWN_AT = (0.25, 0.25, 0.4, 0.1)  # shares of the points: at the top, at the bo
 TO_EYE = 1.0  # length of a step towards the eye, in steps of a camera ray
 LANES = 1 << 22  # points and pairs that are computed together
 POINT_SEED = 1
-R3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # Roberts 2018: three dimensions, evenly filled
 Materials = Sequence[Reflectance]
 
 
