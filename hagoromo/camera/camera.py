@@ -54,7 +54,9 @@ class Camera:
         if int(self.width) != self.width or int(self.height) != self.height or min(self.width, self.height) < 1:
             raise InputError(f"the image is {self.width} × {self.height} px: give two whole numbers above 0")
         if max(self.width, self.height) > LARGEST_SIDE:
-            raise InputError(f"the image is {self.width:g} × {self.height:g} px: at most {LARGEST_SIDE} a side")
+            raise InputError(
+                f"the image is {str(self.width)[:20]} × {str(self.height)[:20]} px: at most {LARGEST_SIDE} a side"
+            )
         keep = object.__setattr__
         keep(self, "width", int(self.width))
         keep(self, "height", int(self.height))

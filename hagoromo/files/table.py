@@ -18,13 +18,14 @@ from hagoromo.files.whole import write_text
 MOST_COLUMNS = 4096
 LARGEST_TABLE = 1 << 26  # bytes
 GROWTH = 30.0  # memory of the cells of a file as texts, in its sizes
+LARGEST = 1e100  # of a cell: sums and squares of larger ones are no numbers
 
 
 def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     """Column name → (rows,) float64, in the file's order; empty lines and lines that start with # are skipped.
 
     `InputError` if the file is missing, is not text, has no header or no rows, rows of different lengths, or a cell
-    that is not a finite number.
+    that is not a finite number up to `LARGEST`.
     """
     try:
         text = read_bytes(sized_file(path, LARGEST_TABLE, "a CSV table"), GROWTH).decode("utf-8-sig")
@@ -75,8 +76,8 @@ def _numbers(row: list[str], names: list[str], where: str) -> list[float]:
     numbers = []
     for cell, name in zip(row, names, strict=True):
         value = _number(cell)
-        if value is None or not np.isfinite(value):
-            raise InputError(f"{where}, column {name}: {cell!r} is not a finite number")
+        if value is None or not abs(value) <= LARGEST:
+            raise InputError(f"{where}, column {name}: {cell!r} is not a finite number up to {LARGEST:g}")
         numbers.append(value)
     return numbers
 

@@ -155,9 +155,12 @@ def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:
 
 def _unit(values: ArrayLike, what: str, way: str) -> NDArray[np.float64]:
     direction = _vector(values, what)
-    length = float(np.linalg.norm(direction))
+    with np.errstate(over="ignore"):
+        length = float(np.linalg.norm(direction))
     if length == 0.0:
         raise InputError(f"{what} is (0, 0, 0): give the direction {way}")
+    if not np.isfinite(length):
+        raise InputError(f"{what} is longer than numbers go: give the direction {way} in smaller numbers")
     return _vector(direction / length, what)
 
 
