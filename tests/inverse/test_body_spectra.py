@@ -7,6 +7,7 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
+from hagoromo.errors import InputError
 from hagoromo.files.record import read_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -64,3 +65,10 @@ def test_no_spectrum_is_made_up(seen):
     assert body_spectra(seen, [material]) == {}
     unknown = replace(material, standard_error={"body_colour": None})
     assert body_spectra(capture(RESPONSE, LAMP), [unknown]) == {}
+
+
+def test_a_response_with_curves_alike_is_refused_in_one_line():
+    """It was accepted, or ended in a traceback of linear algebra, as rounding had it."""
+    alike = Response([400.0, 550.0, 700.0], np.column_stack([[0.2, 1.0, 0.3]] * 3), name="alike")
+    with pytest.raises(InputError, match=r"response 'alike' does not separate three colours"):
+        estimate(np.array([1.2, 1.0, 0.8]), None).reflectance(alike, LAMP)

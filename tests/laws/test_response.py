@@ -181,3 +181,8 @@ def test_an_unknown_camera_is_told_the_known_ones():
         Response.load("canon")
     with pytest.raises(InputError, match="name each column"):
         Response([400.0, 500.0], np.ones((2, 2)), ("R", "G", "B"))
+
+
+def test_a_channel_that_reads_no_light_is_refused():
+    with pytest.raises(InputError, match=r"is 0 at every wavelength in G"):
+        Response([400.0, 700.0], [[1.0, 0.0, 1.0], [1.0, 0.0, 0.0]], name="blind")

@@ -18,6 +18,7 @@ from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
+WORST_SEPARATION = 1e6  # condition number of the matrix from weights of a spectrum to a camera's channels
 LONGEST_PRINTED_NAME = 40  # characters of a name that `repr` shows
 
 
@@ -85,8 +86,8 @@ class MaterialEstimate:
 
         A spectrum is Σ q_j B_j of `smooth_rgb_basis`, with q solved exactly from Σ_j q_j ∫B_j E R_c = b_c ∫E R_c; that
         of a neutral interface is 1. Without `response` the channels are taken as the coefficients of the basis.
-        `InputError` for other than three channels, a colour that no such spectrum has, or a reflectance that breaks
-        energy conservation.
+        `InputError` for other than three channels, curves of the response that are alike, a colour that no such
+        spectrum has, or a reflectance that breaks energy conservation.
         """
         if len(self.body_colour) != 3:
             raise InputError(f"material {self.name!r} has {len(self.body_colour)} channels: a spectrum needs three")
@@ -113,7 +114,13 @@ class MaterialEstimate:
         basis, weights = smooth_rgb_basis(), np.array(colour)
         if response is not None:
             lamp = Spectrum.constant(1.0) if lamp_spectrum is None else lamp_spectrum
-            weights = np.linalg.solve(response_matrix(basis, lamp, response), weights * camera_white(lamp, response))
+            matrix = response_matrix(basis, lamp, response)
+            if not np.linalg.cond(matrix) < WORST_SEPARATION:
+                raise InputError(
+                    f"response {response.name!r} does not separate three colours here: its curves are nearly "
+                    "sums of each other: give the response of a camera with three different curves"
+                )
+            weights = np.linalg.solve(matrix, weights * camera_white(lamp, response))
         if weights.min() < 0.0:
             raise InputError(
                 f"material {self.name!r}: no smooth spectrum above 0 has the {part} colour {_short(colour)} "
