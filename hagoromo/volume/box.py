@@ -117,14 +117,21 @@ class VolumeBox:
         body_colour: np.ndarray | None = None,
         **record: Any,
     ) -> VolumeBox:
-        """From dense arrays (nz, ny, nx): density, axis (…, 3), material numbers, body_colour (…, j) on `basis`."""
+        """From dense arrays (nz, ny, nx): density, axis (…, 3), material numbers, body_colour (…, j) on `basis`.
+
+        `InputError` where shapes or numbers do not fit, or all densities are below 6.1e-5, which counts as empty; a
+        warning where many are.
+        """
         if axis.shape != (*density.shape, 3):
             raise InputError(f"axis is {axis.shape}: density {density.shape} needs {(*density.shape, 3)}")
         if material is not None and material.size and material.max() >= len(materials):
             raise InputError(f"material number {material.max()} of {len(materials)} materials: numbers start at 0")
+        from hagoromo.volume.store.brick_writer import check_thin
         from hagoromo.volume.store.fill_bricks import bricks_from_arrays
+        from hagoromo.volume.voxels import SMALLEST_DENSITY
 
         bricks = bricks_from_arrays(density, axis, body_colour, material)
+        check_thin(float(density.max(initial=0.0)), bool(((density > 0.0) & (density < SMALLEST_DENSITY)).any()))
         return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
 
     @classmethod

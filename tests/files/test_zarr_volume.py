@@ -123,3 +123,24 @@ def test_a_volume_outside_the_folder_of_its_recipe_is_refused(tmp_path):
     (tmp_path / "ball.toml").write_text(RECIPE.replace("density.zarr", "../density.zarr"))
     with pytest.raises(InputError, match="points outside"):
         build(tmp_path / "ball.toml")
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_a_density_too_thin_to_be_kept_is_said(tmp_path, kind):
+    """Half numbers keep 6.1e-5 and more; the rest was lost without a word."""
+    axis = np.zeros((*SHAPE, 3), np.float16)
+    for peak, what in ((5e-5, "refused"), (0.02, "warned"), (1.0, "kept")):
+        density = (a_ball() * peak).astype(kind)
+        zarr.create_array(tmp_path / f"{what}.zarr", data=density, chunks=(32, 32, 32))
+        for make in (
+            lambda density=density: VolumeBox.from_arrays(density, axis, 0.1, 1.0, [GREY]),
+            lambda what=what: box_from_zarr(tmp_path / f"{what}.zarr", 0.1, 1.0, [GREY]),
+        ):
+            if what == "refused":
+                with pytest.raises(InputError, match=r"density is 5\S* at most, .* counts as empty: .* divide tau"):
+                    make()
+            elif what == "warned":
+                with pytest.warns(UserWarning, match="density is 0.02 at most"):
+                    make()
+            else:
+                make()  # a warning is an error here

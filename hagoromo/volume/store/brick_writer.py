@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hagoromo.volume.bricks import Bricks, Grid, Shape, check_bricks, check_shap
 from hagoromo.volume.table import in_table_order
 from hagoromo.volume.voxels import PAIRS, SMALLEST_DENSITY, VOXELS, packed_axis, packed_density
 
+THIN_SHARE = 1e-3  # of the largest density: thinner matter may be lost without a word
 DENSEST = 6e4  # density that fits a half
 
 
@@ -102,6 +104,21 @@ def check_density(density: Any) -> None:
         raise InputError(f"density goes down to {low:.3g}: give numbers of 0 or more")
     if high > DENSEST:
         raise InputError(f"density goes up to {high:.3g}: keep it below 6e4 (it is stored in halves) and raise tau")
+
+
+def check_thin(densest: float, lost: bool, where: str = "") -> None:
+    """`InputError` where all matter is too thin to be kept; a warning where it is lost up to THIN_SHARE of the densest.
+
+    densest: the largest density. lost: whether there is some above 0 and below SMALLEST_DENSITY, which counts as empty.
+    """
+    said = (
+        f"{where}density is {densest:.3g} at most, and what is below {SMALLEST_DENSITY:.2g} counts as empty: give it "
+        f"in a smaller unit (scale) and divide tau by the same factor"
+    )
+    if 0.0 < densest < SMALLEST_DENSITY:
+        raise InputError(said)
+    if lost and SMALLEST_DENSITY > THIN_SHARE * densest:
+        warnings.warn(said, stacklevel=4)
 
 
 def _flat(values: Any, kind: Any) -> Any:

@@ -37,7 +37,10 @@ Layers = dict[Tile, Future[dict[tuple[int, ...], Values]]]  # what others share 
 
 
 def occupied_places(source: ZarrBlocks) -> NDArray[np.int32]:
-    """The bricks that hold matter, (n, 3) in table order: a pass over the densities alone."""
+    """The bricks that hold matter, (n, 3) in table order: a pass over the densities alone.
+
+    `InputError` where all of it is too thin to be kept, a warning where much of it is.
+    """
 
     def occupied_in(tile: Tile) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         flags = matter_flags(filled(source.voxels(tile, only_density=True)["density"] > 0))
@@ -45,6 +48,7 @@ def occupied_places(source: ZarrBlocks) -> NDArray[np.int32]:
         return held + np.multiply(tile, source.tile) // BRICK, flags[tuple(held.T)]
 
     parts = list(in_order(occupied_in, map(tuple, source.tiles().tolist())))
+    source.check_thin()
     places = np.concatenate([np.zeros((0, 3), np.int64), *(places for places, _ in parts)])
     flags = np.concatenate([np.zeros(0, np.uint8), *(flags for _, flags in parts)])
     return kept_bricks(places, flags, source.shape)

@@ -19,8 +19,10 @@ from hagoromo.files.memory import require
 from hagoromo.files.zarr_arrays import Index, ZarrArray
 from hagoromo.volume.bricks import check_shape, table_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE
-from hagoromo.volume.store.brick_writer import DENSEST
+from hagoromo.volume.store.brick_writer import DENSEST, check_thin
+from hagoromo.volume.voxels import SMALLEST_DENSITY
 
+SMALLEST_HALF = 0x0400  # bits of SMALLEST_DENSITY
 LARGEST_HALF = 0x7BFF  # bits of the largest finite half: halves from 0 on have no greater ones
 GRADIENT_CHUNKS = 3  # chunks along an edge of a tile of densities without axes, whose rim is read more than once
 THREADS = min(cpu_count() or 1, 8)  # that decode
@@ -31,7 +33,8 @@ Tile = tuple[int, ...]  # [z, y, x in tiles]
 class ZarrBlocks:
     """Density (nz, ny, nx), axis (…, 3), body colour (…, ≤ 4) and material in Zarr arrays; all but density may lack.
 
-    Without axes they are −∇density, unit: outwards. scale: density per unit of the array.
+    Without axes they are −∇density, unit: outwards. scale: density per unit of the array. seen: of each part that was
+    read the largest density, and whether some is above 0 and below SMALLEST_DENSITY.
     `InputError` where shapes or types do not fit each other, or a tile does not fit the memory.
     """
 
@@ -40,6 +43,7 @@ class ZarrBlocks:
             check_shape(density.shape)
         z, y, x = density.shape
         self.shape, self.density, self.others, self.scale = (z, y, x), density, others, scale
+        self.seen: list[tuple[float, bool]] = []
         for name, array in others.items():
             _check_like(name, array, self.shape)
         self.colours = others["body_colour"].shape[-1] if "body_colour" in others else 0
@@ -81,6 +85,9 @@ class ZarrBlocks:
     def _density(self, low: Index, high: Index) -> NDArray[np.float16]:
         stored = self.density.read(low, high)
         if stored.dtype == np.float16 and self.scale == 1.0 and stored.view(np.uint16).max() <= LARGEST_HALF:
+            self.seen.append(
+                (float(stored.max()), bool((stored.view(np.uint16) - np.uint16(1) < SMALLEST_HALF - 1).any()))
+            )
             return stored
         density = stored.astype(np.float32) * np.float32(self.scale)
         least, most = float(density.min()), float(density.max())
@@ -89,7 +96,13 @@ class ZarrBlocks:
                 f"{self.density.where}: density is {least:g} to {most:g} near voxel {low[::-1]}: "
                 f"give finite numbers from 0 to {DENSEST:g}"
             )
+        self.seen.append((most, bool(((density > 0.0) & (density < SMALLEST_DENSITY)).any())))
         return np.abs(density).astype(np.float16)  # no −0
+
+    def check_thin(self) -> None:
+        """`check_thin` of the densities that were read so far."""
+        densest, lost = max((most for most, _ in self.seen), default=0.0), any(thin for _, thin in self.seen)
+        check_thin(densest, lost, f"{self.density.where}: ")
 
     def _density_and_axis(self, low: Index, high: Index) -> dict[str, NDArray]:
         """Density, and −∇density / |∇density| from central differences, 0 where it is even."""
