@@ -16,6 +16,7 @@ from hagoromo.measurement.robust_fit import at_bound
 from hagoromo.measurement.sight import Array
 
 OUTLIER = 6.0  # standard deviations
+LEAST_EFFECT = 1e-100  # curvature of a parameter below which it has no effect: squares of its inverse are still finite
 LEAST_CURVATURE = 1e-14  # of a direction, where that of each parameter is 1: below is rounding
 
 
@@ -129,7 +130,7 @@ def inverse_over(curvature: Array, free: NDArray[np.bool_]) -> Array:
     0 or less, and its inverse is then that of LEAST_CURVATURE.
     """
     inverse = np.zeros_like(curvature)
-    known = np.flatnonzero(free & (np.diag(curvature) > 0.0))
+    known = np.flatnonzero(free & (np.diag(curvature) > LEAST_EFFECT))
     inner = curvature[np.ix_(known, known)]
     scale = 1.0 / np.sqrt(np.diag(inner))
     both = np.outer(scale, scale)
