@@ -38,8 +38,7 @@ class Response:
 
     wavelengths: (n,) [nm], strictly increasing. values: (n, channels), finite, relative. channels: their names.
     limits: lowest and highest wavelength of eq. (10) [nm]; 400–700 by default, as in the paper, and for an observer
-    (channels X, Y, Z) the range of its wavelengths. `InputError` for limits that do not increase, and a channel that
-    is 0 everywhere.
+    (channels X, Y, Z) the range of its wavelengths. `InputError` for limits that do not increase.
 
     >>> camera = hg.Response.load("canon_eos_300d")
     >>> camera.channels, [int(camera.wavelengths[k]) for k in camera.values.argmax(axis=0)]  # most sensitive at [nm]
@@ -65,11 +64,6 @@ class Response:
             raise InputError(f"response of shape {values.shape}, channels {tuple(channels)}: name each column once")
         if np.abs(values).max(initial=0.0) > LARGEST_VALUE:
             raise InputError(f"response {name!r} has values above {LARGEST_VALUE:g}: scale them down")
-        blind = [
-            channel for channel, column in zip(channels, values.T, strict=True) if len(column) and not column.any()
-        ]
-        if blind:
-            raise InputError(f"response {name!r} is 0 at every wavelength in {', '.join(blind)}: give that curve")
         curves = [Spectrum(wavelengths, column) for column in values.T]
         values.flags.writeable = False
         object.__setattr__(self, "wavelengths", curves[0].wavelengths)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from hagoromo.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray  # loaded where it is needed: the command line writes JSON without it
 
 BLOCK = 1 << 22  # values that are looked at together
 
@@ -36,13 +37,15 @@ def finite_json(record: Any, where: str, **layout: Any) -> str:
         return json.dumps(record, allow_nan=False, ensure_ascii=False, **layout)
     except (ValueError, TypeError) as error:
         for key, value in _numbers(record, ""):
-            if not np.isfinite(value):
+            if not math.isfinite(value):
                 raise InputError(f"{where} cannot be written: {key} is {value}: give finite numbers") from error
         raise InputError(f"{where} cannot be written: {error}") from error
 
 
 def _not_finite(values: NDArray) -> int:
     """Number of values that are not finite."""
+    import numpy as np
+
     flat = values.reshape(-1) if values.flags.c_contiguous else np.ravel(values)
     blocks = (flat[start : start + BLOCK] for start in range(0, flat.size, BLOCK))
     return sum(block.size - int(np.count_nonzero(np.isfinite(block))) for block in blocks)

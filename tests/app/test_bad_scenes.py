@@ -70,5 +70,5 @@ def test_light_beyond_single_precision_is_not_written(refused, scene, tmp_path, 
     if intensity != "1e37":  # the picture of that can be held, its variance cannot
         assert "not finite in" in refused("render", strong, "--out", tmp_path / "a.exr")
     said = refused("simulate", strong, "--out", tmp_path / "photographs")
-    assert "not finite in" in said or "beyond single precision" in said
+    assert any(words in said for words in ("not finite in", "beyond single precision", "sensor's exposure is"))
     assert {path.name for path in tmp_path.iterdir()} == {"scene.toml"}

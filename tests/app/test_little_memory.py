@@ -1,7 +1,6 @@
 """Under a limit of memory a command ends in one line: what is too large is refused before it is taken."""
 
 import json
-import os
 import struct
 import subprocess
 import sys
@@ -14,21 +13,23 @@ from numcodecs import Zstd
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other systems do not heed these limits")
 LIMIT = 2 << 30  # bytes that the process may take
 MOST = 400 << 20  # bytes that it takes at most, its libraries included, before it refuses
+# a small process of its own: the system counts the memory of who starts a process as the process's
+STARTER = """
+import resource, subprocess, sys
+limit, said, *command = sys.argv[1:]
+resource.setrlimit(resource.RLIMIT_AS, (int(limit), int(limit)))
+with open(said, "wb") as file:
+    status = subprocess.run(command, stdout=file, stderr=file).returncode
+print(status, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
 MATTER = "[material]\nalpha = 0.2\nbeta = 0.5\ngamma = 0.2\nn = 1.4\nbody_colour = 0.7\n"
 
 
 def run(folder: Path, *arguments: str, limit: int = LIMIT) -> tuple[int, list[str], int]:
     """Status of the command, the lines it said, and the most memory that it had [byte]."""
-    import resource
-
-    with (folder / "said").open("wb") as said:
-        child = subprocess.Popen(
-            [sys.executable, "-m", "hagoromo", *arguments], cwd=folder, stdout=said, stderr=said,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
-        )  # fmt: skip
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-    return child.returncode, (folder / "said").read_text().splitlines(), used.ru_maxrss * 1024
+    command = [sys.executable, "-c", STARTER, str(limit), "said", sys.executable, "-m", "hagoromo", *arguments]
+    status, most = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout.split()
+    return int(status), (folder / "said").read_text().splitlines(), int(most) * 1024
 
 
 def exr(folder: Path) -> tuple[str, ...]:

@@ -118,7 +118,7 @@ def test_every_key_refuses_what_it_does_not_take(name, tmp_path, capsys):
         ("linen", "weave", '"felt"', "one of plain"),
         ("linen", "voxel_mm", "1e-5", "too fine"),
         ("linen", "lay", '"rolled"', "one of flat"),
-        ("twill", "over", "0", "twill"),
+        ("twill", "over", "0", "over must be"),
         ("twill", "plies", "40", "plies"),
         ("satin", "step", "4", "satin"),
         ("herringbone", "width", "2", "herringbone"),

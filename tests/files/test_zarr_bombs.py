@@ -32,7 +32,7 @@ CODECS = {
     "blosc": {"cname": "zstd", "clevel": 5, "shuffle": "noshuffle", "typesize": 4, "blocksize": 0},
     "numcodecs.zlib": {"level": 5},
     "numcodecs.bz2": {"level": 5},
-    "numcodecs.lzma": {"preset": 1},
+    "numcodecs.lzma": {"preset": 0},  # a window of 256 KiB in each thread
     "numcodecs.lz4": {"acceleration": 1},
 }
 RAW = {"format": lzma.FORMAT_RAW, "filters": [{"id": lzma.FILTER_LZMA2, "dict_size": 1 << 20}]}

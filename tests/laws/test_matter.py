@@ -120,7 +120,7 @@ def test_a_recipe_file_is_built_like_its_tables(tmp_path):
         ({"warp": {"diameter_mm": 5.0}}, "beyond the packing limit"),
         ({"warp_per_cm": 60.0}, "do not fit"),
         ({"lay": "hanging", "fold_depth_mm": 900.0}, "do not fit"),
-        ({"fold_depth_mm": -1.0}, "fold_depth_mm must be a number, 0 or more"),
+        ({"fold_depth_mm": -1.0}, "fold_depth_mm must be a number from 0 to"),
         ({"seed": 1.5}, "seed must be a whole number"),
         ({"resolution": 0}, "resolution must be a number above 0"),
         ({"uneven": 1.0}, "from 0 to 0.2"),

@@ -8,6 +8,7 @@ from scipy.integrate import quad
 
 import hagoromo as hg
 from hagoromo.camera.response import Response, camera_response, camera_white, response_matrix
+from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
 from hagoromo.light.spectrum import Spectrum
@@ -184,5 +185,7 @@ def test_an_unknown_camera_is_told_the_known_ones():
 
 
 def test_a_channel_that_reads_no_light_is_refused():
-    with pytest.raises(InputError, match=r"is 0 at every wavelength in G"):
-        Response([400.0, 700.0], [[1.0, 0.0, 1.0], [1.0, 0.0, 0.0]], name="blind")
+    """The picture had no finite number."""
+    blind = Response([400.0, 700.0], [[1.0, 0.0, 1.0], [1.0, 0.0, 0.0]], name="blind")
+    with pytest.raises(InputError, match="channel G has no response to this lamp"):
+        srgb_from_camera(blind, Spectrum.named("A"))

@@ -178,7 +178,7 @@ def test_a_thick_skin_shows_the_mean_of_its_granules(lamp_deg):
     ("change", "message"),
     [
         ({"granule_mm": 0.0}, "granule_mm must be a number above 0"),
-        ({"primary_depth_mm": -0.1}, "primary_depth_mm must be a number, 0 or more"),
+        ({"primary_depth_mm": -0.1}, "primary_depth_mm must be a number from 0 to"),
         ({"primary_depth_mm": 0.5}, "no skin between lines"),
         ({"secondary_depth_mm": 0.5}, "no skin between lines"),
         ({"rhomb_deg": 5.0}, "rhomb_deg is 5"),

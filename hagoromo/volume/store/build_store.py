@@ -57,6 +57,7 @@ def build_box(
             _note(done / f"{number}.npz", known)
             bricks[number] = known
             progress(BUILT * len(bricks) / count)
+        progress(BUILT)
         group.finish(kept_bricks(*_joined([bricks[number] for number in range(count)]), blocks.shape))
         write_packed(folder, part_of(progress, BUILT, 1.0 - BUILT))
 
