@@ -10,7 +10,7 @@ from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.quantity import alpha, coordinate, log_albedo
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from studies.coverage import simulated, table
-from studies.coverage_bench import BENCHES, drawn, observed
+from studies.coverage_bench import BENCHES, FULL_WELLS, drawn, observed
 from studies.coverage_page import chance, write_coverage_page
 from tests.judges import intervals_hold
 
@@ -76,3 +76,13 @@ def test_an_interval_without_an_end_has_no_standard_error():
     assert found.interval_95["beta"][1] == np.inf and not found.identifiable["beta"]
     assert found.standard_error["beta"] is None and "inf" not in repr(found)
     assert found.interval_95["gamma"] == GAMMA_RANGE
+
+
+@pytest.mark.parametrize(("case", "number"), [(4, 165), (6, 148), (6, 161), (6, 174)])
+def test_photographs_that_do_not_determine_a_parameter_have_intervals(case, number):
+    """Of the study's 1,800 simulations these ended in tracebacks: one lamp shows no n, and faint gloss no tails."""
+    cases = [(bench, level) for bench in BENCHES for level in FULL_WELLS]
+    bench, level = cases[case]
+    _, estimate = simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([case, number]))
+    bounds = [np.ravel(estimate.interval_95[key]) for key in ("alpha", "beta", "gamma", "n", "nu")]
+    assert all(low <= high and np.isfinite(low) for low, high in bounds)

@@ -33,6 +33,7 @@ COARSE = 13  # points through the whole range of n
 STRAIGHT = 1.0  # largest step along the direction of a profile for which it is taken to be straight
 TAILS = 7  # points about the estimate of 1/ν, as far as the photographs allow
 WELL_KNOWN = 0.25  # standard error of ln(n − 1) below which n is identifiable
+SMALLEST_TAIL = 1e-9  # largest 1/ν of an interval at least: its reciprocal is finite
 COARSE_TAILS = 6  # points through the whole range of 1/ν
 FINE = 48  # points interpolated between two nodes of the profile
 
@@ -94,10 +95,10 @@ def _nodes(fit: MaterialFit) -> Array:
 def _starts(fit: MaterialFit, place: int, nodes: Array) -> Array:
     """Starts (K, P) of a profile with θ[place] at `nodes`: along its direction dθ/dθ[place] at the estimate.
 
-    The direction is 0 where the estimate is at the end of its range.
+    The direction is 0 where the estimate is at the end of its range, and where the parameter has no effect.
     """
     inverse, along = inverse_over(fit.curvature, fit.inside), np.zeros_like(fit.theta)
-    if fit.inside[place]:
+    if fit.inside[place] and inverse[place, place] > 0.0:
         along = inverse[:, place] / inverse[place, place]
     starts = fit.theta + np.clip(nodes - fit.theta[place], -STRAIGHT, STRAIGHT)[:, None] * along
     starts[:, place] = nodes
@@ -146,14 +147,21 @@ def interval_of_tail(fit: MaterialFit) -> tuple[float, float]:
 
 
 def largest_tail(fit: MaterialFit) -> float:
-    """Largest 1/ν of its 95 % interval, to second order about the estimate, which may be 0."""
+    """Largest 1/ν of its 95 % interval, to second order about the estimate, which may be 0.
+
+    The end of the range where tails have no effect on the photographs.
+    """
     _, (gradient,), (curvature,) = fit.objective.evaluate(fit.theta[None])
     inside = fit.inside.copy()
     inside[TAIL] = True
-    own = 1.0 / max(float(inverse_over(curvature, inside)[TAIL, TAIL]), 1e-300)
+    spread = float(inverse_over(curvature, inside)[TAIL, TAIL])
+    if not spread > 0.0:
+        return TAIL_RANGE[1]
+    own = 1.0 / spread
     slope, limit = max(float(gradient[TAIL]), 0.0), allowance(fit, coordinate(TAIL))
-    step = (np.sqrt(slope**2 + own * limit) - slope) / own  # 2 (slope · step + own · step²/2) = limit
-    return float(min(fit.theta[TAIL] + step, TAIL_RANGE[1]))
+    # 2 (slope · step + own · step²/2) = limit, without a difference of nearly equal numbers
+    step = limit / max(np.sqrt(slope**2 + own * limit) + slope, 1e-300)
+    return float(min(max(fit.theta[TAIL] + step, SMALLEST_TAIL), TAIL_RANGE[1]))
 
 
 def _without(fit: MaterialFit, place: int) -> NDArray[np.bool_]:
@@ -178,12 +186,14 @@ def degrees_of_freedom(fit: MaterialFit, quantity: Quantity) -> float:
 def inflation(fit: MaterialFit, quantity: Quantity) -> float:
     """κ: variance of the robust estimate of `quantity` over its variance in the frozen least squares.
 
-    Where the estimate is at a limit of its range, so that neither has a variance, κ is that of β F₀.
+    Where the estimate is at a limit of its range or has no effect, so that neither has a variance, κ is that of β F₀,
+    and 1 where that has none either.
     """
-    gradient = quantity(fit.theta[None])[1][0] * fit.inside
-    if not gradient.any():
+    gradient, inverse = quantity(fit.theta[None])[1][0] * fit.inside, inverse_over(fit.curvature, fit.inside)
+    if not gradient @ inverse @ gradient > 0.0:
         gradient = np.eye(len(fit.theta))[STRENGTH]
-    return float(gradient @ fit.covariance @ gradient / (gradient @ inverse_over(fit.curvature, fit.inside) @ gradient))
+    bread = float(gradient @ inverse @ gradient)
+    return float(gradient @ fit.covariance @ gradient) / bread if bread > 0.0 else 1.0
 
 
 def _fine(nodes: Array) -> Array:
