@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import free_memory
+from hagoromo.files.names import reason
 from hagoromo.version import __version__
 
 CONNECT_S = 10.0  # time in which a scheduler must answer, and have a worker
@@ -184,9 +185,8 @@ def _connected(distributed: Any, address: str) -> Iterator[Any]:
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError) as error:
-        said = " ".join(str(error).split())[:200]
         raise InputError(
-            f"no Dask scheduler answers at {address} within {CONNECT_S:g} s: start one ({said})"
+            f"no Dask scheduler answers at {address} within {CONNECT_S:g} s: start one ({reason(error)})"
         ) from error
     try:
         _check_workers(distributed, client, address)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
+from hagoromo.files.names import printable
 
 SHARE_OF_MEMORY = 0.9  # largest share of the free memory for one array; the rest is left for work on it
 UNLIMITED = 1 << 60  # a limit above this is none: version 1 of control groups writes the largest number of pages
@@ -57,9 +58,9 @@ def is_shortage(error: BaseException) -> bool:
 
 def shortage(error: BaseException) -> str:
     """The line for a lack of memory that was noticed only when it was taken."""
-    told = " ".join(str(error).split())[:120]
+    said = printable(error)[:120]
     return (
-        f"the memory is not enough, {free_memory() / 2**30:.3g} GiB are free{f' ({told})' if told else ''}: "
+        f"the memory is not enough, {free_memory() / 2**30:.3g} GiB are free{f' ({said})' if said else ''}: "
         f"make the input smaller, or allow the program more memory"
     )
 

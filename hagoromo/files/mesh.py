@@ -15,7 +15,8 @@ from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes, sized_file
-from hagoromo.files.memory import is_shortage, require, shortage
+from hagoromo.files.memory import require
+from hagoromo.files.reading import reading
 
 # suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
 # smallest triangles in binary
@@ -34,19 +35,13 @@ def read_mesh(path: str | Path) -> Any:
     if suffix not in GROWTH:
         raise InputError(f"{path} is no mesh file of a known format: give one of {', '.join(GROWTH)}")
     data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[suffix])
-    try:
+    with reading(path, "a mesh"):
         if suffix in (".glb", ".gltf"):
             _check_gltf(_gltf_record(data, suffix), str(path))
         files = _folder_files(Path(path).parent, GROWTH[suffix])
         mesh = trimesh.load(
             io.BytesIO(data), file_type=suffix[1:], force="mesh", resolver=files, skip_materials=True, process=True
         )
-    except InputError:
-        raise
-    except Exception as error:
-        if is_shortage(error):
-            raise InputError(f"{path}: {shortage(error)}") from error
-        raise InputError(f"{path} cannot be read as a mesh: {' '.join(str(error).split())[:200]}") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
     return mesh

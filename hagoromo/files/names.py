@@ -18,6 +18,11 @@ def printable(text: object) -> str:
     return escaped(" ".join(str(text).split()))
 
 
+def reason(error: BaseException, most: int = 200) -> str:
+    """What an exception of a library says, in one line of `most` characters; its kind where it says nothing."""
+    return printable(error)[:most] or type(error).__name__
+
+
 def plot_label(text: str) -> str:
     """The text as a label of Matplotlib, which takes dollars for the marks of a formula and hides names after _."""
     shown = printable(text).replace("$", r"\$")

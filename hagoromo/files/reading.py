@@ -9,8 +9,7 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import is_shortage, shortage
-
-LONGEST_REASON = 200  # characters of a library's message
+from hagoromo.files.names import reason
 
 
 @contextmanager
@@ -29,5 +28,4 @@ def reading(path: str | Path, what: str) -> Iterator[None]:
     except Exception as error:
         if is_shortage(error):
             raise InputError(f"{path}: {shortage(error)}") from error
-        reason = " ".join(str(error).split())[:LONGEST_REASON] or type(error).__name__
-        raise InputError(f"{path} cannot be read as {what}, it may be cut off or damaged: {reason}") from error
+        raise InputError(f"{path} cannot be read as {what}, it may be cut off or damaged: {reason(error)}") from error

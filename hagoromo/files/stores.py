@@ -19,6 +19,7 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.memory import require
+from hagoromo.files.names import reason
 from hagoromo.files.whole import MARK
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
@@ -39,7 +40,7 @@ def is_file(path: str | Path) -> bool:
     """Whether a file, or an object of a store, is there."""
     if address(path) is None:
         return Path(path).is_file()
-    with _told(path) as (files, key):
+    with _opened(path) as (files, key):
         return bool(files.isfile(key))
 
 
@@ -47,7 +48,7 @@ def object_size(path: str | Path) -> int:
     """Bytes of a file or object; of objects of a folder that was listed, no request is made."""
     if address(path) is None:
         return Path(path).stat().st_size
-    with _told(path) as (files, key):
+    with _opened(path) as (files, key):
         return int(files.info(key)["size"])
 
 
@@ -59,7 +60,7 @@ def read_whole(path: str | Path, most: float | None = None) -> bytes:
     if address(path) is None:
         return Path(path).read_bytes()
     require(float(size), str(address(path)))
-    with _told(path) as (files, key):
+    with _opened(path) as (files, key):
         data = files.cat_file(key, start=0, end=size) if size else b""  # an empty object has no first byte
     traffic.update(objects=1, bytes=len(data))
     return data
@@ -81,7 +82,7 @@ def ends(paths: Sequence[str], length: int) -> list[tuple[int, bytes]]:
     """Size and last bytes of objects of one store."""
     if not paths:
         return []
-    with _told(paths[0]) as (files, _):
+    with _opened(paths[0]) as (files, _):
         keys = [_key(path) for path in paths]
         found = [files.info(key)["size"] for key in keys]  # of the list that was made before, where the store keeps it
         data = files.cat_ranges(keys, [max(size - length, 0) for size in found], found)
@@ -96,7 +97,7 @@ def zarr_store(path: str | Path) -> Any:
         return path
     from zarr.storage import FsspecStore
 
-    with _told(path):
+    with _opened(path):
         return FsspecStore.from_url(url, read_only=True)
 
 
@@ -116,7 +117,7 @@ def fetch(path: str | Path, folder: Path) -> Path:
         if ".." in PurePosixPath(inner).parts or "\\" in inner:
             raise InputError(f"{address(path)} has an object called {inner!r:.60}, which is no name of a file")
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _told(path) as (files, key):
+        with _opened(path) as (files, key):
             files.get_file(f"{key}/{inner}" if inner else key, str(target))
     traffic.update(objects=len(listed), bytes=sum(listed.values()))
     return folder / name
@@ -138,7 +139,7 @@ def put(source: Path, path: str | Path) -> None:
 
     A store puts each object whole or not at all. Of a folder, its index is removed first and put last.
     """
-    with _told(path) as (files, key):
+    with _opened(path) as (files, key):
         if source.is_file():
             files.put_file(str(existing_file(source)), key)
             return
@@ -156,7 +157,7 @@ def _rank(name: str) -> tuple[int, str]:
 
 
 def _listed(path: str | Path) -> dict[str, dict[str, Any]]:
-    with _told(path) as (files, key):
+    with _opened(path) as (files, key):
         files.invalidate_cache()
         found = {name: facts for name, facts in files.find(key, detail=True).items() if facts["type"] == "file"}
     if len(found) > MOST_OBJECTS:
@@ -167,7 +168,7 @@ def _listed(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 @contextmanager
-def _told(path: str | Path) -> Iterator[tuple[Any, str]]:
+def _opened(path: str | Path) -> Iterator[tuple[Any, str]]:
     """The file system of an address and the key in it; its errors as one line."""
     url = address(path) or str(path)
     try:
@@ -179,8 +180,9 @@ def _told(path: str | Path) -> Iterator[tuple[Any, str]]:
     except FileNotFoundError as error:
         raise InputError(f"{url} does not exist: check the address") from error
     except Exception as error:  # every store has exceptions of its own
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"{url} cannot be reached: {said}: check the address and your access to it") from error
+        raise InputError(
+            f"{url} cannot be reached: {reason(error)}: check the address and your access to it"
+        ) from error
 
 
 def _key(path: str | Path) -> str:

@@ -71,7 +71,7 @@ def whole_files(paths: Sequence[str | Path], force: bool = False) -> Iterator[li
         main.parent.mkdir(parents=True, exist_ok=True)
         yield targets
         return
-    with parents_of(main), _told(main), ExitStack() as stack:
+    with parents_of(main), _in_one_line(main), ExitStack() as stack:
         for target in targets:
             stack.enter_context(alone(target, targets))
         works = [beside(target, "writing") for target in targets]
@@ -106,7 +106,7 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         yield target
         (target / MARK).touch()
         return
-    with parents_of(target), _told(target), alone(target):
+    with parents_of(target), _in_one_line(target), alone(target):
         check_folder(target, force)
         work = beside(target, "writing")
         try:
@@ -301,7 +301,7 @@ def parents_of(target: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _told(target: Path) -> Iterator[None]:
+def _in_one_line(target: Path) -> Iterator[None]:
     """A full disk as one line; other errors of what lies beside the target name the target."""
     try:
         yield

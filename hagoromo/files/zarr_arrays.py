@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder
 from hagoromo.files.memory import require
+from hagoromo.files.names import reason
 from hagoromo.files.reading import reading
 from hagoromo.files.record import JSON_GROWTH
 from hagoromo.files.stores import address, object_size, read_whole, sizes, zarr_store
@@ -78,7 +79,7 @@ class ZarrArray:
             return np.asarray(self.array[tuple(map(slice, low, high))])
         except Exception as error:  # codecs raise what comes to them at damaged bytes
             place = self.files[index] if whole else f"{self.where} near {low}"
-            raise InputError(f"{place} cannot be decoded, the file is damaged: {_one_line(error)}") from error
+            raise InputError(f"{place} cannot be decoded, the file is damaged: {reason(error)}") from error
 
     @cached_property
     def _decode(self) -> Callable[[bytes], Any] | None:
@@ -213,7 +214,3 @@ def _codecs(metadata: Any) -> list[tuple[str, Mapping[str, Any]]]:
         entries.append((record["name"].removeprefix("numcodecs."), settings))
         pending += [*settings.get("codecs", ()), *settings.get("index_codecs", ())]
     return entries
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -22,7 +22,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
-LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which it is told
+LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which there is a warning
 DETAILS = 256.0  # of a surface, along its size
 RELATIVE_SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 

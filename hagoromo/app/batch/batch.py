@@ -21,6 +21,7 @@ from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
 from hagoromo.cluster.cluster import Here, Workers, workers_of
 from hagoromo.errors import InputError
 from hagoromo.files.content import content
+from hagoromo.files.names import printable
 from hagoromo.progress import Progress, silent
 
 State = Literal["done", "unchanged", "failed", "not run"]
@@ -158,22 +159,22 @@ def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
     """Run the command of a step, in this process; on a worker, too."""
     from hagoromo.app.cli import main
 
-    begun, told = time.monotonic(), io.StringIO()
+    begun, errors = time.monotonic(), io.StringIO()
     if ledger.is_done(step.out, key):  # by a worker that died before it could say so
         return Outcome(step.name, step.out, "done")
     ledger.begin(step.out, key)
     step.out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(told):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
             status = main([*step.words, "--out", str(step.out), "--force"])
     except SystemExit:
         status = 2
     except Exception as error:
         status = 1
-        told.write(f"hagoromo: {type(error).__name__}: {' '.join(str(error).split())[:300]}\n")
+        errors.write(f"hagoromo: {type(error).__name__}: {printable(error)[:300]}\n")
     if status > SIGNALS:
         raise KeyboardInterrupt
-    lines = told.getvalue().strip().splitlines()
+    lines = errors.getvalue().strip().splitlines()
     if status == 0:
         ledger.done(step.out, key)
         return Outcome(step.name, step.out, "done", seconds=time.monotonic() - begun)

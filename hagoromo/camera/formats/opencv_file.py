@@ -21,6 +21,7 @@ from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
 from hagoromo.files.checks import sized_file
 from hagoromo.files.memory import require
+from hagoromo.files.names import reason
 from hagoromo.files.whole import write_text
 
 LARGEST = 64 * 2**20  # bytes; cameras take far less
@@ -49,7 +50,7 @@ def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[s
             storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         return _views(storage.root(), size, str(path))
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
-        said = " ".join(str(error).split())[:80]
+        said = reason(error, 80)
         raise InputError(f"{path} cannot be read as OpenCV's YAML or JSON, it may be damaged: {said}") from error
 
 
