@@ -53,7 +53,8 @@ def choose_gloss(problem: Problem, fit: Fit, model: GlossModel = BY_EVIDENCE) ->
     choice = _choice(base.step, asked, np.full((2, shape[0]), np.nan))
     while (wanted != choice.free).any():
         before = choice.free
-        wide, _ = settled(replace(base.problem, free=wanted), _opened(base.step.fit, wanted), FINE_GAIN)
+        problem = base.step.problem
+        wide, _ = settled(Step(replace(problem, free=wanted), _opened(base.step.fit, wanted)), FINE_GAIN)
         rises = _rises(wide, before, base.step.cost)
         tested = _choice(wide, before, rises)
         kept = np.where(np.isnan(rises), (choice.tails, choice.coloured), rises)
@@ -61,8 +62,8 @@ def choose_gloss(problem: Problem, fit: Fit, model: GlossModel = BY_EVIDENCE) ->
         if (tested.free == before).all():
             break
         # what only the facets and the interface before could not explain does not count any more
-        share = max(share_of_step(wide), base.problem.share)
-        found = rounds(replace(base.problem, free=tested.free, share=share), _held(wide.fit, tested.free), stated)
+        share = max(share_of_step(wide), problem.share)
+        found = rounds(replace(problem, free=tested.free, share=share), _held(wide.fit, tested.free), stated)
         if not found.status.converged:
             return base, replace(choice, failure="their fit did not converge")
         base, choice = found, replace(choice, free=tested.free)
@@ -101,7 +102,7 @@ def _rises(wide: Step, asked: NDArray[np.bool_], cost: float) -> Array:
             if total > TAIL_EVIDENCE:
                 without = free.copy()
                 without[m, places] = False
-                held, _ = settled(replace(wide.problem, free=without), _held(wide.fit, without), FINE_GAIN)
+                held, _ = settled(Step(replace(wide.problem, free=without), _held(wide.fit, without)), FINE_GAIN)
                 rise[m] = 2.0 * (held.cost - wide.cost)
     return rises
 

@@ -42,9 +42,9 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
     count = len(views.rows)
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
     share = independent_share(views, start) * count / len(chosen)
-    held = np.ones(start.gloss.rows.shape, bool)
-    problem = Problem(views.pixels(chosen), views.place[chosen], share, prior, held)
-    (_, step, status), choice = choose_gloss(problem, start.pixels(chosen), model)
+    every = np.ones(start.gloss.rows.shape, bool)  # numbers of gloss; which of them are free is chosen next
+    problem = Problem(views.pixels(chosen), views.place[chosen], share, prior, every)
+    (step, status), choice = choose_gloss(problem, start.pixels(chosen), model)
     fit = step.fit
     return replace(
         start,

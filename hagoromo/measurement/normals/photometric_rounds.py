@@ -18,16 +18,15 @@ SMALLEST_MODEL_ERROR = 0.003  # relative
 
 
 class Rounds(NamedTuple):
-    """The problem with the prior that was learnt, its last point, and how the last round ended."""
+    """The last point, whose problem has the prior that was learnt, and how the last round ended."""
 
-    problem: Problem
     step: Step
     status: FitStatus
 
 
-def settled(problem: Problem, fit: Fit, gain: float = PHOTOMETRIC_FIT_GAIN) -> tuple[Step, FitStatus]:
-    """`fit` moved to the nearest minimum of the problem, at its model error, and how that ended."""
-    start, tolerance = Step(problem, fit), Tolerance(gain=gain)
+def settled(start: Step, gain: float = PHOTOMETRIC_FIT_GAIN) -> tuple[Step, FitStatus]:
+    """The nearest minimum of the problem, at the model error of `start`, and how the way there ended."""
+    tolerance = Tolerance(gain=gain)
     solution = levenberg_marquardt(SingleProblem(), start, PHOTOMETRIC_FIT_DAMPING, tolerance, PHOTOMETRIC_FIT_STEPS)
     return solution.state, solution.status
 
@@ -37,17 +36,16 @@ def rounds(problem: Problem, fit: Fit, stated: Prior) -> Rounds:
 
     The scales of the prior of the lamps are learnt along the way; `stated` has them as they were stated.
     """
-    status = None
+    step, status = Step(problem, fit), None
     for _ in range(PHOTOMETRIC_FIT_ROUNDS):
-        first = Step(problem, fit).cost
-        step, status = settled(problem, fit)
-        fit = replace(step.fit, model_error=_model_error(step))
-        learnt = problem.prior.learnt(stated, step.of_lamps, step.covariances()[1])
-        problem = replace(problem, prior=learnt)
-        if first - step.cost < 1e-3 * first:
+        first = step.cost
+        end, status = settled(step)
+        learnt = step.problem.prior.learnt(stated, end.of_lamps, end.covariances()[1])
+        step = Step(replace(step.problem, prior=learnt), replace(end.fit, model_error=_model_error(end)))
+        if first - end.cost < 1e-3 * first:
             break
     assert status is not None  # there is a round at least
-    return Rounds(problem, Step(problem, fit), status)
+    return Rounds(step, status)
 
 
 def _model_error(step: Step) -> float:
