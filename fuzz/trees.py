@@ -22,16 +22,7 @@ RAW = {
     "@huge exponent@": "1e400",
     "@NaN@": "NaN",
 }
-TOML_RAW = {
-    "@deep list@": "[" * DEEP + "]" * DEEP,
-    "@deep table@": "{a=" * DEEP + "1" + "}" * DEEP,
-    "@400 digits@": "9" * 400,
-    "@5000 digits@": "9" * 5000,
-    "@surrogate@": '"\\ud800"',
-    "@huge exponent@": "1e400",
-    "@NaN@": "nan",
-    "@date@": "1979-05-27T07:32:00Z",
-}
+TOML_RAW = RAW | {"@deep table@": "{a=" * DEEP + "1" + "}" * DEEP, "@NaN@": "nan", "@date@": "1979-05-27T07:32:00Z"}
 VALUES: tuple[Any, ...] = (
     [], {}, None, "", "text", True, 0, -1, 1, 2, 0.5, -0.0, 1e308, -1e308, 1e-310, 1e30, 2**31, 2**32, 2**53, 2**63,
     2**64, -(2**63) - 1, math.inf, -math.inf, math.nan, [[]], [{}], [1], [1, 2, 3], {"a": 1}, "../a", "1", "1e5", "nan",

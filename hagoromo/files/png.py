@@ -42,7 +42,7 @@ def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
         raise InputError(f"a PNG holds uint8 or uint16: given {image.dtype}")
     if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (3, 4)):
         raise InputError(f"a PNG is (height, width), with 3 or 4 channels if any: given shape {image.shape}")
-    done, encoded = cv2.imencode(".png", _swapped(image))
+    done, encoded = cv2.imencode(".png", swapped(image))
     if not done:
         raise OSError(f"an image of shape {image.shape} could not be encoded as PNG")
     return encoded.tobytes()
@@ -65,7 +65,7 @@ def read_png(path: str | Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputError(f"{path} cannot be decoded as PNG: make it anew")
-    return _swapped(image)
+    return swapped(image)
 
 
 def exif_chunk(data: bytes) -> bytes | None:
@@ -79,7 +79,7 @@ def exif_chunk(data: bytes) -> bytes | None:
     return None
 
 
-def _swapped(image: NDArray) -> NDArray:
+def swapped(image: NDArray) -> NDArray:
     """R, G, B ↔ B, G, R (OpenCV's order); alpha stays last."""
     if image.ndim == 2:
         return image

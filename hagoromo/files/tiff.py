@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.files.memory import require
+from hagoromo.files.png import swapped
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import opencv_silenced, tifffile_silenced
 
@@ -56,4 +57,4 @@ def _unpacked(path: Path) -> NDArray:
         image = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ValueError("its compressed pixels are damaged")
-    return image if image.ndim == 2 else np.ascontiguousarray(image[..., [2, 1, 0, 3][: image.shape[2]]])
+    return swapped(image)
