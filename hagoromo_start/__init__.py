@@ -8,9 +8,6 @@ import os
 import signal
 import sys
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # of signals that ask a process to end; a system has some of them
-
-
 LEAST_MEMORY, PER_CORE = 600 * 2**20, 72 * 2**20  # bytes of addresses: of libraries, and of a thread of each of them
 
 
@@ -33,6 +30,12 @@ def _lack_of_memory() -> str:
     )
 
 
+def stopping_signals() -> list[signal.Signals]:
+    """The signals that ask a process to end, as far as the system has them."""
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
 def _stop(number: int, _frame: object) -> None:
     """End at once: nothing has been written yet."""
     os.write(2, b"hagoromo: interrupted: nothing was written\n")
@@ -41,7 +44,7 @@ def _stop(number: int, _frame: object) -> None:
 
 def main() -> int:
     """Run the command line of this process; returns the exit status, or ends the process if it was interrupted."""
-    for number in (getattr(signal, name) for name in NAMES if hasattr(signal, name)):
+    for number in stopping_signals():
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and background jobs want
             signal.signal(number, _stop)
     lack = _lack_of_memory() if sys.platform == "linux" else ""  # macOS does not heed its limits

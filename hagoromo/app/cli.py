@@ -11,7 +11,6 @@ import contextlib
 import io
 import json
 import math
-import os
 import re
 import sys
 import warnings
@@ -27,7 +26,7 @@ import hagoromo as hg
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.streams import printable_streams
+from hagoromo.app.streams import give_up_streams, printable_streams
 from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
@@ -54,11 +53,11 @@ def main(arguments: Sequence[str] | None = None, ends: bool = False) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:  # as when | head has read enough
-        _give_up_streams()
+        give_up_streams()
         return NOT_READ
     except OSError as error:  # of a standard output that is a file on a full disk
         print(f"hagoromo: standard output: {printable(error)}", file=sys.stderr)
-        _give_up_streams()
+        give_up_streams()
         return BAD_INPUT
     return status
 
@@ -90,18 +89,6 @@ def _run(arguments: list[str], ends: bool) -> int:
                 raise
             print(f"hagoromo: {shortage(error)}", file=sys.stderr)
             return BAD_INPUT
-
-
-def _give_up_streams() -> None:
-    """Let nothing more be written to the standard streams, which would fail again as the process ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, OSError, ValueError):
-            stream.flush()
-            continue
-        with contextlib.suppress(AttributeError, OSError, ValueError):
-            os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)
 
 
 def _parsed(arguments: list[str]) -> Callable[[], int | None]:

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from hagoromo_start import stopping_signals
+
 STATUS_OF_SIGNALS = 128  # exit status of a process that a signal ended, without the number of the signal
 AGAIN_S = 0.02  # between two attempts to raise
 # where nothing may be raised: what compiled code calls, and what takes back unfinished output
@@ -51,12 +53,6 @@ def signals_as_interrupt() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def stopping_signals() -> list[signal.Signals]:
-    """The signals that ask a process to end, as far as the system has them."""
-    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-    return [getattr(signal, name) for name in names if hasattr(signal, name)]
-
-
 def heed() -> None:
     """Raise `KeyboardInterrupt` if a signal was received, in case the first exception was suppressed or put off."""
     if _heard and signal.getsignal(_heard[0]) is _interrupt:
@@ -85,8 +81,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _raise_again(number: int) -> None:
-    """Send the signal once more, unless the command has ended."""
-    if signal.getsignal(number) is _interrupt:
+    """Send the signal once more, unless the command that it was meant for has ended: the next one has heard nothing."""
+    if _heard and signal.getsignal(number) is _interrupt:
         signal.raise_signal(number)
 
 

@@ -1,8 +1,7 @@
 """Small kernels on the backend that would be used, with their numbers checked.
 
 `doctor` starts it as a process of its own, `python -m hagoromo.app.try_kernels FILE`: a library that does not fit may
-abort it. It writes JSON to FILE as it
-gets on, so that what was found stays when it is aborted.
+abort it. It writes JSON to FILE as it gets on, so that what was found stays when it is aborted.
 """
 
 from __future__ import annotations

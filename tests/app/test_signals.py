@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from hagoromo.app import interrupt
 from hagoromo.app.cli import main
 from hagoromo.app.interrupt import signals_as_interrupt
 from hagoromo.camera.camera import Camera
@@ -140,3 +141,12 @@ def test_a_closed_standard_output_is_no_fault(cameras):
     )  # fmt: skip
     assert (ended.returncode, ended.stderr) == (0, "")
     assert sorted(os.listdir(cameras.parent)) == ["c.yml", "d.json"]
+
+
+def test_a_signal_that_one_command_put_off_leaves_the_next_alone():
+    """A timer raises it again a moment later, when the next command of the process may already run."""
+    try:
+        with interrupt.signals_as_interrupt():
+            interrupt._raise_again(signal.SIGINT)
+    except KeyboardInterrupt:
+        pytest.fail("the next command was interrupted")
