@@ -70,11 +70,11 @@ def workers_row(scene: Path, settings: hg.Settings, whole: hg.Image, count: int,
         render_tiles(scene, settings, cluster)  # each worker makes the scene ready
         ready = time.perf_counter() - begun
         prepared = cpu_seconds(cluster)
-        told: list[float] = []
+        shares: list[float] = []
 
         def tell(share: float, step: str = "") -> None:
-            told.append(share)
-            if killed and len(told) == 2:
+            shares.append(share)
+            if killed and len(shares) == 2:
                 os.kill(min(cluster.client.run(os.getpid).values()), signal.SIGKILL)
 
         begun, own = time.perf_counter(), time.process_time()
@@ -85,7 +85,7 @@ def workers_row(scene: Path, settings: hg.Settings, whole: hg.Image, count: int,
     return {
         "workers": count, "killed": killed, "start_s": started, "ready_s": ready, "wall_s": wall,
         "prepare_cpu_s": sum(prepared[pid] - before.get(pid, 0.0) for pid in prepared) / count,
-        "cpu_s": sum(after[pid] - prepared[pid] for pid in same), "client_cpu_s": own, "tiles": len(told) - 1,
+        "cpu_s": sum(after[pid] - prepared[pid] for pid in same), "client_cpu_s": own, "tiles": len(shares) - 1,
         "same_bits": bool(np.array_equal(image.weights, whole.weights) and np.array_equal(image.alpha, whole.alpha)),
     }  # fmt: skip
 

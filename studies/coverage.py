@@ -49,7 +49,7 @@ def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tu
 def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, Any]]:
     """Per quantity: number of intervals, of those that contain the truth, lie above and below it, and are identifiable.
 
-    told_width: median width, relative to the truth, of the intervals of identifiable quantities.
+    relative_width: median width, relative to the truth, of the intervals of identifiable quantities.
     """
     rows = []
     for key in QUANTITIES:
@@ -66,8 +66,8 @@ def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, An
             "hold": int(np.sum((low <= true) & (true <= high))),
             "above": int(np.sum(low > true)),
             "below": int(np.sum(high < true)),
-            "told": int(identifiable.sum()),
-            "told_width": float(np.median(width)) if width.size else None,
+            "identifiable": int(identifiable.sum()),
+            "relative_width": float(np.median(width)) if width.size else None,
         })  # fmt: skip
     return rows
 

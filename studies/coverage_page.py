@@ -47,7 +47,7 @@ def _page(record: dict[str, Any]) -> str:
 
 def _cell(row: dict[str, Any], count: int) -> str:
     share = (
-        f" ({100 * row['told'] / count:.0f} %)"
+        f" ({100 * row['identifiable'] / count:.0f} %)"
         if row["quantity"] in ("alpha", "beta", "gamma", "n", "nu", "interface_colour")
         else ""
     )

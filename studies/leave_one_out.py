@@ -53,7 +53,7 @@ def score(photograph: hg.Photograph, prediction: NDArray[np.floating]) -> tuple[
 def keep_aside(capture: hg.Capture, even: hg.Capture, field: Array, lamp: int) -> KeptAside:
     """Predict photograph `lamp` of `capture` from the others.
 
-    even: the capture with the lamps that other objects told, flat-fielded by `field` (K, h, w).
+    even: the capture with the lamps measured on the other objects, flat-fielded by `field` (K, h, w).
     """
     photograph, camera = capture.photographs[lamp], capture.photographs[lamp].camera
     stated, to_lamp = (np.asarray(one.photographs[lamp].lamps[0].to_lamp) for one in (capture, even))

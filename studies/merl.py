@@ -3,7 +3,7 @@
     python -m studies.merl ../shared/data/merl_fits --out out/merl
 
 Enters: a folder with merl_sgd.json and merl_abc.json. Leaves: results.json, merl.md and merl.png, which belong to docs.
-Each model is fitted by the package, and ours and GGX by SciPy as well, so that models and fits can be told apart.
+Each model is fitted by the package, and ours and GGX by SciPy as well, so that both can be judged.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         "coloured": int(sum(len(set(row.interface_colour)) > 1 for row in rows)),
         "rejected": int(rejected.sum()),
         "off": int(off.sum()),
-        "off_and_told": int((off & rejected).sum()),
+        "off_and_rejected": int((off & rejected).sum()),
     }
 
 
@@ -158,7 +158,7 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
             nearer = 100 * figures["nearer_than_ggx"]
             print(f"{kind}, {method}: {low:.1f} / {middle:.1f} / {high:.1f} %, worst {worst:.0f} %", end="; ")
             print(f"nearer than GGX + Lambert for {nearer:.0f} %")
-        print(f"{kind}: {of['rejected']} of {of['materials']} told as ill fitted")
+        print(f"{kind}: {of['rejected']} of {of['materials']} rejected as ill fitted")
     print(f"wrote {out / 'merl.md'}")
 
 

@@ -115,7 +115,7 @@ def _normal_errors(folder: str | Path, capture: hg.Capture, solved: hg.NormalMap
     maps = {
         "Lambert, plain least squares": pixels.image(hg.least_squares_lambert(pixels)[0]),
         "ours, from this object alone": hg.solve_normals(capture).normals,
-        "ours, lamps told by the other objects first": solved.normals,
+        "ours, lamps measured on the other objects first": solved.normals,
     }
     known = np.linalg.norm(true, axis=2) > 0.5
     errors = {}

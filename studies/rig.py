@@ -20,9 +20,9 @@ LEAST_EVENNESS = 0.3  # least evenness, which limits the extrapolation of a line
 
 @dataclass(frozen=True, eq=False)
 class Unevenness:
-    """Lamps as one object told them: ln strength (K,), fall-off (K, 2) [1/px] by column and row from `middle` (2,).
+    """Lamps as measured on one object: ln strength (K,), fall-off (K, 2) [1/px] by column and row from `middle` (2,).
 
-    What all lamps have in common is left out: it cannot be told from the body colours. shift: (K, 3) of far lamps'
+    What all lamps have in common is left out: the body colours hide it. shift: (K, 3) of far lamps'
     directions [rad].
     """
 

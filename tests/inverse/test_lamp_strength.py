@@ -100,7 +100,7 @@ def test_a_highlight_that_is_not_clipped_tells_strength_by_its_light(seen):
     assert (np.abs(found.intensity - truth) < 3 * found.standard_error + 0.01 * truth).all()
 
 
-def test_strength_is_refused_where_it_cannot_be_told():
+def test_strength_is_refused_where_it_cannot_be_determined():
     ball, lamp = seen_from_afar(SHAPE, (80.3, 74.9), 61.7), unit([0.3, 0.2, 0.9])
     clipped = mirror_photograph([ball], lamp, 7, 0.06)
     light = np.where(clipped[..., None] == 255, np.nan, clipped[..., None] / 255.0).repeat(3, axis=2)

@@ -102,7 +102,7 @@ def test_maps_are_written_and_the_file_reads_back(measured, tmp_path):
     assert back.texture == found.materials[0].texture and back.lack_of_fit == found.materials[0].lack_of_fit
 
 
-def test_gloss_that_is_clipped_everywhere_is_not_told():
+def test_gloss_that_is_clipped_everywhere_is_not_stated():
     """The brightest value is 3.5 times what the well holds; α is in its interval, and nothing else is claimed."""
     (found,) = measure_known_shape(simulate([RED], 6, metered=3.5), labels=np.zeros((61, 61), int)).materials
     unknown = dict.fromkeys(("beta", "gamma", "n", "nu", "interface_colour"), False)

@@ -68,7 +68,7 @@ def test_prediction_is_the_light_of_the_simulation():
         np.testing.assert_allclose(predicted[lit], photograph.values[lit], atol=2e-5 * photograph.values.max())
 
 
-def test_two_materials_are_told_apart_and_measured_under_a_lamp_of_unknown_colour(two_balls_in_one):
+def test_two_materials_are_separated_and_measured_under_a_lamp_of_unknown_colour(two_balls_in_one):
     """Labels: all but a tenth of a per cent of the lit pixels, as two rows at the border may carry either."""
     measured = measure_known_shape(two_balls_in_one, colour_from_highlights=True)
     assert len(measured.materials) == 2

@@ -71,7 +71,7 @@ def test_balls_that_show_two_lamps_or_lack_a_camera_are_refused(seen):
         locate_lamp(readings, -1.0)
 
 
-def test_the_spread_of_lamps_is_told_and_too_little_of_it_refused():
+def test_the_spread_of_lamps_is_stated_and_too_little_of_it_refused():
     """Three lamps along the axes have condition number 1; lamps of a ring of half angle t have √2 / tan t (t < 55°)."""
     assert check_spread(np.eye(3)).condition == pytest.approx(1.0)
     turn, tilt = np.arange(7) * 2 * np.pi / 7, np.radians(20)

@@ -29,7 +29,7 @@ def test_simulated_normals_are_perpendicular_to_the_surface():
     np.testing.assert_allclose(truth.normals[known], offset / 0.12, atol=1e-6)
 
 
-def test_a_step_that_no_normal_shows_is_told_by_near_lamps():
+def test_a_step_that_no_normal_shows_is_measured_by_near_lamps():
     """A block 30 mm before a wavy sheet: its edges face away, so only direction and fall-off of the lamps tell it.
 
     1 % of 0.7 m is a quarter of the step. The distance given is off by 4 %, which the photographs must mend.
@@ -42,8 +42,8 @@ def test_a_step_that_no_normal_shows_is_told_by_near_lamps():
     assert np.median(np.abs(missed)) < 0.001 * SURFACE_DISTANCE
     assert np.mean(np.abs(missed) < 0.01 * SURFACE_DISTANCE) > 0.95
     # turns of a normal are two, so error²/variance is 1 on average where the variance is true, and its median ln 2
-    told = np.median(np.radians(off) ** 2 / shape.normal_map.fit.variance) / np.log(2.0)
-    assert 0.5 < told < 2.0
+    ratio = np.median(np.radians(off) ** 2 / shape.normal_map.fit.variance) / np.log(2.0)
+    assert 0.5 < ratio < 2.0
 
 
 @real_data("near_ps_leds")

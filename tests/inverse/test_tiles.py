@@ -70,7 +70,7 @@ def test_an_interrupt_leaves_no_scratch(small_tiles, tmp_path):
 def test_measure_solves_large_photographs_in_tiles(small_tiles, tmp_path, monkeypatch):
     """A ball under near lamps, taken for too large: the goal of the whole solution holds for the tiles.
 
-    A coarse pixel is 7 mm wide here, and only the coarse photographs tell the depth: it is told to within one.
+    A coarse pixel is 7 mm wide here, and only the coarse photographs determine the depth: to within one.
     """
     monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0)
     capture, truth = simulate(ring_rig(120, 96, 8), sphere, Look(0.3), bits=10)

@@ -159,7 +159,7 @@ def test_a_box_finer_than_double_precision_can_place_is_refused():
             replace(scene_at(), boxes=(box,), surfaces=surfaces)
 
 
-def test_a_mesh_whose_file_rounded_it_away_is_told(tmp_path):
+def test_a_mesh_whose_file_rounded_it_away_is_reported(tmp_path):
     """Single precision keeps 1 mm at 10 km: 1 % of this mesh."""
     import trimesh
 

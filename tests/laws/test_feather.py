@@ -126,11 +126,11 @@ def test_the_optical_depth_of_a_vane_is_its_volume(voxel_mm):
     step = min(voxel_mm, 0.02) * (1.0 if voxel_mm < 0.01 else 0.5)
     x, z = (m + np.arange(0.0, side, step * 1.03) for m in (across, along))
     y = np.arange(-1.2 * voxel_mm - 0.05, 0.22 + 1.2 * voxel_mm, 0.5 * min(voxel_mm, 0.05))
-    told = vane_thickness(*on_device(x, z), made=made, seed=3)
+    thickness = vane_thickness(*on_device(x, z), made=made, seed=3)
     density = (
         np.mean([density_of(made, x[:, None], np.array(h), z, voxel_mm).mean() for h in y]) * (y[1] - y[0]) * len(y)
     )
-    assert density == pytest.approx(float(np.array(told).mean()), rel=0.03)
+    assert density == pytest.approx(float(np.array(thickness).mean()), rel=0.03)
 
 
 def on_device(x: np.ndarray, z: np.ndarray):

@@ -2,7 +2,7 @@
 
 `tests/oracle` computes the same light from the equations alone; first it is held to closed forms and to its own
 convergence. The promise of `Settings.tolerance`, root mean square over the mean where there is matter, is then tested
-as it is told, with marched shadows and with shadow maps.
+as it is given, with marched shadows and with shadow maps.
 """
 
 import math

@@ -174,7 +174,7 @@ def test_rows_are_independent_and_each_has_its_own_status():
     np.testing.assert_array_equal(both.state.theta[1], alone.state.theta[0])
 
 
-def test_the_status_of_a_fit_by_scipy_is_told():
+def test_the_status_of_a_fit_by_scipy_is_stated():
     def residual(x):
         return DECAY[0] * np.exp(DECAY[1] * TIME) - x[0] * np.exp(x[1] * TIME)
 

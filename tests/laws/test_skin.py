@@ -61,7 +61,7 @@ def test_one_seed_one_skin():
 
 
 @pytest.mark.parametrize("primary_mm", [0.5, 0.8])
-def test_primary_lines_are_as_deep_and_as_near_as_told(primary_mm):
+def test_primary_lines_are_as_deep_and_as_near_as_stated(primary_mm):
     """A family has a line every spacing: the mass of the furrows over a square is that of its lines.
 
     A furrow of depth d and profile exp(−(s/w)²) has the section d w √π; a line is ½ … 1 as strong as its family, and a
@@ -114,7 +114,7 @@ def test_secondary_lines_enclose_fields_of_their_size():
     assert 0.8 < count < 1.46
 
 
-def test_pores_stand_as_dense_as_told():
+def test_pores_stand_as_dense_as_stated():
     """Counted as connected hollows: Poisson scatter of ¹/√n at 3 σ, and a tenth for those that touch or are shallow."""
     from skimage.measure import label
 

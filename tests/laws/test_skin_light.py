@@ -1,6 +1,6 @@
 """The light of a relief's skin: under lamps that are high, low and behind, it is the light of the surface itself.
 
-Truth: exact spheres and a fine mesh as surfaces of a scene, whose shadows Mitsuba's rays find. Errors are told in parts
+Truth: exact spheres and a fine mesh as surfaces of a scene, whose shadows Mitsuba's rays find. Errors are parts
 of white, a matte surface that faces the lamp.
 """
 

@@ -94,9 +94,9 @@ def test_tangents_run_along_the_yarn():
         mass = own.sum(axis=(0, 2))
         height = (own * np.arange(nz)[:, None, None]).sum(axis=(0, 2)) / mass
         slope = 0.5 * (np.roll(height, -1) - np.roll(height, 1))
-        told = (own * along).sum(axis=(1, 3)) / mass
-        angles += np.abs(np.arctan2(told[2], told[1]) - np.arctan(slope))[2:-2].tolist()
-        assert np.abs(told[0]).mean() < 0.1  # of the helix nothing is left on the mean
+        mean = (own * along).sum(axis=(1, 3)) / mass
+        angles += np.abs(np.arctan2(mean[2], mean[1]) - np.arctan(slope))[2:-2].tolist()
+        assert np.abs(mean[0]).mean() < 0.1  # of the helix nothing is left on the mean
     assert np.degrees(np.mean(angles)) < 5.0
 
 
