@@ -1,8 +1,9 @@
 """The study of coverage: how often the 95 % intervals of a material's parameters contain the true value.
 
-    python -m studies.coverage --out out/coverage
+    python -m studies.coverage --out out/coverage [--scheduler 4]
 
-Enters: nothing. Leaves: results.json, coverage.md and coverage.png, which belong to docs.
+Each simulation has its own seed, so that its result is the same wherever it runs. Enters: nothing.
+Leaves: results.json, coverage.md and coverage.png, which belong to docs.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
+from hagoromo.cluster.mapped import mapped
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
 
@@ -22,17 +24,27 @@ QUANTITIES = ("alpha", "beta", "gamma", "n", "nu", "specular_albedo", "body_colo
 
 
 def coverage_study(
-    out: str | Path, simulations: int = SIMULATIONS, force: bool = False, progress: hg.Progress = hg.silent
+    out: str | Path,
+    simulations: int = SIMULATIONS,
+    force: bool = False,
+    progress: hg.Progress = hg.silent,
+    scheduler: str | int | None = None,
 ) -> dict[str, Any]:
-    """The whole study, written to the folder `out`; gives the record of results.json."""
-    rows, cases = [], [(bench, level) for bench in BENCHES for level in FULL_WELLS]
+    """The whole study, written to the folder `out`; gives the record of results.json. scheduler: see `hg.render`."""
+    cases = [(bench, level) for bench in BENCHES for level in FULL_WELLS]
+    tasks = [
+        (BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k]))
+        for i, (bench, level) in enumerate(cases)
+        for k in range(simulations)
+    ]
+    names = [f"{bench}, {level}" for bench, level in cases for _ in range(simulations)]
     with hg.whole_folder(out, force) as home:
-        for i, (bench, level) in enumerate(cases):
-            results = []
-            for k in range(simulations):
-                progress((i + k / simulations) / len(cases), f"{bench}, {level}")
-                results.append(simulated(BENCHES[bench], FULL_WELLS[level], np.random.default_rng([i, k])))
-            rows += [{"bench": bench, "level": level, **row} for row in table(results)]
+        results = mapped(simulated, tasks, scheduler, progress, names)
+        rows = [
+            {"bench": bench, "level": level, **row}
+            for i, (bench, level) in enumerate(cases)
+            for row in table(results[i * simulations : (i + 1) * simulations])
+        ]
         record = {"hagoromo": hg.__version__, "simulations": simulations, "rows": rows}
         hg.write_json(home / "results.json", record)
         write_coverage_page(home, record)
@@ -72,16 +84,17 @@ def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, An
     return rows
 
 
-def main(out: Path, simulations: int = SIMULATIONS, force: bool = False) -> None:
+def main(out: Path, simulations: int = SIMULATIONS, scheduler: str | None = None, force: bool = False) -> None:
     """Simulate and measure.
 
     Args:
         out: where to write results.json, coverage.md and coverage.png.
         simulations: of each bench at each noise level.
+        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("coverage") as progress:
-        record = coverage_study(out, simulations, force, progress)
+        record = coverage_study(out, simulations, force, progress, scheduler)
     for row in record["rows"]:
         share = 100.0 * row["hold"] / row["intervals"]
         print(f"{row['bench']}, {row['level']}: {row['quantity']} {share:.1f} %")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.cluster.mapped import mapped
 from hagoromo.measurement.material.lack_of_fit import LEVEL
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.material.model_choice import Facets, Interface, choose_fit
@@ -59,15 +60,17 @@ class Row:
 
 
 def merl_study(
-    folder: str | Path, out: str | Path, force: bool = False, progress: hg.Progress = hg.silent
+    folder: str | Path,
+    out: str | Path,
+    force: bool = False,
+    progress: hg.Progress = hg.silent,
+    scheduler: str | int | None = None,
 ) -> dict[str, Any]:
-    """The whole study, written to the folder `out`; gives the record of results.json."""
-    rows = []
+    """The whole study, written to the folder `out`; gives the record of results.json. scheduler: see `hg.render`."""
     with hg.whole_folder(out, force) as home:
         cases = [(kind, name, of) for kind, named in read_truths(folder).items() for name, of in named.items()]
-        for i, (kind, name, truth) in enumerate(cases):
-            progress(i / len(cases), name)
-            rows.append(study(kind, name, truth, np.random.default_rng([MERL_SEED, i])))
+        tasks = [(*case, np.random.default_rng([MERL_SEED, i])) for i, case in enumerate(cases)]
+        rows: list[Row] = mapped(study, tasks, scheduler, progress, [name for _, name, _ in cases])
         record = {
             "hagoromo": hg.__version__,
             "noise": MERL_NOISE,
@@ -142,16 +145,17 @@ def _median_error(model: Array, clean: Array, used: np.ndarray) -> float:
     return float(np.median(np.abs(model - clean)[used] / clean[used]))
 
 
-def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
+def main(folder: Positional[Path], out: Path, scheduler: str | None = None, force: bool = False) -> None:
     """Study the published fits of MERL in FOLDER.
 
     Args:
         folder: with merl_sgd.json and merl_abc.json.
         out: where to write results.json, merl.md and merl.png.
+        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("MERL") as progress:
-        record = merl_study(folder, out, force, progress)
+        record = merl_study(folder, out, force, progress, scheduler)
     for kind, of in record["summary"].items():
         for method, figures in of["error"].items():
             low, middle, high, worst = (100 * figures[key] for key in ("quartile_1", "median", "quartile_3", "worst"))

@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
+from hagoromo.cluster.mapped import mapped
 from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
@@ -45,27 +46,32 @@ def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def studied(rig: Rig) -> list[dict[str, Any]]:
-    """Every case, printed as it comes."""
-    cases = []
-    for (surface, gamma), bits in zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False):
-        cases.append(study_case(rig, surface, Look(gamma, interreflection=bits == 8), bits))
-        print({key: round(value, 3) if isinstance(value, float) else value for key, value in cases[-1].items()})
-    return cases
+def studied(rig: Rig, scheduler: str | int | None = None, progress: hg.Progress = hg.silent) -> list[dict[str, Any]]:
+    """Every case. scheduler: see `hg.render`."""
+    looks = zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False)
+    tasks = [(rig, surface, Look(gamma, interreflection=bits == 8), bits) for (surface, gamma), bits in looks]
+    names = [f"{surface}, γ {look.gamma:g}" for _, surface, look, _ in tasks]
+    return mapped(study_case, tasks, scheduler, progress, names)
 
 
-def main(out: Path, leds: Path | None = None, smaller: float = 20.0, force: bool = False) -> None:
+def main(
+    out: Path, leds: Path | None = None, smaller: float = 20.0, scheduler: str | None = None, force: bool = False
+) -> None:
     """Run every case and write the table.
 
     Args:
         out: JSON file to write.
         leds: folder near_ps_leds; without it a made-up ring of ten LEDs.
         smaller: how much smaller than the camera's the photographs under `leds` are.
+        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     rig = ring_rig() if leds is None else read_rig(leds, smaller)
-    with hg.whole_file(out, force) as partial:
-        hg.write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": studied(rig)})
+    with hg.whole_file(out, force) as partial, hg.progress_bar("near lamps") as progress:
+        cases = studied(rig, scheduler, progress)
+        hg.write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": cases})
+    for case in cases:
+        print({key: round(value, 3) if isinstance(value, float) else value for key, value in case.items()})
     print(f"wrote {out}")
 
 

@@ -20,6 +20,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
+from hagoromo.cluster.mapped import mapped
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from studies.table import print_table
 
@@ -32,9 +33,17 @@ Array = NDArray[np.float64]
 
 
 def response_study(
-    folder: str | Path, out: str | Path, every: int = 1, force: bool = False, progress: hg.Progress = hg.silent
+    folder: str | Path,
+    out: str | Path,
+    every: int = 1,
+    force: bool = False,
+    progress: hg.Progress = hg.silent,
+    scheduler: str | int | None = None,
 ) -> dict[str, Any]:
-    """The study over every n-th camera, written to the folder `out`; gives the record of results.json."""
+    """The study over every n-th camera, written to the folder `out`; gives the record of results.json.
+
+    scheduler: see `hg.render`.
+    """
     with hg.whole_folder(out, force) as home:
         cameras = dict(list(read_cameras(Path(folder) / CAMERAS).items())[::every])
         lights = known_lights()
@@ -43,13 +52,12 @@ def response_study(
             "115 lights, sums over the table": lights,
             **{f"chart under {' and '.join(lamps)}": chart_under(lamps) for lamps in CHART_LAMPS},
         }
-        rows = {}
-        for i, (name, matrix) in enumerate(designs.items()):
-            progress(i / len(designs), name)
-            rows[name] = score(matrix, cameras)
+        tasks = {name: (matrix, cameras) for name, matrix in designs.items()}
         others = read_rawtoaces(Path(folder) / OTHERS)
         for name in list(designs)[:2] if others else []:
-            rows[f"{name}, {len(others)} of rawtoaces"] = score(designs[name], others)
+            tasks[f"{name}, {len(others)} of rawtoaces"] = designs[name], others
+        scores = mapped(score, list(tasks.values()), scheduler, progress, list(tasks))
+        rows = dict(zip(tasks, scores, strict=True))
         record = {"hagoromo": hg.__version__, "noise": READING_NOISE, "cameras": list(cameras), "rows": rows}
         hg.write_json(home / "results.json", record)
         progress(1.0, "")
@@ -116,16 +124,17 @@ def _summary(values: Array) -> dict[str, dict[str, float]]:
     return {name: {"median": float(m), "p10": float(p)} for name, (m, p) in zip("RGB", ends, strict=True)}
 
 
-def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
+def main(folder: Positional[Path], out: Path, scheduler: str | None = None, force: bool = False) -> None:
     """Study calibrated responses with the cameras in FOLDER.
 
     Args:
         folder: with camera_sensitivities/camspec_28_cameras.csv.
         out: where to write results.json.
+        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("responses") as progress:
-        record = response_study(folder, out, force=force, progress=progress)
+        record = response_study(folder, out, force=force, progress=progress, scheduler=scheduler)
     title = "Correlation with the true curve, median / 10th percentile, and coverage of 95 % intervals"
     fits = {"hagoromo": "correlation", "knowing the truth": "correlation_knowing_the_truth"}
     rows = [[name, fit, *_cells(row, key)] for name, row in record["rows"].items() for fit, key in fits.items()]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.cluster.cluster import Workers, workers_of
+from hagoromo.cluster.cluster import Workers
+from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
 from hagoromo.measurement.material.body_map import BodyMap
@@ -117,7 +117,7 @@ def _measured(
         if source is not None:
             away = _distance(source.photograph(0).camera, distance, wanted)
             home = Path(scratch or tempfile.gettempdir())
-            with workers_of(scheduler) if scheduler is not None else nullcontext() as workers:
+            with here_or_on(scheduler) as workers:
                 return _measure_tiles(source, home, away, progress, wanted.model, workers)
         capture = load_capture(capture)
     if scheduler is not None:

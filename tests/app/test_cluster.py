@@ -11,12 +11,15 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.cluster import cluster as clusters
 from hagoromo.cluster.cluster import Cluster, workers_of
+from hagoromo.cluster.mapped import mapped
 from hagoromo.image import render_tiles
 from hagoromo.image.image import Image
 from hagoromo.measurement.surface import tile_store
 from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
 from hagoromo.photograph.capture import save_capture
 from hagoromo.volume.store import field_blocks
+from studies import coverage
+from studies.coverage_bench import BENCHES, FULL_WELLS
 from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
 
 SLAB = """
@@ -120,6 +123,34 @@ def test_a_batch_goes_on_when_a_worker_is_killed(scene, cluster, address, tmp_pa
     assert [one.step for one in many if one.state != "done"] == ["rendered 3", "dimmed 3"]
     for tiled, whole in zip(many, alone, strict=True):
         assert tiled.state != "done" or tiled.out.read_bytes() == whole.out.read_bytes()
+
+
+def test_a_study_has_the_bits_of_one_machine(address, tmp_path, monkeypatch):
+    """Simulations with seeds of their own."""
+    monkeypatch.setattr(coverage, "BENCHES", {"three lamps": BENCHES["three lamps"]})
+    monkeypatch.setattr(coverage, "FULL_WELLS", {level: FULL_WELLS[level] for level in list(FULL_WELLS)[1:2]})
+    names = []
+    coverage.coverage_study(tmp_path / "one", simulations=5)
+    coverage.coverage_study(
+        tmp_path / "many", simulations=5, scheduler=address, progress=lambda _, name="": names.append(name)
+    )
+    assert names == [f"three lamps, {level}" for level in coverage.FULL_WELLS for _ in range(5)] + [""]
+    one, many = ((tmp_path / folder / "results.json").read_bytes() for folder in ("one", "many"))
+    assert many == one
+
+
+def test_results_of_tasks_keep_their_order(address):
+    """Whichever is done first: a task that takes longer stands first."""
+    tasks = [(0.3 / (1 + number),) for number in range(7)]
+    assert mapped(slept, tasks, address) == mapped(slept, tasks) == [seconds for (seconds,) in tasks]
+
+
+def slept(seconds: float) -> float:
+    """Sent to workers as it is, since they do not find the tests."""
+    import time
+
+    time.sleep(seconds)
+    return seconds
 
 
 BALL = """

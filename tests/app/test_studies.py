@@ -14,6 +14,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "measurement.material.lack_of_fit",
         "measurement.material.model_choice",
         "measurement.parameters",
+        "cluster.mapped",
     },
     "encoding.py": {"measurement.normals.normals", "measurement.normals.photometric_model"},
     "leave_one_out.py": {"measurement.normals.normals"},
@@ -27,7 +28,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.lamps.uncalibrated",
         "calibration.lamps.uncalibrated.refined",
     },
-    "response_study.py": {"calibration.response.calibrate_response"},
+    "response_study.py": {"calibration.response.calibrate_response", "cluster.mapped"},
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
     "spectra_cases.py": {"reflectance.spectra.prior_spectra"},
@@ -37,6 +38,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "merl_truth.py": {"files.record"},
     # the steps that a tolerance stands for
     "first_order.py": {"transport.frames"},
+    # many tasks of one function, here or on workers: a study's own need
+    "coverage.py": {"cluster.mapped"},
+    "near_lamps.py": {"cluster.mapped"},
     # workers, before and while they work
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
     # kernels run on Dr.Jit's types of this machine

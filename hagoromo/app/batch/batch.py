@@ -18,7 +18,8 @@ from typing import Any, Literal
 
 from hagoromo.app.batch.batch_file import Step, read_batch
 from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
-from hagoromo.cluster.cluster import Here, Workers, workers_of
+from hagoromo.cluster.cluster import Workers
+from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.files.content import content
 from hagoromo.files.names import printable
@@ -58,10 +59,8 @@ def batch(
     home = Path(out).absolute()
     steps = read_batch(recipe, home)
     ledger = Ledger(str(home))
-    if scheduler is None:
-        return _run(steps, ledger, Here(), dry_run, force, progress)
-    with workers_of(scheduler) as cluster:
-        return _run(steps, ledger, cluster, dry_run, force, progress)
+    with here_or_on(scheduler) as workers:
+        return _run(steps, ledger, workers, dry_run, force, progress)
 
 
 def _run(
