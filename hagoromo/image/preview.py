@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
+from hagoromo.image.lamp_batches import lamp_batches
 from hagoromo.image.origin import scene_from, scene_origin
-from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points, shadow_casters
+from hagoromo.image.render import PreparedScene, SceneCache, metadata, picture, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.transport.film import Film
@@ -58,7 +60,8 @@ class Preview:
                     break
 
     The first picture has as many rays as were traced in time before. An image's metadata["preview"] says its stride
-    (camera pixels along a side of one of its own), its samples and the share of the work done, 0…1.
+    (camera pixels along a side of one of its own), its samples and the share of the work done, 0…1. Under more than
+    LAMPS_AT_ONCE lamps all samples come with one picture.
     """
 
     def __init__(self, settings: Settings | None = None, seconds: float = FIRST_SECONDS) -> None:
@@ -76,6 +79,9 @@ class Preview:
         )
         coarse = strides(size, self.rays[new_shadows])
         points = pixel_points(self.settings.samples, self.settings.seed)
+        if len(lamp_batches(scene.lamps)) > 1:
+            yield from self._in_batches(scene, coarse)
+            return
         steps = [(stride, pixel_points(1, 0)[0]) for stride in coarse] + [(1, point) for point in points]
         work = [stride**-2 for stride, _ in steps]
         record = metadata(scene, self.settings)
@@ -89,6 +95,16 @@ class Preview:
             if number == 0:
                 self._learn(new_shadows, math.ceil(size / stride**2), time.perf_counter() - start)
             yield image
+
+    def _in_batches(self, scene: Scene, coarse: list[int]) -> Iterator[Image]:
+        """Pictures of a scene of many lamps: the coarse ones, and that of `render`, each by all batches of lamps."""
+        samples = self.settings.samples
+        steps = [(stride, pixel_points(1, 0)) for stride in coarse] + [(1, pixel_points(samples, self.settings.seed))]
+        work = [len(points) * stride**-2 for stride, points in steps]
+        for number, (stride, points) in enumerate(steps):
+            image = picture(scene, self.settings, self.cache, points, stride)
+            level = {"stride": stride, "samples": len(points), "share": sum(work[: number + 1]) / sum(work)}
+            yield replace(image, metadata=image.metadata | {"preview": level})
 
     def _learn(self, new_shadows: bool, rays: int, seconds: float) -> None:
         """A first picture of `rays` took `seconds`: so many next time as would be there within TIME_SHARE of the time.

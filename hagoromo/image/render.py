@@ -10,10 +10,12 @@ from typing import Any, TypeVar
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.image.image import Image
+from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
@@ -58,10 +60,48 @@ def render(
 
         return render_on(scheduler, scene, settings, progress)
     scene, settings = scene_and_settings(scene, settings)
-    prepared = PreparedScene(scene, settings)
-    film = Film(prepared.camera, prepared.channels, ahead=prepared.ahead)
-    for sample, point in enumerate(pixel_points(settings.samples, settings.seed)):
-        film.add(prepared.camera_radiance, point, part_of(progress, sample / settings.samples, 1.0 / settings.samples))
+    return picture(scene, settings, SceneCache(), pixel_points(settings.samples, settings.seed), progress=progress)
+
+
+def picture(
+    scene: Scene,
+    settings: Settings,
+    cache: SceneCache,
+    points: NDArray[np.float64],
+    stride: int = 1,
+    progress: Progress = silent,
+) -> Image:
+    """The image of a scene, by rays through `points` of every pixel; stride: see `Film`.
+
+    Under many lamps it is the sum of those under batches of them; the coverage is that of the last.
+    """
+    batches = lamp_batches(scene.lamps)
+    total: WeightsOfLamps | None = None
+    for number, batch in enumerate(batches):
+        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
+        of_batch = part_of(progress, number / len(batches), 1.0 / len(batches))
+        image = _under_one_batch(lit, settings, cache, points, stride, of_batch)
+        if len(batches) == 1:
+            return image
+        if total is None:
+            total = WeightsOfLamps(image.palette.with_lamps(scene.lamps, settings.separate_lamps), image.alpha.shape)
+        total.add(batch, image.palette, image.weights)
+    assert total is not None
+    return Image(total.values, image.alpha, total.palette, metadata(scene, settings))
+
+
+def _under_one_batch(
+    scene: Scene,
+    settings: Settings,
+    cache: SceneCache,
+    points: NDArray[np.float64],
+    stride: int,
+    progress: Progress,
+) -> Image:
+    prepared = PreparedScene(scene, settings, cache, stride)
+    film = Film(prepared.camera, prepared.channels, stride, prepared.ahead)
+    for sample, point in enumerate(points):
+        film.add(prepared.camera_radiance, point, part_of(progress, sample / len(points), 1.0 / len(points)))
     return Image(*film.mean(), prepared.palette, metadata(scene, settings))
 
 

@@ -20,11 +20,13 @@ from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
 from hagoromo.files.memory import require
 from hagoromo.image.image import Image
-from hagoromo.image.render import PreparedScene, metadata, pixel_points
+from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
+from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, load_scene
 from hagoromo.image.settings import Settings
-from hagoromo.progress import Progress, silent
+from hagoromo.light.lamp import Lamp
+from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixels_of, tiled
 from hagoromo.transport.lighting import Palette
 
@@ -43,11 +45,13 @@ class SceneOrder:
 
 @dataclass(frozen=True, eq=False)
 class SceneFacts:
-    """What the picture of a scene needs beside its pixels."""
+    """What the picture of a scene needs beside its pixels. batches: of its lamps."""
 
     camera: Camera
+    lamps: tuple[Lamp, ...]
     palette: Palette
     metadata: dict[str, Any]
+    batches: list[Batch]
 
 
 def render_on(
@@ -70,15 +74,29 @@ def render_tiles(scene: str | Path, settings: Settings, cluster: Cluster, progre
     order = SceneOrder(str(path), content_with_named(path, quick=True), settings)
     progress(0.0, "scene")
     facts = cluster.run(scene_facts, order)
-    camera, channels = facts.camera, facts.palette.channels
-    require(4 * camera.width * camera.height * (channels + 1), "the picture")
-    values = np.zeros((camera.height, camera.width, channels + 1), np.float32)
-    spans = ray_spans(tiled(camera.width, camera.height), cluster.workers)
-    for done, (number, traced) in enumerate(cluster.results(trace, ((order, span) for span in spans)), 1):
-        column, row, inside = pixels_of(spans[number], camera.width, camera.height)
+    size = facts.camera.height, facts.camera.width
+    total = WeightsOfLamps(facts.palette, size)
+    for number, batch in enumerate(facts.batches):
+        of_batch = part_of(progress, number / len(facts.batches), 1.0 / len(facts.batches))
+        palette = facts.palette.with_lamps([facts.lamps[lamp] for lamp in batch], settings.separate_lamps)
+        values = _traced(order, number, size, palette.channels, cluster, of_batch)
+        total.add(batch, palette, values[..., :-1])
+    return Image(total.values, values[..., -1], facts.palette, facts.metadata)
+
+
+def _traced(
+    order: SceneOrder, batch: int, size: tuple[int, int], channels: int, cluster: Cluster, progress: Progress
+) -> NDArray[np.float32]:
+    """Weights and alpha (height, width, channels + 1) of a picture under one batch of lamps."""
+    height, width = size
+    require(4 * width * height * (channels + 1), "the picture")
+    values = np.zeros((height, width, channels + 1), np.float32)
+    spans = ray_spans(tiled(width, height), cluster.workers)
+    for done, (number, traced) in enumerate(cluster.results(trace, ((order, batch, span) for span in spans)), 1):
+        column, row, inside = pixels_of(spans[number], width, height)
         values[row[inside], column[inside]] = traced[inside]
         progress(done / len(spans), "tiles")
-    return Image(values[..., :-1], values[..., -1], facts.palette, facts.metadata)
+    return values
 
 
 def ray_spans(rays: int, workers: int) -> list[range]:
@@ -91,12 +109,17 @@ def ray_spans(rays: int, workers: int) -> list[range]:
 
 def scene_facts(order: SceneOrder) -> SceneFacts:
     """On a worker: what the picture needs of a scene."""
-    return _ready(order)[1]
+    scene, prepared = _ready(order, 0)
+    palette = prepared.palette.with_lamps(scene.lamps, order.settings.separate_lamps)
+    return SceneFacts(scene.camera, scene.lamps, palette, metadata(scene, order.settings), lamp_batches(scene.lamps))
 
 
-def trace(order: SceneOrder, rays: range) -> NDArray[np.float32]:
-    """On a worker: means over the samples of weights and alpha along rays of a scene, (rays, channels + 1)."""
-    prepared, _ = _ready(order)
+def trace(order: SceneOrder, batch: int, rays: range) -> NDArray[np.float32]:
+    """On a worker: means over the samples of weights and alpha along rays of a scene, (rays, channels + 1).
+
+    batch: number of the batch of its lamps.
+    """
+    _, prepared = _ready(order, batch)
     film = Film(prepared.camera, prepared.channels, ahead=prepared.ahead, rays=rays)
     for point in pixel_points(order.settings.samples, order.settings.seed):
         film.add(prepared.camera_radiance, point)
@@ -104,17 +127,22 @@ def trace(order: SceneOrder, rays: range) -> NDArray[np.float32]:
     return np.concatenate([weights, alpha[:, None]], axis=1)
 
 
-_held: dict[SceneOrder, tuple[PreparedScene, SceneFacts]] = {}  # the scene that this worker has made ready
+_held: dict[SceneOrder, tuple[Scene, SceneCache]] = {}  # the scene that this worker has read
+_lit: dict[int, PreparedScene] = {}  # under the batch of its lamps for which it is ready
 
 
-def _ready(order: SceneOrder) -> tuple[PreparedScene, SceneFacts]:
+def _ready(order: SceneOrder, batch: int) -> tuple[Scene, PreparedScene]:
     if order not in _held:
-        _held.clear()  # before another one takes memory
+        _lit.clear()  # before another one takes memory
+        _held.clear()
         if content_with_named(order.path, quick=True) != order.digest:
             raise InputError(
                 f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
             )
-        scene, _ = load_scene(order.path)
-        prepared = PreparedScene(scene, order.settings)
-        _held[order] = prepared, SceneFacts(scene.camera, prepared.palette, metadata(scene, order.settings))
-    return _held[order]
+        _held[order] = load_scene(order.path)[0], SceneCache()
+    scene, cache = _held[order]
+    if batch not in _lit:
+        _lit.clear()
+        lamps = lamp_batches(scene.lamps)[batch]
+        _lit[batch] = PreparedScene(scene.with_lamps(*(scene.lamps[lamp] for lamp in lamps)), order.settings, cache)
+    return scene, _lit[batch]

@@ -25,7 +25,7 @@ from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresne
 from hagoromo.transport.emission import Emission, emission_of
 from hagoromo.transport.medium import Element, TexelHit
 
-MOST_LAMPS = 512  # of a picture: each is a part of every kernel
+MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batches of fewer
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
 # (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], place in a texel)
 # → transmittance 0…1
@@ -174,8 +174,8 @@ class Lighting:
         """
         if len(lamps) > MOST_LAMPS:
             raise InputError(
-                f"{len(lamps)} lamps: a picture is computed under {MOST_LAMPS} at most, as kernels grow with them; "
-                f"give fewer, or add the pictures under each part of them"
+                f"{len(lamps)} lamps: light along single rays is computed under {MOST_LAMPS} at most, as kernels grow "
+                f"with them; give fewer, or add what parts of them give"
             )
         jit, self.materials, self.attenuation = arrays(), materials, attenuation
         bodies = materials.palette.bodies

@@ -2,6 +2,7 @@
 
 import pytest
 
+import hagoromo as hg
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.transport.lighting import MOST_LAMPS
@@ -59,7 +60,9 @@ def test_a_picture_that_no_number_holds_the_bytes_of_is_refused():
 def test_very_many_lamps_boxes_or_surfaces_are_refused(refused, scene, tmp_path):
     lamp = "[[lamp]]\nto_lamp = [0.0, -1.0, 0.0]\n"
     out = "--out", tmp_path / "a.exr"
-    assert f"{MOST_LAMPS + 1} lamps" in refused("render", scene(more=lamp * (MOST_LAMPS - 1)), *out)
+    many, _ = hg.load_scene(scene(more=lamp * (MOST_LAMPS - 1)))
+    with pytest.raises(InputError, match=f"{MOST_LAMPS + 1} lamps: light along single rays"):
+        hg.march(many, [[0.0, -1.0, 0.0]], [[0.0, 1.0, 0.0]])
     for table in (lamp, '[[box]]\nfile = "a.zarr"\n', '[[surface]]\nmesh = "a.ply"\n'):
         assert "a list of at most 10000 tables" in refused("render", scene(more=table * 10_001), *out)
 

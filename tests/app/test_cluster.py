@@ -14,6 +14,7 @@ from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.cluster.mapped import mapped
 from hagoromo.image import render_tiles
 from hagoromo.image.image import Image
+from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.measurement.surface import tile_store
 from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
 from hagoromo.photograph.capture import save_capture
@@ -67,6 +68,17 @@ def test_a_picture_of_tiles_has_the_bits_of_one_machine(slab, address, tmp_path,
     assert alone.weights.max() > 0 and 0 < alone.alpha.mean() < 1
     assert bits(tiled) == bits(alone) and tiled.metadata == alone.metadata
     assert one.with_suffix(".png").read_bytes() == many.with_suffix(".png").read_bytes()
+
+
+def test_tiles_under_many_lamps_have_the_bits_of_one_machine(scene, cluster, monkeypatch):
+    """Two batches of lamps, which add in one order whichever tile is done first."""
+    monkeypatch.setattr(render_tiles, "FEWEST_RAYS", 200)
+    lamp = '[[lamp]]\nto_lamp = [0.%d, -1.0, 0.3]\nspectrum = "%s"\n'
+    path = scene(more="".join(lamp % (k, "A" if k % 2 else "D65") for k in range(LAMPS_AT_ONCE)))
+    _, settings = hg.load_scene(path)
+    whole, tiled = hg.render(path), render_tiles.render_tiles(path, settings, cluster)
+    assert len(whole.metadata["scene"]["lamps"]) > LAMPS_AT_ONCE and whole.weights.max() > 0
+    assert bits(tiled) == bits(whole) and tiled.metadata == whole.metadata and tiled.lamp_names == whole.lamp_names
 
 
 def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):

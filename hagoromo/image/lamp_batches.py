@@ -1,0 +1,55 @@
+"""Lamp batches: a scene of many lamps is rendered under a part of them at a time, as light adds.
+
+Every lamp is a part of the kernels, whose time of compilation grows faster than their number, and has a shadow map of
+up to 96 MiB. Enters: the lamps of a scene, and pictures under parts of them. Leaves: their weights together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.files.memory import require
+from hagoromo.light.lamp import Lamp
+from hagoromo.transport.lighting import Palette
+
+LAMPS_AT_ONCE = 32  # lamps of a batch; a constant, not what fits the memory: steps of the march depend on it a little
+
+Batch = list[int]  # numbers of lamps in their scene
+
+
+def lamp_batches(lamps: Sequence[Lamp]) -> list[Batch]:
+    """The lamps in batches of one size, the last one smaller: all of them in one, or LAMPS_AT_ONCE in each at most.
+
+    Those of one kind stand together: batches whose lamps are of the same kinds have the same kernels.
+    """
+    count = -(-len(lamps) // LAMPS_AT_ONCE)
+    if count == 1:
+        return [list(range(len(lamps)))]
+    size = -(-len(lamps) // count)
+    order = sorted(range(len(lamps)), key=lambda number: _kind(lamps[number]))
+    return [order[first : first + size] for first in range(0, len(lamps), size)]
+
+
+def _kind(lamp: Lamp) -> tuple[bool, bool, bool, bytes]:
+    """Equal for lamps that are the same code in a kernel."""
+    return lamp.position is None, lamp.axis is None, lamp.profile is None, lamp.spectrum.values.tobytes()
+
+
+class WeightsOfLamps:
+    """The weights of a picture under all lamps, `palette`, as the sum of those under batches of them."""
+
+    def __init__(self, palette: Palette, size: tuple[int, ...]) -> None:
+        """`size`: height and width of the picture [px]."""
+        what = f"a picture of {size[1]} × {size[0]} pixels with {palette.channels} weights each"
+        require(4.0 * size[0] * size[1] * palette.channels, what)
+        self.palette, self.values = palette, np.zeros((*size, palette.channels), np.float32)
+
+    def add(self, batch: Batch, part: Palette, weights: NDArray[np.float32]) -> None:
+        """Add the `weights` of a picture under the lamps of `batch`, whose palette is `part`."""
+        colours = len(part.colours)
+        groups = {own: self.palette.lamp_groups[lamp] for own, lamp in zip(part.lamp_groups, batch, strict=True)}
+        for own, group in groups.items():
+            self.values[..., group * colours : (group + 1) * colours] += weights[..., own * colours :][..., :colours]
