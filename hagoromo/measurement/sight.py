@@ -19,6 +19,7 @@ from hagoromo.camera.response import camera_white
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.facets import facet_density
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.body import body_factor
 from hagoromo.reflectance.torrance_sparrow import Cosines, fresnel, weights_at
 
 Array = NDArray[np.float64]
@@ -51,8 +52,23 @@ class Sight:
     @property
     def body(self) -> Array:
         """Value per unit of α c_b: (N, C), Σ over the lamps of E cosθ_i, 0 where the surface faces away."""
+        return self.body_of(0.0, 0.0)
+
+    def body_of(self, epsilon: float, sigma: float) -> Array:
+        """As `body`, for a body with this exponent and roughness (`body_factor`)."""
         facing = (self.cosines.incidence > 0.0) & (self.cosines.view > 0.0)
-        return np.einsum("nlc,nl->nc", self.irradiance, np.where(facing, self.cosines.incidence, 0.0))
+        weight = np.where(facing, self.cosines.incidence, 0.0)
+        if epsilon or sigma:
+            weight = weight * self._body_factor(epsilon, sigma)
+        return np.einsum("nlc,nl->nc", self.irradiance, weight)
+
+    def _body_factor(self, epsilon: float, sigma: float) -> Array:
+        """(N, L)"""
+        real: Any = arrays().Float64
+        incidence, view, _, deviation = (real(np.ascontiguousarray(part.ravel())) for part in self.cosines)
+        phase = 2.0 * deviation * deviation - 1.0  # L·V
+        factor = body_factor(incidence, view, phase, dr.opaque(real, epsilon), dr.opaque(real, sigma))
+        return np.array(factor).reshape(self.cosines.view.shape)
 
     def interface(self, log_gamma: Array, log_n1: Array, tail: Array | None = None) -> tuple[Array, Array, Array]:
         """Value per unit of β F₀ at K rows (ln γ, ln(n − 1), 1/ν), and its derivatives by the first two: (K, N, C).

@@ -16,6 +16,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord
+from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE, body_albedo_ratio
 from hagoromo.reflectance.element import ELEMENTS, Element
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
@@ -39,6 +40,10 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
     nu: Annotated[
         TailExponent | None, about("exponent of the facets' tails ν, 0.3 or more; absent: Gaussian facets")
     ] = None
+    epsilon: Annotated[float, about("exponent of the body (Minnaert's, less 1); 0: Lambert's law; of planes only")] = (
+        0.0
+    )
+    sigma: Annotated[float, about("roughness of the body (Oren and Nayar's); 0: Lambert's law; of planes only")] = 0.0
     body_colour: Annotated[
         Any,
         like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),
@@ -58,6 +63,8 @@ class Reflectance:
     alpha, beta: weights of body and interface [1/sr]; gamma: half width of the facets at half maximum [rad];
     n: refractive index; body_colour, interface_colour: Spectra without unit; element: plane, cylinder or sphere;
     nu: exponent ν of the facets' tails, D = (1 + (2^{1/ν} − 1) φ²/γ²)^{−ν}, 0.3 or more; infinity: Gaussian facets.
+    epsilon, sigma: exponent and roughness of the body, which multiply it by (cosθ_i cosθ_r)^ε (1 + σ s/t), see
+    `body_factor`; 0: Lambert's law. Only planes have them.
     Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
 
     >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
@@ -74,10 +81,13 @@ class Reflectance:
     element: str = "plane"
     name: str = ""
     nu: float = GAUSSIAN
+    epsilon: float = 0.0
+    sigma: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
-        for key, low, high in (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", 1e-4, LARGEST_GAMMA), ("n", 1, 10)):
+        ranges = (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", 1e-4, LARGEST_GAMMA), ("n", 1, 10))
+        for key, low, high in (*ranges, ("epsilon", *EPSILON_RANGE), ("sigma", *SIGMA_RANGE)):
             value = getattr(self, key)
             if not (isinstance(value, (int, float)) and low <= value <= high):
                 raise InputError(f"{who}: {key} is {value}: give a number from {low} to {high:.4g}")
@@ -87,6 +97,10 @@ class Reflectance:
             )
         if self.element not in ELEMENTS:
             raise InputError(f"{who}: element is {self.element!r}: give one of {', '.join(ELEMENTS)}")
+        if not self.has_lambert_body and self.element != "plane":
+            raise InputError(
+                f"{who}: element is {self.element!r}: give epsilon and sigma to planes only, or leave them out"
+            )
         for key in ("body_colour", "interface_colour"):
             if min(getattr(self, key).values) < 0:
                 raise InputError(f"{who}: {key} is below 0 at some wavelength: a colour is 0 or more")
@@ -98,6 +112,11 @@ class Reflectance:
                 f"{who} breaks energy conservation: {seen}it reflects "
                 f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
             )
+
+    @property
+    def has_lambert_body(self) -> bool:
+        """Whether the body follows Lambert's law: ε = σ = 0."""
+        return self.epsilon == 0.0 and self.sigma == 0.0
 
     @property
     def body_albedo(self) -> float:
@@ -114,15 +133,21 @@ class Reflectance:
 
     def directional_albedo(self) -> np.ndarray:
         """∫ f dL of the element over all lamp directions, at the worst wavelength: (13,), see `interface_albedo`."""
-        return self.body_albedo + self.beta * self._interface() * _largest(self.interface_colour)
+        ratio: Any = 1.0
+        if not self.has_lambert_body:
+            ratio = body_albedo_ratio(float(self.epsilon), float(self.sigma), tuple(VIEWS.tolist()))
+        return self.body_albedo * ratio + self.beta * self._interface() * _largest(self.interface_colour)
 
     def _interface(self) -> np.ndarray:
         return interface_albedo(float(self.gamma), float(self.n), float(self.nu), self.element)
 
     def record(self) -> dict[str, Any]:
-        """Plain figures; `reflectance_from_record` reads them back. Gaussian facets have no key `nu`."""
+        """Plain figures; `reflectance_from_record` reads them back. Gaussian facets have no key `nu`, bodies after
+        Lambert none of `epsilon` and `sigma`.
+        """
         figures = {key: getattr(self, key) for key in ("name", "alpha", "beta", "gamma", "n", "element")}
         figures |= {} if is_gaussian(self.nu) else {"nu": self.nu}
+        figures |= {} if self.has_lambert_body else {"epsilon": self.epsilon, "sigma": self.sigma}
         return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
 
 
@@ -144,7 +169,9 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
     with described(where):
         interface = NEUTRAL if given.interface_colour == 1.0 else colour(given.interface_colour)
         colours = body(given.body_colour), interface
-        return Reflectance(given.alpha, given.beta, given.gamma, given.n, *colours, given.element, given.name, nu)
+        body_law = given.epsilon, given.sigma
+        numbers = given.alpha, given.beta, given.gamma, given.n
+        return Reflectance(*numbers, *colours, given.element, given.name, nu, *body_law)
 
 
 def _without_gaussian_nu(record: Any) -> Any:

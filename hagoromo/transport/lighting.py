@@ -68,15 +68,19 @@ class Palette:
 class Materials:
     """Reflectances as rows that kernels read: alpha, beta, gamma, n, element, then coefficients on the palette.
 
-    Where the facets of some reflectance have tails, `nu` is the last entry (infinity: Gaussian facets); otherwise there
-    is no such entry, and kernels compute Gaussian facets alone.
+    Where the body of some reflectance departs from Lambert's law, `epsilon` and `sigma` follow; where the facets of
+    some have tails, `nu` is the last entry (infinity: Gaussian facets). Otherwise there are no such entries, and
+    kernels compute Lambert's law and Gaussian facets alone.
     """
 
     def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
         jit, self.palette, self.count = arrays(), palette, len(reflectances)
         self.elements = tuple(sorted({r.element for r in reflectances}))
         self.have_tails = not all(is_gaussian(r.nu) for r in reflectances)
-        rows = np.array([_row(r, palette) + [r.nu] * self.have_tails for r in reflectances], np.float32)
+        self.have_body_laws = not all(r.has_lambert_body for r in reflectances)
+        further = [[r.epsilon, r.sigma] * self.have_body_laws + [r.nu] * self.have_tails for r in reflectances]
+        own = [_row(r, palette) for r in reflectances]
+        rows = np.array([row + more for row, more in zip(own, further, strict=True)], np.float32)
         self.width = rows.shape[1]
         self.rows = lookup(jit.Float, rows)
         tables = [
@@ -101,9 +105,13 @@ class Materials:
         """Body and interface weights of f for the element of `material` [1/sr]."""
         alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
         nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
+        body_law = (0.0, 0.0)
+        if self.have_body_laws:
+            first = 5 + len(self.palette.colours)
+            body_law = self.read(material, first), self.read(material, first + 1)
         chosen: Weights | None = None
         for name in self.elements:
-            weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu)
+            weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu, body_law)
             if chosen is None:
                 chosen = weights
             else:
@@ -124,10 +132,11 @@ class Materials:
         gamma: Float,
         n: Float,
         nu: Float,
+        body_law: tuple[Float, Float],
     ) -> Weights:
         """As `element_weights`, with the sphere's facets from its table."""
         if name != "sphere":
-            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu)
+            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu, *body_law)
         cos_phase = dr.dot(to_lamp, to_eye)
         mirror = beta * fresnel(cos_deviation(cos_phase), n)
         return Weights(alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))

@@ -160,7 +160,8 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
             continue
         view = sight_of(photograph, relief.points[region].astype(np.float64), relief.normals[region].astype(np.float64))
         interface = expected(view, theta_of(material, np.zeros(3)))
-        values[region] = view.body * (relief.body[region] @ matrix.T) + interface
+        body = view.body_of(material.epsilon, material.sigma)
+        values[region] = body * (relief.body[region] @ matrix.T) + interface
     return values
 
 

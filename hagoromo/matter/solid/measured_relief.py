@@ -40,7 +40,8 @@ def surface_reflectances(
         interface = _on_basis(material.interface_colour, basis) if coloured else NEUTRAL
         colours = _on_basis(material.body_colour, basis), interface
         weights, shape = (material.alpha * dim, material.beta * dim), (material.gamma, material.n)
-        reflectances.append(Reflectance(*weights, *shape, *colours, name=material.name, nu=material.nu))
+        law = material.nu, material.epsilon, material.sigma
+        reflectances.append(Reflectance(*weights, *shape, *colours, "plane", material.name, *law))
     return reflectances
 
 

@@ -90,7 +90,9 @@ def light_of_pairs(
         sums = []
         for k, (m, density, axis) in enumerate(zip(materials, densities, axes, strict=False)):
             there = dr.gather(jit.Array3f, axis, number)
-            body, interface = element_weights(m.element, there, lamp, eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
+            body, interface = element_weights(
+                m.element, there, lamp, eye, m.alpha, m.beta, m.gamma, m.n, m.nu, m.epsilon, m.sigma
+            )
             share = dr.gather(jit.Float, density, number) / dr.gather(jit.Float, whole, number)
             share *= layer.projected_area(k, there, eye) / drawn
             sums += [dr.block_sum(share * value, drawn) * total for value in (body, interface, 1.0)]

@@ -143,7 +143,9 @@ class RaysThrough:
         scales = layer.textures.scales(layer.row)
         for density, axis, m, scale in zip(densities, axes, self.materials, scales, strict=True):
             unit = dr.normalize(axis + 1e-9)
-            weights = element_weights(m.element, unit, way, eye, m.alpha, m.beta, m.gamma, m.n, m.nu)
+            weights = element_weights(
+                m.element, unit, way, eye, m.alpha, m.beta, m.gamma, m.n, m.nu, m.epsilon, m.sigma
+            )
             for value, factor in zip(weights, scale.at(eye, way), strict=True):
                 radiance.append(density * arrived * value * factor)
         return radiance

@@ -62,7 +62,7 @@ class BodyMap:
             pixels = Pixels.where(capture, (self.labels == number) & known_shape(capture))
             geometry = sight_of(photograph, pixels.points, pixels.normals, self.white)
             index = pixels.rows, pixels.columns
-            body[index] = self.value[index] * geometry.body
+            body[index] = self.value[index] * geometry.body_of(material.epsilon, material.sigma)
             if self.gloss is None:
                 interface[index] = expected(geometry, theta_of(material, np.zeros(self.value.shape[2])))
             else:

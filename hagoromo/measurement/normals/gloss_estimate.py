@@ -17,7 +17,7 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
-from hagoromo.measurement.normals.shading import TAIL, N
+from hagoromo.measurement.normals.shading import EXPONENT, SIGMA, TAIL, N
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.parameters import (
     LOG_GAMMA,
@@ -35,6 +35,7 @@ from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
+LARGEST_LAW_ERROR = 0.1  # standard error of ε or σ at which it is identifiable: half of its prior
 NOTABLE = 2.0  # standard errors by which σ must differ from 0 to be remarked upon
 
 
@@ -80,6 +81,11 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     interval |= {"n": N_RANGE, "body_colour": of_colour} | gloss.intervals()
     identifiable = {key: relative[key] <= RELATIVE_LIMIT for key in ("alpha", "beta", "gamma")} | {"n": False}
     identifiable |= gloss.identifiable(interval["nu"])
+    law = _body_law(fit, number)
+    value |= {key: one for key, (one, _) in law.items()}
+    error |= {key: spread for key, (_, spread) in law.items()}
+    interval |= {key: (one - NORMAL_95 * spread, one + NORMAL_95 * spread) for key, (one, spread) in law.items()}
+    identifiable |= {key: spread <= LARGEST_LAW_ERROR for key, (_, spread) in law.items()}
     both = gloss.correlation()
     return MaterialEstimate(
         name=f"material {number + 1}",
@@ -98,6 +104,14 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         convergence=None if fit.status is None else fit.status.record(),
         **value,
     )
+
+
+def _body_law(fit: Fit, number: int) -> dict[str, tuple[float, float]]:
+    """Exponent ε and roughness σ of the body of one material, each with its standard error."""
+    sigma, log_exponent = fit.gloss.rows[number, SIGMA : EXPONENT + 1].tolist()
+    errors = np.sqrt(np.diag(fit.covariance[number])[SIGMA : EXPONENT + 1]).tolist()
+    exponent = math.exp(log_exponent)
+    return {"epsilon": (exponent - 1.0, exponent * errors[1]), "sigma": (sigma, errors[0])}
 
 
 class _Gloss:

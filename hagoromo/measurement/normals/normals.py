@@ -21,7 +21,7 @@ from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
-START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln ε at the start
+START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
 

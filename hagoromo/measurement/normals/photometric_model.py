@@ -109,7 +109,8 @@ class Prior:
     """Prior of lamps and bodies. The default: lamps of one type, set up by hand and calibrated with a ball.
 
     strength: scale of ln e (Cauchy: an occasional lamp deviates much). slope: standard deviation of a, per radius of
-    the object. direction: of each component of a lamp's shift [rad]. roughness, exponent: of σ and ln ε of the bodies.
+    the object. direction: of each component of a lamp's shift [rad]. roughness, exponent: of σ and ln(1 + ε) of the
+    bodies.
     distance: of the ln distance of a surface of unknown depth.
     """
 

@@ -1,9 +1,8 @@
 """Shading: eq. (2)–(6) over all lamps and pixels at once, with derivatives by turns of the normal.
 
-The body part is α cosθ_i of MODEL §2, times 1 + σ s/t for a rough body (Oren and Nayar 1994, in the form of Fujii):
-s = L·V − cosθ_i cosθ_r, t = max(cosθ_i, cosθ_r) where s > 0, else 1. σ = 0 is Lambert's law; a rough body sends more
-light back towards the lamp, so the limb of a ball stays bright. Other deviations from Lambert's law (subsurface
-scattering) are described by an exponent (Minnaert 1941, reciprocal): (cosθ_i)^ε (cosθ_r)^(ε−1).
+The body part is α cosθ_i of MODEL §2, times `body_factor` for a rough body (σ), which sends more light back towards the
+lamp, so that the limb of a ball stays bright, and for other deviations from Lambert's law, such as scattering below the
+surface, by an exponent (ε).
 """
 
 from __future__ import annotations
@@ -19,18 +18,19 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays
 from hagoromo.measurement.facets import log_density_by_tail
 from hagoromo.measurement.parameters import contrasts
+from hagoromo.reflectance.body import LEAST_COSINE, body_factor, retroreflection
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 Array = NDArray[np.float64]
 
 N = 1.5  # refractive index: not identifiable when all lamps stand on the camera's side
+SIGMA, EXPONENT = 2, 3  # places of σ and ln(1 + ε) in a row of gloss
 TAIL = 4  # place of the tail in a row of gloss; the numbers of the interface colour follow it
-LEAST_COSINE = 0.02  # smallest cosine of a normal to the eye, and smallest t: keeps 1/cosθ_r of the model below 50
 
 
 @dataclass(frozen=True, eq=False)
 class Gloss:
-    """Deviation of M materials from Lambert: rows (ln β, ln γ, σ, ln ε, tail 1/ν, x), (M, 5 + C − 1).
+    """Deviation of M materials from Lambert: rows (ln β, ln γ, σ, ln(1 + ε), tail 1/ν, x), (M, 5 + C − 1).
 
     β is in the unit of the values, and that of the geometric mean of the C channels. The C − 1 numbers x give the
     colour of the interface (see `parameters`); 0 is a neutral one.
@@ -45,7 +45,7 @@ class Gloss:
 
     @staticmethod
     def alike(row: Sequence[float], count: int, channels: int) -> Gloss:
-        """Materials of the same `row` (ln β, ln γ, σ, ln ε), with Gaussian facets and a neutral interface."""
+        """Materials of the same `row` (ln β, ln γ, σ, ln(1 + ε)), with Gaussian facets and a neutral interface."""
         return Gloss(np.tile([*row, *np.zeros(channels)], (count, 1)))
 
     @property
@@ -62,8 +62,8 @@ def colour_of(rows: Array) -> Array:
 class Shading(NamedTuple):
     """Weights of body colour and interface, (K, P) each, and their slopes by the two turns of the normal [1/rad].
 
-    by_width: slope of the interface by ln γ. by_body: slopes of the body by σ and ln ε. body_led, interface_led: slopes
-    by turns of the lamp towards `tangents(to_lamp)`.
+    by_width: slope of the interface by ln γ. by_body: slopes of the body by σ and ln(1 + ε). body_led, interface_led:
+    slopes by turns of the lamp towards `tangents(to_lamp)`.
     """
 
     body: Array
@@ -153,24 +153,14 @@ def turned(normals: Array, angles: Array, to_eye: Array) -> Array:
 
 
 def body_of(lambert: Any, view: Any, phase: Any, rows: Sequence[Any]) -> Any:
-    """The body part: cosθ_i, 0 where unlit, of Lambert's law → that of `rows` (σ, ln ε); phase: L·V."""
-    sigma, log_epsilon = rows
-    power = (dr.exp(log_epsilon) - 1.0) * _log_cosines(lambert, view)
-    return lambert * (1.0 + sigma * _retroreflection(lambert, view, phase)) * dr.exp(power)
+    """The body part: cosθ_i, 0 where unlit, of Lambert's law → that of `rows` (σ, ln(1 + ε)); phase: L·V."""
+    sigma, log_exponent = rows
+    return lambert * body_factor(lambert, view, phase, dr.exp(log_exponent) - 1.0, sigma)
 
 
 def body_slopes(lambert: Any, view: Any, phase: Any, rows: Sequence[Any]) -> list[Any]:
-    """Slopes of `body_of` by σ and by ln ε."""
-    whole, epsilon = body_of(lambert, view, phase, rows), dr.exp(rows[1])
-    smooth = lambert * dr.exp((epsilon - 1.0) * _log_cosines(lambert, view))
-    return [smooth * _retroreflection(lambert, view, phase), whole * epsilon * _log_cosines(lambert, view)]
-
-
-def _log_cosines(lambert: Any, view: Any) -> Any:
-    return dr.log(dr.fmax(lambert, 1e-4)) + dr.log(dr.fmax(view, LEAST_COSINE))
-
-
-def _retroreflection(incidence: Any, view: Any, phase: Any) -> Any:
-    """s/t."""
-    s = phase - incidence * view
-    return s / dr.select(s > 0.0, dr.fmax(dr.fmax(incidence, view), LEAST_COSINE), 1.0)
+    """Slopes of `body_of` by σ and by ln(1 + ε)."""
+    whole, exponent = body_of(lambert, view, phase, rows), dr.exp(rows[1])
+    smooth = lambert * body_factor(lambert, view, phase, exponent - 1.0, 0.0)
+    logarithm = dr.log(dr.fmax(lambert, LEAST_COSINE) * dr.fmax(view, LEAST_COSINE))
+    return [smooth * retroreflection(lambert, view, phase), whole * exponent * logarithm]

@@ -12,6 +12,7 @@ import numpy as np
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.reflectance.body import diffuse_albedo_ratio
 from hagoromo.reflectance.material.material_html import decimals, materials_html
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
@@ -29,7 +30,8 @@ class MaterialEstimate:
     pixels: number of pixels with its label. body_colour, interface_colour: one value per channel, of mean 1; an
     interface of ones is neutral. alpha [1/sr], beta [1/sr], gamma [rad], n: see `torrance_sparrow`. nu: ν of the tails
     of the facets, inf for Gaussian ones. specular_albedo: integral of the interface part over all directions, for light
-    along the normal, the mean of the channels.
+    along the normal, the mean of the channels. epsilon, sigma: of the body, see `body_factor`; 0 where they were not
+    estimated, with Lambert's law.
     standard_error, interval_95: of each of these, None where there is none; colours have one per channel.
     correlation: (4, 4) between PARAMETERS, None where one of the two was not estimated.
     identifiable: whether the photographs determine the parameter; where they do not, its value is a stated choice (see
@@ -61,6 +63,8 @@ class MaterialEstimate:
     gloss: Mapping[str, Any] | None = None
     convergence: Mapping[str, Any] | None = None
     nu: float = math.inf
+    epsilon: float = 0.0
+    sigma: float = 0.0
 
     def __repr__(self) -> str:
         name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
@@ -86,6 +90,8 @@ class MaterialEstimate:
 
         A spectrum is Σ q_j B_j of `smooth_rgb_basis`, with q solved exactly from Σ_j q_j ∫B_j E R_c = b_c ∫E R_c; that
         of a neutral interface is 1. Without `response` the channels are taken as the coefficients of the basis.
+        Cylinders and spheres have a body after Lambert's law with the albedo that the body has under light from all
+        around.
         `InputError` for other than three channels, curves of the response that are alike, a colour that no such
         spectrum has, or a reflectance that breaks energy conservation.
         """
@@ -95,17 +101,11 @@ class MaterialEstimate:
         interface = Spectrum.constant(1.0)
         if len(set(self.interface_colour)) > 1:
             interface = self._spectrum("interface", self.interface_colour, response, lamp_spectrum)
-        return Reflectance(
-            self.alpha,
-            self.beta,
-            self.gamma,
-            self.n,
-            body,
-            interface,
-            element or self.element,
-            self.name,
-            nu=self.nu,
-        )
+        element, body_law, alpha = element or self.element, (self.epsilon, self.sigma), self.alpha
+        if element != "plane" and body_law != (0.0, 0.0):
+            alpha, body_law = alpha * diffuse_albedo_ratio(*body_law), (0.0, 0.0)
+        numbers = alpha, self.beta, self.gamma, self.n
+        return Reflectance(*numbers, body, interface, element, self.name, self.nu, *body_law)
 
     def _spectrum(
         self, part: str, colour: tuple[float, ...], response: Response | None, lamp_spectrum: Spectrum | None

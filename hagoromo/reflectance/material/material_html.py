@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 PARAMETER_SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n", "nu": "ν"}
+BODY_SYMBOLS = {"epsilon": "ε of the body", "sigma": "σ of the body"}  # where they were estimated
 PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
@@ -25,7 +26,8 @@ def decimals(error: float | tuple[float, ...] | None) -> int:
 def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
     """The cells under `PARAMETER_TITLES` for each parameter of `material`; the name stands in the first row only."""
     rows = []
-    for key, symbol in PARAMETER_SYMBOLS.items():
+    known = {key: symbol for key, symbol in BODY_SYMBOLS.items() if material.standard_error.get(key) is not None}
+    for key, symbol in (PARAMETER_SYMBOLS | known).items():
         error = material.standard_error.get(key)
         digits = decimals(error)
         low, high = (_figure(bound, digits) for bound in material.interval_95.get(key, (0.0, math.inf)))

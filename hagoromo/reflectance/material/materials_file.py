@@ -30,6 +30,8 @@ class StandardErrors(Record, frozen=True, kw_only=True):
     gamma: Annotated[float | None, about("of gamma [rad]")] = None
     n: Annotated[float | None, about("of n")] = None
     nu: Annotated[float | None, about("of nu; null for Gaussian facets")] = None
+    epsilon: Annotated[float | None, about("of epsilon; null: it was not estimated")] = None
+    sigma: Annotated[float | None, about("of sigma; null: it was not estimated")] = None
     specular_albedo: Annotated[float | None, about("of the specular albedo")] = None
     body_colour: Annotated[tuple[float | None, ...] | None, about("of the body colour, one per channel")] = None
     interface_colour: Annotated[
@@ -49,6 +51,8 @@ class Intervals(Record, frozen=True, kw_only=True):
     specular_albedo: Annotated[Bounds, about("of the specular albedo")]
     body_colour: Annotated[tuple[Bounds, ...], about("of the body colour, one per channel")]
     nu: Annotated[Bounds, about("of nu; null above: up to Gaussian facets")] = (0.0, None)
+    epsilon: Annotated[Bounds | None, about("of epsilon; null: it was not estimated")] = None
+    sigma: Annotated[Bounds | None, about("of sigma; null: it was not estimated")] = None
     interface_colour: Annotated[
         tuple[Bounds, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
     ] = None
@@ -62,6 +66,8 @@ class Identifiable(Record, frozen=True, kw_only=True):
     gamma: bool
     n: bool
     nu: bool = False
+    epsilon: bool = False
+    sigma: bool = False
     interface_colour: bool = False
 
 
@@ -82,6 +88,8 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
         None
     )
     n: Annotated[float, about("refractive index")]
+    epsilon: Annotated[float, about("exponent of the body (Minnaert's, less 1); 0: Lambert's law")] = 0.0
+    sigma: Annotated[float, about("roughness of the body (Oren and Nayar's); 0: Lambert's law")] = 0.0
     specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
     element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
     standard_error: Annotated[StandardErrors, about("standard error of each parameter")]
@@ -151,7 +159,7 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     fields["nu"] = GAUSSIAN if record.nu is None else record.nu
     intervals = fields["interval_95"]
     colours = {name: intervals.pop(name) for name in ("body_colour", "interface_colour")}
-    fields["interval_95"] = {name: _interval(value) for name, value in intervals.items()} | {
+    fields["interval_95"] = {name: _interval(value) for name, value in intervals.items() if value is not None} | {
         name: tuple(_interval(one) for one in value) for name, value in colours.items() if value is not None
     }
     return MaterialEstimate(**fields)

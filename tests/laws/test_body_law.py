@@ -1,0 +1,101 @@
+"""Exponent and roughness of the body: reciprocal, of the albedo of a quadrature, kept by files, shown by boxes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.backend import arrays
+from hagoromo.reflectance.body import body_albedo_ratio, body_factor, diffuse_albedo_ratio
+from hagoromo.reflectance.element import element_weights
+from hagoromo.reflectance.reflectance import reflectance_from_record
+
+MATTE = hg.Reflectance(alpha=0.15, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+LAWS = [(0.3, 0.0), (-0.2, 0.0), (0.0, 0.4), (-0.15, 0.25), (0.0, -0.2)]
+
+
+def upper(count: int, seed: int) -> np.ndarray:
+    """Unit directions above the plane, evenly spread over the half sphere."""
+    draw = np.random.default_rng(seed)
+    cosine, turn = draw.uniform(0.01, 1.0, count), draw.uniform(0.0, 2.0 * math.pi, count)
+    sine = np.sqrt(1.0 - cosine**2)
+    return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine])
+
+
+def body(lamp: np.ndarray, eye: np.ndarray, law: tuple[float, float]) -> np.ndarray:
+    vector = arrays().Array3f64
+    weights = element_weights("plane", vector(0, 0, 1), vector(lamp), vector(eye), 1.0, 0.0, 0.2, 1.5, np.inf, *law)
+    return np.array(weights.body)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_lamp_and_eye_can_change_places(law):
+    """The body over cosθ_i is the same, also where a cosine is held at its least."""
+    lamp, eye = upper(5000, 0), upper(5000, 1)
+    there, back = body(lamp, eye, law) / lamp[2], body(eye, lamp, law) / eye[2]
+    assert there == pytest.approx(back, rel=1e-12) and np.isfinite(there).all()
+    assert abs(there - 1.0).max() > 0.1  # it does depart from Lambert's law
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_albedo_is_the_integral(law):
+    """To the noise of 4·10⁵ directions; Minnaert's is 2/(2 + ε) cos^ε θ_r, where no cosine is held."""
+    lamp = upper(400_000, 2)
+    for view in (0.0, 0.9, 1.4):
+        eye = np.broadcast_to([[math.sin(view)], [0.0], [math.cos(view)]], lamp.shape)
+        integral = 2.0 * float(np.mean(body(lamp, eye, law)))  # over 2π, in units of π
+        assert float(body_albedo_ratio(*law, (view,))[0]) == pytest.approx(integral, rel=0.02)
+    epsilon = law[0]
+    if law[1] == 0.0:
+        exact = 2.0 / (2.0 + epsilon) * math.cos(0.9) ** epsilon
+        assert float(body_albedo_ratio(*law, (0.9,))[0]) == pytest.approx(exact, rel=1e-3)
+        assert diffuse_albedo_ratio(*law) == pytest.approx((2.0 / (2.0 + epsilon)) ** 2, rel=2e-3)
+
+
+def test_energy_and_elements_are_checked():
+    bright = {"alpha": 0.9 / math.pi}
+    with pytest.raises(hg.InputError, match="breaks energy conservation: seen at 90"):
+        replace(MATTE, epsilon=-0.3, **bright)
+    assert replace(MATTE, epsilon=0.3, **bright).directional_albedo().max() < 0.9
+    with pytest.raises(hg.InputError, match="planes only"):
+        replace(MATTE, epsilon=0.1, element="sphere")
+    with pytest.raises(hg.InputError, match="sigma is 7"):
+        replace(MATTE, sigma=7.0)
+
+
+def test_a_record_keeps_the_law_and_lamberts_has_no_key():
+    rough = replace(MATTE, epsilon=-0.1, sigma=0.2)
+    read = reflectance_from_record(rough.record(), "here")
+    assert (read.epsilon, read.sigma) == (-0.1, 0.2)
+    assert not {"epsilon", "sigma"} & MATTE.record().keys()
+
+
+def test_box_and_surface_show_the_law():
+    """A dense slab that does not shade itself, and a sphere, beside a plane of Lambert's law and a coated cylinder."""
+    rough = replace(MATTE, epsilon=0.3, sigma=0.2, name="rough")
+    coated = replace(MATTE, beta=0.1, element="cylinder", nu=2.0, name="coated")
+    to_lamp, eye = np.array([0.6, 0.0, 0.8]), np.array([-0.28, 0.0, 0.96])
+    density = np.zeros((16, 16, 16))
+    density[4:12] = 1.0
+    axis = np.zeros((16, 16, 16, 3))
+    axis[..., 2] = 1.0
+    lamp = hg.Lamp(to_lamp=tuple(to_lamp), intensity=1.0)
+    camera = hg.Camera(8, 8, (8.0, 8.0), (4.0, 4.0)).look_at(tuple(eye), (0.0, 0.0, 0.0))
+    values = []
+    for material in (MATTE, rough):
+        box = hg.VolumeBox.from_arrays(
+            density, axis, 0.01, 5000.0, [material, coated], np.zeros(density.shape, np.uint8), shadow_bias=0.01
+        )
+        scene = hg.Scene(camera, (lamp,), (box,))
+        light = hg.march(scene, [[0.08 + eye[0], 0.08, 0.08 + eye[2]]], [-eye], hg.Settings(shadows="none"))
+        values.append(light.weights[0].sum())
+        ball = hg.Surface.sphere((0.0, 0.0, 0.0), 1.0, material)
+        scene = hg.Scene(camera, (lamp,), surfaces=(ball,))
+        light = hg.march(scene, [[2 * eye[0], 0.0, 1.0 + 2 * eye[2]]], [-eye], hg.Settings(shadows="none"))
+        values.append(light.weights[0].sum())
+    factor = float(body_factor(0.8, 0.96, float(to_lamp @ eye), 0.3, 0.2))
+    assert factor < 0.95
+    assert values[2] / values[0] == pytest.approx(factor, rel=1e-4)
+    assert values[3] / values[1] == pytest.approx(factor, rel=1e-4)
