@@ -17,7 +17,7 @@ from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
 from hagoromo.transport.crossing import Cone, Crossing, Step
 from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
-from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Limit, Medium, share_at_depth
+from hagoromo.transport.medium import Limit, Medium, share_at_depth
 
 END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
@@ -141,7 +141,7 @@ def march(
         step = medium.next(crossing, state)
         interval = in_slot(intervals, step.slot)
         depth = depth_at(crossing, state, intervals, step)
-        if interval.depth > NEGLIGIBLE_OPTICAL_DEPTH:
+        if interval.depth > medium.negligible:
             sample = in_slot(samples, step.slot)
             total = dr.fmax(depth - interval.before, interval.depth)
             share = centroid(total)

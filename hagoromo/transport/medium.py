@@ -49,7 +49,9 @@ from hagoromo.volume.voxels import (
     trilinear,
 )
 
-NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty
+NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty, but see `negligible_depth`
+NEGLIGIBLE_SHARE = 1e-3  # of the optical depth of a box's thickest voxel: a step of more never counts as empty
+LEAST_DEPTH = 1e-30  # that single precision computes with
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
 MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
@@ -143,6 +145,7 @@ class Medium:
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
+        self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
         dr.eval(self.coarse, self.fine)
 
     def cross(
@@ -399,6 +402,16 @@ class Medium:
             for grid, box in zip(grids, self.boxes, strict=True)
         ]
         return values, lookup(arrays().Int, np.array(shifts, np.int32))
+
+
+def negligible_depth(boxes: Sequence[VolumeBox]) -> float:
+    """Optical depth of a step below which it counts as empty: so little that no box loses matter by it that it shows.
+
+    NEGLIGIBLE_OPTICAL_DEPTH, or less where a box is so thin that the thickest of its voxels has not a thousand times
+    as much: what is taken for empty is then thinner than a thousandth of that voxel.
+    """
+    thickest = [box.tau * box.voxel_size * box.bricks.densest for box in boxes if box.bricks.kept and not box.texel]
+    return min([NEGLIGIBLE_OPTICAL_DEPTH, *(max(NEGLIGIBLE_SHARE * depth, LEAST_DEPTH) for depth in thickest)])
 
 
 def _tables(bricks: list[Bricks]) -> tuple[np.ndarray, np.ndarray, list[int]]:

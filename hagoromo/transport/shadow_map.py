@@ -21,7 +21,7 @@ from hagoromo.transport.crossing import Cone, Step
 from hagoromo.transport.film import TILE, tile_place
 from hagoromo.transport.intervals import depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lamp_view import view_from
-from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH, Medium
+from hagoromo.transport.medium import Medium
 from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
 
 GROUPS = 5
@@ -180,7 +180,7 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
         step = medium.next(crossing, state)
         interval, before = in_slot(intervals, step.slot), depth
         depth = depth_at(crossing, state, intervals, step)
-        if interval.depth > NEGLIGIBLE_OPTICAL_DEPTH:
+        if interval.depth > medium.negligible:
             far_end, own = step.ray.near + step.begin, step.begin - in_slot(state.begins, step.slot)
             begin, end = dr.fmax(far_end - own, covered), dr.fmax(far_end, covered)
             if begin > dr.fma(0.5, own, covered):  # the first matter, or a gap

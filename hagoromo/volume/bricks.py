@@ -15,6 +15,7 @@ from hagoromo.files.memory import require
 from hagoromo.volume.table import BrickTable, table_of
 from hagoromo.volume.voxels import BRICK, PAIRS, STORED, VOXELS, unpacked_axis, unpacked_density
 
+BRICKS_AT_ONCE = 1 << 14  # of which the largest density is read together: 42 MB
 MATERIALS = 256  # numbers of materials that fit a voxel
 Shape = tuple[int, int, int]
 
@@ -90,6 +91,17 @@ class Bricks:
         first, last = (place[::-1] for place in (self.places.min(axis=0), self.places.max(axis=0)))
         behind = last + 1
         return np.where(first > 0, BRICK * first, low), np.where(behind < self.lattice[::-1], BRICK * behind, high)
+
+    @cached_property
+    def densest(self) -> float:
+        """Largest density of a voxel; 0 without bricks. It is read from all of them, once."""
+        import drjit as dr
+
+        largest = 0
+        for begin in range(0, self.kept, BRICKS_AT_ONCE):
+            pairs = self.density.read(begin, min(begin + BRICKS_AT_ONCE, self.kept))
+            largest = max(largest, int(dr.max(dr.maximum(pairs & 0xFFFF, pairs >> 16))[0]))  # halves ≥ 0 order as bits
+        return float(np.uint16(largest).view(np.float16))
 
     def corners(self) -> np.ndarray:
         """First voxel (z, y, x) of every stored brick, in order: (bricks, 3)."""
