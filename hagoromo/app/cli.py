@@ -23,6 +23,7 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
@@ -182,47 +183,6 @@ def develop(
     )  # fmt: skip
     development.save(out, force)
     say(*development_summary(development))
-    wrote(out)
-
-
-@verb(verbs)
-def capture(
-    photographs: Positional[tuple[Path, ...]],
-    lamps: Path,
-    out: Out,
-    camera: Path | None = None,
-    response: str | None = None,
-    mask: tuple[Path, ...] = (),
-    spectrum: str | None = None,
-    intensity: tuple[float, ...] = (),
-    undistorted: bool = False,
-    transfer: Literal["linear", "srgb"] | None = None,
-    force: Force = False,
-) -> None:
-    """Developed photographs of one view, one lamp on in each → a capture for `measure`.
-
-    Args:
-        photographs: EXR of `develop`, or linear PNG or TIFF, all from one viewpoint.
-        lamps: lamps.json of `calibrate lamps`. A photograph gets the lamp with its name; if names do not match, lamps
-            are assigned in order.
-        camera: camera.json of `calibrate camera`, or OpenCV's YAML, as given to `calibrate lamps`; without it the view
-            is assumed orthographic.
-        response: CSV of `calibrate response`, or the name of a known camera.
-        mask: PNG that is white on the object: one for all photographs, or one each.
-        spectrum: spectrum of the lamps: a name such as A or D65, or a CSV.
-        intensity: intensity of the lamps, instead of that in lamps.json: one number, or one per channel. Under a far
-            lamp of intensity 3.1416 a white patch that faces it has the value 1.
-        undistorted: the photographs have no lens distortion (those of `develop --undistort` state it themselves).
-        transfer: transfer curve of 8-bit photographs.
-    """
-    with whole_folder(out, force) as partial:
-        result = hg.capture(
-            photographs, lamps, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
-            undistorted=undistorted, transfer=transfer, name=out.name,
-        )  # fmt: skip
-        result.save(partial)
-    for photograph in result.photographs:
-        say(f"{photograph.name}: lamp {photograph.lamps[0].name or 'without a name'}")
     wrote(out)
 
 

@@ -29,10 +29,10 @@ PRESETS = ("canon_eos_kiss_digital",)
 class Camera:
     """A pinhole camera with lens distortion, and the sensor behind it.
 
-    width, height: size of the image [px]. focal: (α_x, α_y) [px]. principal: (x_0, y_0) [px].
-    distortion: OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6); given 4 or 5 of them, the others are 0. world_to_camera:
-    (4, 4) rigid pose [m].
-    response, sensor: colour response and noise, where known. Raises `InputError` when a figure makes no camera.
+    width, height: size of the image [px]. focal: (α_x, α_y) [px]. principal: (x_0, y_0) [px]. distortion: OpenCV's (k1,
+    k2, p1, p2, k3, k4, k5, k6); given 4 or 5 of them, the others are 0. world_to_camera: (4, 4) rigid pose [m].
+    response, sensor: colour response and noise, where known. orthographic: whether this pinhole, far away, stands for
+    an orthographic view. Raises `InputError` when a figure makes no camera.
 
     >>> camera = hg.Camera(640, 480, focal=(800, 800), principal=(320, 240))
     >>> camera.project([0.1, 0.0, 2.0]).tolist()  # 800 px · 0.1 m / 2 m to the right of the principal point
@@ -48,6 +48,7 @@ class Camera:
     response: Response | None = None
     sensor: Sensor | None = None
     name: str = ""
+    orthographic: bool = False
 
     def __post_init__(self) -> None:
         """Check every figure once and freeze the pose."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,27 +14,31 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.checks import read_bytes
+from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.files.exr_lines import MAGIC, Layout, Part, read_layout, read_lines
 from hagoromo.files.finite import check_finite
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.whole import check_written, whole_file
 
+HEADER_BYTES = 1 << 18  # first bytes of a file that are read for its header alone
 LINES_TOGETHER = 16  # that ZIP packs
 BYTES_PER_SAMPLE = 8.0  # as the file has it, up to 4, and as float32
 PREFIX = "channel "  # of names of channels among those of arrays
 
 
-def write_exr(path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None) -> None:
-    """Write `channels`, name → (height, width), as float32 with lossless compression.
+def write_exr(
+    path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None, half: bool = False
+) -> None:
+    """Write `channels`, name → (height, width), as float32 (or half floats) with lossless compression.
 
-    `InputError` when there is no channel, their shapes differ, or a value is not finite in single precision.
+    `InputError` when there is no channel, their shapes differ, or a value is not finite in that precision.
     """
     import OpenEXR
 
+    precision = np.float16 if half else np.float32
     with np.errstate(over="ignore"):
-        arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
+        arrays = {name: np.ascontiguousarray(values, dtype=precision) for name, values in channels.items()}
     shapes = sorted({values.shape for values in arrays.values()})
     if len(shapes) != 1 or len(shapes[0]) != 2 or 0 in shapes[0]:
         raise InputError(f"the channels of an EXR have shapes {shapes}: give one shape (height, width) for all")
@@ -70,6 +75,11 @@ def _text(file: BinaryIO) -> bytes:
 
 def read_header(path: str | Path) -> dict[str, str]:
     """The text metadata of the first part; `InputError` if the file is missing or not an EXR."""
+    with existing_file(path).open("rb") as file:
+        start = file.read(HEADER_BYTES)
+    if len(start) == HEADER_BYTES and start.startswith(MAGIC):
+        with suppress(Exception):  # a header that is longer, or damaged: the whole file tells
+            return read_layout(start).parts[0].texts
     return _layout(path)[1].parts[0].texts
 
 

@@ -58,7 +58,8 @@ class Capture:
     folder: where it was read from. truth: ground truth of a simulation, as in its file. points: (height, width, 3) [m]
     and normals: (height, width, 3), unit vectors, world axes, 0 where unknown: the shape, if it is known; all
     photographs then share one camera and view. Raises `InputError` without a photograph, or if the parts do not match.
-    settings, seed: those that a simulation was made with.
+    settings, seed: those that a simulation was made with. assumptions: what is taken for given, such as the transfer
+    curve of 8-bit files, and from where.
     """
 
     photographs: tuple[Photograph, ...]
@@ -69,6 +70,7 @@ class Capture:
     normals: NDArray[np.float32] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     seed: int | None = None
+    assumptions: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that the parts match."""
@@ -148,6 +150,7 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
         None if top.normals_path is None else _read_normals(inside(home, top.normals_path)),
         top.hagoromo.settings,
         top.hagoromo.seed,
+        top.assumptions,
     )
 
 
@@ -162,15 +165,9 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
     lamps: dict[str, int] = {}
     with whole_folder(folder, force) as home:
         frames = [_write_frame(photograph, i, home, lamps) for i, photograph in enumerate(capture.photographs)]
-        shared = {
-            key: value
-            for key, value in frames[0].items()
-            if key not in OF_ONE_FRAME and all(frame.get(key) == value for frame in frames)
-        }
+        shared = shared_keys(frames)
         if response:
-            name = re.sub(r"[^\w .()-]", "_", response.name or "response") + ".csv"
-            response.write_table(home / name)
-            shared["sensor"] = {**shared.get("sensor", {}), "response": name}
+            shared["sensor"] = {**shared.get("sensor", {}), "response": write_response(response, home)}
         if capture.points is not None:
             write_points(home / "points.exr", capture.points)
             shared["points_path"] = "points.exr"
@@ -181,11 +178,29 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             shared["normals_path"] = "normals.exr"
         if capture.truth is not None:
             shared["truth"] = capture.truth
+        if capture.assumptions:
+            shared["assumptions"] = dict(capture.assumptions)
         own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
         listed = [json.loads(lamp) for lamp in lamps]
         top = {"hagoromo": written_by(capture.settings, capture.seed), "name": capture.name, **shared}
         write_json(home / TRANSFORMS, {**top, "lamps": listed, "frames": own})
     return Path(folder)
+
+
+def shared_keys(frames: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The keys that all frames have with one value, which stand at the top of the file."""
+    return {
+        key: value
+        for key, value in frames[0].items()
+        if key not in OF_ONE_FRAME and all(frame.get(key) == value for frame in frames)
+    }
+
+
+def write_response(response: Response, home: Path) -> str:
+    """Write the response to the capture's folder; the name of its file."""
+    name = re.sub(r"[^\w .()-]", "_", response.name or "response") + ".csv"
+    response.write_table(home / name)
+    return name
 
 
 def count_absent(file: Path, frames: Sequence[Any]) -> int:

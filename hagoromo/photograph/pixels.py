@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from hagoromo.light.colour import srgb_decode
 from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE, ImageSettings, sensor_from_record
+from hagoromo.photograph.variance_model import VarianceModel
 
 READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg, ".tif": read_tiff, ".tiff": read_tiff}
 SUFFIXES = (*READERS, ".exr", *RAW_SUFFIXES)
@@ -58,7 +59,7 @@ def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demos
     sensor = sensor_from_record(frame.sensor, depth, seconds, iso, where)
     known = sensor if any(k != "response" for k in frame.sensor) and frame.transfer == "linear" else None
     if image is None:
-        return _from_exr(path, channels, seconds * iso / 100.0)._replace(sensor=known)
+        return _from_exr(path, channels, seconds * iso / 100.0, frame.variance_model, where)._replace(sensor=known)
     numbers, opaque = _opaque(image)
     if sensor.largest < numbers.max(initial=0):
         raise InputError(
@@ -120,7 +121,7 @@ def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) 
     return Pixels(values, variance, valid, native, known)
 
 
-def _from_exr(path: Path, channels: Sequence[str], scale: float) -> Pixels:
+def _from_exr(path: Path, channels: Sequence[str], scale: float, model: Mapping[str, Any] | None, where: str) -> Pixels:
     layers, _ = read_exr(path)
     names = [name for name in layers if not name.startswith((VARIANCE, NATIVE)) and name != ALPHA]
     for order in (tuple(channels), default_channels(len(names))):
@@ -131,12 +132,18 @@ def _from_exr(path: Path, channels: Sequence[str], scale: float) -> Pixels:
     finite = np.isfinite(values).all(axis=2)
     if np.abs(values[finite]).max(initial=0.0) > LARGEST_VALUE:
         raise InputError(f"{path} has values above {LARGEST_VALUE:g}, whose variances are no numbers: scale them down")
-    if all(VARIANCE + name in layers for name in names):
+    native = None
+    if model is not None:
+        curve = VarianceModel.from_record(model, where)
+        variance, native = (
+            curve.of(np.where(np.isfinite(values), values, np.float32(0.0))),
+            curve.native(*values.shape[:2]),
+        )
+    elif all(VARIANCE + name in layers for name in names):
         variance = np.stack([layers[VARIANCE + name] for name in names], axis=2)
     else:
         electron = max(float(values[finite].max(initial=0.0)), 1e-30) / ASSUMED_FULL_WELL
         variance = electron**2 * (np.maximum(values / electron, 0.0) + 1.0 + ASSUMED_READ_NOISE**2)
-    native = None
     if all(NATIVE + name in layers for name in names):
         native = np.stack([layers[NATIVE + name] > 0.5 for name in names], axis=2)
     valid = np.asarray(finite & np.isfinite(variance).all(axis=2), np.bool_)

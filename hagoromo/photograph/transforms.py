@@ -21,6 +21,7 @@ from hagoromo.files.record import Positive, Record, Vector, WrittenBy, about, de
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import PROFILE, LampProfile
 from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.photograph.variance_model import VarianceRecord
 
 # Assumed where a file does not describe the sensor: typical of a consumer camera at ISO 100.
 ASSUMED_FULL_WELL = 20_000.0  # electrons at white level
@@ -84,6 +85,11 @@ class ImageSettings(ViewRecord, frozen=True, kw_only=True):
     exposure_s: Annotated[Positive | None, about("exposure time [s]; default: as a RAW file says, else 1")] = None
     iso: Annotated[Positive | None, about("sensitivity, ISO; default: as a RAW file says, else 100")] = None
     mask_path: Annotated[str | None, about("PNG in the capture that is black where a pixel is invalid")] = None
+    variance_model: Annotated[
+        dict[str, Any] | None,
+        like(VarianceRecord),
+        about("variance of the values of an EXR as a curve over the value, in place of its channels of variance"),
+    ] = None
 
 
 class FrameRecord(ImageSettings, frozen=True, kw_only=True):
@@ -106,6 +112,9 @@ class CaptureRecord(ImageSettings, frozen=True, kw_only=True):
     name: Annotated[str | None, about("name of the capture; default: that of its folder")] = None
     lamps: Annotated[list[Annotated[dict[str, Any], like(LampRecord)]], about("the lamps that frames name")] = []
     truth: Annotated[dict[str, Any] | None, about("what a simulation knows: its scene")] = None
+    assumptions: Annotated[
+        dict[str, str], about("what the capture takes for given (transfer, camera, mask, lamps, …), and from where")
+    ] = {}
     points_path: Annotated[str | None, about("EXR with channels P.X P.Y P.Z: world point of each pixel [m]")] = None
     normals_path: Annotated[str | None, about("EXR with channels N.X N.Y N.Z: unit normal, world axes, 0: none")] = None
     hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()

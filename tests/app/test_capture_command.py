@@ -67,21 +67,21 @@ def test_lamps_of_other_names_belong_to_the_photographs_in_order(laboratory):
 def test_without_a_camera_the_view_is_orthographic_and_z_points_to_the_eye(laboratory):
     lamps = [hg.Lamp(to_lamp=(x, y, -z)) for x, y, z in TO_LAMP]
     camera = hg.capture(shots(laboratory), lamps).photographs[0].camera
-    np.testing.assert_allclose(camera.world_to_camera[2], (0.0, 0.0, -1.0, 0.0))
-    assert camera.focal[0] == 20 * WIDTH
+    np.testing.assert_allclose(camera.world_to_camera[2], (0.0, 0.0, -1.0, 20.0))  # the object at the world's origin
+    assert camera.focal[0] == 20 * WIDTH and camera.orthographic
 
 
 def test_what_does_not_go_together_is_refused(laboratory):
     lamps, camera = laboratory / "lamps.json", laboratory / "camera.json"
     write_exr(laboratory / "d.exr", {key: np.ones((HEIGHT, WIDTH), np.float32) for key in "RGB"})
-    write_png(laboratory / "e.png", np.full((HEIGHT, WIDTH, 3), 99, np.uint8))
+    write_png(laboratory / "c.png", np.full((HEIGHT, WIDTH, 3), 99, np.uint8))
     write_json(laboratory / "other.json", {"w": 12, "h": 7, "fl_x": 9, "fl_y": 9, "cx": 6, "cy": 3, **ZERO})
     mask, abc = laboratory / "mask.png", shots(laboratory)
     for said, photographs, arguments, keys in [
         ("2 photographs and 3 lamps", abc[:2], (lamps, camera), {}),
         ("2 masks for 3 photographs", abc, (lamps, camera), {"masks": [mask, mask]}),
         ("is undistorted and", [*abc[:2], laboratory / "d.exr"], (lamps, camera), {}),
-        ("8 bits, which are rarely linear", [*abc[:2], laboratory / "e.png"], (lamps, camera), {"undistorted": True}),
+        ("8 bits, which are rarely linear", [*abc[:2], laboratory / "c.png"], (lamps, camera), {"undistorted": True}),
         ("11 × 7 px and its camera 12 × 7", abc, (lamps, laboratory / "other.json"), {}),
         ("every lamp is behind the object", abc, (lamps,), {}),
         ("lacks the key 'lamps'", abc, (camera, camera), {}),

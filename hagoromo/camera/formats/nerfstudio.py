@@ -16,6 +16,7 @@ from msgspec import UNSET, Meta
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv, rigid_pose
+from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import named_picture, picture_size
 from hagoromo.files.record import (
@@ -32,6 +33,7 @@ from hagoromo.files.record import (
 FOREIGN_POSE_TOLERANCE = 1e-3  # largest entry of R Rᵀ − I in foreign poses, often written with few digits
 RATIONAL = ("k4", "k5", "k6")
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE", "FULL_OPENCV")
+ORTHOGRAPHIC = "ORTHOGRAPHIC"  # needs neither a focal length nor a pose: `unplaced_camera` has both
 POSE = Meta(
     extra_json_schema={
         "type": "array",
@@ -61,7 +63,7 @@ class ViewRecord(ForeignRecord, frozen=True, kw_only=True):
     k4: Annotated[float, about("radial distortion, denominator, r²; FULL_OPENCV only")] = 0.0
     k5: Annotated[float, about("radial distortion, denominator, r⁴; FULL_OPENCV only")] = 0.0
     k6: Annotated[float, about("radial distortion, denominator, r⁶; FULL_OPENCV only")] = 0.0
-    camera_model: Annotated[str, one_of(*PINHOLES), about("model of the lens")] = "OPENCV"
+    camera_model: Annotated[str, one_of(*PINHOLES, ORTHOGRAPHIC), about("model of the lens")] = "OPENCV"
     camera: Annotated[str, about("name of the camera")] = ""
     is_fisheye: Annotated[Any, about("true for a fisheye lens, which is refused")] = False
     transform_matrix: Annotated[Any, POSE, about("camera to world, OpenGL axes, by rows [m]")] = UNSET
@@ -125,11 +127,18 @@ def camera_from_record(view: ViewRecord, size: tuple[int, int] | None, where: st
     stated = view.w or width, view.h or height
     if stated != (width, height):
         raise InputError(f"{where} is {width} × {height} px and must be {stated[0]:g} × {stated[1]:g}: mend w and h")
-    fl_x = view.fl_x or _focal(view.camera_angle_x, width, where)
+    orthographic = view.camera_model == ORTHOGRAPHIC
+    stand_in = unplaced_camera(width, height, None) if orthographic else None
+    fl_x = view.fl_x or (stand_in.focal[0] if stand_in else _focal(view.camera_angle_x, width, where))
     fl_y = view.fl_y or (_focal(view.camera_angle_y, height, where) if view.camera_angle_y else fl_x)
-    if view.transform_matrix is UNSET:
+    if view.transform_matrix is not UNSET:
+        pose = opencv_from_opengl(
+            rigid_pose(view.transform_matrix, f"{where}: transform_matrix", FOREIGN_POSE_TOLERANCE)
+        )
+    elif stand_in:
+        pose = unplaced_camera(width, height, fl_x).camera_to_world
+    else:
         raise InputError(f"{where} lacks the key 'transform_matrix': add it")
-    pose = rigid_pose(view.transform_matrix, f"{where}: transform_matrix", FOREIGN_POSE_TOLERANCE)
     return Camera(
         width,
         height,
@@ -137,7 +146,8 @@ def camera_from_record(view: ViewRecord, size: tuple[int, int] | None, where: st
         (width / 2 if view.cx is None else view.cx, height / 2 if view.cy is None else view.cy),
         view.distortion,
         name=view.camera,
-    ).with_pose(np.linalg.inv(opencv_from_opengl(pose)))
+        orthographic=orthographic,
+    ).with_pose(np.linalg.inv(pose))
 
 
 def record_from_camera(camera: Camera) -> dict[str, Any]:
@@ -146,7 +156,7 @@ def record_from_camera(camera: Camera) -> dict[str, Any]:
     rational = any(k[name] for name in RATIONAL)
     return {
         "camera": camera.name,
-        "camera_model": "FULL_OPENCV" if rational else "OPENCV",
+        "camera_model": ORTHOGRAPHIC if camera.orthographic else "FULL_OPENCV" if rational else "OPENCV",
         **dict(zip(("w", "h"), (camera.width, camera.height), strict=True)),
         **dict(zip(("fl_x", "fl_y", "cx", "cy"), camera.focal + camera.principal, strict=True)),
         **{name: value for name, value in k.items() if rational or name not in RATIONAL},

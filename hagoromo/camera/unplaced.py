@@ -1,0 +1,30 @@
+"""Unplaced camera: one whose distance from the object nobody has measured, with the object at the world's origin.
+
+World axes: x right, y up, z from the object to the camera, those of lamps that were calibrated without a camera. The
+unit of length is the longer side of the picture at the object, because nothing tells the object's size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hagoromo.camera.camera import Camera
+
+ORTHOGRAPHIC_FOCAL = 20.0  # focal length over the longer side of the pinhole that stands for an orthographic view
+UP_AND_BACK = np.diag([1.0, -1.0, -1.0, 1.0])  # world axes x right, y up, z to the camera → the camera's
+
+
+def unplaced_camera(width: int, height: int, focal_px: float | None) -> Camera:
+    """The camera of `width` × `height` px; focal_px: None for an orthographic view, which a far pinhole stands for.
+
+    >>> camera = unplaced_camera(30, 20, None)
+    >>> camera.position.tolist(), camera.project([0.5, 0.0, 0.0]).tolist()  # the right edge of the picture
+    ([0.0, 0.0, 20.0], [30.0, 10.0])
+    """
+    longer = max(width, height)
+    focal = ORTHOGRAPHIC_FOCAL * longer if focal_px is None else focal_px
+    pose = UP_AND_BACK.copy()
+    pose[2, 3] = focal / longer
+    name = "orthographic" if focal_px is None else ""
+    camera = Camera(width, height, (focal, focal), (width / 2, height / 2), name=name, orthographic=focal_px is None)
+    return camera.with_pose(pose)

@@ -1,0 +1,132 @@
+"""Capture folder from photographs of any number: each is developed, written and forgotten before the next is read.
+
+A photograph takes half floats (EXR), a validity channel where pixels are clipped, and a model of its variance in
+transforms.json, so 24 megapixels need some 100 MB on disk and memory for one.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.formats.nerfstudio import record_from_camera
+from hagoromo.files.exr import write_exr
+from hagoromo.files.memory import require
+from hagoromo.files.png import write_png
+from hagoromo.files.record import write_json, written_by
+from hagoromo.files.whole import whole_folder
+from hagoromo.photograph.capture import TRANSFORMS, shared_keys, write_response
+from hagoromo.photograph.lamp_sides import lamp_remarks
+from hagoromo.photograph.lit_photographs import Session, Shot
+from hagoromo.photograph.object_mask import Thumbnails
+from hagoromo.photograph.pixels import ALPHA, default_channels, write_pixels
+from hagoromo.photograph.transforms import record_from_lamp, record_from_sensor
+from hagoromo.photograph.variance_model import VarianceModel
+from hagoromo.progress import Progress, silent
+
+IMAGES, MASKS, OBJECT_MASK = "images", "masks", "masks/object.png"
+BYTES_PER_VALUE = 24.0  # memory of one value of the photograph that is being developed, with all copies
+LARGEST_HALF = 6e4
+
+
+@dataclass(frozen=True)
+class Captured:
+    """What `capture_to` wrote. lamps: name of each photograph → that of its lamp. assumptions: what is taken for given,
+    and from where. remarks: what a person should look at.
+    """
+
+    folder: Path
+    lamps: dict[str, str]
+    assumptions: dict[str, str]
+    remarks: tuple[str, ...]
+
+
+def capture_to(asked: Session, out: str | Path, force: bool = False, progress: Progress = silent) -> Captured:
+    """Write the photographs of a session to the capture folder `out`, whole or not at all.
+
+    The object's mask is masks/object.png, for all photographs: it may be corrected by hand afterwards. `InputError` as
+    `capture` raises it, and if `out` exists without `force`.
+    """
+    lamps: dict[str, int] = {}
+    with whole_folder(out, force) as home:
+        for name in (IMAGES, MASKS):
+            (home / name).mkdir()
+        frames, seen, shape, masked = [], Thumbnails(), (0, 0), 0
+        for number, shot in enumerate(asked.shots()):
+            progress(number / len(asked.paths), shot.name)
+            if not frames:
+                shape = shot.valid.shape
+                require(BYTES_PER_VALUE * shot.values.size, str(shot.path))
+            if asked.auto_mask:
+                seen.add(shot.values, shot.valid)
+            own = asked.own_mask(number, shape) if len(asked.masks) > 1 else None
+            frames.append(_write_frame(shot, own, number, home, lamps))
+            masked += own is not None
+        found = asked.found_mask(seen, shape) if asked.auto_mask else None
+        if found is None and len(asked.masks) == 1:
+            found = asked.own_mask(0, shape)
+        if found is not None:
+            write_png(home / OBJECT_MASK, found.astype(np.uint8) * 255)
+        elif not masked:
+            (home / MASKS).rmdir()
+        _write_transforms(asked, frames, lamps, home, Path(out).name, found is not None)
+    remarks = (*asked.remarks, *lamp_remarks(asked.lamps, asked.view))
+    named = {
+        path.stem: lamp.name or "without a name" for path, lamp in zip(asked.paths.values(), asked.lamps, strict=True)
+    }
+    return Captured(Path(out), named, dict(asked.assumptions), remarks)
+
+
+def _write_frame(
+    shot: Shot, own: NDArray[np.bool_] | None, number: int, home: Path, lamps: dict[str, int]
+) -> dict[str, Any]:
+    """Write the image of a photograph, and its own mask; returns its frame. lamps: JSON text → index, so far."""
+    stem = home / IMAGES / f"{number:04d}"
+    model = shot.variance if isinstance(shot.variance, VarianceModel) else None
+    if model is None or not np.abs(shot.values).max(initial=0.0) < LARGEST_HALF:
+        image = write_pixels(shot.photograph(shot.valid), stem)
+        kept: dict[str, Any] = {}
+        if not shot.valid.all():
+            own = shot.valid if own is None else shot.valid & own
+    else:
+        image = stem.with_suffix(".exr")
+        count = shot.values.shape[2]
+        response = shot.camera.response
+        names = response.channels if response and len(response.channels) == count else default_channels(count)
+        channels = {name: shot.values[..., k] for k, name in enumerate(names)}
+        if not shot.valid.all():
+            channels[ALPHA] = shot.valid.astype(np.float32)
+        text = {"colourSpace": "camera, linear, the white level of one exposure as 1"}
+        write_exr(image, channels, text, half=True)
+        kept = {"exposure_s": shot.scale[0], "iso": shot.scale[1], "variance_model": model.record()}
+    if own is not None:
+        kept["mask_path"] = f"{MASKS}/{number:04d}.png"
+        write_png(home / kept["mask_path"], own.astype(np.uint8) * 255)
+    if shot.camera.sensor:
+        kept["sensor"] = record_from_sensor(shot.camera.sensor)
+    return {
+        "file_path": image.relative_to(home).as_posix(),
+        "name": shot.name,
+        **record_from_camera(shot.camera),
+        "lamps": [lamps.setdefault(json.dumps(record_from_lamp(shot.lamp)), len(lamps))],
+        **kept,
+    }
+
+
+def _write_transforms(
+    asked: Session, frames: list[dict[str, Any]], lamps: dict[str, int], home: Path, name: str, masked: bool
+) -> None:
+    shared = shared_keys(frames)
+    if asked.response is not None:
+        shared["sensor"] = {**shared.get("sensor", {}), "response": write_response(asked.response, home)}
+    if masked:
+        shared["mask_path"] = OBJECT_MASK
+    shared["assumptions"] = asked.assumptions
+    own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
+    top = {"hagoromo": written_by(), "name": name, **shared}
+    write_json(home / TRANSFORMS, {**top, "lamps": [json.loads(lamp) for lamp in lamps], "frames": own})

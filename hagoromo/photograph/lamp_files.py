@@ -1,0 +1,127 @@
+"""Files of lamps: lamps.json of `calibrate lamps`, and the .lp of reflectance transformation imaging (RTI).
+
+An .lp has the number of photographs in its first line and then, for each, its name and the direction to its lamp: x
+right, y up, z from the object to the camera. Relight's info.json lists the same directions as `lights`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.files.checks import existing_file, read_bytes
+from hagoromo.files.record import decode, read_json
+from hagoromo.files.whole import whole_file
+from hagoromo.light.lamp import Lamp
+from hagoromo.photograph.lamps_file import LampsRecord
+from hagoromo.photograph.transforms import lamp_from_record
+
+LP = ".lp"
+FITTED = (".rti", ".ptm", ".hsh")  # hold the coefficients of a fit and no lamps
+NAMES_SHOWN = 3  # of photographs or lamps, in a message
+
+
+def load_lamps(path: str | Path) -> tuple[Lamp, ...]:
+    """The lamps in a lamps.json of `hagoromo calibrate lamps`, an .lp, or an info.json of Relight.
+
+    `InputError` for a file that lists none, or an .lp whose first line states another number than it has.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == LP:
+        return read_lp(path)
+    if suffix in FITTED:
+        existing_file(path)
+        raise InputError(f"{path} holds a fitted picture and no lamps: give the .lp that it was made with")
+    record = read_json(path)
+    if isinstance(record, Mapping) and "lamps" not in record and isinstance(record.get("lights"), list):
+        return tuple(_far(light, f"{k + 1}", f"{path} light {k}") for k, light in enumerate(record["lights"]))
+    listed = decode({"lamps": record} if isinstance(record, list) else record, LampsRecord, str(path)).lamps
+    if not listed:
+        raise InputError(f"{path} lists no lamps: give the lamps.json of `hagoromo calibrate lamps`")
+    return tuple(lamp_from_record(lamp, Path(path).parent, f"{path} lamp {i}") for i, lamp in enumerate(listed))
+
+
+def faces_up(path: str | Path) -> bool:
+    """Whether the directions of the file are always x right, y up, z to the camera, as those of an .lp are."""
+    if Path(path).suffix.lower() == LP:
+        return True
+    record = read_json(path)
+    return isinstance(record, Mapping) and "lamps" not in record and "lights" in record
+
+
+def read_lp(path: str | Path) -> tuple[Lamp, ...]:
+    """The far lamps of an .lp, each with the name of its photograph (without the folder)."""
+    lines = [line.strip() for line in read_bytes(path).decode("utf-8", "replace").splitlines() if line.strip()]
+    if not lines or not re.fullmatch(r"\d{1,6}", lines[0]):
+        raise InputError(f"{path} must state the number of photographs in its first line: it is {lines[:1]!r:.60}")
+    if int(lines[0]) != len(lines) - 1:
+        raise InputError(f"{path} states {lines[0]} photographs and lists {len(lines) - 1}: correct its first line")
+    lamps = []
+    for number, line in enumerate(lines[1:], 2):
+        parts = line.rsplit(maxsplit=3)
+        try:
+            direction = [float(part) for part in parts[1:]]
+        except ValueError:
+            direction = []
+        if len(direction) != 3:
+            raise InputError(f"{path} line {number} is {line!r:.60}: it must be a name and x y z")
+        lamps.append(_far(direction, PureWindowsPath(parts[0]).name, f"{path} line {number}"))
+    return tuple(lamps)
+
+
+def write_lp(path: str | Path, lamps: Sequence[Lamp], force: bool = False) -> Path:
+    """Write far lamps as an .lp, which `read_lp` reads; `InputError` for a near lamp, or one without a name."""
+    near = [lamp.name for lamp in lamps if lamp.to_lamp is None]
+    if near:
+        raise InputError(f"lamp {near[0]!r} is near, and an .lp has directions only: write lamps.json")
+    if not all(lamp.name for lamp in lamps):
+        raise InputError("a lamp has no name, and an .lp needs that of its photograph: name it")
+    rows = [f"{lamp.name} {' '.join(f'{x:.9f}' for x in np.asarray(lamp.to_lamp))}" for lamp in lamps]
+    with whole_file(path, force) as partial:
+        partial.write_text("\n".join([str(len(rows)), *rows]) + "\n", encoding="utf-8", newline="\n")
+    return Path(path)
+
+
+def lamp_of_each(lamps: Sequence[Lamp], paths: Sequence[Path]) -> tuple[list[Lamp], str]:
+    """The lamp of each photograph, and how they were matched: by name where the names match, else in order.
+
+    `InputError` where the numbers differ, or only some of the names match.
+    """
+    by_stem = {Path(lamp.name).stem.lower(): lamp for lamp in lamps if lamp.name}
+    stems = [path.stem.lower() for path in paths]
+    lacking = [path.name for path, stem in zip(paths, stems, strict=True) if stem not in by_stem]
+    spare = [lamp.name for lamp in lamps if Path(lamp.name).stem.lower() not in set(stems)]
+    if len(lamps) != len(paths):
+        named = lacking if len(paths) > len(lamps) else spare
+        which = (
+            f" ({_some(named)} without its match)" if by_stem and 0 < len(named) < max(len(lamps), len(paths)) else ""
+        )
+        raise InputError(f"{len(paths)} photographs and {len(lamps)} lamps{which}: give one photograph per lamp")
+    if not lacking and len(by_stem) == len(set(stems)) == len(paths):
+        return [by_stem[stem] for stem in stems], "by name"
+    if 0 < len(lacking) < len(paths):
+        raise InputError(
+            f"no lamp has the name of {_some(lacking)}, and no photograph that of {_some(spare)}: correct the names, "
+            "or leave these photographs and lamps out"
+        )
+    return list(lamps), "in order, because their names are not those of the photographs"
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+    return ", ".join(names[:NAMES_SHOWN]) + more
+
+
+def _far(direction: Any, name: str, where: str) -> Lamp:
+    try:
+        vector = np.asarray(direction, np.float64)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0.0:
+        raise InputError(f"{where} has the direction {direction!r:.40}: it must be x y z, not all 0")
+    return Lamp(to_lamp=tuple(vector), name=name)
