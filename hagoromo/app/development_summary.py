@@ -14,6 +14,8 @@ def development_summary(development: Development) -> list[str]:
         f"linearity {record['linearity']}; clipped {100 * development.clipped:.2g} %, "
         f"hot {100 * development.hot:.2g} % of samples",
     ]
+    if development.black_offset:
+        lines.append(f"black: {development.black_offset:+.2f} DN added to all signals, by which they are proportional")
     for name, (x, y) in development.shifts.items():
         lines.append(f"{name}: exposed {development.exposures[name]:.6g} s, moved by ({x:.2f}, {y:.2f}) px")
     return lines

@@ -26,6 +26,7 @@ from hagoromo.photograph.variance_model import VarianceModel
 READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg, ".tif": read_tiff, ".tiff": read_tiff}
 SUFFIXES = (*READERS, ".exr", *RAW_SUFFIXES)
 VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside those of the values
+VALID = "valid."  # EXR channels that tell where each colour is valid; A tells where all are
 
 
 LARGEST_VALUE = 1e15  # whose square, over a full well, is a number in single precision
@@ -123,7 +124,7 @@ def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) 
 
 def _from_exr(path: Path, channels: Sequence[str], scale: float, model: Mapping[str, Any] | None, where: str) -> Pixels:
     layers, _ = read_exr(path)
-    names = [name for name in layers if not name.startswith((VARIANCE, NATIVE)) and name != ALPHA]
+    names = [name for name in layers if not name.startswith((VARIANCE, NATIVE, VALID)) and name != ALPHA]
     for order in (tuple(channels), default_channels(len(names))):
         names = list(order) if set(order) == set(names) else names
     if not names:

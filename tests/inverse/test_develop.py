@@ -107,13 +107,16 @@ def test_darks_and_flats_are_taken_out():
     random = np.random.default_rng(7)
     light = scene(7) * 0.3
     fall = np.linspace(0.33, 1.0, WIDTH)[None, :, None]
-    offset = random.normal(20.0, 5.0, (HEIGHT, WIDTH))
+    offset = np.maximum(random.normal(20.0, 5.0, (HEIGHT, WIDTH)), 0.0)
     offset.flat[random.choice(HEIGHT * WIDTH, 12, replace=False)] = 900.0
-    darks = [
-        shot(np.zeros_like(light), t, 700 + 10 * i + k, offset=offset) for i, t in enumerate(TIMES) for k in range(8)
-    ]
-    flats = [shot(np.full_like(light, 18_000.0) * fall, 0.8, 800 + k, offset=offset) for k in range(16)]
-    shots = [shot(light * fall, t, 900 + i, offset=offset) for i, t in enumerate(TIMES)]
+
+    def taken(shown: np.ndarray, t: float, seed: int) -> Exposure:
+        """With the dark signal as electrons, which have shot noise as those of light."""
+        return shot(shown + offset[..., None] * SENSOR.gain / t, t, seed)
+
+    darks = [taken(np.zeros_like(light), t, 700 + 10 * i + k) for i, t in enumerate(TIMES) for k in range(8)]
+    flats = [taken(np.full_like(light, 18_000.0) * fall, 0.8, 800 + k) for k in range(16)]
+    shots = [taken(light * fall, t, 900 + i) for i, t in enumerate(TIMES)]
     found = develop_exposures(shots, CalibrationFrames(darks, flats, KNOWN))
     assert found.hot * HEIGHT * WIDTH >= 12 and found.hot < 0.001
     mean = np.array([fall[0, :, 0][k::2].mean() for k in (0, 1)])  # the mean share of the columns of a colour

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +25,16 @@ from hagoromo.files.memory import require
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.development.bracket import Merged, Shot, merge
-from hagoromo.photograph.development.exposure import Exposure, alike
-from hagoromo.photograph.development.linearity import Ratio, measured_seconds
+from hagoromo.photograph.development.exposure import LINEAR_ROUNDING, Exposure, alike, planes
+from hagoromo.photograph.development.linearity import Ratio, common_black, measured_seconds
 from hagoromo.photograph.development.master import dark_master, flat_master, odd_samples
 from hagoromo.photograph.development.movement import shift_between
 from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.pixels import ALPHA, NATIVE, VARIANCE, default_channels
+from hagoromo.photograph.pixels import ALPHA, NATIVE, VALID, VARIANCE, default_channels
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
+BLOOM_PX = 3  # [px] clipped samples flood neighbours up to this distance: these are treated as clipped
 STILL_PX = 0.25  # [px] largest shift between exposures of a bracket; a larger one blurs edges
 BYTES_PER_SAMPLE = 40.0  # memory per sample of each exposure during the merge
 RECORD = (
@@ -60,6 +61,8 @@ class Development:
     sensor. exposures: name → measured exposure time [s]. ratios: of successive exposures. shifts: name → (x, y) [px]
     relative to the first. clipped: share of samples that are clipped in all exposures; hot: share of hot samples.
     focal_px: focal length [px], if the files state it. undistorted: whether the lens distortion has been removed.
+    valid_channels: (height, width, channels), where each colour by itself is valid. black_offset: common black that was
+    found in the signals and removed [DN].
     """
 
     values: NDArray[np.float32]
@@ -74,6 +77,8 @@ class Development:
     hot: float
     focal_px: float | None = None
     undistorted: bool = False
+    valid_channels: NDArray[np.bool_] | None = None
+    black_offset: float = 0.0
 
     def __repr__(self) -> str:
         """The size and the exposures."""
@@ -98,10 +103,13 @@ class Development:
             "shifts_px": {name: list(shift) for name, shift in self.shifts.items()},
             "clipped": self.clipped,
             "hot": self.hot,
+            "black_offset": self.black_offset,
         }
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write an EXR and return its path: R, G, B, their `variance.`, `native.` after interpolation, A (valid).
+
+        Where some colours of a pixel are valid and others are not, it also has `valid.` of each.
 
         `InputError` for a name that does not end in .exr, or an existing file without `force`.
         """
@@ -109,6 +117,8 @@ class Development:
         layers = {"": self.values, VARIANCE: self.variance}
         if self.native is not None:
             layers[NATIVE] = self.native.astype(np.float32)
+        if self.valid_channels is not None and (self.valid_channels != self.valid[..., None]).any():
+            layers[VALID] = self.valid_channels.astype(np.float32)
         channels = {prefix + name: layer[..., i] for prefix, layer in layers.items() for i, name in enumerate(names)}
         header = {key: finite_json(value, str(path)) for key, value in self.record().items()}
         header["colourSpace"] = "camera, linear, light per second at ISO 100, white level 1"
@@ -127,8 +137,9 @@ class Development:
         try:
             names = default_channels(sum(name.startswith(VARIANCE) for name in layers))
             values, variance = (np.stack([layers[kind + name] for name in names], axis=2) for kind in ("", VARIANCE))
-            native = (
-                np.stack([layers[NATIVE + name] > 0.5 for name in names], 2) if NATIVE + names[0] in layers else None
+            native, fine = (
+                np.stack([layers[kind + name] > 0.5 for name in names], 2) if kind + names[0] in layers else None
+                for kind in (NATIVE, VALID)
             )
             record = {key: json_value(header[key], f"{path}: {key}") for key in RECORD}
             valid, focal = layers[ALPHA] == 1.0, header.get("focal_px")
@@ -137,7 +148,8 @@ class Development:
                 Noise(*(record[key] for key in RECORD[:5])), record["exposures_s"],
                 [Ratio(**ratio) for ratio in record["ratios"]],
                 {name: (x, y) for name, (x, y) in record["shifts_px"].items()}, record["clipped"], record["hot"],
-                None if focal is None else float(focal), "undistorted" in header,
+                None if focal is None else float(focal), "undistorted" in header, fine,
+                float(header.get("black_offset", 0.0)),
             )  # fmt: skip
         except (KeyError, ValueError, IndexError, TypeError, AttributeError) as error:
             raise InputError(f"{path} is not a developed photograph: develop one first ({error})") from error
@@ -166,24 +178,28 @@ def develop_exposures(
     _check_settings(exposures, calibration)
     require(BYTES_PER_SAMPLE * exposures[0].signal.size * len(exposures), f"a bracket of {len(exposures)}")
     mosaic, names = exposures[0].mosaic, [one.name for one in exposures]
+    clipped = float(np.all([one.full for one in exposures], axis=0).mean())
     usual = Noise(ASSUMED_FULL_WELL / exposures[0].white, ASSUMED_READ_NOISE, source="a usual sensor: assumed")
     shots = _shots(exposures, calibration, calibration.noise or usual)[0]
     shifts = {names[i]: shift_between(shots[0], shots[i], usual, mosaic) for i in range(1, len(shots))}
     _check_still(shifts, names[0])
-    measured_seconds(shots, names, calibration.noise or usual)  # a non-linear response would bias the noise as well
+    # of the shortest, the neighbours in other colours are kept: no exposure shows them better
+    exposures = [_without_bloom(one, across=i > 0) for i, one in enumerate(exposures)]
+    exposures, black = _without_black(exposures, calibration, calibration.noise or usual)
+    shots = _shots(exposures, calibration, calibration.noise or usual)[0]
+    measured_seconds(shots, names, calibration.noise or usual, mosaic)  # else the noise would be biased as well
     noise = calibration.noise or _noise(exposures, calibration, usual)
     shots, dark_hot = _shots(exposures, calibration, noise)
-    seconds, ratios = measured_seconds(shots, names, noise)
+    seconds, ratios = measured_seconds(shots, names, noise, mosaic)
     merged = merge([s._replace(seconds=t) for s, t in zip(shots, seconds, strict=True)], noise, mosaic)
     hot = odd_samples(merged.rate, merged.variance, merged.valid, mosaic)
     hot |= dark_hot
-    clipped = float((~merged.valid).mean())
     merged = merged._replace(valid=merged.valid & ~hot)
     if calibration.flats:
         merged = _flattened(merged, calibration, noise)
-    values, variance, valid, native = _filled(merged, mosaic, demosaic)
-    if not valid.any():
-        raise InputError(f"no pixel is left ({100 * clipped:.0f} % of the samples are clipped): add a shorter exposure")
+    values, variance, fine, native = _filled(merged, mosaic, demosaic)
+    valid = np.all(fine, axis=2)
+    _check_left(fine, clipped)
     unit = (exposures[0].unit or exposures[0].white) * exposures[0].iso / 100.0
     return Development(
         (values / unit).astype(np.float32),
@@ -196,7 +212,52 @@ def develop_exposures(
         shifts,
         clipped,
         float(hot.mean()),
+        valid_channels=fine,
+        black_offset=black,
     )
+
+
+def _without_bloom(one: Exposure, across: bool) -> Exposure:
+    """With the neighbours of clipped samples marked as clipped; across: those of other colours of a mosaic, too."""
+    from scipy.ndimage import binary_dilation
+
+    full = np.array(one.full, np.bool_)
+    if full.any():
+        if one.mosaic and across:
+            full |= np.asarray(binary_dilation(one.full, np.ones((2 * BLOOM_PX + 1,) * 2)), np.bool_)
+        reach = -(-BLOOM_PX // 2) if one.mosaic else BLOOM_PX
+        for plane, grown in zip(planes(one.full, one.mosaic), planes(full, one.mosaic), strict=True):
+            grown |= np.asarray(binary_dilation(plane, np.ones((2 * reach + 1,) * 2)), np.bool_)
+    return replace(one, full=full)
+
+
+def _without_black(
+    exposures: Sequence[Exposure], calibration: CalibrationFrames, noise: Noise
+) -> tuple[list[Exposure], float]:
+    """The exposures plus their common black [DN], which makes them proportional; 0 with darks, which measure it."""
+    exact = all(
+        np.isclose(np.median(one.rounding), LINEAR_ROUNDING, rtol=1e-3) for one in exposures
+    )  # whole linear numbers
+    if calibration.darks or not exact:
+        return list(exposures), 0.0
+    black = common_black(_shots(exposures, calibration, noise)[0], noise, exposures[0].mosaic)
+    if black == 0.0:
+        return list(exposures), 0.0
+    return [replace(one, signal=one.signal + np.float32(black), white=one.white + black) for one in exposures], black
+
+
+def _check_left(fine: NDArray[np.bool_], clipped: float) -> None:
+    """`InputError` if no value of any colour is valid; a warning if some colours have no valid value."""
+    if not fine.any():
+        raise InputError(f"no pixel is left ({100 * clipped:.0f} % of the samples are clipped): add a shorter exposure")
+    names = default_channels(fine.shape[2])
+    lost = [name for name, layer in zip(names, np.moveaxis(fine, 2, 0), strict=True) if not layer.any()]
+    if lost:
+        kept = ", ".join(name for name in names if name not in lost)
+        warnings.warn(
+            f"{', '.join(lost)} is clipped everywhere and {kept} is not: add a shorter exposure, or use {kept} only",
+            stacklevel=3,
+        )
 
 
 def _check_settings(exposures: Sequence[Exposure], calibration: CalibrationFrames) -> None:
@@ -270,9 +331,15 @@ def _flattened(merged: Merged, calibration: CalibrationFrames, noise: Noise) -> 
 def _filled(
     merged: Merged, mosaic: str, demosaic: Demosaic
 ) -> tuple[NDArray, NDArray, NDArray, NDArray[np.bool_] | None]:
-    """Values, variance (height, width, channels), valid (height, width) and native, with or without a mosaic."""
+    """Values, variance, valid and native (height, width, channels), with or without a mosaic."""
     if not mosaic:
-        return merged.rate, merged.variance, np.all(merged.valid, axis=2), None
+        return merged.rate, merged.variance, merged.valid, None
     rate, variance = merged.rate.astype(np.float64), merged.variance.astype(np.float64)
     values, spread, spoilt = demosaiced(rate, variance, ~merged.valid, mosaic, demosaic)
-    return values, spread, ~spoilt, native_of(mosaic, *rate.shape)
+    native = native_of(mosaic, *rate.shape)
+    if demosaic != "bilinear":  # which interpolates each colour from all
+        return values, spread, np.repeat(~spoilt[..., None], 3, axis=2), native
+    from scipy.ndimage import binary_dilation
+
+    lost = [binary_dilation(np.logical_not(merged.valid) & native[..., k], np.ones((3, 3))) for k in range(3)]
+    return values, spread, np.logical_not(np.stack(lost, axis=2)), native

@@ -35,19 +35,20 @@ def undistorted(development: Development, camera: Camera) -> Development:
     def resampled(values: NDArray, how: int) -> NDArray[np.float32]:
         return np.asarray(cv2.remap(values.astype(np.float32), x, y, how, borderValue=0.0), np.float32)
 
-    shares = np.where(development.valid[..., None], 1.0, 0.0).astype(np.float32)
+    each = development.valid_channels
+    each = np.repeat(development.valid[..., None], development.values.shape[2], axis=2) if each is None else each
+    shares = np.where(each, 1.0, 0.0).astype(np.float32)
     values, variance = (
         resampled(part * shares, cv2.INTER_LINEAR) for part in (development.values, development.variance)
     )
-    valid = np.asarray(
-        resampled(shares, cv2.INTER_LINEAR).reshape(development.valid.shape) > LEAST_VALID_SHARE, np.bool_
-    )
+    fine = np.asarray(resampled(shares, cv2.INTER_LINEAR).reshape(each.shape) > LEAST_VALID_SHARE, np.bool_)
     native = None if development.native is None else resampled(development.native, cv2.INTER_NEAREST) > 0.5
     return replace(
         development,
         values=values.reshape(development.values.shape),
         variance=variance.reshape(development.variance.shape),
-        valid=valid,
+        valid=np.all(fine, axis=2),
+        valid_channels=fine,
         native=None if native is None else native.reshape(development.values.shape),
         undistorted=True,
     )
