@@ -19,6 +19,10 @@ COMPARED_PIXELS = 500_000  # largest number of pixels that are compared; larger 
 EDGE_SCALE_PX, STRENGTH_SCALE_PX = 1.5, 8.0  # [px] scales of the compared edges, and of their local strength
 FAINT_EDGE = 0.02  # strength (of the logarithm) below which edges are attributed to noise
 STEPS_PER_PIXEL = 10  # resolution of an estimated shift
+LEAST_SIGNAL = 5.0  # standard deviations of a compared pixel's noise from which it shows the scene
+LEAST_SHOWN = 0.01  # share of the pixels that must show the scene; a photograph nearly black says nothing of its shift
+CERTAIN_SHIFT = 6.0  # standard errors (of Fisher's z) by which the shift must raise the correlation
+INDEPENDENT = 1.0 / (4.0 * np.pi * EDGE_SCALE_PX**2)  # independent values per pixel of the compared edges
 LEAST_CORRELATION = 0.2  # least correlation with the other photographs, after alignment, for a reliable shift
 
 
@@ -36,6 +40,9 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
     if len({p.values.shape[:2] for p in photographs}) > 1:
         return {}
     k = int(np.ceil(np.sqrt(first.width * first.height / COMPARED_PIXELS)))
+    photographs = [photograph for photograph in photographs if _shows_scene(photograph, k)]
+    if len(photographs) < 3:
+        return {}
     marks = [_marks(photograph, k) for photograph in photographs]
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in marks[0].shape))
     total, shifts = np.sum(marks, axis=0), {}
@@ -44,9 +51,24 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
         rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=STEPS_PER_PIXEL)[0]
         back = shift(own, (rows, columns), order=1, mode="nearest")
         still, shifted = (_correlation(others, p) for p in (own, back))
-        if np.hypot(rows, columns) > MOVED_PX and shifted > max(LEAST_CORRELATION, still):
+        gain = np.arctanh(min(shifted, 1.0 - 1e-9)) - np.arctanh(min(still, 1.0 - 1e-9))
+        certain = gain * np.sqrt(INDEPENDENT * own.size) > CERTAIN_SHIFT
+        if np.hypot(rows, columns) > MOVED_PX and shifted > LEAST_CORRELATION and certain:
             shifts[photograph.name] = (-k * float(columns), -k * float(rows))
     return shifts
+
+
+def _shows_scene(photograph: Photograph, k: int) -> bool:
+    """Whether enough pixels, binned by `k`, exceed the noise of the mean of the colours."""
+    height, width = (n // k * k for n in photograph.values.shape[:2])
+    signal, variance = (
+        np.nan_to_num(layer[:height, :width].astype(np.float64).sum(axis=2), posinf=0.0)
+        .reshape(height // k, k, width // k, k)
+        .sum(axis=(1, 3))
+        for layer in (photograph.values, photograph.variance)
+    )
+    shown = signal > LEAST_SIGNAL * np.sqrt(np.maximum(variance, 0.0))
+    return bool(shown.mean() > LEAST_SHOWN)
 
 
 def _correlation(one: NDArray, other: NDArray) -> float:
