@@ -142,6 +142,7 @@ def develop(
     photographs: Positional[tuple[Path, ...]],
     out: Out,
     dark: tuple[Path, ...] = (),
+    dark_exposures: tuple[float, ...] = (),
     flat: tuple[Path, ...] = (),
     transfer: str | None = None,
     exposures: tuple[float, ...] = (),
@@ -160,6 +161,7 @@ def develop(
     Args:
         photographs: one, or a bracket, which is merged.
         dark: frames without light, of the same exposure times.
+        dark_exposures: exposure times of the dark frames [s], if their files do not state them.
         flat: frames of an evenly lit white field.
         transfer: transfer curve of 8-bit files: linear, srgb, estimate (from the bracket), or a CSV with the columns
             number and light (or R, G, B).
@@ -167,7 +169,7 @@ def develop(
         iso: ISO speed, if the files do not state it.
         black: black level [DN], if the files do not state it.
         white: saturation level [DN].
-        mosaic: mosaic of one-channel files, such as RGGB.
+        mosaic: mosaic of one-channel files, such as RGGB, or none.
         gain: gain of the sensor [electrons per DN], with read_noise; by default both are estimated from the frames.
         read_noise: read noise of the sensor [electrons].
         demosaic: method of interpolating the mosaic.
@@ -178,8 +180,9 @@ def develop(
 
     replaceable_file(check_exr_name(out), force)
     development = hg.develop(
-        photographs, darks=dark, flats=flat, transfer=transfer, exposures_s=exposures, iso=iso, black=black,
-        white=white, mosaic=mosaic, gain=gain, read_noise=read_noise, demosaic=demosaic, undistort=undistort,
+        photographs, darks=dark, dark_exposures_s=dark_exposures, flats=flat, transfer=transfer,
+        exposures_s=exposures, iso=iso, black=black, white=white, mosaic=mosaic, gain=gain, read_noise=read_noise,
+        demosaic=demosaic, undistort=undistort,
     )  # fmt: skip
     development.save(out, force)
     say(*development_summary(development))

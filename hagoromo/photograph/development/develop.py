@@ -12,8 +12,9 @@ from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
 from hagoromo.files.exif import read_exif
 from hagoromo.files.picture import read_picture
+from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.development.development import CalibrationFrames, Development, develop_exposures
-from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
+from hagoromo.photograph.development.exposure import TIFFS, Exposure, StatedExposure, read_exposure
 from hagoromo.photograph.development.noise import Noise
 from hagoromo.photograph.development.transfer import Transfer, estimate_transfer
 from hagoromo.photograph.development.undistort import undistorted
@@ -25,6 +26,7 @@ def develop(
     photographs: str | Path | Paths,
     *,
     darks: Paths = (),
+    dark_exposures_s: Sequence[float] = (),
     flats: Paths = (),
     transfer: str | Path | Transfer | None = None,
     exposures_s: Sequence[float] = (),
@@ -42,11 +44,12 @@ def develop(
     Values are light per second at ISO 100, with the white level as 1. Arguments override what the files state (RAW
     files state all of it):
 
-    photographs: RAW, TIFF, PNG, JPEG or EXR. darks: frames without light, of the same exposure times. flats: frames of
+    photographs: RAW, TIFF, PNG, JPEG or EXR. darks: frames without light, of the same exposure times.
+    dark_exposures_s: their exposure times, in their order, if their files do not state them [s]. flats: frames of
     an evenly lit white field. transfer: of 8-bit files: "linear", "srgb", "estimate" (from the bracket), a CSV, or a
     curve. exposures_s: exposure times of the photographs, in their order [s]. black, white: levels [DN]. mosaic: of
-    files with one channel, such as "RGGB". gain [e⁻/DN] and read_noise [e⁻]: both or neither; without them they are
-    estimated from the frames. undistort: camera whose lens distortion is removed.
+    files with one channel, such as "RGGB", or "none". gain [e⁻/DN] and read_noise [e⁻]: both or neither;
+    without them they are estimated from the frames. undistort: camera whose lens distortion is removed.
 
     `InputError` for files that cannot be developed together; see `develop_exposures`.
     """
@@ -62,7 +65,7 @@ def develop(
     times = list(exposures_s) or [None] * len(paths)
     exposures = [read_exposure(p, stated._replace(exposure_s=t)) for p, t in zip(paths, times, strict=True)]
     frames = CalibrationFrames(
-        [read_exposure(path, stated) for path in darks], [read_exposure(path, stated) for path in flats], noise
+        _darks(darks, dark_exposures_s, stated, exposures), [read_exposure(path, stated) for path in flats], noise
     )
     development = develop_exposures(exposures, frames, demosaic)
     if undistort is not None:
@@ -71,10 +74,31 @@ def develop(
     return replace(development, focal_px=exposures[0].exif.focal_px(development.values.shape[1]))
 
 
+def _darks(
+    paths: Paths, times: Sequence[float], stated: StatedExposure, exposures: Sequence[Exposure]
+) -> list[Exposure]:
+    """The dark frames with their own exposure times; where none is known, that of the photographs, if they have one."""
+    if times and len(times) != len(paths):
+        raise InputError(f"{len(times)} exposure times for {len(paths)} dark frames: give one each")
+    each = list(times) or [None] * len(paths)
+    darks = [read_exposure(path, stated._replace(exposure_s=t)) for path, t in zip(paths, each, strict=True)]
+    known = {exposure.seconds for exposure in exposures}
+    unknown = next((dark for dark in darks if dark.exif.exposure_s is None), None)
+    if unknown is not None and len(known) > 1:
+        raise InputError(
+            f"{unknown.name} does not state its exposure time: state dark_exposures_s (--dark-exposures), one each"
+        )
+    return [
+        dark if dark.exif.exposure_s is not None else replace(dark, exif=replace(dark.exif, exposure_s=min(known)))
+        for dark in darks
+    ]
+
+
 def _estimated(paths: Sequence[Path], exposures_s: Sequence[float]) -> Transfer:
     """The transfer curve estimated from a bracket; `InputError` if its exposure times are unknown."""
     times = list(exposures_s) or [read_exif(path).exposure_s for path in paths]
     known = [time for time in times if time is not None]
     if len(known) < len(times):
         raise InputError("the files of the bracket do not state their exposure times: state exposures_s (--exposures)")
-    return estimate_transfer([read_picture(path) for path in paths], known)
+    pictures = [(read_tiff if path.suffix.lower() in TIFFS else read_picture)(path) for path in paths]
+    return estimate_transfer([picture[..., :3] if picture.ndim == 3 else picture for picture in pictures], known)

@@ -16,16 +16,22 @@ from hagoromo.files.exif import Exif, read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.tiff import read_tiff
+from hagoromo.least_squares import ROBUST_SCALE
 from hagoromo.photograph.development.transfer import Transfer
 
 PICTURES, TIFFS, EXRS = (".png", ".jpg", ".jpeg"), (".tif", ".tiff"), (".exr",)
+NO_MOSAIC = "none"  # states that a file with one channel has no mosaic
+MOSAIC_CONTRAST = 0.03  # least difference of the four positions of 2 × 2 samples that is noticed as a mosaic
+MOSAIC_CERTAINTY = 6.0  # standard errors of it over the tiles of an image
+MOSAIC_TILES = 8  # tiles along each side
 LINEAR_ROUNDING = 1.0 / 12.0  # [DN²] variance of rounding to whole numbers
 
 
 class StatedExposure(NamedTuple):
     """Values that the user states and that override those of the file; None: as in the file.
 
-    black, white [DN]; mosaic of a one-channel image; transfer: "linear", "srgb", a CSV or a curve; exposure_s [s]; iso.
+    black, white [DN]; mosaic of a one-channel image, "none" where it has none; transfer: "linear", "srgb", a CSV or a
+    curve; exposure_s [s]; iso.
     """
 
     black: float | None = None
@@ -123,9 +129,7 @@ def _from_raw(path: Path, stated: StatedExposure) -> Exposure:
 def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     """Exposure from 8 or 16 bits; alpha is ignored."""
     largest = int(np.iinfo(image.dtype).max)
-    mosaic = stated.mosaic or ""
-    if mosaic not in MOSAICS:
-        raise InputError(f"mosaic {mosaic!r} is unknown: choose one of {', '.join(filter(None, MOSAICS))}")
+    mosaic = _mosaic(image, path, stated)
     numbers = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     transfer = stated.transfer if stated.transfer is not None else "linear" if largest > 255 else None
     if transfer is None:
@@ -146,7 +150,7 @@ def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposur
 
 def _from_light(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     """Exposure from linear values, which keep their unit; nothing is clipped unless `white` is stated."""
-    mosaic = stated.mosaic or ""
+    mosaic = _mosaic(image, path, stated)
     values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     black = stated.black or 0.0
     white = stated.white if stated.white is not None else max(float(values.max(initial=0.0)), 1e-30) + black
@@ -154,6 +158,41 @@ def _from_light(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     signal = values.astype(np.float32) - np.float32(black)
     unit = 1.0 if stated.white is None else None
     return Exposure(signal, 0.0, full, white - black, mosaic, read_exif(path), path.name, unit)
+
+
+def _mosaic(image: NDArray, path: Path, stated: StatedExposure) -> str:
+    """The stated mosaic; `InputError` for an unknown one, or if none is stated and `image` shows one."""
+    mosaic = "" if stated.mosaic in (None, NO_MOSAIC) else stated.mosaic or ""
+    if mosaic not in MOSAICS:
+        raise InputError(
+            f"mosaic {mosaic!r} is unknown: choose one of {', '.join((*filter(None, MOSAICS), NO_MOSAIC))}"
+        )
+    if stated.mosaic is None and (image.ndim == 2 or image.shape[2] == 1):
+        contrast = _mosaic_contrast(image.reshape(image.shape[:2]).astype(np.float64))
+        if contrast > 0.0:
+            raise InputError(
+                f"{path} has one channel, and the positions of 2 × 2 samples differ by {100 * contrast:.0f} %, as "
+                "behind a mosaic: state mosaic (--mosaic), such as RGGB, or none"
+            )
+    return mosaic
+
+
+def _mosaic_contrast(image: NDArray[np.float64]) -> float:
+    """Largest relative difference of one of the four positions of 2 × 2 samples from their mean; 0 if not certain."""
+    height, width = (n // (2 * MOSAIC_TILES) * 2 for n in image.shape)
+    if min(height, width) < 4:
+        return 0.0
+    above = image[: MOSAIC_TILES * height, : MOSAIC_TILES * width] - np.percentile(image, 0.1)
+    cells = above.reshape(MOSAIC_TILES, height // 2, 2, MOSAIC_TILES, width // 2, 2).mean(axis=(1, 4))
+    means = np.moveaxis(cells, 1, 2).reshape(-1, 4)  # (tiles, positions)
+    bright = means.mean(axis=1) > 0.1 * max(float(means.mean()), 1e-30)
+    if bright.sum() < MOSAIC_TILES or not means.mean() > 0.0:
+        return 0.0
+    off = means[bright] / means[bright].mean(axis=1, keepdims=True) - 1.0
+    middle = np.median(off, axis=0)
+    error = 1.2533 * ROBUST_SCALE * np.median(np.abs(off - middle), axis=0) / np.sqrt(len(off))  # of a median
+    certain = (np.abs(middle) > MOSAIC_CONTRAST) & (np.abs(middle) > MOSAIC_CERTAINTY * error)
+    return float(np.abs(middle[certain]).max(initial=0.0))
 
 
 def _exr(path: Path) -> NDArray[np.float32]:

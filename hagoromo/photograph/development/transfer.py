@@ -78,7 +78,9 @@ class Transfer:
 
 
 def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[float], seed: int = 0) -> Transfer:
-    """The curve of 8-bit photographs (height, width, 3) of one scene at several exposures [s], with its error.
+    """The curve of 8-bit photographs of one scene at several exposures [s], with its error.
+
+    photographs: (height, width, 3) for a curve per channel; (height, width), also behind a mosaic, for one curve.
 
     Method of Debevec and Malik (1997), "Recovering high dynamic range radiance maps from photographs" (doi
     10.1145/258734.258884), for several random draws of pixels. Their scatter is the random error; the difference to a
@@ -88,14 +90,15 @@ def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[floa
     different = len(set(exposures_s))
     if different < FEWEST_SHOTS:
         raise InputError(f"a response is estimated from {FEWEST_SHOTS} exposures or more: given {different} different")
-    if any(p.dtype != np.uint8 or p.ndim != 3 or p.shape != photographs[0].shape for p in photographs):
-        raise InputError("a response is estimated from 8-bit colour photographs of one size only: state it instead")
+    if any(p.dtype != np.uint8 or p.ndim not in (2, 3) or p.shape != photographs[0].shape for p in photographs):
+        raise InputError("a response is estimated from 8-bit photographs of one size only: state it instead")
+    channels = 1 if photographs[0].ndim == 2 else photographs[0].shape[2]
     random, times = np.random.default_rng(seed), np.asarray(exposures_s, np.float64)
     fits: list[NDArray[np.float64]] = []
     smoother: list[NDArray[np.float64]] = []
     for _ in range(CURVE_DRAWS):
-        pick = random.integers(photographs[0][..., 0].size, size=CURVE_PIXELS)
-        chosen = [photograph.reshape(-1, 3)[pick] for photograph in photographs]
+        pick = random.integers(photographs[0].size // channels, size=CURVE_PIXELS)
+        chosen = [photograph.reshape(-1, channels)[pick] for photograph in photographs]
         fits.append(_fitted(chosen, times, SMOOTHNESS))
         smoother.append(_fitted(chosen, times, SMOOTHER * SMOOTHNESS))
     table = np.mean(fits, axis=0)
@@ -104,8 +107,9 @@ def estimate_transfer(photographs: Sequence[NDArray], exposures_s: Sequence[floa
 
 
 def _fitted(photographs: Sequence[NDArray], times: NDArray[np.float64], smoothness: float) -> NDArray[np.float64]:
-    """(256, 3) light of every number, fitted to all pixels (pixels, 3) of the photographs: Debevec & Malik, eq. (3)."""
-    curves = [_debevec(np.stack([p[:, c] for p in photographs], axis=1), times, smoothness) for c in range(3)]
+    """Light of every number (256, channels), from pixels (pixels, channels) of the photographs: Debevec & Malik (3)."""
+    channels = photographs[0].shape[1]
+    curves = [_debevec(np.stack([p[:, c] for p in photographs], axis=1), times, smoothness) for c in range(channels)]
     return _scaled(np.maximum.accumulate(np.exp(np.stack(curves, axis=1)), axis=0))
 
 
