@@ -130,6 +130,9 @@ from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight
 
+# A page that can be sent round
+from .publication.publish import Published as Published, publish as publish
+
 # The paper end to end, reports, and what studies of one's own need
 from .app.demo import demo as demo
 from .app.progress_bar import progress_bar as progress_bar

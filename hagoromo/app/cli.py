@@ -27,6 +27,7 @@ from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.publishing import publish
 from hagoromo.app.streams import give_up_streams, printable_streams
 from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
 from hagoromo.errors import InputError
@@ -368,6 +369,9 @@ def relight(
             f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"
         )
     wrote(out / "report.html")
+
+
+verb(verbs)(publish)
 
 
 @verb(verbs)

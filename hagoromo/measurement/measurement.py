@@ -87,7 +87,8 @@ class Measurement:
         P.Y, P.Z); body.exr (α c_b and its standard error `error.*` where known); gloss.exr (β, γ and their standard
         errors) where gloss varies; variance.exr (normal, distance) where the shape was solved; body_spectra.json where
         lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
-        noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown.
+        noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown;
+        camera.json, response.csv and lamps.json: what the photographs were taken with.
         """
         from hagoromo.measurement.measurement_files import write_measurement
 

@@ -59,7 +59,7 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(dist):
     names = {name for name in files_of(dist[0]) if ".dist-info/" not in name}
     paths = [path for package in WHEEL for path in (ROOT / package).rglob("*") if path.is_file()]
     assert names == {path.relative_to(ROOT).as_posix() for path in paths if "__pycache__" not in path.parts}
-    assert {Path(name).suffix for name in names} == {".py", ".pyi", ".j2", ".typed"}
+    assert {Path(name).suffix for name in names} == {".py", ".pyi", ".j2", ".typed", ".js", ".css", ".html", ".frag"}
     assert {"hagoromo/app/report/templates/measure.html.j2", "hagoromo/__init__.pyi", "hagoromo/py.typed"} < names
 
 

@@ -1,0 +1,188 @@
+"""Surface maps: what a page shows of a measured object, in the axes of its camera.
+
+The page's axes are x right, y up, z to the eye. Enters: a Measurement and the camera that saw the object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.measurement.measurement import Measurement
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+
+FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's camera axes ↔ the page's
+MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "normal_error", "body_error", "gloss_error")
+MARGIN_PX = 2  # px around the object
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMaps:
+    """Maps (h, w) of the object that `camera` sees.
+
+    labels: index into materials, −1 unknown. normals: (h, w, 3) unit, page's axes. body: (h, w, C) α c_b [1/sr].
+    depth: distance along the optical axis [m]. beta [1/sr], gamma [rad]: where gloss is known per pixel. normal_error:
+    standard deviation of the direction of the normal [rad]. body_error: relative standard error of the body colour.
+    gloss_error: relative standard error of γ. Each of these is None where it is not known, and 0 at unknown pixels.
+    has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
+    """
+
+    name: str
+    materials: tuple[MaterialEstimate, ...]
+    camera: Camera
+    labels: NDArray[np.int64]
+    normals: Map
+    body: Map
+    depth: Map | None
+    beta: Map | None
+    gamma: Map | None
+    normal_error: Map | None
+    body_error: Map | None
+    gloss_error: Map | None
+    has_scale: bool
+    x: float = 0.0
+    y: float = 0.0
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(h, w) pixels of the object."""
+        return self.labels >= 0
+
+    def cropped(self) -> SurfaceMaps:
+        """Only the rectangle around the object."""
+        rows, columns = np.flatnonzero(self.known.any(axis=1)), np.flatnonzero(self.known.any(axis=0))
+        top, left = max(rows[0] - MARGIN_PX, 0), max(columns[0] - MARGIN_PX, 0)
+        part = slice(top, rows[-1] + 1 + MARGIN_PX), slice(left, columns[-1] + 1 + MARGIN_PX)
+        return self._mapped(lambda one: one[part], (1.0, 1.0), float(left), float(top))
+
+    def reduced(self, factor: float) -> SurfaceMaps:
+        """With pixels `factor` times as wide: means over the object's part of each, the label of most of them."""
+        import cv2
+
+        height, width = self.labels.shape
+        size = max(round(width / factor), 1), max(round(height / factor), 1)
+        cover = cv2.resize(self.known.astype(np.float64), size, interpolation=cv2.INTER_AREA)
+        labels = cv2.resize(self.labels.astype(np.int16), size, interpolation=cv2.INTER_NEAREST).astype(np.int64)
+        shares = [
+            cv2.resize((self.labels == k).astype(np.float64), size, interpolation=cv2.INTER_AREA)
+            for k in range(len(self.materials))
+        ]
+        labels = np.where(cover >= 0.5, np.argmax(shares, axis=0), -1).astype(np.int64) if shares else labels
+
+        def mean(one: Map) -> Map:
+            inside = self.known if one.ndim == 2 else self.known[..., None]
+            small = cv2.resize(np.where(inside, one, 0.0), size, interpolation=cv2.INTER_AREA)
+            small = small.reshape(*cover.shape, *one.shape[2:])
+            return small / np.maximum(cover if one.ndim == 2 else cover[..., None], 1e-9)
+
+        small = self._mapped(
+            lambda one: labels if one is self.labels else mean(one), (width / size[0], height / size[1]), 0.0, 0.0
+        )
+        length = np.linalg.norm(small.normals, axis=2, keepdims=True)
+        labels = np.where(length[..., 0] > 1e-6, labels, -1)
+        return replace(small, labels=labels, normals=small.normals / np.maximum(length, 1e-6))
+
+    def _mapped(
+        self, change: Callable[[Any], Any], factor: tuple[float, float], left: float, top: float
+    ) -> SurfaceMaps:
+        """Every map changed alike, and the camera with it; factor: of the width and height of a pixel."""
+        maps = {name: None if getattr(self, name) is None else change(getattr(self, name)) for name in MAPS}
+        height, width = np.asarray(maps["labels"]).shape
+        old = self.camera
+        camera = replace(
+            old,
+            width=width,
+            height=height,
+            focal=(old.focal[0] / factor[0], old.focal[1] / factor[1]),
+            principal=((old.principal[0] - left) / factor[0], (old.principal[1] - top) / factor[1]),
+            sensor=None,
+        )
+        return replace(self, **maps, camera=camera, x=self.x + left, y=self.y + top)
+
+
+def surface_maps(measurement: Measurement, camera: Camera, name: str, has_scale: bool) -> SurfaceMaps:
+    """The maps of `measurement`, whose photographs `camera` took; cropped to the object.
+
+    `InputError` where the sizes differ, or no pixel of the object is known.
+    """
+    fine = measurement.fine
+    source = measurement if fine is None else fine
+    labels = np.asarray(source.labels, np.int64)
+    normals = np.asarray(source.normals, np.float64) @ camera.world_to_camera[:3, :3].T @ FLIP
+    if labels.shape != (camera.height, camera.width):
+        raise InputError(
+            f"the measurement is {labels.shape[1]} × {labels.shape[0]} px and its camera takes {camera.width} × "
+            f"{camera.height}: give the capture that was measured"
+        )
+    labels = np.where(np.linalg.norm(normals, axis=2) > 0.5, labels, -1)
+    if not (labels >= 0).any():
+        raise InputError("the measurement knows no pixel of the object: there is nothing to publish")
+    gloss = None if fine is not None else measurement.gloss
+    variance = measurement.normal_variance if fine is None else fine.variance
+    errors = None if fine is not None or measurement.body is None else measurement.body.error
+    body = _body(measurement, labels)
+    filled = lambda key: (  # noqa: E731
+        None if gloss is None else _filled(getattr(gloss, key), measurement.materials, labels, key)
+    )
+    return SurfaceMaps(
+        name=name,
+        materials=measurement.materials,
+        camera=camera,
+        labels=labels,
+        normals=normals,
+        body=body,
+        depth=_depth(source.points, camera, labels),
+        beta=filled("beta"),
+        gamma=filled("gamma"),
+        normal_error=None
+        if variance is None
+        else np.sqrt(np.clip(np.where(np.isfinite(variance), variance, 0), 0, None)),
+        body_error=None if errors is None else _relative(errors, body),
+        gloss_error=None if gloss is None else np.nan_to_num(gloss.gamma_error / gloss.gamma),
+        has_scale=has_scale,
+    ).cropped()
+
+
+def _body(measurement: Measurement, labels: NDArray[np.int64]) -> Map:
+    """α c_b of every pixel; that of its material where the pixel's own is not known."""
+    colours = np.array([one.alpha * np.array(one.body_colour) for one in measurement.materials])
+    mean = np.where((labels >= 0)[..., None], colours[np.maximum(labels, 0)], 0.0)
+    if measurement.fine is None and measurement.body is None:
+        return mean
+    value: Any = measurement.fine.body if measurement.fine is not None else getattr(measurement.body, "value")  # noqa: B009
+    known = np.isfinite(value).all(axis=2, keepdims=True) & (np.asarray(value) != 0.0).any(axis=2, keepdims=True)
+    return np.where(known, np.nan_to_num(value), mean).astype(np.float64)
+
+
+def _filled(values: Map, materials: Sequence[MaterialEstimate], labels: NDArray[np.int64], key: str) -> Map:
+    """β or γ of every pixel; that of its material where the pixel's own is not known."""
+    means = np.array([getattr(one, key) for one in materials])[np.maximum(labels, 0)]
+    return np.where(np.isfinite(values) & (values > 0.0), np.nan_to_num(values), means)
+
+
+def _depth(points: NDArray[np.floating] | None, camera: Camera, labels: NDArray[np.int64]) -> Map | None:
+    """Distance along the optical axis [m]; that of the nearest known pixel where it is unknown."""
+    if points is None:
+        return None
+    pose = camera.world_to_camera
+    depth = points.astype(np.float64) @ pose[2, :3] + pose[2, 3]
+    known = (np.linalg.norm(points, axis=2) > 0) & np.isfinite(depth) & (labels >= 0) & (depth > 0.0)
+    if not known.any():
+        return None
+    from scipy.ndimage import distance_transform_edt
+
+    nearest: Any = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return depth[nearest[0], nearest[1]]
+
+
+def _relative(error: Map, body: Map) -> Map:
+    """Relative standard error of the mean channel."""
+    mean = np.maximum(body.mean(axis=2), 1e-9)
+    return np.nan_to_num(np.where(np.isfinite(error), error, 0.0).mean(axis=2) / mean)

@@ -1,0 +1,211 @@
+"""A published page, driven in a real browser: its pixels are those of the reflectance, and it loads nothing."""
+
+import base64
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hagoromo.app.cli import main
+from hagoromo.camera.response import Response
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.publication.planes import pack_planes, unpack_planes
+from hagoromo.publication.publish import publish
+from tests.app.published_ball import ball, encoded, radiance
+
+CHROMIUM = "/usr/bin/chromium"
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+STEPS = 2.0  # of 255: what a page may differ by from the reflectance
+HOSTILE = "<script>alert('\"&amp;\"')</script>"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    if not os.path.exists(CHROMIUM):
+        pytest.skip(f"{CHROMIUM} is not there")
+    with playwright.sync_playwright() as running:
+        chromium = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Far lamps of unknown spectrum."""
+    return ball(far=True, name=HOSTILE)
+
+
+class Opened:
+    """A page in the browser, with everything that it complained about or asked for."""
+
+    def __init__(self, browser, path, width=1100, height=800):
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.said, self.asked = [], []
+        self.page.on("console", lambda one: self.said.append(one.text))
+        self.page.on("pageerror", lambda one: self.said.append(str(one)))
+        self.page.on("dialog", lambda one: self.said.append(f"dialog {one.message}"))
+        self.page.on("request", lambda one: self.asked.append(one.url))
+        self.page.goto(path.resolve().as_uri())
+        self.page.evaluate("() => hagoromo.ready")
+
+    def pixels(self):
+        """(h, w, 4) uint8 of the lit picture."""
+        read = self.page.evaluate(
+            "() => { const p = hagoromo.pixels(); let s = ''; for (const v of p.data) s += String.fromCharCode(v);"
+            "return [p.width, p.height, btoa(s)]; }"
+        )
+        return np.frombuffer(base64.b64decode(read[2]), np.uint8).reshape(read[1], read[0], 4)
+
+    def lamp(self):
+        return self.page.evaluate("() => hagoromo.light()[0]")
+
+    def data(self):
+        return json.loads(self.page.evaluate("() => document.getElementById('hv-data').textContent"))
+
+
+@pytest.fixture(scope="module")
+def far_page(measured, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("published")
+    _, measurement = measured
+    measurement.save(folder / "measured")
+    assert main(["publish", str(folder / "measured"), "--out", str(folder / "page.html")]) == 0
+    return folder / "page.html"
+
+
+def cropped(whole, known):
+    """As `SurfaceMaps.cropped`: two pixels around the object."""
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    top, left = max(rows[0] - 2, 0), max(columns[0] - 2, 0)
+    return whole[top : rows[-1] + 3, left : columns[-1] + 3]
+
+
+def assert_shows(opened, linear, known):
+    """All pixels of the object are those of `linear` (h, w, 3), linear display values without exposure."""
+    shown, wanted = opened.pixels(), encoded(cropped(linear, known) * opened.data()["exposure"])
+    inside = cropped(known, known)
+    assert shown.shape[:2] == inside.shape
+    assert (shown[..., 3] == np.where(inside, 255, 0)).all()
+    assert wanted[inside].max() > 200.0 and np.ptp(wanted[inside]) > 150.0
+    off = np.abs(shown[..., :3].astype(float) - wanted)[inside]
+    assert off.max() <= STEPS
+
+
+def test_pixels_are_those_of_the_reflectance_under_a_lamp_set_by_hand(browser, far_page, measured):
+    opened = Opened(browser, far_page)
+    opened.page.uncheck("#hv-shadows")
+    before = opened.lamp()["at"]
+    pad = opened.page.locator("#hv-pad").bounding_box()
+    opened.page.mouse.click(pad["x"] + 0.68 * pad["width"], pad["y"] + 0.40 * pad["height"])
+    clicked = opened.lamp()["at"]
+    opened.page.locator("#hv-canvas").focus()
+    opened.page.keyboard.press("ArrowLeft")
+    opened.page.keyboard.press("Shift+ArrowUp")
+    pressed = opened.lamp()["at"]
+    assert clicked[0] > 0.3 > before[0] and pressed[0] < clicked[0] and pressed[1] > clicked[1] + 0.1
+    body, interface, known = radiance(*measured, direction=np.array(pressed[:3]))
+    assert_shows(opened, body + interface, known)
+    assert opened.said == [] and opened.asked == [far_page.resolve().as_uri()]
+
+
+def test_dragging_on_the_picture_moves_the_lamp_and_several_lamps_add(browser, far_page, measured):
+    opened = Opened(browser, far_page)
+    opened.page.uncheck("#hv-shadows")
+    canvas = opened.page.locator("#hv-canvas").bounding_box()
+    x, y = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
+    opened.page.mouse.move(x, y)
+    opened.page.mouse.down()
+    opened.page.mouse.move(x - 90, y + 60, steps=3)
+    opened.page.mouse.up()
+    at = opened.lamp()["at"]
+    assert at[0] < -0.2 and at[1] < -0.1
+    opened.page.get_by_title("Add a lamp").click()
+    lamps = opened.page.evaluate("() => hagoromo.light()")
+    assert len(lamps) == 2
+    total = 0.0
+    for one in lamps:
+        body, interface, known = radiance(*measured, direction=np.array(one["at"][:3]), irradiance=one["scale"])
+        total = total + body + interface
+    assert_shows(opened, total, known)
+    assert opened.said == []
+
+
+def test_a_near_lamp_of_the_capture_and_another_spectrum_and_camera_are_exact(browser, tmp_path):
+    response, lamp = Response.load("canon_eos_300d"), Spectrum.named("D65")
+    capture, measured = ball(spectrum=lamp, response=response)
+    publish(measured, tmp_path / "page.html")
+    opened = Opened(browser, tmp_path / "page.html")
+    opened.page.uncheck("#hv-shadows")
+    opened.page.select_option("#hv-photograph", label="lamp 1")
+    opened.page.select_option("#hv-spectrum", label="Incandescent (A)")
+    opened.page.select_option("#hv-camera", label="Human eye (CIE 1931)")
+    opened.page.uncheck("#hv-balance")
+    near = opened.lamp()
+    assert near["at"][3] == 1
+    body, interface, known = radiance(capture, measured, position=np.array(near["at"][:3]), irradiance=near["scale"])
+    assert_shows(opened, seen_by_eye(body, interface, response, lamp, Spectrum.named("A")), known)
+    assert opened.said == []
+
+
+def seen_by_eye(body, interface, response, lamp, other):
+    """Linear sRGB, D65 as white, of a body known in `response` under `lamp`, lit by `other` as bright to the eye."""
+    from hagoromo.reflectance.spectra.body_basis import body_basis
+
+    basis, nm = body_basis(response, lamp), np.arange(360.0, 830.5, 0.5)
+    observer = Response.load("cie1931")
+    bars = np.stack([observer.curve(k).at(nm) for k in range(3)])
+    light, day = other.at(nm), Spectrum.named("D65").at(nm)
+    light, day = light / (light @ bars[1]), day / (day @ bars[1])
+    held = np.stack([np.interp(nm, one.wavelengths, one.values) for one in basis])
+    colour = np.maximum(np.einsum("c,cw->w", np.array([1.2, 1.0, 0.8]), held), 0.0)
+    xyz = body @ ((held * light) @ bars.T)
+    left = np.arange(body.shape[1])[None, :, None] < body.shape[1] // 2
+    weight = np.where(left, interface, interface / np.array([1.2, 1.0, 0.8]))
+    xyz = xyz + np.where(left, weight[..., :1] * (bars @ light), weight[..., :1] * (bars @ (light * colour)))
+    white = bars @ day
+    linear = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
+    return xyz * (np.array([0.95047, 1.0, 1.08883]) / white) @ linear.T
+
+
+def test_a_page_is_one_file_that_asks_for_nothing_and_runs_nothing_else(measured, tmp_path):
+    publish(measured[1], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)
+    assert policy and policy[1].startswith("default-src 'none'; script-src 'sha256-") and "unsafe" not in policy[1]
+    assert HOSTILE not in text and "&lt;script&gt;" in text and not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_a_page_keeps_its_limit_and_says_that_it_is_reduced(measured, tmp_path):
+    _, measurement = measured
+    whole = publish(measurement, tmp_path / "whole.html")
+    limit = whole.size - 20_000
+    small = publish(measurement, tmp_path / "small.html", limit=limit)
+    assert whole.reduced == 1.0 and small.reduced > 1.0 and small.width < whole.width
+    assert (tmp_path / "small.html").stat().st_size == small.size <= limit
+    assert "reduced" in str(small) and "px of the photographs each" in (tmp_path / "small.html").read_text("utf-8")
+
+
+def test_planes_come_back(tmp_path):
+    random = np.random.default_rng(7)
+    known = random.uniform(size=(23, 37)) < 0.7
+    planes = {
+        "label": known.astype(np.uint16),
+        "noise": random.integers(0, 65536, known.shape).astype(np.uint16),
+        "ramp": np.add.outer(np.arange(23) * 700, np.arange(37) * 900).astype(np.uint16),
+    }
+    back = unpack_planes(pack_planes(planes, known))
+    assert all((back[name][known] == planes[name][known]).all() for name in planes)
+    assert (back["label"] == planes["label"]).all()
+
+
+def test_a_measurement_without_its_camera_is_refused_in_one_line(measured, tmp_path, capsys):
+    _, measurement = measured
+    measurement.save(tmp_path / "measured")
+    for name in ("camera.json", "lamps.json"):
+        (tmp_path / "measured" / name).unlink()
+    assert main(["publish", str(tmp_path / "measured"), "--out", str(tmp_path / "page.html")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "--capture" in said and not Path(tmp_path / "page.html").exists()
