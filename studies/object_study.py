@@ -69,7 +69,7 @@ def study_object(
 ) -> ObjectStudy:
     """Study of one object with the lamps in `aside` held out in turn.
 
-    others: the lamps as the other objects told them.
+    others: the lamps as measured on the other objects.
     """
     field = flat_field(others, (capture.photographs[0].camera.height, capture.photographs[0].camera.width))
     even = evened(capture, others, field)
