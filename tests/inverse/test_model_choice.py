@@ -1,4 +1,4 @@
-"""Facets with tails and a coloured interface: found where they are, not made up where they are not, and told apart."""
+"""Facets with tails and a coloured interface: found where they are, not made up where they are not, and distinguished."""
 
 import math
 
@@ -18,7 +18,7 @@ from hagoromo.measurement.sight import Sight
 from hagoromo.reflectance import torrance_sparrow
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from hagoromo.reflectance.torrance_sparrow import Cosines
-from studies.coverage_bench import ball, exposed
+from studies.coverage_bench import BENCHES, ball, drawn, exposed, observed
 from studies.goniometer import cosines_of, goniometer, readings
 from studies.merl_rival import Rival, fit_rival
 from studies.merl_rival import torrance_sparrow as interface_in_numpy
@@ -62,6 +62,19 @@ def test_density_of_a_fit_is_that_of_the_package_and_its_slopes_are_differences(
 def test_gaussian_facets_and_a_neutral_interface_stay_so():
     """Decided beforehand: each extension appears in 1 of 100, so of 40 balls in no more than chance allows at 0.1 %."""
     found = [choose_fit(photographed(seed, math.inf, NEUTRAL)).model for seed in range(40)]
+    for extension in ("tails", "coloured"):
+        p_values = [0.0 if getattr(model, extension) else 1.0 for model in found]
+        assert alarms_are_rare(p_values, 0.01), extension
+
+
+def test_the_noise_of_a_few_values_is_no_evidence():
+    """Little light, so that a handful of values decides the colour of the interface: decided as above, 10 balls.
+
+    The law of many values, χ², made it coloured in 3 of these, and in 12 of the first 100.
+    """
+    draws = [np.random.default_rng([2, k]) for k in range(10)]
+    bench = BENCHES["three lamps"]
+    found = [choose_fit(observed(bench, drawn(bench, draw), 1_000.0, draw)).model for draw in draws]
     for extension in ("tails", "coloured"):
         p_values = [0.0 if getattr(model, extension) else 1.0 for model in found]
         assert alarms_are_rare(p_values, 0.01), extension

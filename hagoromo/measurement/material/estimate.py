@@ -11,12 +11,19 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import NORMAL_95
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import find_albedo_variation
-from hagoromo.measurement.material.interval import Profile, inflation, largest_tail, profile_over_n, profile_over_tail
+from hagoromo.measurement.material.interval import (
+    Profile,
+    degrees_of_freedom,
+    inflation,
+    largest_tail,
+    profile_over_n,
+    profile_over_tail,
+)
 from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.model_choice import (
@@ -176,16 +183,15 @@ def _with_wide(chosen: ChosenFit, intervals: dict[str, Any]) -> dict[str, Any]:
     if c == 1:
         missing["interface_colour"] = ((1.0, 1.0),)
     elif wide.free[colour_slice(c)].any():
-        values, errors = zip(*(_value_and_error(wide, colour_of_interface(i)) for i in range(c)), strict=True)
-        missing["interface_colour"] = tuple(
-            (v - NORMAL_95 * e, v + NORMAL_95 * e) for v, e in zip(values, errors, strict=True)
-        )
+        missing["interface_colour"] = tuple(_student_interval(wide, colour_of_interface(i)) for i in range(c))
     return missing | intervals
 
 
-def _value_and_error(fit: MaterialFit, quantity: Quantity) -> tuple[float, float]:
-    value, gradient = quantity(fit.theta[None])
-    return float(value[0]), float(np.sqrt(gradient[0] @ fit.covariance @ gradient[0]))
+def _student_interval(fit: MaterialFit, quantity: Quantity) -> tuple[float, float]:
+    """95 % interval of `quantity`: the estimate and Student's t times its standard error."""
+    (value,), (gradient,) = quantity(fit.theta[None])
+    reach = student.ppf(0.975, degrees_of_freedom(fit, quantity)) * np.sqrt(gradient @ fit.covariance @ gradient)
+    return float(value - reach), float(value + reach)
 
 
 def _remarks(fitted: Fitted, tested: LackOfFit | None, profile: Profile | None = None) -> list[str]:

@@ -3,7 +3,8 @@
 The widest model that is allowed is fitted. Each extension is then taken away from it under the same weights, and stays
 where χ² rises by more than noise would make it rise with probability CHANCE (likelihood ratio). χ² is divided by κ, the
 ratio of the variance of the robust estimate to that of the least squares (Satorra & Bentler 1994), so that residuals
-that are wider than stated, or correlated over an image tile, give no evidence.
+that are wider than stated, or correlated over an image tile, give no evidence. κ follows from the residuals, few of
+which may depend on the extension: the law of the ratio is F, with that many degrees of freedom.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.material.albedo_variation import AlbedoVariation, find_albedo_variation
+from hagoromo.measurement.material.interval import degrees_of_freedom
 from hagoromo.measurement.material.material_fit import INCOMPLETE_SCALE, fit_material
+from hagoromo.measurement.material.quantity import coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import STRENGTH, TAIL, channels_of, colour_slice
@@ -29,6 +32,7 @@ Interface = Literal["auto", "neutral", "coloured"]
 FACETS, INTERFACES = ("auto", "gaussian", "student-t"), ("auto", "neutral", "coloured")
 FIRST_TAIL = 0.2  # 1/ν from which tails are added to a fit without them
 CHANCE = 0.01  # probability that noise makes one extension appear where there is none
+MANY = 1e9  # degrees of freedom: as good as infinitely many
 
 
 @dataclass(frozen=True)
@@ -92,10 +96,9 @@ def choose_fit(
         return ChosenFit(base, asked, base, failure=str(error))
     tails = _rise(wide.fit, _places(wide.fit, "tails")) if wanted.tails and not asked.tails else None
     coloured = _rise(wide.fit, _places(wide.fit, "coloured")) if wanted.coloured and not asked.coloured else None
-    # a tail is 0 or more, so that half of the noise of it does not count
     found = Model(
-        asked.tails or (tails is not None and tails > float(chi2.isf(2.0 * CHANCE, 1))),
-        asked.coloured or (coloured is not None and coloured > float(chi2.isf(CHANCE, observations.channels - 1))),
+        asked.tails or (tails is not None and evidence(wide.fit, "tails", tails) < CHANCE),
+        asked.coloured or (coloured is not None and evidence(wide.fit, "coloured", coloured) < CHANCE),
     )
     if found in (wanted, asked):
         return ChosenFit(wide if found == wanted else base, found, wide, tails, coloured)
@@ -160,6 +163,17 @@ def _reduced(wide: MaterialFit, model: Model) -> Array:
     if not model.coloured:
         theta[colour_slice(channels_of(theta))] = 0.0
     return theta
+
+
+def evidence(fit: MaterialFit, extension: Literal["tails", "coloured"], rise: float) -> float:
+    """Probability that noise alone makes χ²/κ rise by `rise` without the extension of the widest `fit`.
+
+    A tail is 0 or more, so that half of its noise does not count.
+    """
+    places = _places(fit, extension)
+    freedom = min(degrees_of_freedom(fit, coordinate(int(place))) for place in places)
+    p = float(fisher.sf(rise / len(places), len(places), min(freedom, MANY)))
+    return 0.5 * p if extension == "tails" else p
 
 
 def _places(fit: MaterialFit, extension: str) -> NDArray[np.intp]:
