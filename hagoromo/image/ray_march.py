@@ -31,9 +31,9 @@ class RayMarch:
 
     voxels: Dr.Jit Float (voxels · 4), density and axis (x, y, z) of every stored voxel in single precision; only
     where `differentiable`. materials: Dr.Jit Float, of each material alpha, beta, gamma [rad], n, element, then the
-    coefficients of its body and interface colours on the palette; where any body departs from Lambert's law epsilon
-    and sigma; where the facets of any have tails the exponent nu. Both can be replaced, or tracked by
-    `dr.enable_grad`.
+    coefficients of its body and interface colours on the palette; beta and gamma of further lobes; where any body
+    departs from Lambert's law epsilon and sigma; where the facets of any have tails the exponent nu. Both can be
+    replaced, or tracked by `dr.enable_grad`.
     Shadow maps are made once: a derivative holds them fixed. With `Settings(shadows="none")` there are none.
 
         rays = hg.RayMarch(scene, differentiable=True)

@@ -11,21 +11,24 @@ from typing import Annotated, Any
 
 import drjit as dr
 import numpy as np
+from msgspec import Meta
 
-from hagoromo.backend import arrays
+from hagoromo.backend import Array3f, arrays
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord
 from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE, body_albedo_ratio
-from hagoromo.reflectance.element import ELEMENTS, Element
+from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
-from hagoromo.reflectance.torrance_sparrow import cosines, weights_at
+from hagoromo.reflectance.torrance_sparrow import Weights, cosines, weights_at
 
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 LARGEST_GAMMA = math.pi / 2
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
 NEGLIGIBLE = 1e-6  # facet densities below this share of the peak are left out of the albedo
+MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
+Lobe = tuple[float, float]  # β [1/sr] and γ [rad] of a Gaussian lobe
 ELEMENT_NODES = 24  # normals of a sphere or cylinder over which the plane's albedo is averaged
 VIEWS = np.radians([0, 15, 30, 45, 55, 65, 72, 78, 83, 86, 88, 89, 89.7])  # where energy conservation is checked
 
@@ -44,6 +47,9 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
         0.0
     )
     sigma: Annotated[float, about("roughness of the body (Oren and Nayar's); 0: Lambert's law; of planes only")] = 0.0
+    lobes: Annotated[
+        tuple[Lobe, ...], Meta(max_length=MOST_LOBES), about("further Gaussian lobes of the interface, each [β, γ]")
+    ] = ()
     body_colour: Annotated[
         Any,
         like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),
@@ -65,6 +71,8 @@ class Reflectance:
     nu: exponent ν of the facets' tails, D = (1 + (2^{1/ν} − 1) φ²/γ²)^{−ν}, 0.3 or more; infinity: Gaussian facets.
     epsilon, sigma: exponent and roughness of the body, which multiply it by (cosθ_i cosθ_r)^ε (1 + σ s/t), see
     `body_factor`; 0: Lambert's law. Only planes have them.
+    lobes: further lobes of the interface, such as the narrow spike of a polished coat above its wide haze: β [1/sr] and
+    γ [rad] of each, with Gaussian facets, MOST_LOBES at most; they need a beta above 0.
     Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
 
     >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
@@ -83,6 +91,7 @@ class Reflectance:
     nu: float = GAUSSIAN
     epsilon: float = 0.0
     sigma: float = 0.0
+    lobes: tuple[Lobe, ...] = ()
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
@@ -97,6 +106,7 @@ class Reflectance:
             )
         if self.element not in ELEMENTS:
             raise InputError(f"{who}: element is {self.element!r}: give one of {', '.join(ELEMENTS)}")
+        self._check_lobes(who)
         if not self.has_lambert_body and self.element != "plane":
             raise InputError(
                 f"{who}: element is {self.element!r}: give epsilon and sigma to planes only, or leave them out"
@@ -112,6 +122,25 @@ class Reflectance:
                 f"{who} breaks energy conservation: {seen}it reflects "
                 f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
             )
+
+    def weights(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
+        """Weights of f of its element [1/sr], see `element_weights`, with all its lobes."""
+        shape, body_law = (self.gamma, self.n, self.nu), (self.epsilon, self.sigma)
+        whole = element_weights(self.element, axis, to_lamp, to_eye, self.alpha, self.beta, *shape, *body_law)
+        for beta, gamma in self.lobes:
+            more = element_weights(self.element, axis, to_lamp, to_eye, 0.0, beta, gamma, self.n)
+            whole = Weights(whole.body, whole.interface + more.interface)
+        return whole
+
+    def _check_lobes(self, who: str) -> None:
+        object.__setattr__(self, "lobes", tuple((float(beta), float(gamma)) for beta, gamma in self.lobes))
+        if self.lobes and (len(self.lobes) > MOST_LOBES or not self.beta > 0.0):
+            raise InputError(f"{who} has {len(self.lobes)} lobes more: give {MOST_LOBES} at most, and a beta above 0")
+        for beta, gamma in self.lobes:
+            if not (0.0 <= beta <= 1e4 and 1e-4 <= gamma <= LARGEST_GAMMA):
+                raise InputError(
+                    f"{who} has a lobe of beta {beta} and gamma {gamma}: give 0 to 1e4, and 1e-4 to {LARGEST_GAMMA:.4g}"
+                )
 
     @property
     def has_lambert_body(self) -> bool:
@@ -129,17 +158,20 @@ class Reflectance:
 
         Seen along the normal of a plane, across the tangent of a cylinder, from anywhere for a sphere.
         """
-        return self.beta * float(self._interface()[0])
+        return float(self._interface()[0])
 
     def directional_albedo(self) -> np.ndarray:
         """∫ f dL of the element over all lamp directions, at the worst wavelength: (13,), see `interface_albedo`."""
         ratio: Any = 1.0
         if not self.has_lambert_body:
             ratio = body_albedo_ratio(float(self.epsilon), float(self.sigma), tuple(VIEWS.tolist()))
-        return self.body_albedo * ratio + self.beta * self._interface() * _largest(self.interface_colour)
+        return self.body_albedo * ratio + self._interface() * _largest(self.interface_colour)
 
     def _interface(self) -> np.ndarray:
-        return interface_albedo(float(self.gamma), float(self.n), float(self.nu), self.element)
+        albedo = self.beta * interface_albedo(float(self.gamma), float(self.n), float(self.nu), self.element)
+        for beta, gamma in self.lobes:
+            albedo = albedo + beta * interface_albedo(gamma, float(self.n), GAUSSIAN, self.element)
+        return albedo
 
     def record(self) -> dict[str, Any]:
         """Plain figures; `reflectance_from_record` reads them back. Gaussian facets have no key `nu`, bodies after
@@ -147,6 +179,7 @@ class Reflectance:
         """
         figures = {key: getattr(self, key) for key in ("name", "alpha", "beta", "gamma", "n", "element")}
         figures |= {} if is_gaussian(self.nu) else {"nu": self.nu}
+        figures |= {"lobes": [list(lobe) for lobe in self.lobes]} if self.lobes else {}
         figures |= {} if self.has_lambert_body else {"epsilon": self.epsilon, "sigma": self.sigma}
         return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
 
@@ -171,7 +204,7 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
         colours = body(given.body_colour), interface
         body_law = given.epsilon, given.sigma
         numbers = given.alpha, given.beta, given.gamma, given.n
-        return Reflectance(*numbers, *colours, given.element, given.name, nu, *body_law)
+        return Reflectance(*numbers, *colours, given.element, given.name, nu, *body_law, given.lobes)
 
 
 def _without_gaussian_nu(record: Any) -> Any:

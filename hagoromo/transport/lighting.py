@@ -70,7 +70,8 @@ class Materials:
 
     Where the body of some reflectance departs from Lambert's law, `epsilon` and `sigma` follow; where the facets of
     some have tails, `nu` is the last entry (infinity: Gaussian facets). Otherwise there are no such entries, and
-    kernels compute Lambert's law and Gaussian facets alone.
+    kernels compute Lambert's law and Gaussian facets alone. Before all these stand beta and gamma of further lobes, as
+    many as the reflectance with most of them has; they are those of planes and cylinders, a sphere's are in its table.
     """
 
     def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
@@ -78,16 +79,16 @@ class Materials:
         self.elements = tuple(sorted({r.element for r in reflectances}))
         self.have_tails = not all(is_gaussian(r.nu) for r in reflectances)
         self.have_body_laws = not all(r.has_lambert_body for r in reflectances)
-        further = [[r.epsilon, r.sigma] * self.have_body_laws + [r.nu] * self.have_tails for r in reflectances]
+        self.lobes = max(len(r.lobes) for r in reflectances)
+        further = [
+            _lobes(r, self.lobes) + [r.epsilon, r.sigma] * self.have_body_laws + [r.nu] * self.have_tails
+            for r in reflectances
+        ]
         own = [_row(r, palette) for r in reflectances]
         rows = np.array([row + more for row, more in zip(own, further, strict=True)], np.float32)
         self.width = rows.shape[1]
         self.rows = lookup(jit.Float, rows)
-        tables = [
-            sphere_table(r.gamma, SPHERE_ENTRIES, nu=r.nu, graded=self.have_tails)
-            for r in reflectances
-            if r.element == "sphere"
-        ]
+        tables = [_sphere_table(r, self.have_tails) for r in reflectances if r.element == "sphere"]
         self.spheres = lookup(jit.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
         self.sphere_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32))
@@ -107,7 +108,7 @@ class Materials:
         nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
         body_law = (0.0, 0.0)
         if self.have_body_laws:
-            first = 5 + len(self.palette.colours)
+            first = 5 + len(self.palette.colours) + 2 * self.lobes
             body_law = self.read(material, first), self.read(material, first + 1)
         chosen: Weights | None = None
         for name in self.elements:
@@ -118,7 +119,20 @@ class Materials:
                 here = element == ELEMENTS.index(name)
                 chosen = Weights(*(dr.select(here, new, old) for new, old in zip(weights, chosen, strict=True)))
         assert chosen is not None
-        return chosen
+        return self._with_lobes(chosen, material, axis, to_lamp, to_eye)
+
+    def _with_lobes(
+        self, weights: Weights, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f
+    ) -> Weights:
+        """`weights` and what the further lobes of `material` add; a lobe that a material lacks has β = 0."""
+        n, element, interface = self.read(material, 3), self.read(material, 4), weights.interface
+        for k in range(self.lobes):
+            beta, gamma = (self.read(material, 5 + len(self.palette.colours) + 2 * k + part) for part in (0, 1))
+            for name in self.elements:
+                if name != "sphere":
+                    more = element_weights(name, axis, to_lamp, to_eye, 0.0, beta, gamma, n).interface
+                    interface = interface + dr.select(element == ELEMENTS.index(name), more, 0.0)
+        return Weights(weights.body, interface)
 
     def _element(
         self,
@@ -312,6 +326,20 @@ def position_of(spectrum: Spectrum, among: Sequence[Spectrum]) -> int:
 
 def _key(spectrum: Spectrum) -> tuple[bytes, bytes]:
     return spectrum.wavelengths.tobytes(), spectrum.values.tobytes()
+
+
+def _lobes(r: Reflectance, count: int) -> list[float]:
+    """β and γ of `count` further lobes; those that `r` lacks, and those of a sphere, have β = 0."""
+    own = [] if r.element == "sphere" else list(r.lobes)
+    return [number for lobe in (own + [(0.0, 1.0)] * count)[:count] for number in lobe]
+
+
+def _sphere_table(r: Reflectance, graded: bool) -> np.ndarray:
+    """The facets of a sphere, of all lobes together, in units of β."""
+    table = sphere_table(r.gamma, SPHERE_ENTRIES, nu=r.nu, graded=graded)
+    for beta, gamma in r.lobes:
+        table = table + np.float32(beta / r.beta) * sphere_table(gamma, SPHERE_ENTRIES, graded=graded)
+    return table
 
 
 def _row(r: Reflectance, palette: Palette) -> list[float]:

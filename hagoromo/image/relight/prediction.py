@@ -26,7 +26,7 @@ from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
-from hagoromo.measurement.material.material_objective import expected, theta_of
+from hagoromo.measurement.material.material_objective import interface_of
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
@@ -159,7 +159,7 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
         if not region.any():
             continue
         view = sight_of(photograph, relief.points[region].astype(np.float64), relief.normals[region].astype(np.float64))
-        interface = expected(view, theta_of(material, np.zeros(3)))
+        interface = interface_of(view, material)
         body = view.body_of(material.epsilon, material.sigma)
         values[region] = body * (relief.body[region] @ matrix.T) + interface
     return values

@@ -40,7 +40,12 @@ def surface_reflectances(
         interface = _on_basis(material.interface_colour, basis) if coloured else NEUTRAL
         colours = _on_basis(material.body_colour, basis), interface
         weights, shape = (material.alpha * dim, material.beta * dim), (material.gamma, material.n)
-        law = material.nu, material.epsilon, material.sigma
+        law = (
+            material.nu,
+            material.epsilon,
+            material.sigma,
+            tuple((beta * dim, gamma) for beta, gamma in material.lobes),
+        )
         reflectances.append(Reflectance(*weights, *shape, *colours, "plane", material.name, *law))
     return reflectances
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.matter.texel.layer import LAMP_DISTANCE_M, Layer
-from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.film import R3
@@ -90,9 +89,7 @@ def light_of_pairs(
         sums = []
         for k, (m, density, axis) in enumerate(zip(materials, densities, axes, strict=False)):
             there = dr.gather(jit.Array3f, axis, number)
-            body, interface = element_weights(
-                m.element, there, lamp, eye, m.alpha, m.beta, m.gamma, m.n, m.nu, m.epsilon, m.sigma
-            )
+            body, interface = m.weights(there, lamp, eye)
             share = dr.gather(jit.Float, density, number) / dr.gather(jit.Float, whole, number)
             share *= layer.projected_area(k, there, eye) / drawn
             sums += [dr.block_sum(share * value, drawn) * total for value in (body, interface, 1.0)]

@@ -21,7 +21,6 @@ from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.matter.texel.layer import LAMP_DISTANCE_M, Layer
 from hagoromo.matter.texel.layer_light import MatterPoints, light_of_pairs, vectors
-from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
@@ -143,9 +142,7 @@ class RaysThrough:
         scales = layer.textures.scales(layer.row)
         for density, axis, m, scale in zip(densities, axes, self.materials, scales, strict=True):
             unit = dr.normalize(axis + 1e-9)
-            weights = element_weights(
-                m.element, unit, way, eye, m.alpha, m.beta, m.gamma, m.n, m.nu, m.epsilon, m.sigma
-            )
+            weights = m.weights(unit, way, eye)
             for value, factor in zip(weights, scale.at(eye, way), strict=True):
                 radiance.append(density * arrived * value * factor)
         return radiance

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares import HUBER
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
-from hagoromo.measurement.material.material_objective import expected, theta_of
+from hagoromo.measurement.material.material_objective import expected, interface_of, theta_of
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
@@ -64,7 +64,7 @@ class BodyMap:
             index = pixels.rows, pixels.columns
             body[index] = self.value[index] * geometry.body_of(material.epsilon, material.sigma)
             if self.gloss is None:
-                interface[index] = expected(geometry, theta_of(material, np.zeros(self.value.shape[2])))
+                interface[index] = interface_of(geometry, material)
             else:
                 strength = self.gloss.beta[index] * ((material.n - 1.0) / (material.n + 1.0)) ** 2
                 lobes = Lobes(geometry, material.n, LobeShape.of(material))

@@ -5,7 +5,7 @@ Rows θ are those of `parameters`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -166,6 +166,13 @@ def theta_of(material: MaterialEstimate, alpha_body: Array) -> Array:
     """θ (P,) of an estimate, with the body α c_b `alpha_body` (C,)."""
     colour = np.array(material.interface_colour)
     return pack_theta(alpha_body, material.beta, material.gamma, material.n, material.nu, colour)
+
+
+def interface_of(sight: Sight, material: MaterialEstimate) -> Array:
+    """Values (N, C) of the interface of an estimate, all its lobes together."""
+    none = np.zeros(len(material.body_colour))
+    further = [replace(material, beta=beta, gamma=gamma, nu=np.inf) for beta, gamma in material.lobes]
+    return np.sum([expected(sight, theta_of(lobe, none)) for lobe in (material, *further)], axis=0)
 
 
 def expected(sight: Sight, theta: Array) -> Array:

@@ -32,6 +32,7 @@ from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.reflectance import interface_albedo
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
@@ -87,6 +88,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     interval |= {key: (one - NORMAL_95 * spread, one + NORMAL_95 * spread) for key, (one, spread) in law.items()}
     identifiable |= {key: spread <= LARGEST_LAW_ERROR for key, (_, spread) in law.items()}
     both = gloss.correlation()
+    value |= _further(fit, number, value)
     return MaterialEstimate(
         name=f"material {number + 1}",
         pixels=int(mine.sum()),
@@ -99,11 +101,32 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
         remarks=(
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
+            *_lobe_remarks(fit, number),
             *_remarks(fit, number, identifiable, interval["nu"][0]),
         ),
         convergence=None if fit.status is None else fit.status.record(),
         **value,
     )
+
+
+def _further(fit: Fit, number: int, value: dict[str, Any]) -> dict[str, Any]:
+    """Further lobes of one material, with β of the interface colour of mean 1, and the specular albedo with them."""
+    lobes = () if fit.lobes is None else fit.lobes.each[number]
+    mean = float(fit.gloss.colour[number].mean())
+    more = tuple((beta * mean, gamma) for beta, gamma in lobes)
+    albedo = sum(beta * float(interface_albedo(gamma, N)[0]) for beta, gamma in more)
+    return {"lobes": more, "specular_albedo": value["specular_albedo"] + albedo} if more else {}
+
+
+def _lobe_remarks(fit: Fit, number: int) -> list[str]:
+    """One line for further lobes."""
+    if fit.lobes is None or not fit.lobes.each[number]:
+        return []
+    widths = ", ".join(f"{math.degrees(gamma):.1f}°" for _, gamma in fit.lobes.each[number])
+    return [
+        f"one lobe is not enough: further ones of half width {widths} take {100.0 * fit.lobes.gains[number]:.0f} % off "
+        "the squared error of photographs that were left out; errors and intervals are those of the first lobe alone"
+    ]
 
 
 def _body_law(fit: Fit, number: int) -> dict[str, tuple[float, float]]:

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from hagoromo.least_squares import CAUCHY_SCALE
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
+from hagoromo.measurement.normals.lobe_fit import with_lobes
 from hagoromo.measurement.normals.photometric_fit import photometric_fit
 from hagoromo.measurement.normals.photometric_model import Fit, Prior
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
-from hagoromo.progress import Progress, silent
+from hagoromo.progress import Progress, part_of, silent
 
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
@@ -61,9 +62,29 @@ def solve_normals(
 
     labels: (h, w) materials 0, 1, …, −1 unknown; by default they follow from the body colours. prior: standard
     deviations of the lamps' strengths and places and of the bodies' parameters before the photographs are used. model:
-    whether facets have tails, and the interface a colour of its own: never, always, or by evidence.
+    whether facets have tails, and the interface a colour of its own: never, always, or by evidence. Further lobes of
+    the interface are found where photographs that are left out need them.
     Raises `InputError` when the photographs do not determine the normals (see `views_from_capture`).
     """
+    solved = solve_with_one_lobe(capture, labels, prior, part_of(progress, 0.0, 0.8), model)
+    progress(0.8, "lobes")
+    return with_further_lobes(capture, solved)
+
+
+def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
+    """`solved`, normals of `capture`, with further lobes of the interface and body colours that go with them."""
+    fit = with_lobes(capture, solved.views, solved.fit)
+    return replace(solved, fit=fit, body=solved.views.image(fit.body.T.astype(np.float32)))
+
+
+def solve_with_one_lobe(
+    capture: Capture,
+    labels: NDArray[np.integer] | None = None,
+    prior: Prior | None = None,
+    progress: Progress = silent,
+    model: GlossModel = BY_EVIDENCE,
+) -> NormalMap:
+    """As `solve_normals`, with one lobe of each material."""
     progress(0.0, "normals")
     views = views_from_capture(capture)
     normals, body = robust_lambert(views)

@@ -38,6 +38,16 @@ class GlossChoice:
     failure: str = ""
 
 
+@dataclass(frozen=True)
+class Lobes:
+    """Further lobes of the interface of M materials: of each its β and γ [rad], and the share of the squared error of
+    photographs left out by which they predict better.
+    """
+
+    each: tuple[tuple[tuple[float, float], ...], ...]
+    gains: tuple[float, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """normals (P, 3), body (C, P), labels (P,) of the materials, gloss, lamps: strength ln e (K,), slope a (K, 2), and
@@ -48,7 +58,8 @@ class Fit:
     [rad²], the sum over its two turns; inf where not estimated. covariance: (M, G, G) of the rows of `gloss`.
     choice: whether the facets of each material have tails, and its interface a colour of its own; None: not examined.
     status: how the fit of gloss and lamps ended; pixel_status: (P,) `Status` of the fit of each normal; shape_status:
-    how the rounds of normals and surface under near lamps ended. None: there was no such fit.
+    how the rounds of normals and surface under near lamps ended. None: there was no such fit. lobes: further lobes of
+    the interface (`lobe_fit`); None: every material has one.
     """
 
     normals: Array
@@ -66,6 +77,7 @@ class Fit:
     status: FitStatus | None = None
     pixel_status: NDArray[np.int8] | None = None
     shape_status: FitStatus | None = None
+    lobes: Lobes | None = None
 
     def evenness(self, place: Array) -> Array:
         """s_k (K, P) at `place` (P, 2)."""
@@ -91,7 +103,24 @@ def evenness(strength: Array, slope: Array, place: Array) -> Array:
 def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     """(K, C, P) values of the fit under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
     shade = shading(fit.normals, to_lamp, to_eye, fit.gloss.rows[fit.labels])
-    return fit.body[None] * shade.body[:, None] + fit.interface_colour * shade.interface[:, None]
+    further = _further(fit, to_lamp, to_eye)
+    interface = shade.interface if further is None else shade.interface + further
+    return fit.body[None] * shade.body[:, None] + fit.interface_colour * interface[:, None]
+
+
+def _further(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
+    """(K, P) what the further lobes add to the interface under lamps (K, P, 3); None where there are none."""
+    if fit.lobes is None:
+        return None
+    count = max(len(one) for one in fit.lobes.each)
+    total = np.zeros(to_lamp.shape[:2])
+    for k in range(count):
+        rows = fit.gloss.rows.copy()
+        for m, one in enumerate(fit.lobes.each):
+            rows[m, :2] = (np.log(one[k][0]), np.log(one[k][1])) if k < len(one) else (-np.inf, 0.0)
+        rows[:, TAIL:] = 0.0
+        total = total + shading(fit.normals, to_lamp, to_eye, rows[fit.labels]).interface
+    return total
 
 
 def precision(views: Views, model_error: float) -> Array:

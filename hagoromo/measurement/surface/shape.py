@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, Status
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.independent_share import independent_share
-from hagoromo.measurement.normals.normals import NormalMap, solve_normals
+from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.pixel_fit import Light
 from hagoromo.measurement.normals.views import Array, Views
@@ -92,9 +92,9 @@ def solve_shape(
         at_points = replace(capture, points=np.asarray(points))
         early = round_ < SIMPLE_ROUNDS
         if early:
-            normal_map = solve_normals(at_points, labels, strict, model=SIMPLE)
+            normal_map = solve_with_one_lobe(at_points, labels, strict, model=SIMPLE)
         else:
-            normal_map = solve_normals(at_points, None, prior, model=model)
+            normal_map = solve_with_one_lobe(at_points, None, prior, model=model)
         depth = depth_estimate(normal_map)
         middle = float(np.median(np.exp(depth.log_depth[depth.precision > 0.0])))
         surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth, draws=0)
@@ -104,8 +104,9 @@ def solve_shape(
             status = Status.CONVERGED
             break
     surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
-    progress(1.0, "")
     ended = FitStatus(status, round_ + 1, last_step=change)
+    normal_map = with_further_lobes(capture, normal_map)
+    progress(1.0, "")
     return Shape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
 
 

@@ -19,7 +19,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Here, Workers
 from hagoromo.errors import InputError
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
-from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_normals
+from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_with_one_lobe
 from hagoromo.measurement.normals.photometric_model import Prior, evenness, precision
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, Light, fit_pixels
 from hagoromo.measurement.normals.views import Array, views_from_stack
@@ -77,7 +77,7 @@ def solve_coarse(
     if has_near_lamps(capture):
         shape = solve_shape(capture, distance, prior, progress, model)
         return Coarse(capture, shape.normal_map, shape.surface)
-    normal_map = solve_normals(capture, prior=prior, progress=progress, model=model)
+    normal_map = solve_with_one_lobe(capture, prior=prior, progress=progress, model=model)
     camera = capture.photographs[0].camera
     return Coarse(capture, normal_map, surface_from_normals(normal_map.normals, camera, distance, normal_map.variance))
 

@@ -30,8 +30,8 @@ class MaterialEstimate:
     pixels: number of pixels with its label. body_colour, interface_colour: one value per channel, of mean 1; an
     interface of ones is neutral. alpha [1/sr], beta [1/sr], gamma [rad], n: see `torrance_sparrow`. nu: ν of the tails
     of the facets, inf for Gaussian ones. specular_albedo: integral of the interface part over all directions, for light
-    along the normal, the mean of the channels. epsilon, sigma: of the body, see `body_factor`; 0 where they were not
-    estimated, with Lambert's law.
+    along the normal, the mean of the channels. lobes: β [1/sr] and γ [rad] of further Gaussian lobes of the interface.
+    epsilon, sigma: of the body, see `body_factor`; 0 where they were not estimated, with Lambert's law.
     standard_error, interval_95: of each of these, None where there is none; colours have one per channel.
     correlation: (4, 4) between PARAMETERS, None where one of the two was not estimated.
     identifiable: whether the photographs determine the parameter; where they do not, its value is a stated choice (see
@@ -65,6 +65,7 @@ class MaterialEstimate:
     nu: float = math.inf
     epsilon: float = 0.0
     sigma: float = 0.0
+    lobes: tuple[tuple[float, float], ...] = ()
 
     def __repr__(self) -> str:
         name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
@@ -105,7 +106,7 @@ class MaterialEstimate:
         if element != "plane" and body_law != (0.0, 0.0):
             alpha, body_law = alpha * diffuse_albedo_ratio(*body_law), (0.0, 0.0)
         numbers = alpha, self.beta, self.gamma, self.n
-        return Reflectance(*numbers, body, interface, element, self.name, self.nu, *body_law)
+        return Reflectance(*numbers, body, interface, element, self.name, self.nu, *body_law, self.lobes)
 
     def _spectrum(
         self, part: str, colour: tuple[float, ...], response: Response | None, lamp_spectrum: Spectrum | None

@@ -90,6 +90,9 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     n: Annotated[float, about("refractive index")]
     epsilon: Annotated[float, about("exponent of the body (Minnaert's, less 1); 0: Lambert's law")] = 0.0
     sigma: Annotated[float, about("roughness of the body (Oren and Nayar's); 0: Lambert's law")] = 0.0
+    lobes: Annotated[
+        tuple[tuple[float, float], ...], about("further Gaussian lobes of the interface, each [beta, gamma]")
+    ] = ()
     specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
     element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
     standard_error: Annotated[StandardErrors, about("standard error of each parameter")]

@@ -1,0 +1,118 @@
+"""Simulated glossy objects: a bumpy dome under far lamps, whose highlights are a spike on a wide haze and are clipped.
+
+The truth is written down here once more and shares no line with the product: a body after Minnaert with a colour that
+varies, and two Gaussian lobes with Fresnel's and the masking factor of eq. (5) and (6). Photographs have shot noise,
+read noise, 8 or more bits, and a white at which they are clipped; lamps are off their stated directions and strengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hagoromo as hg
+from studies.cast_shadow import lit_share
+
+Array = NDArray[np.float64]
+FOCAL, PIXEL = 1e5, 5e-4  # px and m: seen from afar
+LAMPS = 20
+LARGEST_TILT = 62.0  # ° of a lamp from the camera's axis
+DIRECTION_ERROR, STRENGTH_ERROR = 0.2, 0.005  # °, and relative, of the stated lamps
+FULL_WELL, READ_NOISE = 20_000.0, 8.0  # electrons
+CLIPPED_SHARE = 99.7  # percentile of the values of a photograph that is its white
+
+
+@dataclass(frozen=True)
+class Gloss:
+    """Truth of an object: exponent ε of the body, and β [1/sr] and γ [°] of both lobes; n is 1.5."""
+
+    epsilon: float
+    haze: tuple[float, float]
+    spike: tuple[float, float]
+
+
+GLOSSY = {
+    "glaze": Gloss(0.10, (0.8, 8.0), (6.0, 1.8)),
+    "lacquer": Gloss(-0.12, (0.4, 12.0), (10.0, 2.5)),
+    "waxed": Gloss(0.05, (0.5, 20.0), (1.5, 5.0)),
+}
+
+
+def glossy_object(name: str, seed: int = 0, size: int = 120) -> tuple[hg.Capture, Array]:
+    """The capture of an object of GLOSSY, of unknown shape, and its true normals (h, w, 3), 0 beside it."""
+    random, gloss = np.random.default_rng([seed, sorted(GLOSSY).index(name)]), GLOSSY[name]
+    camera = hg.Camera(size, size, (FOCAL, FOCAL), (size / 2, size / 2), name="simulated")
+    camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
+    points, normals, on_object = _dome(random, size)
+    body = _body(random, size)
+    directions = _lamps(random)
+    values = []
+    for direction in directions:
+        light = _reflected(normals, direction, gloss, body) * lit_share(points, camera, direction)[..., None]
+        values.append(np.pi * np.where(on_object[..., None], light, 0.0) * (1.0 + STRENGTH_ERROR * random.normal()))
+    white = float(np.percentile(np.stack(values)[:, on_object].max(axis=2), CLIPPED_SHARE))
+    photographs = []
+    for number, (direction, true) in enumerate(zip(directions, values, strict=True)):
+        electrons = random.poisson(true / white * FULL_WELL) + random.normal(0.0, READ_NOISE, true.shape)
+        read = np.minimum(np.rint(electrons / FULL_WELL * 4095.0) / 4095.0, 1.0)
+        variance = np.maximum(read, 0.0) / FULL_WELL + (READ_NOISE / FULL_WELL) ** 2 + 1.0 / 4095.0**2 / 12.0
+        valid = on_object & (read < 1.0).all(axis=2)
+        stated = direction + np.radians(DIRECTION_ERROR) * random.normal(size=3)
+        lamp = hg.Lamp(to_lamp=stated / np.linalg.norm(stated), intensity=np.pi / white, name=f"lamp {number}")
+        photographs.append(
+            hg.Photograph(read, variance, valid, camera, (lamp,), f"{name} {number}"),
+        )
+    return hg.Capture(tuple(photographs), name), np.where(on_object[..., None], normals, 0.0)
+
+
+def _dome(random: np.random.Generator, size: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Points [m], normals and mask of a dome with bumps, which throw shadows."""
+    from scipy.ndimage import gaussian_filter
+
+    y, x = (np.mgrid[:size, :size] + 0.5 - size / 2) / (0.46 * size)
+    radius2 = x * x + y * y
+    on_object = radius2 < 1.0
+    height = 0.85 * np.sqrt(np.maximum(1.02 - radius2, 0.02))
+    noise = gaussian_filter(random.normal(size=(size, size)), 0.035 * size)
+    height = (height + 0.035 * noise / noise.std()) * 0.46 * size  # px
+    down, across = np.gradient(height)
+    normals = np.stack([-across, down, np.ones_like(height)], axis=2)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    points = PIXEL * np.stack([x * 0.46 * size, -y * 0.46 * size, height], axis=2)
+    return np.where(on_object[..., None], points + 1e-12, 0.0), normals, on_object
+
+
+def _body(random: np.random.Generator, size: int) -> Array:
+    """(h, w, 3) α c_b [1/sr]: one hue whose lightness varies smoothly by a fifth."""
+    from scipy.ndimage import gaussian_filter
+
+    noise = gaussian_filter(random.normal(size=(size, size)), 0.08 * size)
+    return (1.0 + 0.2 * noise / noise.std())[..., None] * np.array([0.10, 0.07, 0.05])
+
+
+def _lamps(random: np.random.Generator) -> Array:
+    """(LAMPS, 3) unit directions, evenly over a cap about the camera's axis (world: z to the camera)."""
+    k = np.arange(LAMPS) + 0.5
+    cosine = 1.0 - (1.0 - np.cos(np.radians(LARGEST_TILT))) * k / LAMPS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * k + random.uniform(0.0, 2.0 * np.pi)
+    sine = np.sqrt(1.0 - cosine**2)
+    return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
+
+
+def _reflected(normals: Array, to_lamp: Array, gloss: Gloss, body: Array) -> Array:
+    """(h, w, 3) radiance per unit irradiance, seen along z."""
+    eye = np.array([0.0, 0.0, 1.0])
+    half = (to_lamp + eye) / np.linalg.norm(to_lamp + eye)
+    cos_i, cos_r, cos_q = normals @ to_lamp, normals[..., 2], float(half @ eye)
+    phi = np.degrees(np.arccos(np.clip(normals @ half, -1.0, 1.0)))
+    g = np.sqrt(1.5**2 + cos_q**2 - 1.0)
+    fresnel = 0.5 * ((g - cos_q) / (g + cos_q)) ** 2
+    fresnel *= 1.0 + ((cos_q * (g + cos_q) - 1.0) / (cos_q * (g - cos_q) + 1.0)) ** 2
+    masked = np.minimum(1.0, 2.0 * (normals @ half) * np.minimum(cos_i, cos_r) / cos_q)
+    density = sum(beta * 2.0 ** -((phi / width) ** 2) for beta, width in (gloss.haze, gloss.spike))
+    lit, low = (cos_i > 0.0) & (cos_r > 0.0), 0.02
+    diffuse = cos_i * (np.maximum(cos_i, low) * np.maximum(cos_r, low)) ** gloss.epsilon
+    interface = density * fresnel * np.maximum(masked, 0.0) / np.where(lit, cos_r, 1.0)
+    return np.where(lit[..., None], body * diffuse[..., None] + interface[..., None], 0.0)
