@@ -1,4 +1,4 @@
-"""Facets with tails and a coloured interface: found where they are, not made up where they are not, and distinguished."""
+"""Facets with tails and a coloured interface: found where they are, and only there; one is not taken for the other."""
 
 import math
 
