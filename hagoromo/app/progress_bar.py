@@ -13,6 +13,7 @@ from hagoromo.progress import Progress
 
 QUIET_S = 30.0  # a command shorter than this writes no lines, so that bad input is answered by one line alone
 PAUSE_S = 10.0  # between two lines
+LEAST_SHARE = 0.02  # of the work, from which the time of the rest is estimated
 LINE_SHARE = 0.1  # of the work, after which a line is due
 
 
@@ -26,7 +27,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         yield progress_lines(title)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
     columns = (
@@ -34,6 +35,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
     )
     with Bars(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0)
@@ -56,6 +58,18 @@ def progress_lines(title: str, clock: Callable[[], float] = time.monotonic) -> P
         if clock() - last_s < PAUSE_S or (share - last_share < LINE_SHARE and step == last_step):
             return
         last_s, last_share, last_step = clock(), share, step
-        print(f"{title}: {100.0 * share:.0f} %{', ' if step else ''}{escaped(step)}", file=sys.stderr, flush=True)
+        parts = [f"{100.0 * share:.0f} %", escaped(step), time_left(share, last_s - start)]
+        print(f"{title}: {', '.join(part for part in parts if part)}", file=sys.stderr, flush=True)
 
     return shown
+
+
+def time_left(share: float, seconds: float) -> str:
+    """How long work will go on of which a `share` took `seconds`, if the rest takes as long: a few words, or none."""
+    if not LEAST_SHARE <= share < 1.0:
+        return ""
+    left = seconds * (1.0 - share) / share
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0)):
+        if left >= 2.0 * size:
+            return f"about {left / size:.0f} {unit} left"
+    return f"about {left:.0f} s left"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hagoromo.app.progress_bar import PAUSE_S, QUIET_S, progress_lines
+from hagoromo.app.progress_bar import PAUSE_S, QUIET_S, progress_lines, time_left
 from hagoromo.progress import part_of, silent
 
 
@@ -44,4 +44,13 @@ def test_without_a_terminal_long_work_writes_a_line_per_tenth_or_step(capsys):
     progress(0.26, "materials")
     clock.seconds += PAUSE_S
     progress(1.0)
-    assert capsys.readouterr().err == "measure: 20 %, normals\nmeasure: 26 %, materials\nmeasure: 100 %\n"
+    assert capsys.readouterr().err == (
+        "measure: 20 %, normals, about 2 min left\nmeasure: 26 %, materials, about 114 s left\nmeasure: 100 %\n"
+    )
+
+
+def test_the_time_that_is_left_follows_the_share_that_is_done():
+    assert time_left(0.25, 60.0) == "about 3 min left"
+    assert time_left(0.5, 90.0) == "about 90 s left"
+    assert time_left(0.1, 3600.0) == "about 9 hours left" and time_left(0.02, 86400.0) == "about 49 days left"
+    assert time_left(0.01, 60.0) == "" == time_left(1.0, 60.0)

@@ -61,10 +61,17 @@ class BoxGroup:
 
     def holds(self, block: tuple[int, int, int]) -> bool:
         """Whether a block has been written."""
+        return all(chunk.is_file() and chunk.stat().st_size for chunk in self._chunks(block))
+
+    def size(self, block: tuple[int, int, int]) -> int:
+        """Bytes on disk of a block that has been written."""
+        return sum(chunk.stat().st_size for chunk in self._chunks(block))
+
+    def _chunks(self, block: tuple[int, int, int]) -> list[Path]:
+        """The file of a block in each array."""
         key = "/".join(map(str, ("c", *block)))
         suffix = {"axis": "/0", "body_colour": "/0"}
-        chunks = [self.folder / name / (key + suffix.get(name, "")) for name in self._arrays]
-        return all(chunk.is_file() and chunk.stat().st_size for chunk in chunks)
+        return [self.folder / name / (key + suffix.get(name, "")) for name in self._arrays]
 
     def finish(self, places: NDArray[np.integer]) -> None:
         """Write which bricks are stored, (n, 3), and zeros where one of them lies in a block that was not written.

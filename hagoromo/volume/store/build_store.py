@@ -15,6 +15,7 @@ from hagoromo.progress import Progress, part_of, silent
 from hagoromo.volume.store.blocks import Block, filled, kept_bricks, matter_flags
 from hagoromo.volume.store.box_group import BoxGroup
 from hagoromo.volume.store.box_store import save_box
+from hagoromo.volume.store.disk_budget import check_disk
 from hagoromo.volume.store.packed_bricks import write_packed
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.zarr_blocks import in_order
@@ -38,12 +39,13 @@ def build_box(
     elsewhere: writes the blocks of parts in other processes, which see the same folder and have the same plan.
 
     fingerprint: text that differs for plans of different voxels; a run that was cut off is taken up again by the next
-    one with the same, see `resumable_folder`, which also says what is raised.
+    one with the same, see `resumable_folder`, which also says what is raised, as does `check_disk`.
     """
     blocks = plan.blocks
     if plan.header.texel:  # small: built in memory
         save_box(plan.box(), path, force)
         return
+    check_disk(plan, path)
     with resumable_folder(path, fingerprint, force) as folder:
         group = group_of(plan, folder)
         done = folder.parent / "done"

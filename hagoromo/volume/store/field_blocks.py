@@ -57,6 +57,13 @@ class FieldBlocks:
         groups = np.flatnonzero(np.diff(starts // BRICKS_AT_ONCE, prepend=-1))
         return np.split(blocks, groups[1:])
 
+    def drawn(self, count: int) -> Iterator[tuple[float, Iterator[tuple[Block, dict[str, NDArray]]]]]:
+        """Probability of a draw, in proportion to the bricks of a block, and what `read` gives of it."""
+        blocks = list(self._ranges)
+        share = np.array([end - begin for begin, end in self._ranges.values()]) / max(len(self._candidates), 1)
+        for number in np.random.default_rng(0).choice(len(blocks), count if blocks else 0, p=share):
+            yield float(share[number]), self.read(np.array([blocks[number]]))
+
     def read(self, part: NDArray[np.integer]) -> Iterator[tuple[Block, dict[str, NDArray]]]:
         """The blocks of a part that hold anything, with their voxels (64, 64, 64, …)."""
         ranges = [self._ranges[z, y, x] for z, y, x in part.tolist()]

@@ -31,6 +31,13 @@ class Blocks(Protocol):
         """Blocks that may hold matter, (n, 3), in parts that are read together; always the same ones."""
         ...
 
+    def drawn(self, count: int) -> Iterator[tuple[float, Iterator[tuple[Block, dict[str, NDArray]]]]]:
+        """Probability of a draw, and what `read` gives of the block or part that was drawn; the same ones each time.
+
+        count: of blocks; there are two draws at least, where there is anything.
+        """
+        ...
+
     def read(self, part: NDArray[np.integer]) -> Iterator[tuple[Block, dict[str, NDArray]]]:
         """The blocks of a part that hold anything, with their voxels (≤ 64, ≤ 64, ≤ 64, …)."""
         ...

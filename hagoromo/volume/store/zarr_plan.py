@@ -20,6 +20,8 @@ from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.read_bricks import occupied_places, read_bricks
 from hagoromo.volume.store.zarr_blocks import ZarrBlocks
 
+BLOCKS_OF_DRAW = 8  # that a draw of a tile stands for
+
 
 def box_from_zarr(
     density: str | Path,
@@ -59,6 +61,14 @@ class ZarrVolume:
         ends = -(-np.array(self.shape) // BLOCK_SIDE)
         blocks = (inner + tile * self.source.tile // BLOCK_SIDE for tile in self.source.tiles())
         return [part[(part < ends).all(axis=1)] for part in blocks]
+
+    def drawn(self, count: int) -> Iterator[tuple[float, Iterator[tuple[Block, dict[str, NDArray]]]]]:
+        """Probability of a draw, and what `read` gives of the part: a tile, so that there are fewer draws."""
+        parts = self.parts()
+        share = np.array([len(part) for part in parts]) / max(sum(map(len, parts)), 1)
+        draws = -(-count // BLOCKS_OF_DRAW) if parts else 0
+        for number in np.random.default_rng(0).choice(len(parts), draws, p=share):
+            yield float(share[number]), self.read(parts[number])
 
     def read(self, part: NDArray[np.integer]) -> Iterator[tuple[Block, dict[str, NDArray]]]:
         """The blocks of a tile that hold matter, with their voxels."""
