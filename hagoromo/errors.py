@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -23,13 +24,19 @@ def one_line(message: object) -> str:
     >>> one_line("a.json: name must be a text: given \x1b[31m")
     'a.json: name must be a text: given \\\\x1b[31m'
     """
-    text = str(message)
-    if not text.isprintable():
-        text = BREAKS.sub(" ", text)
-        text = "".join(
-            one if one.isprintable() or one == "\xa0" else one.encode("unicode_escape").decode() for one in text
-        )
+    text = escaped(BREAKS.sub(" ", str(message)))
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 300]} … {text[-290:]}"
+
+
+def escaped(line: str) -> str:
+    """The text with control and invisible characters as escapes such as \\x1b; blanks of any width stay."""
+    if line.isprintable():
+        return line
+    return "".join(sign if sign.isprintable() or unicodedata.category(sign) == "Zs" else _escape(sign) for sign in line)
+
+
+def _escape(sign: str) -> str:
+    return sign.encode("unicode_escape").decode("ascii")
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from hagoromo.app.interrupt import heed
-from hagoromo.files.names import escaped
+from hagoromo.errors import escaped
 from hagoromo.progress import Progress
 
 QUIET_S = 30.0  # a command shorter than this writes no lines, so that bad input is answered by one line alone

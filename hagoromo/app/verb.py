@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import arg
 
 from hagoromo.app.stage import named, run_staged
-from hagoromo.files.names import escaped
+from hagoromo.errors import escaped
 
 Out = Annotated[Path, arg(help="where to write the result")]
 Force = Annotated[bool, arg(help="replace an existing result")]

@@ -5,12 +5,7 @@ A name in a file may hold codes that clear a terminal, write over what stands th
 
 from __future__ import annotations
 
-import unicodedata
-
-
-def escaped(line: str) -> str:
-    """The text with control and invisible characters as escapes such as \\x1b; blanks of any width stay."""
-    return "".join(sign if sign.isprintable() or unicodedata.category(sign) == "Zs" else _escape(sign) for sign in line)
+from hagoromo.errors import escaped
 
 
 def printable(text: object) -> str:
@@ -27,7 +22,3 @@ def plot_label(text: str) -> str:
     """The text as a label of Matplotlib, which takes dollars for the marks of a formula and hides names after _."""
     shown = printable(text).replace("$", r"\$")
     return f"\u200b{shown}" if shown.startswith("_") else shown
-
-
-def _escape(sign: str) -> str:
-    return sign.encode("unicode_escape").decode("ascii")

@@ -9,7 +9,8 @@ import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.app.report.page import page_drawing, page_picture, page_text
-from hagoromo.files.names import escaped, plot_label, printable
+from hagoromo.errors import escaped, one_line
+from hagoromo.files.names import plot_label, printable
 from hagoromo.files.png import write_png
 from hagoromo.light.curves_plot import curves_png
 from hagoromo.light.spectrum import Spectrum
@@ -57,8 +58,8 @@ def test_a_page_shows_a_name_as_text():
 
 def test_codes_for_a_terminal_are_escaped():
     assert printable("α  ΔE₀₀\n→ 1\u202f000 Å 雪") == "α ΔE₀₀ → 1 000 Å 雪"
-    assert escaped("  a\u2009 b") == "  a\u2009 b"
-    for shown in (printable(CODES), escaped(CODES)):
+    assert escaped("  a\u2009 b") == one_line("  a\u2009 b") == "  a\u2009 b"
+    for shown in (printable(CODES), escaped(CODES), one_line(CODES)):
         assert shown.isprintable() and "\\x1b[2J" in shown and "\\u202e" in shown and "\\x9b" in shown
 
 
