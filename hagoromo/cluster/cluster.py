@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import pkgutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -34,7 +35,9 @@ ALONE = {  # settings of Dask for workers that are started here
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
 }
-VERSION = "__import__('hagoromo.version').__version__"  # an expression, because a worker may have any version, or none
+VERSION = (
+    "hagoromo.version:__version__"  # asked for by a function of Python's own: a worker may have any version, or none
+)
 
 
 Tasks = Iterable[tuple[Any, ...] | None]  # the arguments of each, or None: the next is not known until one is done
@@ -206,7 +209,7 @@ def _check_workers(distributed: Any, client: Any, address: str) -> None:
                 f"worker {name} runs {facts['nthreads']} tasks at a time: start it with --nthreads 1, and its kernels' "
                 f"threads with {THREADS}={facts['nthreads']}"
             )
-    for name, version in client.run(eval, VERSION, on_error="return").items():
+    for name, version in client.run(pkgutil.resolve_name, VERSION, on_error="return").items():
         _check_version(__version__, version if isinstance(version, str) else "none", f"worker {name}")
 
 
