@@ -11,8 +11,11 @@ def printable_streams() -> None:
     """Let standard output and standard error take any text: ΔE₀₀, α, arrows, names of files that are not Unicode.
 
     A file or pipe gets UTF-8 unless `PYTHONIOENCODING` says otherwise; Windows would choose a code page of 256
-    characters. A terminal keeps its encoding. What an encoding lacks is written as an escape such as \\u0394.
+    characters. A terminal keeps its encoding. What an encoding lacks is written as an escape such as \\u0394. What is
+    said on a standard error that is closed is lost.
     """
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is None:

@@ -143,6 +143,15 @@ def test_a_closed_standard_output_is_no_fault(cameras):
     assert sorted(os.listdir(cameras.parent)) == ["c.yml", "d.json"]
 
 
+def test_a_closed_standard_error_is_no_fault(cameras):
+    """Neither progress nor messages have a place; those for people do not go to the output for programs."""
+    ended = subprocess.run(
+        ["sh", "-c", 'exec "$@" 2>&-', "sh", *command("simulate", "absent.toml", "--out", cameras.with_name("d"))],
+        stdout=subprocess.PIPE, cwd=cameras.parent, text=True, check=False,
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (2, "")
+
+
 def test_a_signal_that_one_command_put_off_leaves_the_next_alone():
     """A timer raises it again a moment later, when the next command of the process may already run."""
     try:
