@@ -15,31 +15,9 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import save_box
+from tests.ball_scene import ball_scene
 
-SCENE = """
-[camera]
-size = [61, 47]
-focal = [90.0, 90.0]
-response = "canon_eos_300d"
-sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
-eye = [0.0, -1.0, 0.0]
-
-[[lamp]]
-name = "key"
-position = [0.5, -2.0, 1.0]
-intensity = 3.0
-
-[[lamp]]
-name = "fill"
-position = [-0.7, -1.5, 0.5]
-intensity = 3.0
-
-[[surface]]
-name = "ball"
-shape = "sphere"
-scale = 0.15
-reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
-"""
+SCENE = ball_scene()
 
 
 RECIPE = """

@@ -15,33 +15,14 @@ from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.files.table import read_table, write_table
+from tests.ball_scene import ball_scene, lamp
 from tests.data import DATA, real_data
 
 HEAVY = ("numpy", "drjit", "mitsuba", "colour", "matplotlib", "cv2", "scipy", "zarr", "distributed")
 CHROME, BOARD = DATA / "uw_psm" / "chrome", DATA / "opencv_left" / "left"
-SCENE = """
-[camera]
-size = [97, 71]
-focal = [150.0, 150.0]
-response = "canon_eos_300d"
-sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
-eye = [0.0, -1.0, 0.0]
-
-[[lamp]]
-position = [0.5, -2.0, 1.0]
-
-[[lamp]]
-position = [-0.5, -2.0, 1.0]
-
-[[lamp]]
-position = [0.0, -1.5, 2.0]
-
-[[surface]]
-name = "ball"
-shape = "sphere"
-scale = 0.15
-reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
-"""
+SCENE = ball_scene(
+    (97, 71), 150.0, [lamp("", *at, intensity="") for at in ((0.5, -2.0, 1.0), (-0.5, -2.0, 1.0), (0.0, -1.5, 2.0))]
+)
 
 
 def test_help_loads_little():

@@ -15,35 +15,13 @@ from hagoromo.matter.build import build
 from hagoromo.photograph.capture import load_capture
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import save_box
+from tests.ball_scene import KEY, ball_scene
 
-SCENE = """
-[camera]
-size = [53, 37]
-focal = [90.0, 90.0]
-response = "cie1931"
-sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
-eye = [0.0, -1.0, 0.0]
-
-[[lamp]]
-name = "key"
-position = [0.5, -2.0, 1.0]
-intensity = 3.0
-
-[[lamp]]
-name = "sun"
-to_lamp = [-1.0, -1.0, 0.0]
-spectrum = "D65"
-
-[[surface]]
-name = "ball"
-shape = "sphere"
-scale = 0.15
-position = [0.0, 0.2, 0.0]
-reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
-
-[render]
-seed = 7
-"""
+SUN = '\n[[lamp]]\nname = "sun"\nto_lamp = [-1.0, -1.0, 0.0]\nspectrum = "D65"\n'
+SCENE = ball_scene((53, 37), 90.0, (KEY, SUN), "cie1931").replace(
+    "scale = 0.15", "scale = 0.15\nposition = [0.0, 0.2, 0.0]"
+)
+SCENE += "\n[render]\nseed = 7\n"
 
 
 @pytest.fixture
