@@ -43,6 +43,7 @@ Matrix = Annotated[tuple[float, ...], Meta(min_length=16, max_length=16)]  # 4 Ã
 REFERENCE = "#/$defs/"
 LARGEST_TOML, LARGEST_JSON = 1 << 24, 1 << 28  # bytes
 TOML_GROWTH, JSON_GROWTH = 100.0, 30.0  # memory of the tables of a file, in its sizes: those of its shortest values
+CHOICE = "^(?:"  # start of the pattern of `one_of`
 DEEPEST = 100  # tables within tables of a file
 MOST_BITS = 1023  # of a whole number, which then is a finite float
 MOST_BITS_OF_ALL = math.inf  # where the type of every number is checked anyway
@@ -165,7 +166,7 @@ def current(data: Mapping[str, Any], record: type, where: str) -> dict[str, Any]
 
 def one_of(*names: str) -> Meta:
     """Constraint: one of these texts; an editor offers them in this order."""
-    pattern = "^(?:" + "|".join(map(re.escape, names)) + ")$"
+    pattern = CHOICE + "|".join(map(re.escape, names)) + ")$"
     return Meta(pattern=pattern, extra_json_schema={"enum": list(names)})
 
 
@@ -367,7 +368,9 @@ def _wanted(kind: inspect.Type) -> str:
         count = f"at most {most} " if most and not least else count
         return f"a list of {count}{_plural(kind.item_type)}"
     if isinstance(kind, inspect.StrType) and kind.pattern:
-        return "one of " + ", ".join(name.replace("\\", "") for name in kind.pattern[4:-2].split("|"))
+        if not kind.pattern.startswith(CHOICE):
+            return f"a text of the form {kind.pattern}"
+        return "one of " + ", ".join(name.replace("\\", "") for name in kind.pattern[len(CHOICE) : -2].split("|"))
     names = {inspect.StrType: "a text", inspect.BoolType: "true or false"}
     return names.get(type(kind), "a table of keys")
 

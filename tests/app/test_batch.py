@@ -213,6 +213,7 @@ out = "relit/{name}"
         ('out = "pictures/{name}.exr"', 'out = "picture.exr"', "write {name} in it"),
         ('out = "dimmed/{name}.exr"', 'out = "pictures/{name}.exr"', "have one result"),
         ('name = "dimmed"', 'name = "rendered"', "the name is taken"),
+        ('name = "dimmed"', 'name = "Dimmed"', "must be a text of the form ^[a-z][a-z0-9_]{0,63}$: given 'Dimmed'"),
         ('name = "rendered"', 'name = "path"', "the name is taken"),
         ("tolerance = 0.05", "force = true", "has the option 'force'"),
         ("tolerance = 0.05", "tolerance = {}", "give text, a number, true or a list"),
