@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import os
 import resource
 import shutil
@@ -35,6 +36,7 @@ ALL_RIGHT, NO_STATUS = 0, 70  # the second of a command that ended in a tracebac
 LIMITS = (0, 1, 100, 1000, 3000, 10_000, 30_000)  # bytes of a file after which the disk is full
 IN_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # there, nothing waits for a disk
 SECONDS = 300  # after which a command counts as hanging
+Seen = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -88,29 +90,22 @@ def run(
     """Run the command of `case` in `folder`, in a process of its own; traced: operations are calls of the system."""
     count = folder.parent / "count"
     count.unlink(missing_ok=True)
-    arguments = [*case.given(folder), *(["--force"] if force else [])]
+    arguments = [*case.given(folder), *(["--force"] if force and case.forces else [])]
     if traced:
         return _traced(arguments, folder.parent / "calls", kill_at)
-    if not case.forked:
-        options = [f"{folder}", f"{kill_at or 0}", f"{-1 if limit is None else limit}", f"{count}"]
-        ended = subprocess.run(
-            [sys.executable, "-m", "fuzz.crash", "--child", *options, *arguments], stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE, timeout=SECONDS, check=False,
-        )  # fmt: skip
-        status, said = ended.returncode, ended.stderr
-    else:
-        reading, writing = os.pipe()
-        child = os.fork()
-        if not child:
-            try:
-                sys.stdout, sys.stderr = open(os.devnull, "w"), os.fdopen(writing, "w")
-                os._exit(_in_child(folder, kill_at, limit, count, arguments))
-            finally:
-                os._exit(NO_STATUS)
-        os.close(writing)
-        with os.fdopen(reading, "rb") as file:
-            said = file.read()
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            signal.alarm(SECONDS)
+            sys.stdout, sys.stderr = open(os.devnull, "w"), os.fdopen(writing, "w")
+            os._exit(_in_child(folder, kill_at, limit, count, arguments))
+        finally:
+            os._exit(NO_STATUS)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as file:
+        said = file.read()
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     counted = int(count.read_text() or 0) if count.exists() else 0
     return Run(status, said.decode(errors="replace"), counted)
 
@@ -145,126 +140,136 @@ def _in_child(folder: Path, kill_at: int | None, limit: int | None, count: Path,
     return status
 
 
-def digest(path: Path) -> str:
-    """What is at `path`: a digest of its files, or empty where there is nothing."""
-    if not path.exists():
-        return ""
-    found = blake2b(digest_size=8)
-    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-        found.update(str(file.relative_to(path)).encode() + (file.read_bytes() if file.is_file() else b"/"))
-    return found.hexdigest()
+def seen(folder: Path) -> Seen:
+    """What is in a folder: path within it → digest of a file, or "/" for a folder."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        is_file = path.is_file() and not path.is_symlink()
+        found[path.relative_to(folder).as_posix()] = blake2b(path.read_bytes()).hexdigest() if is_file else "/"
+    return found
 
 
-def states(case: Case, folder: Path) -> list[str]:
-    """The digest of each target."""
-    return [digest(folder / name) for name in case.targets]
-
-
-def beside(case: Case, folder: Path, inputs: set[str]) -> list[str]:
-    """What lies in the folder beside inputs and targets."""
-    return sorted(set(os.listdir(folder)) - inputs - set(case.targets))
+def states(case: Case, found: Seen) -> list[Seen]:
+    """What is at each target."""
+    return [{k: v for k, v in found.items() if k == name or k.startswith(f"{name}/")} for name in case.targets]
 
 
 def put_old(case: Case, folder: Path) -> None:
     """Older targets, as Hagoromo may have written them."""
     for name in case.targets:
-        if case.folder:
-            (folder / name).mkdir()
-            (folder / name / ".hagoromo").touch()
-            (folder / name / "old").write_bytes(OLD)
+        place = folder / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if place.suffix in ("", ".zarr"):
+            place.mkdir()
+            (place / ".hagoromo").touch()
+            (place / "old").write_bytes(OLD)
         else:
-            (folder / name).write_bytes(OLD)
+            place.write_bytes(OLD)
 
 
 def faults(case: Case, home: Path, most: int, full: bool, traced: bool) -> Iterator[str]:
     """Kill (or fill the disk of) a case at up to `most` points; yields "" for each clean one, else what was wrong."""
     for force in (False, True):
         fresh = home / "fresh"
-        _renew(home, fresh)
-        inputs = set(os.listdir(fresh))
-        if force:
-            put_old(case, fresh)
+        _renew(case, home, force)
         first = run(case, fresh, force, traced=traced)
         assert first.status == ALL_RIGHT, f"{case.name}: {first.said}"
-        new = states(case, fresh)
+        new = seen(fresh)
         points = list(LIMITS) if full else list(range(1, first.operations + 1))
         step = max(len(points) / most, 1.0)
         for point in sorted({points[min(int(k * step), len(points) - 1)] for k in range(min(most, len(points)))}):
-            _renew(home, fresh)
-            if force:
-                put_old(case, fresh)
-            old = states(case, fresh)
+            _renew(case, home, force)
+            old = seen(fresh)
             if full:
-                wrong = _filled(case, fresh, force, point, (old, new), inputs)
+                wrong = _filled(case, fresh, force, point, old, new)
             else:
                 ended = run(case, fresh, force, kill_at=point, traced=traced)
-                wrong = _killed(case, fresh, force, ended, (old, new), inputs)
+                wrong = _killed(case, fresh, force, ended, old, new)
             yield f"{case.name}{' --force' if force else ''} at {point}: {wrong}" if wrong else ""
 
 
 def _load(case: Case, home: Path) -> None:
-    """Run a case in this process, so that its children need not load what it needs."""
-    import cv2
-
-    cv2.setNumThreads(1)  # a child has none of the threads
+    """Run a case in this process, so that its children need not load what it needs, nor compile its kernels."""
+    if case.prepare is not None:
+        case.prepare()
     shutil.copytree(home / "inputs", home / "loaded")
-    with contextlib.redirect_stdout(None):
+    with contextlib.redirect_stdout(None), contextlib.redirect_stderr(io.StringIO()):
         assert command(case.given(home / "loaded")) == ALL_RIGHT
 
 
-def _renew(home: Path, fresh: Path) -> None:
-    shutil.rmtree(fresh, ignore_errors=True)
-    shutil.copytree(home / "inputs", fresh)
+def _without_threads() -> None:
+    """Let kernels and OpenCV run in the calling thread: a child has none of the others."""
+    import cv2
+    import drjit as dr
+
+    cv2.setNumThreads(1)
+    dr.set_thread_count(0)
 
 
-def _killed(
-    case: Case, folder: Path, force: bool, ended: Run, known: tuple[list[str], list[str]], inputs: set[str]
-) -> str:
+def _renew(case: Case, home: Path, force: bool) -> None:
+    """The folder as it was before the command; force: with older targets."""
+    shutil.rmtree(home / "fresh", ignore_errors=True)
+    shutil.copytree(home / "inputs", home / "fresh")
+    if force:
+        put_old(case, home / "fresh")
+
+
+def _killed(case: Case, folder: Path, force: bool, ended: Run, old: Seen, new: Seen) -> str:
     """What is wrong after a command was killed, or after the same command has run again."""
-    old, new = known
     if ended.status not in (-signal.SIGKILL, ALL_RIGHT):
         return f"status {ended.status}: {ended.said[-200:]}"
-    found = states(case, folder)
-    for name, state, before, after in zip(case.targets, found, old, new, strict=True):
-        if state not in (before, after):
-            return f"{name} is {'lost' if not state else 'neither old nor new'}"
-    if len(found) > 1 and found[0] == new[0] and found != new:
+    found, before, after = (states(case, one) for one in (seen(folder), old, new))
+    wrong = _neither(case, found, before, after)
+    if wrong:
+        return wrong
+    if not case.apart and len(found) > 1 and found[0] == after[0] and found != after:
         return f"{case.targets[0]} is new without {', '.join(case.targets[1:])}"
     again = run(case, folder, force)
     exists = not force and again.status == 2 and "exists" in again.said
     if again.status != ALL_RIGHT and not exists:
         return f"run again: status {again.status}: {again.said[-200:]}"
-    return _unlike(case, folder, new, inputs)
+    return _unlike(seen(folder), new)
 
 
-def _filled(
-    case: Case, folder: Path, force: bool, point: int, known: tuple[list[str], list[str]], inputs: set[str]
-) -> str:
+def _filled(case: Case, folder: Path, force: bool, point: int, old: Seen, new: Seen) -> str:
     """What is wrong after a disk that was full once a file had `point` bytes."""
-    old, new = known
     ended = run(case, folder, force, limit=point)
     if ended.status == ALL_RIGHT:
-        return _unlike(case, folder, new, inputs)
+        return _unlike(seen(folder), new)
     lines = [line for line in ended.said.splitlines() if not line.startswith("hagoromo: warning:")]
-    if ended.status != 2 or len(lines) != 1:
+    if ended.status not in case.fails or len(lines) > 1 or (ended.status == 2 and not lines):
         return f"status {ended.status}: {ended.said[-300:]}"
-    if states(case, folder) != old:
-        return "the target has changed"
-    left = beside(case, folder, inputs)
-    if left and not case.resumes:
-        return f"left behind: {', '.join(left)}"
+    found = seen(folder)
+    if case.apart:
+        wrong = _neither(case, *(states(case, one) for one in (found, old, new)))
+        left = sorted(set(found) - set(old) - set(new))
+        wrong = wrong or (f"left behind: {', '.join(left[:5])}" if left else "")
+    elif case.resumes:
+        wrong = "" if states(case, found) == states(case, old) else "the target has changed"
+    else:
+        wrong = _unlike(found, old)
+    if wrong:
+        return wrong
     again = run(case, folder, force)
     if again.status != ALL_RIGHT:
         return f"run again: status {again.status}: {again.said[-200:]}"
-    return _unlike(case, folder, new, inputs)
+    return _unlike(seen(folder), new)
 
 
-def _unlike(case: Case, folder: Path, new: list[str], inputs: set[str]) -> str:
-    """What is wrong with a folder in which all targets should be new, and nothing else there."""
-    if states(case, folder) != new:
-        return "another result than that of an undisturbed run"
-    left = beside(case, folder, inputs)
-    return f"left behind: {', '.join(left)}" if left else ""
+def _neither(case: Case, found: list[Seen], old: list[Seen], new: list[Seen]) -> str:
+    """The first target that is neither old nor new; "" if there is none."""
+    for name, state, before, after in zip(case.targets, found, old, new, strict=True):
+        if state not in (before, after):
+            return f"{name} is {'lost' if not state else 'neither old nor new'}"
+    return ""
+
+
+def _unlike(found: Seen, wanted: Seen) -> str:
+    """How a folder differs from what it should be, inputs and hidden names included."""
+    names = sorted(name for name in found.keys() | wanted.keys() if found.get(name) != wanted.get(name))
+    kinds = {True: "left behind", False: "lost"}
+    parts = [kinds[name in found] if (name in found) != (name in wanted) else "different" for name in names]
+    return ", ".join(f"{part}: {name}" for part, name in list(zip(parts, names, strict=True))[:5])
 
 
 def main() -> int:
@@ -275,6 +280,7 @@ def main() -> int:
     parser.add_argument("--strace", action="store_true", help="kill at calls of the system, by strace")
     parser.add_argument("--verbs", nargs="*", default=[], help="names of cases (default: all)")
     asked = parser.parse_args()
+    _without_threads()
     tried, unclean = Counter[str](), Counter[str]()
     for case in CASES:
         if asked.verbs and case.name not in asked.verbs:
@@ -283,8 +289,7 @@ def main() -> int:
             home = Path(scratch).resolve()
             (home / "inputs").mkdir()
             case.make(home / "inputs")
-            if case.forked:
-                _load(case, home)
+            _load(case, home)
             for wrong in faults(case, home, asked.most, asked.full, asked.strace):
                 tried[case.name] += 1
                 unclean[case.name] += bool(wrong)
@@ -296,8 +301,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--child"]:
-        where, when, bytes_, note = sys.argv[2:6]
-        limit = None if int(bytes_) < 0 else int(bytes_)
-        sys.exit(_in_child(Path(where), int(when) or None, limit, Path(note), sys.argv[6:]))
     sys.exit(main())

@@ -8,48 +8,44 @@ from pathlib import Path
 
 import numpy as np
 
+from hagoromo.files.record import read_json, write_json
+from tests.ball_scene import KEY, ball_scene, camera, lamp
+
 TO_LAMP = ((0.0, 0.3, 1.0), (0.4, -0.2, 1.0), (-0.3, 0.1, 1.0))
-SCENE = """
-[camera]
-size = [31, 23]
-focal = [45.0, 45.0]
-response = "canon_eos_300d"
-sensor = {exposure = 40000, full_well = 40000, read_noise = 5, gain = 10, bits = 12}
-eye = [0.0, -1.0, 0.0]
-
-[[lamp]]
-name = "key"
-position = [0.5, -2.0, 1.0]
-intensity = 3.0
-
-[[surface]]
-name = "ball"
-shape = "sphere"
-scale = 0.15
-reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, body_colour = 0.8}
-"""
+SIZE, FOCAL = (31, 23), 45.0  # px
+SECOND, THIRD = lamp("second", -0.7, -1.5, 0.5), lamp("third", 0.0, -1.5, 1.5)
+LAMPS = (KEY, SECOND, THIRD, lamp("fourth", 0.0, -1.5, -1.5))
 SOLID = """
 kind = "solid"
 voxel_mm = 1.0
 shape = { form = "sphere", radius_mm = 6.0 }
 material = { alpha = 0.2, beta = 0.1, gamma = 0.2, n = 1.5, body_colour = 0.8 }
 """
-RENDERED = SCENE.split("[[surface]]")[0] + '[[box]]\nrecipe = "solid.toml"\n[render]\nsamples = 1\n'
-MORE_LAMPS = """
-[[lamp]]
-name = "second"
-position = [-0.7, -1.5, 0.5]
-intensity = 3.0
+CLOTH = """
+kind = "cloth"
+width_mm = 3.0
+height_mm = 3.0
+voxel_mm = 0.2
+carrier_mm = 2.0
+variants = 1
+material = { alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.4, body_colour = 0.7 }
+"""
+RENDERED = camera(SIZE, FOCAL) + KEY + '\n[[box]]\nrecipe = "solid.toml"\n[render]\nsamples = 1\n'
+BATCH = """
+each = "cameras/*.yml"
 
-[[lamp]]
-name = "third"
-position = [0.0, -1.5, 1.5]
-intensity = 3.0
+[[step]]
+name = "model"
+verb = "convert"
+arguments = ["{path}"]
+options = { to = "colmap" }
+out = "models/{name}"
 
-[[lamp]]
-name = "fourth"
-position = [0.0, -1.5, -1.5]
-intensity = 3.0
+[[step]]
+name = "yaml"
+verb = "convert"
+arguments = ["{model}"]
+out = "yaml/{name}.yml"
 """
 
 
@@ -57,22 +53,27 @@ intensity = 3.0
 class Case:
     """A command. words: its arguments, names of inputs and of the first of `targets` as they lie in the folder.
 
-    folder: whether the targets are folders. forked: whether it may run in a child of a process that has everything
-    loaded; kernels may not. resumes: whether its work is kept after a fault.
+    A target without suffix, or with .zarr, is a folder. out: the argument of --out, if it is not the first target.
+    apart: the targets do not belong together, each is old or new, whatever the others are. resumes: whether its work is
+    kept after a fault. forces: whether it has --force; what has not always replaces. fails: exit statuses for a full
+    disk. prepare: called once in the process that runs it.
     """
 
     name: str
     make: Callable[[Path], None]
     words: tuple[str, ...]
     targets: tuple[str, ...]
-    folder: bool = False
-    forked: bool = True
+    out: str = ""
+    apart: bool = False
     resumes: bool = False
+    forces: bool = True
+    fails: tuple[int, ...] = (2,)
+    prepare: Callable[[], None] | None = None
 
     def given(self, folder: Path) -> list[str]:
         """The arguments, with paths of inputs and output within `folder`."""
         words = [str(folder / word) if (folder / word).exists() else word for word in self.words]
-        return [*words, "--out", str(folder / self.targets[0])]
+        return [*words, "--out", str(folder / (self.out or self.targets[0]))]
 
 
 def _cameras(folder: Path) -> None:
@@ -86,7 +87,6 @@ def _cameras(folder: Path) -> None:
 
 def _photographs(folder: Path) -> None:
     from hagoromo.files.exr import write_exr
-    from hagoromo.files.record import write_json
 
     random = np.random.default_rng(2)
     for name in "abc":
@@ -136,11 +136,15 @@ def _image(folder: Path) -> None:
 
 
 def _scene(folder: Path) -> None:
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(ball_scene(SIZE, FOCAL, [KEY]))
 
 
 def _recipe(folder: Path) -> None:
     (folder / "solid.toml").write_text(SOLID)
+
+
+def _cloth(folder: Path) -> None:
+    (folder / "cloth.toml").write_text(CLOTH)
 
 
 def _box_scene(folder: Path) -> None:
@@ -149,25 +153,87 @@ def _box_scene(folder: Path) -> None:
 
 
 def _capture(folder: Path) -> None:
-    import subprocess
-    import sys
+    _photographed(folder, ball_scene(SIZE, FOCAL, LAMPS))
 
-    (folder / "scene.toml").write_text(SCENE + MORE_LAMPS)
-    call = [sys.executable, "-m", "hagoromo", "simulate", str(folder / "scene.toml"), "--out", str(folder / "capture")]
-    subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
+
+def _unknown_shape(folder: Path) -> None:
+    """As the tutorial's: far lamps, the camera at the origin, and a shape that is not stated."""
+    lamps = [f"[[lamp]]\nto_lamp = [{0.6 * np.cos(a)}, -1.0, {0.6 * np.sin(a)}]\n" for a in np.arange(5) * 1.2]
+    _photographed(folder, ball_scene((23, 19), FOCAL, lamps))
+    record = read_json(folder / "capture" / "transforms.json")
+    for key in ("points_path", "normals_path"):
+        record.pop(key)
+    write_json(folder / "capture" / "transforms.json", record)
+
+
+def _photographed(folder: Path, scene: str) -> None:
+    import hagoromo as hg
+
+    (folder / "scene.toml").write_text(scene)
+    hg.simulate(folder / "scene.toml", name="capture").save(folder / "capture")
     (folder / "scene.toml").unlink()
+
+
+def _balls(folder: Path) -> None:
+    from hagoromo.files.png import write_png
+    from tests.inverse.simulated_mirror import mask_of, mirror_photograph, seen_from_afar
+
+    ball = seen_from_afar((45, 47), (23.4, 22.3), 17.2)
+    write_png(folder / "mask.png", mask_of(ball))
+    for k in range(2):
+        write_png(folder / f"{k}.png", mirror_photograph([ball], (0.3, 0.4 * k, 0.87), k, 0.1))
+
+
+def _views(folder: Path) -> None:
+    from fuzz.records import views
+
+    views(folder, "nerfstudio", "transforms.json")
+    (folder / "images").mkdir()
+    for name in "ab":
+        (folder / "images" / f"{name}.png").write_bytes((folder / "a.png").read_bytes())
+    (folder / "a.png").unlink()
+
+
+def _batch(folder: Path) -> None:
+    (folder / "cameras").mkdir()
+    for name in "ab":
+        _cameras(folder / "cameras")
+        (folder / "cameras" / "cameras.yml").rename(folder / "cameras" / f"{name}.yml")
+    (folder / "batch.toml").write_text(BATCH)
+
+
+def _nothing(folder: Path) -> None:
+    pass
+
+
+def _smaller_demo() -> None:
+    """The demo in the size of its tests, with a clock that stands still: it writes how long its stages took."""
+    from types import SimpleNamespace
+
+    from hagoromo_figures.demo import demo
+
+    demo.SIZES["small"] = demo.SIZES["tiny"]
+    demo.__dict__["time"] = SimpleNamespace(perf_counter=lambda: 0.0)
+
+
+def _schemas() -> tuple[str, ...]:
+    from hagoromo.app.schemas import schema_names
+
+    return tuple(f"out/{name}.json" for name in schema_names())
 
 
 CASES = (
     Case("convert to OpenCV", _cameras, ("convert", "cameras.yml"), ("out.yml",)),
-    Case("convert to COLMAP", _cameras, ("convert", "cameras.yml"), ("out",), folder=True),
+    Case("convert to COLMAP", _cameras, ("convert", "cameras.yml"), ("out",)),
     Case("convert to nerfstudio", _cameras, ("convert", "cameras.yml"), ("out.json",)),
     Case("convert to Middlebury", _cameras, ("convert", "cameras.yml"), ("out.txt",)),
+    Case(
+        "convert to a capture", _views, ("convert", "transforms.json", "--images", "images"), ("out",)
+    ),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
     Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
     Case(
-        "capture", _photographs, ("capture", "a.exr", "b.exr", "c.exr", "--lamps", "lamps.json"), ("out",),
-        folder=True,
+        "capture", _photographs, ("capture", "a.exr", "b.exr", "c.exr", "--lamps", "lamps.json"), ("out",)
     ),
     Case(
         "calibrate response", _pairs, ("calibrate", "response", "pairs.csv"),
@@ -176,12 +242,20 @@ CASES = (
     Case(
         "calibrate camera", _boards,
         ("calibrate", "camera", "0.png", "1.png", "2.png", "3.png", "--board", "7x5", "--square", "0.02"),
-        ("out.json", "out.png"), forked=False,
+        ("out.json", "out.png"),
     ),
-    Case("simulate", _scene, ("simulate", "scene.toml"), ("out",), folder=True, forked=False),
-    Case("measure", _capture, ("measure", "capture"), ("out",), folder=True, forked=False),
+    Case("calibrate lamps", _balls, ("calibrate", "lamps", "0.png", "1.png", "--mask", "mask.png"), ("out.json",)),
+    Case("simulate", _scene, ("simulate", "scene.toml"), ("out",)),
+    Case("measure", _capture, ("measure", "capture"), ("out",)),
+    Case("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",)),
+    Case("build", _recipe, ("build", "solid.toml"), ("out.zarr",), resumes=True),
+    Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True),
+    Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),
+    Case("relight", _capture, ("relight", "capture"), ("out",)),
+    Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
     Case(
-        "build", _recipe, ("build", "solid.toml"), ("out.zarr",), folder=True, forked=False, resumes=True
+        "batch", _batch, ("batch", "batch.toml"), ("out/models/a", "out/models/b", "out/yaml/a.yml", "out/yaml/b.yml"),
+        out="out", apart=True, fails=(1, 2),
     ),
-    Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png"), forked=False),
+    Case("demo", _nothing, ("demo",), ("out",), prepare=_smaller_demo),
 )  # fmt: skip
