@@ -26,6 +26,7 @@ INTEGERS = (0, -1, 1, 2, 255, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**
 FLOATS = (0.0, -1.0, 1e308, 1e-310, float("nan"), float("inf"), 1e30)
 TEXT_SUFFIXES = (".yml", ".yaml", ".txt", ".csv", ".ies", ".wif", ".obj", ".mtl", ".ply", ".off", ".json", ".toml")
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+LEADING = (".json", ".toml", ".zarray", ".yml", ".txt", ".wif", ".csv")  # files of a folder that are spoilt most
 PNG_START = b"\x89PNG\r\n\x1a\n"
 
 
@@ -34,6 +35,21 @@ def spoilt(name: str, data: bytes, random: Random) -> bytes:
     for _ in range(int(random.choice((1, 1, 1, 2, 3)))):
         data = _mutator(name, data, random)(data, random)
     return with_check_sums(data) if data.startswith(PNG_START) and random.random() < 0.7 else data
+
+
+def spoil_one(files: dict[str, bytes], random: Random) -> None:
+    """One file of the sample spoilt, or, where there are several, lost or in the place of another."""
+    names = sorted(files)
+    leading = [name for name in names if name.endswith(LEADING)]
+    chosen = leading if leading and random.random() < 0.6 else names
+    name = chosen[int(random.integers(len(chosen)))]
+    act = random.random()
+    if len(names) > 1 and act < 0.03:
+        del files[name]
+    elif len(names) > 1 and act < 0.06:
+        files[name] = files[names[int(random.integers(len(names)))]]
+    else:
+        files[name] = spoilt(name, files[name], random)
 
 
 def _mutator(name: str, data: bytes, random: Random) -> Callable[[bytes, Random], bytes]:

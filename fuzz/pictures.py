@@ -152,3 +152,65 @@ def dng(path: Path) -> None:
 
     raw = np.random.default_rng(2).integers(500, 14_000, (62, 94)).astype(np.uint16)
     write_dng(path, raw)
+
+
+def exif(path: Path) -> None:
+    """A TIFF of one pixel with all tags of an exposure."""
+    from tests.inverse.simulated_bracket import write_dng
+
+    write_dng(path, np.full((2, 2), 600, np.uint16))
+
+
+def exif_jpeg(path: Path) -> None:
+    """A JPEG of one pixel: nearly all of its bytes are EXIF."""
+    from PIL import Image
+
+    held = Image.Exif()
+    held[0x010F], held[0x0110] = "Maker", "Maker One"
+    held.get_ifd(0x8769).update({0x829A: 0.01, 0x829D: 5.6, 0x8827: 100, 0x920A: 55.0, 0xA405: 82, 0xA20E: 4000.0})
+    Image.fromarray(COLOUR[:1, :1]).save(path, "JPEG", exif=held)
+
+
+def dng_packed(path: Path) -> None:
+    """A raw photograph in lossless JPEG, as cameras pack it (ITU T.81, annex H)."""
+    import tifffile
+
+    raw = np.random.default_rng(2).integers(500, 3_000, (62, 94)).astype(np.uint16)
+    dng(path)
+    packed = lossless_jpeg(raw)
+    with tifffile.TiffFile(path, mode="r+") as file:
+        tags = file.pages.first.tags
+        place = tags["StripOffsets"].value[0]
+        for name, value in (("Compression", 7), ("StripByteCounts", len(packed))):
+            tags[name].overwrite(value)
+    path.write_bytes(path.read_bytes()[:place] + packed)
+
+
+def lossless_jpeg(raw: np.ndarray) -> bytes:
+    """One channel of 16 bits: every value less the one to its left, in a code of five bits for its size."""
+    differences = np.diff(raw.astype(np.int64), axis=1, prepend=0)
+    differences[:, 0] = np.diff(raw[:, 0].astype(np.int64), prepend=1 << 15)
+    bits = "".join(_code(int(value)) for value in differences.ravel())
+    bits += "1" * (-len(bits) % 8)
+    body = int(bits, 2).to_bytes(len(bits) // 8, "big").replace(b"\xff", b"\xff\0")
+    lengths = bytes([0] * 4 + [17] + [0] * 11)  # of codes: 17 of five bits
+    table = b"\xff\xc4" + (3 + 16 + 17).to_bytes(2, "big") + b"\0" + lengths + bytes(range(17))
+    height, width = (size.to_bytes(2, "big") for size in raw.shape)
+    frame = b"\xff\xc3\0\x0b\x10" + height + width + b"\x01\0\x11\0"
+    scan = b"\xff\xda\0\x08\x01\0\0\x01\0\0"
+    return b"\xff\xd8" + table + frame + scan + body + b"\xff\xd9"
+
+
+def _code(value: int) -> str:
+    size = abs(value).bit_length()
+    below = value if value >= 0 else value + (1 << size) - 1
+    return f"{size:05b}" + (f"{below:0{size}b}" if size else "")
+
+
+def development(path: Path) -> None:
+    """An EXR of `develop`."""
+    from hagoromo.photograph.development.develop import develop
+
+    write_png(path.with_name("a.png"), DEEP)
+    develop([path.with_name("a.png")], exposures_s=(0.1,), black=512.0).save(path)
+    path.with_name("a.png").unlink()

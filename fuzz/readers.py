@@ -10,15 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, pictures, records
+from fuzz import boxes, meshes, pictures, records
 from fuzz.trees import spoilt_json
+from fuzz.verbs import SLOW, VERBS, WORDS
 
 
 class Reader(NamedTuple):
     """write: makes a good sample, a file or a folder, at the path it is given. read: takes the path of it.
 
     entry: what `read` takes, of an existing folder that `write` fills. share: of the usual number of mutations, for
-    what takes long.
+    what takes long. spoil: spoils the files of a sample, if not one of them is to be spoilt as its kind is.
     """
 
     name: str
@@ -26,6 +27,7 @@ class Reader(NamedTuple):
     read: Callable[[Path], Any]
     entry: str = ""
     share: float = 1.0
+    spoil: Callable[[dict[str, bytes], np.random.Generator], None] | None = None
 
     @property
     def in_folder(self) -> bool:
@@ -141,9 +143,24 @@ def _response(path: Path) -> Any:
     return calibrate_response(path)
 
 
+def _batch(path: Path) -> Any:
+    """The steps, their keys, and what is known of the inputs; nothing is run."""
+    from hagoromo.app.batch.batch import batch
+
+    return batch(path, path.parent / "out", dry_run=True), _info(path)
+
+
+def _sheet(path: Path) -> Any:
+    from hagoromo.measurement.measured_surface import read_surface
+
+    return read_surface(path.parent / "measured"), _plan(path)
+
+
 LOAD_SCENE = _late("hagoromo.image.scene_file", "load_scene")
 READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
 LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
+READ_EXIF = _late("hagoromo.files.exif", "read_exif")
+READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
     *(
@@ -152,12 +169,16 @@ SIMPLE = (
     ),
     Reader("plan-solid.toml", records.recipe("solid"), _plan, share=0.5),
     Reader("plan-mesh", records.mesh_recipe, _plan, "a.toml", share=0.5),
+    Reader("plan-relief", records.relief_recipe, _sheet, "a.toml", share=0.3),
+    Reader("batch", records.batch, _batch, "batch.toml"),
     Reader("capture", records.capture, _late("hagoromo.photograph.capture", "load_capture")),
     Reader("capture-info", records.capture, _info, "transforms.json"),
     Reader("measurement", records.measured, _late("hagoromo.measurement.measurement", "Measurement.load")),
     Reader("materials.json", records.materials, _info),
     Reader("lamps.json", records.lamps, _late("hagoromo.photograph.lit_photographs", "load_lamps")),
     Reader("lamps-info.json", records.lamps, _info),
+    Reader("lamps-of-balls.json", records.lamps_of_balls,
+           _late("hagoromo.calibration.lamps.lamp_calibration", "LampCalibration.load")),
     Reader("camera.json", records.camera, _late("hagoromo.camera.formats.camera_file", "read_camera")),
     Reader("camera-calibration.json", records.camera,
            _late("hagoromo.calibration.camera.calibrate_camera", "CameraCalibration.load")),
@@ -169,11 +190,19 @@ SIMPLE = (
     Reader("colmap-binary", _colmap_model(False), _colmap, "model"),
     Reader("wif.wif", records.text(records.WIF), _draft),
     Reader("ies.ies", records.text(records.IES), _info),
-    Reader("mesh.ply", records.text(records.PLY), _late("hagoromo.files.mesh", "read_mesh")),
-    Reader("mesh.obj", records.text(records.OBJ), _late("hagoromo.files.mesh", "read_mesh")),
-    Reader("mesh.off", records.text(records.OFF), _late("hagoromo.files.mesh", "read_mesh")),
+    Reader("mesh.ply", records.text(records.PLY), READ_MESH),
+    Reader("mesh.obj", records.text(records.OBJ), READ_MESH),
+    Reader("mesh.off", records.text(records.OFF), READ_MESH),
+    Reader("mesh-binary.ply", meshes.ply, READ_MESH),
+    Reader("mesh.stl", meshes.stl, READ_MESH),
+    Reader("mesh-text.stl", meshes.stl_text, READ_MESH),
+    Reader("mesh.glb", meshes.glb, READ_MESH),
+    Reader("mesh-inside.gltf", meshes.gltf_inside, READ_MESH),
+    Reader("mesh-gltf", meshes.gltf, READ_MESH, "a.gltf"),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
     Reader("table.csv", records.spectrum, _info),
+    Reader("prior.csv", records.spectra,
+           _late("hagoromo.reflectance.spectra.reflectance_prior", "ReflectancePrior.load"), share=0.3),
     Reader("response.csv", records.response, _late("hagoromo.camera.response", "Response.load")),
     Reader("spectra.csv", records.spectra, _late("hagoromo.reflectance.spectra.prior_spectra", "read_spectra")),
     Reader("pairs.csv", records.pairs, _response, share=0.1),
@@ -196,6 +225,12 @@ SIMPLE = (
     Reader("bilevel.tif", pictures.tiff_bilevel, _pixels),
     Reader("float.tif", pictures.tiff_float, _info),
     Reader("raw.dng", pictures.dng, _exposure, share=0.1),
+    Reader("packed.dng", pictures.dng_packed, _exposure, share=0.1),
+    Reader("exif.tif", pictures.exif, READ_EXIF),
+    Reader("exif.jpg", pictures.exif_jpeg, READ_EXIF),
+    Reader("development.exr", pictures.development,
+           _late("hagoromo.photograph.development.development", "Development.load")),
+    Reader("points.exr", records.points_file, _late("hagoromo.photograph.points_file", "read_points")),
     Reader("box.zarr", boxes.box, LOAD_BOX),
     Reader("shell.zarr", boxes.shell, LOAD_BOX, share=0.5),
     *(
@@ -208,7 +243,11 @@ SIMPLE = (
         for name in ("zlib", "gzip", "blosc", "lz4", "bz2")
     ),
 )  # fmt: skip
-READERS = {reader.name: reader for reader in SIMPLE}
+COMMANDS = tuple(
+    Reader(f"verb-{name}", verb.write, verb.read, WORDS, 0.3 if name in SLOW else 1.0, verb.spoil)
+    for name, verb in VERBS.items()
+)
+READERS = {reader.name: reader for reader in (*SIMPLE, *COMMANDS)}
 
 
 def palette_spoilt(path: Path, random: np.random.Generator) -> None:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -135,7 +137,8 @@ def spectrum(path: Path) -> None:
 
 def spectra(path: Path) -> None:
     """Reflectances of a prior."""
-    write_table(path, {"wavelength_nm": [390, 500, 600, 710], "a": [0.1, 0.2, 0.3, 0.4], "b": [0.5, 0.2, 0.3, 0.4]})
+    columns = {name: [0.5, 0.2, 0.3, 0.1 * k] for k, name in enumerate("abcd")}
+    write_table(path, {"wavelength_nm": [390, 500, 600, 710]} | columns)
 
 
 def pairs(path: Path) -> None:
@@ -303,3 +306,91 @@ def calibrated_response(folder: Path) -> None:
     waves = np.arange(400.0, 701.0, 50.0)
     ends = {f"{c}_{end}": waves / 7000 for c in "RGB" for end in ("low", "high")}
     write_table(folder / "a_interval.csv", {"wavelength_nm": waves} | ends)
+
+
+def relief_recipe(folder: Path) -> None:
+    """The skin of a measured surface."""
+    (folder / "measured").mkdir()
+    measured(folder / "measured")
+    from hagoromo.files.exr import write_exr
+
+    row, column = np.mgrid[:5, :7].astype(np.float32)
+    places = {"P.X": 0.01 * column - 0.03, "P.Y": 0.01 * row - 0.02, "P.Z": np.full((5, 7), 1.0, np.float32)}
+    write_exr(folder / "measured" / "points.exr", places)
+    write_exr(folder / "measured" / "normals.exr", {f"N.{a}": np.full((5, 7), -(a == "Z"), np.float32) for a in "XYZ"})
+    lens = {
+        "w": 7,
+        "h": 5,
+        "fl_x": 100.0,
+        "fl_y": 100.0,
+        "cx": 3.5,
+        "cy": 2.5,
+        "k1": 0.0,
+        "k2": 0.0,
+        "p1": 0.0,
+        "p2": 0.0,
+    }
+    write_json(folder / "camera.json", lens | {"rms_px": 0.2})
+    (folder / "a.toml").write_text('kind = "relief"\nmeasured = "measured"\ncamera = "camera.json"\ndim = 0.5\n')
+
+
+def points_file(path: Path) -> None:
+    """Points that are counted from a place far out."""
+    from hagoromo.photograph.points_file import write_points
+
+    write_points(path, 1000.0 + 0.01 * np.random.default_rng(1).random((5, 7, 3)))
+
+
+def lamps_of_balls(path: Path) -> None:
+    """lamps.json of two lamps, from photographs of two balls."""
+    import hagoromo as hg
+    from hagoromo.files.png import write_png
+    from tests.inverse.simulated_mirror import mask_of, mirror_photograph, seen_through
+
+    lens = {"w": 151, "h": 101, "fl_x": 205.0, "fl_y": 205.0, "cx": 75.0, "cy": 50.0}
+    seen = hg.Camera(151, 101, (205.0, 205.0), (75.0, 50.0))
+    places = [np.array([-0.2, 0.02, 1.0]), np.array([0.2, -0.03, 1.1])]
+    balls = [seen_through(seen, place, 0.08) for place in places]
+    with tempfile.TemporaryDirectory() as scratch:
+        home = Path(scratch)
+        for k, ball in enumerate(balls):
+            write_png(home / f"mask{k}.png", mask_of(ball))
+        write_json(home / "camera.json", lens | dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0))
+        for k in range(2):
+            write_png(home / f"{k}.png", mirror_photograph(balls, (0.3, -0.5 * k, 0.1), k, 0.06, position=True))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            masks = [home / "mask0.png", home / "mask1.png"]
+            found = hg.calibrate_lamps(
+                [home / "0.png", home / "1.png"], masks, radius=0.08, camera=home / "camera.json"
+            )
+    found.save(path, True)
+
+
+BATCH = """
+format_version = 1
+each = "captures/*.json"
+
+[[step]]
+name = "model"
+verb = "convert"
+arguments = ["{path}"]
+options = { to = "colmap", x = [1, 2.5, "a.toml"], y = true }
+out = "models/{name}"
+
+[[step]]
+name = "all"
+verb = "build"
+arguments = ["{model}", "scene.toml"]
+out = "all/{name}"
+"""
+
+
+def batch(folder: Path) -> None:
+    """A batch of two steps over two files."""
+    (folder / "batch.toml").write_text(BATCH)
+    (folder / "captures").mkdir()
+    for name in "ab":
+        camera(folder / "captures" / f"{name}.json")
+    (folder / "scene.toml").write_text(SCENE)
+    (folder / "a.toml").write_text("a = 1\n")

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from fuzz.judge import FAULT, READ, REFUSED
 from fuzz.readers import READERS
-from fuzz.worker import Job
+from fuzz.worker import GOOD, Job
 
 COUNT = 60  # mutations of a reader at a time
 HANG_S = 120.0  # a single file that takes longer is called a hang
@@ -70,7 +70,8 @@ def _tried(jobs: Sequence[Job]) -> list[Try]:
         tries.append({"reader": name, "seed": seed, "outcome": FAULT, "kind": end.split("\n")[0], "text": end})
         at = next(k for k, job in enumerate(left) if job.reader == name)
         last = left[at].first + left[at].count
-        left = [*([Job(name, seed + 1, last - seed - 1)] if seed + 1 < last else []), *left[at + 1 :]]
+        more = GOOD < seed < last - 1
+        left = [*([Job(name, seed + 1, last - seed - 1)] if more else []), *left[at + 1 :]]
     return tries
 
 

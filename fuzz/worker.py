@@ -17,13 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzz.judge import Verdict, judged
-from fuzz.mutators import spoilt
+from fuzz.judge import FAULT, REFUSED, Verdict, judged
+from fuzz.mutators import spoil_one
 from fuzz.readers import READERS, Reader, palette_spoilt
 
 MEMORY = 6 << 30  # [byte] of addresses beyond those that the process starts with: what wants more fails
 GOOD = -1  # the seed of the good sample
-LEADING = (".json", ".toml", ".zarray", ".yml", ".txt", ".wif", ".csv")  # files of a folder that are spoilt most
 
 
 class Sample(NamedTuple):
@@ -53,7 +52,7 @@ def main(arguments: list[str]) -> None:
             name, first, count = text.rsplit(":", 2)
             results.with_suffix(".now").write_text(json.dumps([name, int(first)]))
             sample = sample_of(READERS[name])
-            for seed in range(int(first), int(first) + int(count)):
+            for seed in (GOOD, *range(int(first), int(first) + int(count))):
                 results.with_suffix(".now").write_text(json.dumps([name, seed]))
                 verdict = tried(READERS[name], sample, seed, Path(scratch))
                 print(json.dumps({"reader": name, "seed": seed, **verdict._asdict()}), file=out, flush=True)
@@ -86,8 +85,10 @@ def sample_of(reader: Reader) -> Sample:
 
 
 def tried(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Verdict:
-    """The verdict on the sample spoilt by `seed`."""
+    """The verdict on the sample spoilt by `seed`; a good one must be read."""
     verdict = judged(reader.read, written(reader, sample, seed, scratch))
+    if seed == GOOD and verdict.outcome == REFUSED:
+        verdict = Verdict(FAULT, "the good sample is refused", verdict.text)
     shutil.rmtree(scratch / "try", ignore_errors=True)
     return verdict
 
@@ -103,27 +104,12 @@ def written(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Path:
         return home / reader.name
     files = dict(sample.files)
     if random:
-        _spoil(files, random)
+        (reader.spoil or spoil_one)(files, random)
     inside = home if sample.is_file else home / reader.name
     for name, data in files.items():
         (inside / name).parent.mkdir(parents=True, exist_ok=True)
         (inside / name).write_bytes(data)
     return inside / reader.name if sample.is_file else inside / reader.entry
-
-
-def _spoil(files: dict[str, bytes], random: np.random.Generator) -> None:
-    """One file of the sample spoilt, or, where there are several, lost or in the place of another."""
-    names = sorted(files)
-    leading = [name for name in names if name.endswith(LEADING)]
-    chosen = leading if leading and random.random() < 0.6 else names
-    name = chosen[int(random.integers(len(chosen)))]
-    act = random.random()
-    if len(names) > 1 and act < 0.03:
-        del files[name]
-    elif len(names) > 1 and act < 0.06:
-        files[name] = files[names[int(random.integers(len(names)))]]
-    else:
-        files[name] = spoilt(name, files[name], random)
 
 
 if __name__ == "__main__":
