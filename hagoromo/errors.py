@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 LONGEST = 1000  # characters of a message: what is longer repeats a file
+CONSIDERED = 2000  # characters at either end of a message that are looked at
 BREAKS = re.compile(r"[\s\x1c-\x1f\x85\u2028\u2029]*[\n\r\t\v\f\x1c-\x1f\x85\u2028\u2029]\s*")
 
 
@@ -24,7 +25,10 @@ def one_line(message: object) -> str:
     >>> one_line("a.json: name must be a text: given \x1b[31m")
     'a.json: name must be a text: given \\\\x1b[31m'
     """
-    text = escaped(BREAKS.sub(" ", str(message)))
+    text = str(message)
+    if len(text) > 2 * CONSIDERED:
+        text = f"{text[:CONSIDERED]} … {text[-CONSIDERED:]}"
+    text = escaped(BREAKS.sub(" ", text))
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 300]} … {text[-290:]}"
 
 

@@ -17,6 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes, sized_file
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
+from hagoromo.files.silence import trimesh_silenced
 
 # suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
 # smallest triangles in binary
@@ -35,7 +36,7 @@ def read_mesh(path: str | Path) -> Any:
     if suffix not in GROWTH:
         raise InputError(f"{path} is no mesh file of a known format: give one of {', '.join(GROWTH)}")
     data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[suffix])
-    with reading(path, "a mesh"):
+    with reading(path, "a mesh"), trimesh_silenced():
         if suffix in (".glb", ".gltf"):
             _check_gltf(_gltf_record(data, suffix), str(path))
         files = _folder_files(Path(path).parent, GROWTH[suffix])

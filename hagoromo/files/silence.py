@@ -8,30 +8,39 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 
 _closed: ContextVar[bool] = ContextVar("_closed", default=False)
 
 
 class _Opened(logging.Filter):
-    """Lets records through unless their thread is within `tifffile_silenced`."""
+    """Lets records through unless their thread is within `tifffile_silenced` or `trimesh_silenced`."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         return not _closed.get()
 
 
 @contextmanager
-def tifffile_silenced() -> Iterator[None]:
-    """tifffile logs nothing in this thread while the block runs."""
-    log = logging.getLogger("tifffile")
-    if not any(isinstance(one, _Opened) for one in log.filters):
-        log.addFilter(_Opened())
+def _silenced(*logs: str) -> Iterator[None]:
+    for log in map(logging.getLogger, logs):
+        if not any(isinstance(one, _Opened) for one in log.filters):
+            log.addFilter(_Opened())
     before = _closed.set(True)
     try:
         yield
     finally:
         _closed.reset(before)
+
+
+def tifffile_silenced() -> AbstractContextManager[None]:
+    """tifffile logs nothing in this thread while the block runs."""
+    return _silenced("tifffile")
+
+
+def trimesh_silenced() -> AbstractContextManager[None]:
+    """trimesh logs nothing in this thread while the block runs."""
+    return _silenced("trimesh.util", "trimesh.triangles")
 
 
 @contextmanager

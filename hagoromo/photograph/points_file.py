@@ -21,7 +21,7 @@ FAR = 16.0  # sizes of the surface, from which on its points are counted from a 
 
 def write_points(path: str | Path, points: NDArray[np.floating]) -> None:
     """Write `points` (height, width, 3) [m], 0 or not finite where unknown."""
-    known = np.isfinite(points).all(axis=2) & (points != 0.0).any(axis=2)
+    known = _known(points)
     origin = _beside(points[known].astype(np.float64)) if known.any() else np.zeros(3)
     counted = np.where(known[..., None], points - origin, 0.0)
     header = {ORIGIN: " ".join(map(repr, origin.tolist()))} if origin.any() else None
@@ -40,7 +40,14 @@ def read_points(path: str | Path) -> NDArray[np.floating]:
     origin = _numbers(header[ORIGIN])
     if origin is None:
         raise InputError(f"{path}: {ORIGIN} is {header[ORIGIN]!r:.60}: give three finite numbers [m]")
-    return np.where((points != 0.0).any(axis=2, keepdims=True), points + origin, 0.0)
+    known = _known(points)
+    placed = np.zeros(points.shape)
+    placed[known] = points[known] + origin
+    return placed
+
+
+def _known(points: NDArray[np.floating]) -> NDArray[np.bool_]:
+    return np.isfinite(points).all(axis=2) & (points != 0.0).any(axis=2)
 
 
 def _beside(places: NDArray[np.float64]) -> NDArray[np.float64]:

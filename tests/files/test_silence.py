@@ -2,6 +2,7 @@
 
 import os
 import threading
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,11 +13,13 @@ from fuzz import pictures
 from hagoromo.errors import LONGEST, InputError, one_line
 from hagoromo.files.exr import read_exr
 from hagoromo.files.jpeg import read_jpeg
+from hagoromo.files.mesh import read_mesh
 from hagoromo.files.png import read_png
 from hagoromo.files.raw import read_raw
 from hagoromo.files.silence import tifffile_silenced
 from hagoromo.files.tiff import read_tiff
 
+CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
 READERS = {
     "exr": (pictures.exr, read_exr), "tiles.exr": (pictures.exr_tiles, read_exr), "png": (pictures.png, read_png),
     "palette.png": (pictures.png_kinds, read_png), "jpg": (pictures.jpeg, read_jpeg), "tif": (pictures.tiff, read_tiff),
@@ -63,6 +66,12 @@ def test_jpeg_has_the_pixels_of_opencv(tmp_path):
     assert read_jpeg(tmp_path / "a.jpg").shape == (61, 83)
 
 
+def test_a_mesh_that_is_damaged_is_logged_nowhere(caplog):
+    """trimesh would print a traceback about the normals of an STL, which are not read."""
+    read_mesh(CORPUS / "mesh-text.stl" / "normals.stl")
+    assert not caplog.records
+
+
 def _dies(path):
     os.abort()
 
@@ -87,4 +96,5 @@ def test_a_tiff_of_two_bits_is_refused(tmp_path):
 def test_messages_are_one_line():
     assert one_line("a\nb\x1b[31m\u2028c\ud800") == "a b\\x1b[31m c\\ud800"
     assert len(one_line("x" * 10**6)) <= LONGEST
+    assert len(one_line(" " * 10**6 + "\x1b")) <= LONGEST  # in steps of its length, not of its square
     assert str(InputError("a\r\n b")) == "a b"
