@@ -21,12 +21,12 @@ def exposure(linear: ArrayLike, alpha: ArrayLike | None = None) -> float:
     return DISPLAY_KEY / bright if bright > 0.0 else 1.0
 
 
-def data_uri(picture: NDArray[np.uint8], lossless: bool = False) -> str:
+def data_uri(picture: NDArray[np.uint8], lossless: bool = False, quality: int = JPEG_QUALITY) -> str:
     """`picture` (height, width[, 3]) as the text of a JPEG, or PNG where `lossless`, that an <img> shows."""
     import cv2
 
     suffix = ".png" if lossless else ".jpg"
-    settings = [] if lossless else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    settings = [] if lossless else [cv2.IMWRITE_JPEG_QUALITY, quality]
     _, encoded = cv2.imencode(suffix, picture[..., ::-1] if picture.ndim == 3 else picture, settings)
     return f"data:image/{'png' if lossless else 'jpeg'};base64,{base64.b64encode(encoded.tobytes()).decode()}"
 

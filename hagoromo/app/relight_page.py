@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.report.page import page_picture, write_page
+from hagoromo.app.measure_report import report_viewer
+from hagoromo.app.report.page import page_picture, page_viewer, write_page
 from hagoromo.image.relight.prediction import PREDICTIONS, RELIEF_RIM_PX, Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.light.colour import delta_e_2000, srgb_encode
@@ -35,6 +36,7 @@ def write_relight_report(path: Path, relighting: Relighting) -> None:
         rim=RELIEF_RIM_PX,
         rows=[row for one in relighting.predictions for row in _rows(one)],
         photographs=[_photograph(one) for one in relighting.predictions],
+        **page_viewer(report_viewer(relighting.measurement)),
     )
 
 

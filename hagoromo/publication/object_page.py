@@ -26,7 +26,7 @@ from hagoromo.publication.quantised import Quantised, quantised, scale_of
 from hagoromo.publication.surface_maps import FLIP, SurfaceMaps
 
 LONGEST_SIDE = 4096  # px, of a texture that every browser takes
-MOST_PIXELS = 3_000_000  # of one file: more never fit
+PIXELS_PER_BYTE = 0.6  # of one file: more never fit
 PHOTOGRAPH_SIDE = 900  # px, of the longer side of a photograph on the page
 PHOTOGRAPHS_SHARE = 0.25  # of the bytes of a page
 TILE_SIDE, RAY_CELLS = 512, 32
@@ -49,7 +49,7 @@ def single_page(maps: SurfaceMaps, told: Photographed, photographs: Sequence[Pho
     """The page as one file of at most `limit` bytes; its picture is reduced where it must be."""
     whole = maps
     height, width = maps.labels.shape
-    factor = max(1.0, max(width, height) / LONGEST_SIDE, math.sqrt(maps.known.sum() / MOST_PIXELS))
+    factor = max(1.0, max(width, height) / LONGEST_SIDE, math.sqrt(maps.known.sum() / (PIXELS_PER_BYTE * limit)))
     pictures_limit = PHOTOGRAPHS_SHARE * limit
     for _ in range(8):
         maps = whole if factor == 1.0 else whole.reduced(factor)

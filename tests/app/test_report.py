@@ -8,6 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from hagoromo.app.contact_sheet import contact_sheet
+from hagoromo.app.findings import findings, missing
 from hagoromo.app.measure_report import write_measure_report
 from hagoromo.app.relight_page import write_relight_report
 from hagoromo.app.report.page import number_columns, page_drawing, page_picture, page_text
@@ -15,6 +17,8 @@ from hagoromo.image.compare import Comparison
 from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.measurement.measure import measure
+from hagoromo.publication.document import script_hash
+from tests.app.published_ball import ball
 from tests.inverse.simulated_ball import Truth, simulate
 
 HOSTILE = "<script>alert('\"&amp;\"')</script>"
@@ -34,16 +38,23 @@ class Elements(HTMLParser):
 
 
 def assert_harmless(text: str) -> None:
-    """No script, nothing loaded, every picture with words; figures numbered from 1."""
+    """No script but the viewer's, which the policy names; nothing loaded, every picture with words; figures from 1."""
     elements = Elements(text).found
-    assert not {"script", "link", "iframe", "object", "embed", "base", "form"} & {tag for tag, _ in elements}
+    policies = [a["content"] for tag, a in elements if tag == "meta" and a.get("http-equiv")]
+    assert len(policies) == 1 and f"default-src 'none'; script-src {script_hash()};" in (policies[0] or "")
+    scripts = [attributes for tag, attributes in elements if tag == "script"]
+    assert all("src" not in attributes for attributes in scripts)
+    held = [attributes.get("type") for attributes in scripts]
+    assert set(held) <= {None, "application/json", "text/plain"} and held.count(None) == 1
+    assert not {"link", "iframe", "object", "embed", "base", "form"} & {tag for tag, _ in elements}
     assert "@import" not in text and "url(http" not in text
     for tag, attributes in elements:
         assert not any(name.startswith("on") for name in attributes)
         if tag == "img":
             assert attributes["alt"] and (attributes["src"] or "").startswith("data:image/")
         if tag == "svg":
-            assert attributes["role"] == "img" and attributes["aria-label"]
+            hidden = attributes.get("aria-hidden") == "true"  # of drawings that lie over a picture
+            assert hidden or (attributes["role"] in ("img", "application") and attributes["aria-label"])
     numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.</b>", text)]
     assert numbers and numbers == list(range(1, len(numbers) + 1))
 
@@ -82,6 +93,33 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
     assert text.count("<img") == 7
 
 
+def test_what_is_not_determined_says_why_and_which_photograph_would_help(tmp_path):
+    """Under three lamps on one side n is not identifiable; the page says so in a sentence, once."""
+    _, measured = ball()
+    found = [findings(material, 2000) for material in measured.materials]
+    (sentence,) = missing(found)
+    assert sentence.startswith("The refractive index n is not determined by these photographs: ")
+    assert "A photograph that would: " in sentence and "told" not in sentence
+    assert "half its height" in " ".join(found[0].sentences) and "50 %" in found[0].sentences[0]
+
+
+def test_a_report_of_many_photographs_stays_small(tmp_path):
+    """48 photographs of noise, which no JPEG likes, within 5 MB; one of them within what it takes."""
+    capture, measured = ball()
+    random = np.random.default_rng(5)
+    noisy = [
+        replace(shot, values=random.uniform(0.1, 1.0, shot.values.shape), name=f"{shot.name} {k}")
+        for k in range(16)
+        for shot in capture.photographs
+    ]
+    maps = tuple(np.asarray(one.values) for one in noisy)
+    many = replace(measured, capture=replace(capture, photographs=tuple(noisy)), predicted=maps, residuals=maps)
+    sheet = contact_sheet(many, lambda _, values: (255 * np.clip(values, 0, 1)).astype(np.uint8), 600_000)
+    assert len(sheet) == 48 and sum(len(one) for frame in sheet for one in frame.pictures) < 2 * 600_000
+    write_measure_report(tmp_path / "report.html", many)
+    assert (tmp_path / "report.html").stat().st_size < 5e6
+
+
 def test_words_of_pictures_are_escaped():
     assert "<script" not in page_picture(GREY, HOSTILE, HOSTILE) and "<script" not in page_drawing(
         "<svg></svg>", HOSTILE
@@ -89,8 +127,9 @@ def test_words_of_pictures_are_escaped():
 
 
 def test_a_fit_that_did_not_converge_has_its_line():
-    values = {"name": "", "head": [], "rows": [], "parameters": 4, "remarks": [], "separation": None, "gloss": None}
-    text = page_text("measure.html.j2", photographs=[], unconverged=["skin: 40 steps"], **values)
+    empty = {key: [] for key in ("head", "rows", "remarks", "findings", "missing", "maps", "spectra", "sheet")}
+    values = {"name": "", "parameters": 4, "separation": None, "gloss": None, "viewer": "", "viewer_head": ""}
+    text = page_text("measure.html.j2", unconverged=["skin: 40 steps"], **empty, **values)
     assert "Fits that did not converge" in text and "<li>skin: 40 steps</li>" in text
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hagoromo.app.display import data_uri
 from hagoromo.files.whole import write_text
+from hagoromo.publication.document import Viewer, policy, viewer_html, viewer_style
 from hagoromo.version import __version__
 
 TEMPLATES_PACKAGE = "hagoromo.app.report"
@@ -51,6 +52,16 @@ def page_picture(picture: NDArray[np.uint8], alt: str, title: str = "", lossless
     """An <img> with embedded `picture` (height, width[, 3]). alt: description. title: text below it."""
     label = Markup('<span class="label">{}</span>').format(title) if title else Markup("")
     return Markup('<img alt="{}" src="{}">').format(alt, data_uri(picture, lossless)) + label
+
+
+def page_viewer(viewer: Viewer | None) -> dict[str, Any]:
+    """What a page needs that shows an object to relight: its HTML, and what stands in the head; nothing without one."""
+    if viewer is None:
+        return {"viewer": "", "viewer_head": ""}
+    rules = Markup('<meta http-equiv="Content-Security-Policy" content="{}">\n').format(
+        Markup(policy(viewer, "'unsafe-inline'"))
+    )
+    return {"viewer": viewer_html(viewer), "viewer_head": rules + viewer_style()}
 
 
 def page_drawing(svg: str, alt: str) -> Markup:

@@ -7,7 +7,7 @@ const LAMPS = 4, COARSE = 512, STEP = Math.PI / 90, VIEWS = data.views;
 const canvas = byId("hv-canvas"), frame = byId("hv-frame"), overlay = byId("hv-overlay");
 const message = byId("hv-message"), status = byId("hv-status");
 const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
-const SVG = "http://www.w3.org/2000/svg";
+const SVG = overlay.namespaceURI;
 
 // ---------------------------------------------------------------- unpacking (hagoromo/publication/planes.py)
 
@@ -600,7 +600,7 @@ function connect() {
   byId("hv-spectrum-label").hidden = byId("hv-camera-label").hidden = byId("hv-balance-label").hidden = !data.colours.exact;
   byId("hv-shadows-label").hidden = !data.scales.depth;
   byId("hv-compare-field").hidden = !data.photographs.length;
-  options(byId("hv-photograph"), ["none", ...data.photographs.map((one) => one.name)]);
+  options(byId("hv-photograph"), ["nothing", ...data.photographs.map((one) => one.name)]);
   [...byId("hv-photograph").options].forEach((one, k) => { one.value = String(k - 1); });
   byId("hv-dots").replaceChildren(...data.lamps.map((one) => { const [x, y] = toPad(one.toLamp); return element("circle", { cx: 100 * x, cy: -100 * y, r: 2.5, class: "hv-dot" }); }));
   const bind = (id, event, set) => byId(id).addEventListener(event, (happened) => { set(happened.target); changed(); });
