@@ -23,7 +23,7 @@ def write_coverage_page(home: Path, record: dict[str, Any]) -> None:
     (home / "coverage.md").write_text(_page(record), encoding="utf-8", newline="\n")
 
 
-def chance(held: int, of: int) -> tuple[float, float]:
+def chance(held: float, of: int) -> tuple[float, float]:
     """Clopper–Pearson's 95 % interval of a share of which `held` in `of` were seen."""
     low = float(beta.ppf(0.025, held, of - held + 1)) if held else 0.0
     high = float(beta.ppf(0.975, held + 1, of - held)) if held < of else 1.0
@@ -67,16 +67,22 @@ def _plot(path: Path, record: dict[str, Any]) -> None:
             shift, colour = 0.2 * (k - 0.5 * (len(levels) - 1)), LINE_COLOURS[k % len(LINE_COLOURS)]
             of = [row for row in rows if row["level"] == level]
             share = [100.0 * row["hold"] / row["intervals"] for row in of]
-            edges = [[100.0 * edge for edge in chance(row["hold"], row["intervals"])] for row in of]
+            # channels of one simulation share their noise: they count as one
+            held = [row["hold"] * record["simulations"] / row["intervals"] for row in of]
+            edges = [[100.0 * edge for edge in chance(hold, record["simulations"])] for hold in held]
             bars = [[s - low for s, (low, _) in zip(share, edges, strict=True)],
                     [high - s for s, (_, high) in zip(share, edges, strict=True)]]  # fmt: skip
             places = [place + shift for place in range(len(of))]
             axis.errorbar(places, share, bars, fmt="o", markersize=4, capsize=3, color=colour, label=level)
         axis.axhspan(92.0, 98.0, color="#eee", zorder=0)
         axis.axhline(95.0, color="#999", linewidth=0.8, zorder=0)
-        axis.set_xticks(range(len(LABELS)), [*LABELS.values()], fontsize=8, rotation=25)
+        axis.set_xticks(
+            range(len(LABELS)), [*LABELS.values()], fontsize=8, rotation=25, ha="right", rotation_mode="anchor"
+        )
         axis.set_title(bench, fontsize=10)
         axis.set_ylim(84.0, 101.0)
     axes[0].set_ylabel("intervals that contain the truth [%]", fontsize=9)
-    axes[-1].legend(fontsize=8, frameon=False, loc="lower right", title="full well", title_fontsize=8)
+    axes[-1].legend(
+        fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, title="full well", title_fontsize=8
+    )
     figure.savefig(path, dpi=120)
