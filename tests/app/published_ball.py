@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from hagoromo.camera.camera import Camera
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from tests.inverse.simulated_ball import Truth, reflected, simulate
 
@@ -103,6 +105,34 @@ def radiance(capture, measured, direction=None, position=None, irradiance=np.pi)
         both[1][at] = reflected(*vectors, dark)
     scale = np.broadcast_to(np.asarray(irradiance * falloff), known.shape)[..., None]
     return both[0] * factor * scale, both[1] * scale, known
+
+
+RIDGE = slice(30, 34), 9.0  # columns of a straight ridge on a plane, and its height [px]
+
+
+def ridge() -> Measurement:
+    """A matte plane that faces a far camera, with a ridge on it."""
+    height, width, focal = 61, 113, 20.0 * 113
+    depth = np.full((height, width), 1.0)
+    depth[:, RIDGE[0]] -= RIDGE[1] / focal
+    camera = Camera(width, height, (focal, focal), (width / 2, height / 2))
+    x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+    points = np.stack([x / focal, y / focal, np.ones_like(x)], axis=2) * depth[..., None]
+    normals = np.broadcast_to(np.array([0.0, 0.0, -1.0]), points.shape)
+    labels, truth = np.zeros((height, width), int), Truth((0.2, 0.2, 0.2), 0.0, 0.2, 1.5)
+    shot = Photograph(
+        np.full(points.shape, 0.2), np.full(points.shape, 1e-4), labels == 0, camera,
+        (Lamp(to_lamp=(0, 0, -1)),), "front",
+    )  # fmt: skip
+    return Measurement(
+        (estimate("plane", truth),),
+        labels,
+        (),
+        (),
+        normals.astype(np.float32),
+        points,
+        capture=Capture((shot,), "ridge"),
+    )
 
 
 def body_factor(normals, to_lamp, to_eye):

@@ -12,9 +12,10 @@ import pytest
 from hagoromo.app.cli import main
 from hagoromo.camera.response import Response
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.publication import object_page
 from hagoromo.publication.planes import pack_planes, unpack_planes
 from hagoromo.publication.publish import publish
-from tests.app.published_ball import ball, encoded, radiance
+from tests.app.published_ball import RIDGE, ball, encoded, radiance, ridge
 
 CHROMIUM = "/usr/bin/chromium"
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -168,6 +169,44 @@ def seen_by_eye(body, interface, response, lamp, other):
     white = bars @ day
     linear = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
     return xyz * (np.array([0.95047, 1.0, 1.08883]) / white) @ linear.T
+
+
+def test_a_ridge_casts_its_shadow_as_far_as_the_lamp_is_low(browser, tmp_path):
+    """From the left, θ off the axis, a ridge of h px has a shadow of h tan θ px; to 1.5 px, as its edge is soft."""
+    publish(ridge(), tmp_path / "page.html")
+    opened = Opened(browser, tmp_path / "page.html")
+    columns, high = RIDGE
+    for x in (0.5, 0.7):
+        opened.page.evaluate(
+            f"() => {{ const one = hagoromo.state.lamps[0]; one.x = -{x}; one.y = 0; hagoromo.redraw(); }}"
+        )
+        row = opened.pixels()[30, :, 0].astype(float)
+        dark = np.flatnonzero(row < 0.5 * row[5])
+        length = high * np.tan(x * np.pi / 2)
+        assert dark.min() - columns.stop <= 1
+        assert dark.max() + 1 - columns.stop == pytest.approx(length, abs=1.5)
+        assert (row[: columns.start] > 0.95 * row[5]).all() and (row[dark.max() + 4 :] > 0.95 * row[5]).all()
+    opened.page.keyboard.press("s")
+    assert np.ptp(opened.pixels()[30, :, 0].astype(int)) <= 1
+
+
+def test_a_folder_of_tiles_opens_without_a_server(browser, tmp_path, monkeypatch):
+    """Four tiles and a coarser one: asked for when they are seen, from the folder alone, and lit as one file is."""
+    monkeypatch.setattr(object_page, "TILE_SIDE", 48)
+    _, measurement = ball(far=True)
+    assert publish(measurement, tmp_path / "pages").reduced == 1.0
+    publish(measurement, tmp_path / "page.html")
+    names = {path.name for path in (tmp_path / "pages" / "tiles").iterdir()}
+    assert len(names) == 5 and "1-0-0.js" in names
+    tiled = Opened(browser, tmp_path / "pages" / "index.html")
+    tiled.page.click("[data-zoom=one]")
+    tiled.page.wait_for_function("() => hagoromo.tiles() === 5")
+    tiled.page.uncheck("#hv-shadows")
+    part, whole = tiled.pixels(), Opened(browser, tmp_path / "page.html")
+    whole.page.uncheck("#hv-shadows")
+    assert (part == whole.pixels()[:48, :48]).all()
+    folder = (tmp_path / "pages").resolve().as_uri()
+    assert tiled.said == [] and all(one.startswith(folder) for one in tiled.asked)
 
 
 def test_a_page_is_one_file_that_asks_for_nothing_and_runs_nothing_else(measured, tmp_path):

@@ -7,14 +7,14 @@ uniform vec4 lampAt[LAMPS];
 out vec4 arriving;
 
 const float SOFTNESS = 0.012;  // [rad] half width of the lamp
-const float BIAS = 0.6;        // [px] by which the surface may stand above a ray that starts on it
+const float BIAS = 0.4;        // [px] by which the surface may stand above a ray near its start, none after 6 px
 
 float arrivingFrom(vec4 lamp, vec3 start, ivec2 size) {
   vec3 way = lamp.w > 0.5 ? lamp.xyz - start : lamp.xyz;
   vec3 toLamp = normalize(way);
   float pixel = -start.z / focal.x, across = max(length(toLamp.xy), 0.02);
   float reach = lamp.w > 0.5 ? length(way) : 1e30, clearance = 1e3, steps = 1.5;
-  for (int i = 0; i < 220; i++) {
+  for (int i = 0; i < 180; i++) {
     float t = steps * pixel / across;
     vec3 point = start + t * toLamp;
     if (t > reach || -point.z < nearest) break;
@@ -26,9 +26,10 @@ float arrivingFrom(vec4 lamp, vec3 start, ivec2 size) {
     float c = texelFetch(relief, low + ivec2(0, 1), 0).r, d = texelFetch(relief, low + 1, 0).r;
     if (min(min(a, b), min(c, d)) > 0.0) {
       float surface = mix(mix(a, b, share.x), mix(c, d, share.x), share.y);
-      clearance = min(clearance, (surface + point.z + BIAS * pixel) / t);
+      clearance = min(clearance, (surface + point.z + BIAS * pixel * max(1.0 - steps / 6.0, 0.0)) / t);
+      if (clearance < -SOFTNESS) break;
     }
-    steps += max(1.0, 0.02 * steps);
+    steps += max(0.7, 0.03 * steps);
   }
   return smoothstep(-SOFTNESS, SOFTNESS, clearance);
 }

@@ -285,6 +285,18 @@ function updateShadows() {
   shadowStamp = stamp;
 }
 
+function medians(depths, width, height) {  // over 5 × 5 px: spikes of the measured depth would throw shadows
+  const made = new Float32Array(depths.length), around = new Float32Array(25);
+  for (let r = 0, i = 0; r < height; r++) for (let c = 0; c < width; c++, i++) {
+    if (!depths[i]) continue;
+    let count = 0;
+    for (let y = Math.max(r - 2, 0); y <= Math.min(r + 2, height - 1); y++)
+      for (let x = Math.max(c - 2, 0); x <= Math.min(c + 2, width - 1); x++) if (depths[y * width + x]) around[count++] = depths[y * width + x];
+    made[i] = around.subarray(0, count).sort()[count >> 1];
+  }
+  return made;
+}
+
 function makeRelief(header, planes, factor) {  // depth of a coarse picture, for shadows and the ruler
   const step = Math.max(1, Math.ceil(Math.max(header.width, header.height) / COARSE));
   const width = Math.ceil(header.width / step), height = Math.ceil(header.height / step), whole = step * factor;
@@ -294,8 +306,9 @@ function makeRelief(header, planes, factor) {  // depth of a coarse picture, for
     const i = y * header.width + x;
     if (planes.label[i]) depths[r * width + c] = range[0] + ((range[1] - range[0]) * planes.depth[i]) / 65535;
   }
+  const smooth = medians(depths, width, height);
   const offset = step > 1 ? (step >> 1) + 0.5 - step / 2 : 0;  // of the sample from the middle of its square
-  const one = texture(gl.TEXTURE_2D, gl.R32F, width, height, 0, depths, gl.FLOAT, gl.RED);
+  const one = texture(gl.TEXTURE_2D, gl.R32F, width, height, 0, smooth, gl.FLOAT, gl.RED);
   const across = (width * whole) / data.width, down = (height * whole) / data.height;
   relief = { width, height, whole, depths, texture: one, focal: data.focal.map((v) => v / whole), across, down,
     centre: data.principal.map((v) => (v - offset * factor) / whole) };
@@ -760,5 +773,5 @@ async function start() {
 
 const ready = start().catch((error) => { message.hidden = false; message.textContent = error.message; throw error; });
 canvas.addEventListener("webglcontextlost", () => { message.hidden = false; message.textContent = "The graphics processor was reset: load the page again."; });
-window.hagoromo = { ready, state, pixels, framesPerSecond, light: () => state.lamps.map(light) };
+window.hagoromo = { ready, state, pixels, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
 })();
