@@ -286,17 +286,13 @@ def render(
     replaceable_files((out, out.with_suffix(".png")), force)
     from hagoromo.image.scene_file import camera_and_settings
 
-    if scheduler is None:
-        loaded, settings = hg.load_scene(scene)
-        camera = loaded.camera
-    else:
-        loaded, (camera, settings) = scene, camera_and_settings(scene)
+    camera, settings = camera_and_settings(scene)
     if tolerance is not None:
         settings = replace(settings, tolerance=tolerance)
     if separate_lamps:
         settings = replace(settings, separate_lamps=True)
     with progress_bar("render") as progress:
-        image = hg.render(loaded, settings, progress, scheduler)
+        image = hg.render(scene, settings, progress, scheduler)
     wrote(*image.save(out, camera.response, force))
 
 

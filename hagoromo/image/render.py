@@ -18,7 +18,7 @@ from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings, scene_and_settings
+from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import R3, Film
@@ -59,7 +59,11 @@ def render(
         from hagoromo.image.render_tiles import render_on  # Dask is an extra
 
         return render_on(scheduler, scene, settings, progress)
-    scene, settings = scene_and_settings(scene, settings)
+    if not isinstance(scene, Scene):
+        from hagoromo.image.scene_file import load_for_picture  # only a file needs the readers of boxes and cameras
+
+        scene, settings = load_for_picture(scene, settings)
+    settings = settings or Settings()
     return picture(scene, settings, SceneCache(), pixel_points(settings.samples, settings.seed), progress=progress)
 
 
@@ -256,7 +260,7 @@ def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> 
 def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:
     """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
     casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
-    resolution = resolution or fitting_resolution(medium, settings.tolerance)
+    resolution = resolution or fitting_resolution(medium.boxes, settings.tolerance)
     if texels:
         resolution = min(resolution, max(texels, COARSEST_MAP))
         if cache.key("maps")[:1] == (casters,):

@@ -23,7 +23,7 @@ from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import camera_and_settings, load_scene
+from hagoromo.image.scene_file import camera_and_settings, load_for_picture
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
@@ -139,7 +139,7 @@ def _ready(order: SceneOrder, batch: int) -> tuple[Scene, PreparedScene]:
             raise InputError(
                 f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
             )
-        _held[order] = load_scene(order.path)[0], SceneCache()
+        _held[order] = load_for_picture(order.path, order.settings)[0], SceneCache()
     scene, cache = _held[order]
     if batch not in _lit:
         _lit.clear()

@@ -6,6 +6,7 @@ numbers by rows. A place turns about x, then y, then z; a box is moved from wher
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,17 +36,21 @@ from hagoromo.files.record import (
     up_to,
 )
 from hagoromo.files.stores import address
+from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.volume.box import Extinction, VolumeBox
-from hagoromo.volume.store.box_store import load_box
+from hagoromo.volume.bricks import Bricks, Grid
+from hagoromo.volume.store.box_store import holds_shell, load_box, stored_bricks
 from hagoromo.volume.store.header import EXTINCTION
+from hagoromo.volume.store.open_box import OpenBox, open_box
 
 MOST_PLACES = 10_000  # lamps, boxes or surfaces of a file
 NOWHERE = (0.0, 0.0, 0.0)
+LoadBox = Callable[[Path], VolumeBox]
 
 
 class SceneCamera(Record, frozen=True, kw_only=True):
@@ -139,13 +144,42 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
 
     `InputError` names the file, the table and the key that is wrong; an unknown key together with the known ones.
     """
-    path = Path(path)
+    return _loaded(Path(path), load_box)
+
+
+def load_for_picture(path: str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
+    """As `load_scene`, for a picture by the scene's own camera, under its own lamps, and by `settings`, if given.
+
+    Of a box in a store the chunks are read that hold bricks which that picture takes, and no others, see
+    `needed_bricks`.
+    """
+    opened: dict[int, OpenBox] = {}
+
+    def load(place: Path) -> VolumeBox:
+        if not address(place) or holds_shell(place):
+            return load_box(place)
+        box = open_box(place)
+        without_voxels = Bricks(box.source.shape, box.places, Grid(None, 0, 0), Grid(None, 0, 0))
+        opened[id(without_voxels)] = box
+        return box.header.box(without_voxels)
+
+    scene, stated = _loaded(Path(path), load)
+    if not opened:
+        return scene, settings or stated
+    boxes = [
+        replace(box, bricks=stored_bricks(opened[id(box.bricks)], needed)) if id(box.bricks) in opened else box
+        for box, needed in zip(scene.boxes, needed_bricks(scene, settings or stated), strict=True)
+    ]
+    return replace(scene, boxes=tuple(boxes)), settings or stated
+
+
+def _loaded(path: Path, load: LoadBox) -> tuple[Scene, Settings]:
     record, folder = decode(read_toml(path), SceneRecord, str(path)), path.parent
     try:
         scene = Scene(
             _camera(record.camera, folder, f"{path} [camera]"),
             tuple(lamp_from_record(one, folder, f"{path} lamp {i + 1}") for i, one in enumerate(record.lamp)),
-            tuple(_box(one, folder, f"{path} box {i + 1}") for i, one in enumerate(record.box)),
+            tuple(_box(one, folder, f"{path} box {i + 1}", load) for i, one in enumerate(record.box)),
             tuple(_surface(one, folder, f"{path} surface {i + 1}") for i, one in enumerate(record.surface)),
         )
         return scene, _settings(record, path)
@@ -194,11 +228,11 @@ def _lens(key: SceneCamera, folder: Path, where: str) -> Camera:
     return Camera(int(width), int(height), key.focal, key.principal or (width / 2, height / 2), key.distortion)
 
 
-def _box(record: dict[str, Any], folder: Path, where: str) -> VolumeBox:
+def _box(record: dict[str, Any], folder: Path, where: str, load: LoadBox) -> VolumeBox:
     key = decode(record, SceneBox, where)
     if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
-    box = load_box(_box_place(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
+    box = load(_box_place(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
     if box.texel and key.extinction not in (None, box.extinction):
         raise InputError(
             f"{where}: extinction is {key.extinction!r}, the box's texel was matched for {box.extinction!r}: "

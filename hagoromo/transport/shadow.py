@@ -15,6 +15,7 @@ from hagoromo.transport.lighting import Attenuation
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium, TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
+from hagoromo.volume.box import VolumeBox
 
 TEXELS_PER_VOXEL = 1.8  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
 COARSEST_TEXEL = 64.0  # [voxel] along a texel of the finest map that is still of use
@@ -48,7 +49,7 @@ def mapped_attenuation(
     marched. `tolerance` (see `Settings`) says where.
     """
     jit, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
-    maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium, tolerance))
+    maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium.boxes, tolerance))
     least, share = (dr.opaque(jit.Float, figure * finer**2) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
     voxel = min(box.voxel_size for box in medium.boxes)
     near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * voxel)
@@ -82,21 +83,21 @@ def mapped_attenuation(
     return transmittance
 
 
-def fitting_resolution(medium: Medium, tolerance: float = DEFAULT_TOLERANCE) -> int:
+def fitting_resolution(boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> int:
     """Texels a side: TEXELS_PER_VOXEL of the smallest voxel over the extent of all matter, from 128 to MOST_TEXELS.
 
     A tolerance of a sixteenth takes twice as many.
     """
     finer = (DEFAULT_TOLERANCE / tolerance) ** 0.25
-    return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels_across(medium) / 64), 128, MOST_TEXELS))
+    return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels_across(boxes) / 64), 128, MOST_TEXELS))
 
 
 def too_wide_for_maps(medium: Medium) -> bool:
     """Whether the boxes stand so far apart that a texel of the finest map would miss whole boxes."""
-    return voxels_across(medium) > COARSEST_TEXEL * MOST_TEXELS
+    return voxels_across(medium.boxes) > COARSEST_TEXEL * MOST_TEXELS
 
 
-def voxels_across(medium: Medium) -> float:
+def voxels_across(boxes: Sequence[VolumeBox]) -> float:
     """Extent of all matter together in the smallest voxel."""
-    corners = np.concatenate([box.matter_corners() for box in medium.boxes])
-    return float(np.linalg.norm(np.ptp(corners, axis=0))) / min(box.voxel_size for box in medium.boxes)
+    corners = np.concatenate([box.matter_corners() for box in boxes])
+    return float(np.linalg.norm(np.ptp(corners, axis=0))) / min(box.voxel_size for box in boxes)

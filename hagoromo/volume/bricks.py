@@ -48,6 +48,7 @@ class Bricks:
 
     density: pairs of halves, UInt; axis: bits, Int (see `PackedVoxels`); colour: Float16, four coefficients of the body
     colour on the box's basis, or None; material: UInt8, or None. chart: UInt, four words, or None; see `chart`.
+    whole: places of all stored bricks of the box, where only those of a part of it are here.
     """
 
     shape: Shape
@@ -57,6 +58,7 @@ class Bricks:
     colour: Grid | None = None
     material: Grid | None = None
     chart: Grid | None = None
+    whole: np.ndarray | None = None
 
     @property
     def kept(self) -> int:
@@ -86,9 +88,10 @@ class Bricks:
         the lattice.
         """
         low, high = np.full(3, -0.5), np.array(self.shape[::-1]) - 0.5
-        if not self.kept:
+        places = self.places if self.whole is None else self.whole
+        if not len(places):
             return low, high
-        first, last = (place[::-1] for place in (self.places.min(axis=0), self.places.max(axis=0)))
+        first, last = (place[::-1] for place in (places.min(axis=0), places.max(axis=0)))
         behind = last + 1
         return np.where(first > 0, BRICK * first, low), np.where(behind < self.lattice[::-1], BRICK * behind, high)
 

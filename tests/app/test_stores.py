@@ -9,6 +9,8 @@ import pytest
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.files import stores
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.store import packed_bricks
 from hagoromo.volume.store.box_store import look_at_box
 
 
@@ -80,6 +82,68 @@ def test_only_the_packed_bricks_and_ends_of_chunks_are_fetched(stored):
     stores.traffic.clear()
     look_at_box(address)
     assert stores.traffic["bytes"] < 4096
+
+
+BAR = """
+[camera]
+size = [13, 11]
+focal = [60.0, 60.0]
+eye = [0.01, -0.12, 0.012]
+target = [0.01, 0.0, 0.012]
+[[lamp]]
+%s
+[[box]]
+file = "%s"
+[render]
+samples = 2
+shadows = "%s"
+"""
+ACROSS, ALONG = (0.05, 0.45), (0.8, 1.01)  # share of the bytes of the whole box
+LAMPS = {
+    "to_lamp = [0.2, -1.0, 0.4]": ACROSS,
+    "position = [0.02, -0.2, 0.05]\nintensity = 0.02": ACROSS,
+    "to_lamp = [1.2, -1.0, 0.1]": (0.45, 0.8),
+    "to_lamp = [1.0, -0.02, 0.02]": ALONG,
+    "position = [0.4, 0.012, 0.012]\nintensity = 0.2": ALONG,
+}
+
+
+@pytest.fixture(scope="module")
+def bar(s3, tmp_path_factory):
+    """A bar of uneven matter, 24 × 24 × 192 mm, in chunks of nine bricks; the address of it in the store."""
+    density = np.random.default_rng(5).random((24, 24, 192)).astype(np.float32)
+    axis = np.broadcast_to([0.0, -1.0, 0.0], (*density.shape, 3))
+    matter = hg.Reflectance(0.2, 0.1, 0.3, 1.5, hg.Spectrum.constant(1.0))
+    box = VolumeBox.from_arrays(np.where(density > 0.4, density, 0.0), axis, 1e-3, 30.0, [matter])
+    folder = tmp_path_factory.mktemp("bar")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(packed_bricks, "BRICKS_PER_CHUNK", 9)
+        box.save(folder / "bar.zarr")
+    stores.put(folder / "bar.zarr", f"{s3}/bar.zarr")
+    return f"{s3}/bar.zarr"
+
+
+@pytest.mark.parametrize(
+    ("lamp", "shadows"), [*((lamp, kind) for lamp in LAMPS for kind in ("map", "march")), (list(LAMPS)[-1], "none")]
+)
+def test_only_the_bricks_that_a_picture_takes_are_fetched(bar, tmp_path, lamp, shadows):
+    """The camera sees a ninth of a bar. Light along the bar passes all of it, and so nearly all is fetched."""
+    path = tmp_path / "scene.toml"
+    path.write_text(BAR % (lamp, bar, shadows))
+    stores.traffic.clear()
+    scene, settings = hg.load_scene(path)
+    whole = stores.traffic["bytes"]
+    stores.traffic.clear()
+    image = hg.render(path)
+    share = stores.traffic["bytes"] / whole
+    least, most = (0.8, 1.01) if "bar" in lamp + " bar" * ("end" in lamp) and shadows != "none" else (0.05, 0.45)
+    least, most = ACROSS if shadows == "none" else LAMPS[lamp]
+    assert least < share < most, share
+    expected = hg.render(scene, settings)
+    assert expected.weights.max() > 0 and image.metadata == expected.metadata
+    error = np.abs(image.weights - expected.weights).max() / expected.weights.max()
+    assert error < 1e-5
+    np.testing.assert_allclose(image.alpha, expected.alpha, atol=1e-5)
 
 
 def test_a_capture_is_measured_from_and_into_a_store(capture, s3, tmp_path, capsys):

@@ -13,11 +13,11 @@ from hagoromo.files.stores import is_file
 from hagoromo.files.whole import whole_folder
 from hagoromo.files.zarr_arrays import open_arrays
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.bricks import brick_bytes
+from hagoromo.volume.bricks import Bricks, brick_bytes
 from hagoromo.volume.store.blocks import BLOCK_SIDE, OFFSETS, Block, block_of, low_part, runs
 from hagoromo.volume.store.box_group import BoxGroup
 from hagoromo.volume.store.header import BoxHeader, header_of
-from hagoromo.volume.store.open_box import open_box
+from hagoromo.volume.store.open_box import OpenBox, open_box
 from hagoromo.volume.store.packed_bricks import read_packed, write_packed
 from hagoromo.volume.store.read_bricks import read_bricks
 from hagoromo.volume.store.shell_store import is_shell, look_at_shell, read_shell, write_shell
@@ -43,10 +43,15 @@ def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
 
 def load_box(path: str | Path) -> VolumeBox:
     """The volume box in the Zarr group at `path`; `InputError` when it is missing, damaged, foreign or too large."""
-    if _holds_shell(path):
+    if holds_shell(path):
         return read_shell(Path(path))
     box = open_box(path)
-    return box.header.box(read_packed(box) or read_bricks(box.source, box.places, len(box.header.materials)))
+    return box.header.box(stored_bricks(box))
+
+
+def stored_bricks(box: OpenBox, needed: NDArray[np.bool_] | None = None) -> Bricks:
+    """The bricks of a box on disk; of packed ones, those `needed` (n,) at least. `InputError` as from `load_box`."""
+    return read_packed(box, needed) or read_bricks(box.source, box.places, len(box.header.materials))
 
 
 class StoredBox(NamedTuple):
@@ -65,14 +70,15 @@ class StoredBox(NamedTuple):
 
 def look_at_box(path: str | Path) -> StoredBox:
     """The box in the Zarr group at `path`, its voxels unread; `InputError` as from `load_box`."""
-    if _holds_shell(path):
+    if holds_shell(path):
         return StoredBox(*look_at_shell(Path(path)))
     box = open_box(path)
     size = brick_bytes(box.source.colours > 0, box.source.material)
     return StoredBox(box.header, box.source.shape, len(box.places), len(box.places) * size)
 
 
-def _holds_shell(path: str | Path) -> bool:
+def holds_shell(path: str | Path) -> bool:
+    """Whether a box is a shell around a texel."""
     return is_file(Path(path) / "zarr.json") and is_shell(open_arrays(path)[0].get("hagoromo"))
 
 

@@ -36,7 +36,7 @@ class BrickWriter:
             "material": (jit.UInt8, VOXELS) if material else None,
             "chart": (jit.UInt, VOXELS * 4) if chart else None,
         }  # fmt: skip
-        self.grids = {
+        self.grids: dict[str, Any] = {
             name: Grid(dr.zeros(kind[0], count * kind[1]), kind[1], count) for name, kind in wanted.items() if kind
         }
         dr.eval([grid.values for grid in self.grids.values()])

@@ -69,9 +69,10 @@ def write_packed(folder: Path, progress: Progress = silent) -> None:
     group.attrs.update({"format": FORMAT, "seal": seal(box.arrays.values())})  # last: what is cut off has no seal
 
 
-def read_packed(box: OpenBox) -> Bricks | None:
+def read_packed(box: OpenBox, needed: NDArray[np.bool_] | None = None) -> Bricks | None:
     """The stored bricks from the packed ones; None where there are none, or none of this format and these arrays.
 
+    needed: (n,) of the stored bricks; chunks that hold none of them are not read, and their bricks left out.
     Raises `InputError` where they are damaged, hold what is no voxel, or do not fit the memory.
     """
     folder = box.folder / PACKED_GROUP
@@ -81,27 +82,39 @@ def read_packed(box: OpenBox) -> Bricks | None:
     if record.get("format") != FORMAT or record.get("seal") != seal(box.arrays.values()):
         return None
     names, count = _names(box), len(box.places)
+    numbers = {name: _numbers(box, name, stored.get(name)) for name in names}
+    size = stored["density"].grid[0]
+    wanted = np.arange(-(-count // size))
+    if needed is not None and all(stored[name].grid[0] == size for name in names):
+        wanted = np.unique(np.flatnonzero(needed) // size)
+    kept = np.concatenate([np.zeros(0, np.int64), *(np.arange(k * size, min((k + 1) * size, count)) for k in wanted)])
     with described(str(folder)):
-        check_bricks(count, f"{count} bricks", box.source.colours > 0, box.source.material)
-    chunks = [(name, number) for name in names for number in _numbers(box, name, stored.get(name))]
-    pools = {name: aligned(count * _each(name), np.uint32 if name == "density" else BITS[name]) for name in names}
+        check_bricks(len(kept), f"{len(kept)} bricks", box.source.colours > 0, box.source.material)
+    pools = {name: aligned(len(kept) * _each(name), np.uint32 if name == "density" else BITS[name]) for name in names}
 
-    def read(chunk: tuple[str, int]) -> None:
-        name, number = chunk
+    def read(chunk: tuple[str, int, int]) -> None:
+        name, number, place = chunk
         begin = number * stored[name].grid[0]
         end = min(begin + stored[name].grid[0], count)
         values = stored[name].read((begin, *(0 for _ in _voxel(name))), (end, *_voxel(name)))
         bits = np.ascontiguousarray(values).view(BITS[name])
         _check_voxels(name, bits, stored[name], len(box.header.materials))
-        place = pools[name][begin * _each(name) : end * _each(name)]
+        own = pools[name][place * _each(name) : (place + end - begin) * _each(name)]
         if name == "density":
-            paired_density(bits, place)
+            paired_density(bits, own)
         else:
-            place[:] = bits.ravel()
+            own[:] = bits.ravel()
 
+    if len(kept) < count:
+        chunks = [(name, int(number), at * size) for name in names for at, number in enumerate(wanted)]
+    else:
+        chunks = [(name, number, number * stored[name].grid[0]) for name in names for number in numbers[name]]
     for _ in in_order(read, chunks):
         pass
-    return Bricks(box.source.shape, box.places, **{name: _grid(name, pools[name], count) for name in names})
+    grids: dict[str, Any] = {name: _grid(name, pools[name], len(kept)) for name in names}
+    if len(kept) == count:
+        return Bricks(box.source.shape, box.places, **grids)
+    return Bricks(box.source.shape, box.places[kept], **grids, whole=box.places)
 
 
 def _grid(name: str, pool: NDArray, count: int) -> Grid:
