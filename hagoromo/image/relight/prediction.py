@@ -1,7 +1,11 @@
 """Prediction: a photograph that was held out, and what the measured surface gives under its lamp in its camera.
 
-There are two predictions: the volume boxes, rendered with their shadows, and the reflectance on the normals, computed
-for each pixel without shadows and for the measured view only. The second shows what the boxes gain or lose.
+There are three predictions: the volume boxes, rendered with their shadows; the reflectance on the normals, computed for
+each pixel without shadows and for the measured view only, which shows what the boxes gain or lose; and where the shape
+was solved least-squares Lambert on the same photographs, a yardstick.
+
+Every pixel of the object is compared that the boxes cover, also where the photograph is clipped: there it and the
+predictions are cut off at its white.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
 from hagoromo.image.compare import Comparison, compare
 from hagoromo.image.relight.stage import Stage
+from hagoromo.image.relight.yardstick import Yardstick
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
@@ -35,8 +40,13 @@ RELIEF_RIM_PX = 1  # [px] ignored along the edge of the relief, where rays may m
 PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel that is the white of the pictures
 LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared
 Array = NDArray[np.float64]
-PREDICTIONS = {"boxes": "volume boxes, rendered", "normals": "reflectance on the normals, no shadows"}
-FILE_STEMS = {"boxes": "predicted", "normals": "normals"}  # names of their files
+CLIPPED = 0.98  # of the largest valid value: masked values from there on are clipped, and compared
+PREDICTIONS = {
+    "boxes": "volume boxes, rendered",
+    "normals": "reflectance on the normals, no shadows",
+    "lambert": "least-squares Lambert, a yardstick",
+}
+FILE_STEMS = {"boxes": "predicted", "normals": "normals", "lambert": "lambert"}  # names of their files
 
 
 class PredictionRecord(ForeignRecord, frozen=True, kw_only=True):
@@ -46,6 +56,7 @@ class PredictionRecord(ForeignRecord, frozen=True, kw_only=True):
     white: Annotated[float, about("value of the photograph that is white on the page and in the comparison")]
     lamps: Annotated[list[str], about("description of each lamp")]
     compared: Annotated[dict[str, dict[str, Any]], about("difference of each prediction from the photograph")]
+    object_pixels: Annotated[int | None, about("pixels of the object; those compared are covered by the boxes")] = None
     hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 
@@ -55,8 +66,9 @@ class Prediction:
 
     source: the photograph, of this name; its files have this number. photograph: (h, w, 3) linear sRGB, 1 being the
     value `white` of the photograph; values of the camera where its response is not known. predictions: key of
-    PREDICTIONS → (h, w, 3) likewise; "normals" only for the measured view. mask: (h, w) pixels that are compared.
-    compared: key of PREDICTIONS → its difference from the photograph. lamps: description of each lamp.
+    PREDICTIONS → (h, w, 3) likewise; "normals" and "lambert" only for the measured view. mask: (h, w) pixels that are
+    compared, of object_pixels that the photograph shows of the object. compared: key of PREDICTIONS → its difference
+    from the photograph. lamps: description of each lamp.
     """
 
     name: str
@@ -68,6 +80,7 @@ class Prediction:
     compared: Mapping[str, Comparison]
     white: float
     lamps: tuple[str, ...]
+    object_pixels: int
 
     def __repr__(self) -> str:
         figures = self.compared["boxes"]
@@ -83,11 +96,12 @@ class Prediction:
             "white": self.white,
             "lamps": list(self.lamps),
             "compared": {key: figures.record() for key, figures in self.compared.items()},
+            "object_pixels": self.object_pixels,
             "hagoromo": written_by(),
         }
 
     def write_into(self, folder: Path) -> None:
-        """Write photograph_NN, predicted_NN and normals_NN, each as EXR and PNG, and mask_NN.png."""
+        """Write photograph_NN, predicted_NN, normals_NN and lambert_NN, each as EXR and PNG, and mask_NN.png."""
         pictures = {"photograph": self.photograph} | {
             FILE_STEMS[key]: picture for key, picture in self.predictions.items()
         }
@@ -99,11 +113,13 @@ class Prediction:
         write_png(folder / f"mask_{self.number:02d}.png", self.mask.astype(np.uint8) * 255)
 
 
-def predict(stage: Stage, photograph: Photograph, number: int, home: Path) -> Prediction:
+def predict(
+    stage: Stage, photograph: Photograph, number: int, home: Path, yardstick: Yardstick | None = None
+) -> Prediction:
     """Render the boxes of `stage`, whose files are in the folder `home`, as `photograph` shows them.
 
-    The scene is written to `home` under the `number` of the photograph. `InputError` for a photograph without a lamp,
-    or one that shows nothing of the surface.
+    The scene is written to `home` under the `number` of the photograph. yardstick: of the measured view. `InputError`
+    for a photograph without a lamp, or one that shows nothing of the surface.
     """
     if not photograph.lamps:
         raise InputError(f"photograph {photograph.name!r} has no lamp: add its lamp, or do not hold it out")
@@ -112,26 +128,39 @@ def predict(stage: Stage, photograph: Photograph, number: int, home: Path) -> Pr
     response = scene.camera.response
     assert response is not None
     values = {"boxes": image.expose(response).astype(np.float64)}
-    mask = photograph.mask & (image.alpha > LEAST_COVERAGE)
-    of_measured_view = mask.shape == stage.relief.labels.shape and np.allclose(
+    clipped, white = _clipped(photograph)
+    shown, covered = photograph.mask | clipped, image.alpha > LEAST_COVERAGE
+    of_measured_view = shown.shape == stage.relief.labels.shape and np.allclose(
         photograph.camera.matrix, stage.camera.matrix, rtol=1e-6
     )
     if of_measured_view:
         values["normals"] = _on_normals(stage, photograph)
-        mask &= stage.relief.known()
-    mask = _without_rim(mask)
+        covered &= stage.relief.known()
+        if yardstick is not None:
+            values["lambert"] = yardstick.values(photograph)
+    mask = shown & _without_rim(covered)
     if not mask.any():
         raise InputError(f"photograph {photograph.name!r} shows nothing of the measured surface: check its camera")
     matrix = _to_srgb(photograph)
-    used = photograph.mask[..., None]
-    shown = np.where(used | np.isfinite(photograph.values), photograph.values, 0.0).astype(np.float64) @ matrix.T
+    object_pixels = int((photograph.mask | mask).sum())
+    seen = np.where(np.isfinite(photograph.values), photograph.values, 0.0).astype(np.float64)
+    shown, values = np.minimum(seen, white) @ matrix.T, {key: np.minimum(one, white) for key, one in values.items()}
     level = float(np.percentile(shown[mask].max(axis=1), PAGE_WHITE_PERCENTILE))
     if not level > 0.0:
         raise InputError(f"photograph {photograph.name!r} is black where the surface is: nothing can be compared")
     shown, predictions = shown / level, {key: value @ matrix.T / level for key, value in values.items()}
     compared = {key: compare(np.float32(one), np.float32(shown), mask, 1.0) for key, one in predictions.items()}
     lamps = tuple(_described(lamp) for lamp in photograph.lamps)
-    return Prediction(photograph.name, number, photograph, shown, predictions, mask, compared, level, lamps)
+    parts = photograph, shown, predictions, mask, compared, level, lamps
+    return Prediction(photograph.name, number, *parts, object_pixels)
+
+
+def _clipped(photograph: Photograph) -> tuple[NDArray[np.bool_], float]:
+    """(h, w) pixels that are masked because they are clipped, and the value at which; infinity without any."""
+    seen = np.where(np.isfinite(photograph.values), photograph.values, -np.inf).max(axis=2)
+    top = float(np.max(seen, where=photograph.mask, initial=0.0))
+    clipped = ~photograph.mask & (seen >= CLIPPED * top) & (top > 0.0)
+    return clipped, top if clipped.any() else np.inf
 
 
 def _without_rim(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.prediction import predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
 from hagoromo.image.relight.stage import make_stage
+from hagoromo.image.relight.yardstick import yardstick_of
 from hagoromo.measurement.measure import measure
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
@@ -34,7 +35,8 @@ def relight(
     """Predict photographs of an object from the other photographs of `capture`: a Capture, or the path of its folder.
 
     The others are measured (`measure`), and the surface is built as volume boxes. The boxes are rendered under the lamp
-    and in the camera of each photograph to predict, and compared with it.
+    and in the camera of each photograph to predict, and compared with it: every pixel of the object that they cover,
+    clipped ones cut off at white. Where the shape is solved, so is least-squares Lambert on the same photographs.
 
     hold: names of the photographs that are held out, all at once (default: the last). against: another capture of the
     same object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, and none is
@@ -51,10 +53,10 @@ def relight(
         measurement.write_into(home / MEASURED_FOLDER)
         stage = make_stage(rest, home / MEASURED_FOLDER)
         stage.write_into(home)
-        predictions = []
+        predictions, yardstick = [], yardstick_of(rest, measurement)
         for number, photograph in enumerate(held_out):
             progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(held_out), photograph.name)
-            predictions.append(predict(stage, photograph, number, home))
+            predictions.append(predict(stage, photograph, number, home, yardstick))
     progress(1.0, "")
     return Relighting(measurement, stage, tuple(predictions))
 

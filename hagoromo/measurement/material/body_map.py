@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import HUBER
+from hagoromo.least_squares import TUKEY
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
 from hagoromo.measurement.material.material_objective import expected, interface_of, theta_of
@@ -19,6 +19,9 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 PASSES = 3  # of re-weighting: shadows and dust lose their weight in two
+MODEL_ERROR = 0.01  # relative, of the model, beside the noise
+LEAST_VARIATION = 1e-3  # relative, of a body colour that varies
+FARTHEST_BODY = 4.0  # standard deviations of the variation between the start of a pixel's body colour and the mean
 DARKEST = 1e-6  # of the largest irradiance of a photograph: pixels with less carry no information
 
 
@@ -110,23 +113,41 @@ def body_map(
 
 
 def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Array | None) -> tuple[Array, Array]:
-    """Body (M, C) of each pixel by robust least squares, and its standard error, inf where no photograph shows it."""
+    """Body (M, C) of each pixel, and its standard error; inf where no photograph shows it.
+
+    The prior is the material: its mean, with the variation that was found. Shadows make values too dark, never too
+    bright, and of a few photographs half may be in one: so the start is the higher median of the photographs, values
+    far from it do not count, and a pixel whose values are all far keeps the mean.
+    """
+    assert material.texture is not None
     mean = material.alpha * np.array(material.body_colour)
     theta = theta_of(material, np.zeros_like(mean))
-    body, index = np.tile(mean, (len(pixels), 1)), (pixels.rows, pixels.columns)
-    photographs_parts = [_view(photograph, pixels, theta, white) for photograph in capture.photographs]
-    power = np.zeros_like(body)
-    for turn in range(PASSES):
-        rhs, power = np.zeros_like(body), np.zeros_like(body)
-        for photograph, (lit, used, rest) in zip(capture.photographs, photographs_parts, strict=True):
-            variance = photograph.variance[index].astype(np.float64)
+    views = [_view(photograph, pixels, theta, white) for photograph in capture.photographs]
+    index = pixels.rows, pixels.columns
+    prior = 1.0 / np.maximum(np.array(material.texture["variation"]) * mean, LEAST_VARIATION * np.abs(mean)) ** 2
+    body, power = _higher_median(views, mean, prior), np.zeros((len(pixels), len(mean)))
+    for _ in range(PASSES):
+        rhs, power = np.tile(prior * mean, (len(pixels), 1)), np.tile(prior, (len(pixels), 1))
+        for photograph, (lit, used, rest) in zip(capture.photographs, views, strict=True):
+            variance = photograph.variance[index] + (MODEL_ERROR * body * lit) ** 2
             weight = np.where(used & (variance > 0.0), 1.0 / np.where(variance > 0.0, variance, 1.0), 0.0)
-            if turn:
-                weight = weight * HUBER.weight((rest - body * lit) * np.sqrt(weight))
+            weight = weight * TUKEY.weight((rest - body * lit) * np.sqrt(weight))
             rhs += weight * lit * rest
             power += weight * lit**2
-        body = np.where(power > 0.0, rhs / np.where(power > 0.0, power, 1.0), body)
-    return body, np.where(power > 0.0, 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0)), np.inf)
+        body = rhs / power
+    seen = np.any([used for _, used, _ in views], axis=0)
+    return body, np.where(seen, 1.0 / np.sqrt(power), np.inf)
+
+
+def _higher_median(views: Sequence[tuple[Array, NDArray[np.bool_], Array]], mean: Array, prior: Array) -> Array:
+    """(M, C) of the body colours that each photograph alone gives; within FARTHEST_BODY of `prior` from the mean."""
+    each = np.stack([np.where(used, rest / np.where(used, lit, 1.0), -np.inf) for lit, used, rest in views])
+    count = np.isfinite(each).sum(axis=0)
+    falling = -np.sort(-each, axis=0)  # those that are unknown last
+    place = np.maximum(count - 1, 0) // 2
+    middle = np.take_along_axis(falling, place[None], axis=0)[0]
+    off = FARTHEST_BODY / np.sqrt(prior)
+    return np.where(count > 0, np.clip(middle, mean - off, mean + off), mean)
 
 
 def _view(
