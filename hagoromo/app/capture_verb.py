@@ -51,11 +51,13 @@ def capture(
         undistorted: the photographs have no lens distortion (those of `develop --undistort` state it themselves).
         transfer: transfer curve of 8-bit photographs: linear, srgb, or a CSV with the columns number and light (or R,
             G, B).
-        exposures: exposure times [s], one for all or one each, if the files do not state them. iso: ISO speed of all,
-        if the files do not state it. black: black level [DN], if the files do not state it. white: saturation level
-        [DN]. mosaic: mosaic of one-channel files, such as RGGB. gain: gain of the sensor [electrons per DN], with
-        read_noise; by default both are estimated from the photographs. read_noise: read noise of the sensor
-        [electrons].
+        exposures: exposure times [s], one for all or one each, if the files do not state them.
+        iso: ISO speed of all, if the files do not state it.
+        black: black level [DN], if the files do not state it.
+        white: saturation level [DN].
+        mosaic: mosaic of one-channel files, such as RGGB.
+        gain: gain of the sensor [electrons per DN], with read_noise; by default both are estimated.
+        read_noise: read noise of the sensor [electrons].
     """
     replaceable_folder(out, force)
     asked = hg.session(

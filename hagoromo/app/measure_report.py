@@ -49,6 +49,8 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
         parameters=len(rows[0]) if len({len(own) for own in rows}) == 1 else 0,
         findings=found,
         missing=missing(found),
+        assumptions=[f"{what}: {said}" for what, said in measurement.assumptions.items()],
+        bent=measurement.linearity is not None and measurement.linearity.bent,
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
         unconverged=[f"{m.name}: {note}" for m in measurement.materials for note in getattr(m, "unconverged", ())],
         maps=_maps(measurement, capture, crop),

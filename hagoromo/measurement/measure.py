@@ -20,6 +20,7 @@ from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
+from hagoromo.measurement.linearity import NOT_TESTED, linearity_of
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
@@ -65,13 +66,14 @@ def measure(
     the name of the step. scheduler: see `render`; its workers solve the tiles, in a scratch folder that all must see,
     with the same bits; what is solved as one is solved here.
 
-    Warns of photographs that moved. Raises `InputError` for a capture that can be measured in no way.
+    Warns of photographs that moved, and where the shading shows that their values are not linear in light. Raises
+    `InputError` for a capture that can be measured in no way.
     """
     check_model(facets, interface)
     settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
     settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
     wanted = Wanted(n, labels, colour_from_highlights, facets, interface)
-    measurement = _measured(capture, wanted, distance, scratch, progress, scheduler)
+    measurement = _assumed(_measured(capture, wanted, distance, scratch, progress, scheduler))
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
 
@@ -178,6 +180,23 @@ def _with_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measu
         distance_variance=surface.variance,
         capture=replace(capture, points=surface.points, normals=normals.normals),
     )
+
+
+def _assumed(measurement: Measurement) -> Measurement:
+    """The measurement with what its capture takes for given, and a loud line where the shading contradicts it."""
+    capture = measurement.capture
+    if capture is None:
+        return measurement
+    found = linearity_of(capture)
+    said = NOT_TESTED if found is None else found.sentence
+    if found is not None and found.bent:
+        stated = capture.assumptions.get("transfer")
+        warnings.warn(
+            f"{said}{f' (transfer: {stated})' if stated else ''}: normals and materials are wrong until it is right: "
+            "state it (--transfer of capture), or take RAW files",
+            stacklevel=3,
+        )
+    return replace(measurement, assumptions={**capture.assumptions, "linearity": said}, linearity=found)
 
 
 def _warn_of_motion(capture: Capture) -> None:

@@ -17,6 +17,7 @@ from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.separation import Separation
 from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.exponent import Exponent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_html import materials_html
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
@@ -45,7 +46,8 @@ class Measurement:
     the camera to solved points [m²]. Both are inf where unknown, and None where the shape was given.
     capture: the photographs that were measured, with their shape. fine: full-size maps of photographs that were solved
     in tiles; all else is then of a small capture of means over squares of pixels.
-    settings: those of `measure`, and seed: of its random numbers.
+    settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
+    linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
     A measurement that `load` read has no lamp_colour, capture and fine (None), and no predicted and residuals (empty).
     """
 
@@ -65,6 +67,8 @@ class Measurement:
     fine: Fine | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     seed: int | None = None
+    assumptions: Mapping[str, str] = field(default_factory=dict)
+    linearity: Exponent | None = None
 
     @property
     def gloss(self) -> GlossMap | None:

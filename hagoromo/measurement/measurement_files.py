@@ -11,7 +11,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
-from hagoromo.files.record import decode, read_json
+from hagoromo.files.record import decode, read_json, write_json, written_by
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
@@ -27,6 +27,7 @@ FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a re
 GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
+ASSUMPTIONS = "assumptions.json"
 Map = NDArray[np.floating]
 
 
@@ -34,6 +35,11 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
     """Write the files that `Measurement.write_into` lists."""
     channels = len(measurement.materials[0].body_colour)
     write_materials(measurement.materials, home / "materials.json", True, measurement.settings, measurement.seed)
+    if measurement.assumptions:
+        found = {} if measurement.linearity is None else measurement.linearity.record()
+        write_json(
+            home / ASSUMPTIONS, {"hagoromo": written_by(), "assumptions": dict(measurement.assumptions), **found}
+        )
     if measurement.fine is None:
         variances = measurement.normal_variance, measurement.distance_variance
         _write_surface(home, measurement.labels, measurement.normals, measurement.points, variances)
@@ -76,6 +82,7 @@ def read_measurement(home: Path) -> Measurement:
         normal_variance=variances[0],
         distance_variance=variances[1],
         settings=writer.settings,
+        assumptions=_read_assumptions(inside(home, ASSUMPTIONS)),
         seed=writer.seed,
     )
 
@@ -109,6 +116,11 @@ def _body_channels(body: BodyMap) -> dict[str, NDArray[np.float32]]:
 def _solved_names(count: int) -> tuple[str, ...]:
     """Names of the channels of body colours that were solved together with the shape."""
     return tuple("RGB") if count == 3 else tuple(map(str, range(count)))
+
+
+def _read_assumptions(path: Path) -> dict[str, str]:
+    record = read_json(path).get("assumptions", {}) if path.is_file() else {}
+    return {str(what): str(said) for what, said in record.items()} if isinstance(record, dict) else {}
 
 
 def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:

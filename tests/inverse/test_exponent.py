@@ -1,0 +1,78 @@
+"""Whether values are linear in light, by the shading of the object, with both errors of transfer."""
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.files.png import read_png
+from hagoromo.measurement.linearity import linearity_of
+from hagoromo.photograph.exponent import Exponent, exponent_of
+from tests.data import DATA, real_data
+
+SIDE = 61
+
+
+def lamps(count: int, low: float, high: float) -> np.ndarray:
+    around, up = 2.4 * np.arange(count), np.radians(np.linspace(low, high, count))
+    return np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=1)
+
+
+def sphere(to_lamp: np.ndarray, body: str, seed: int = 0) -> np.ndarray:
+    """(K, P) light of a sphere of uneven albedo, 0 … 1, as 8 bits hold it; NaN where it is clipped."""
+    random = np.random.default_rng(seed)
+    y, x = (np.mgrid[:SIDE, :SIDE] + 0.5) / SIDE * 2.1 - 1.05
+    on = x**2 + y**2 < 0.97
+    normal = np.stack([x, -y, np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))], axis=-1)[on]
+    cosine = np.maximum(normal @ to_lamp.T, 0.0)
+    if body == "rough":  # Minnaert's law
+        cosine = cosine**1.15 * normal[:, 2:] ** 0.15
+    if body == "glossy":
+        half = np.add(to_lamp, (0.0, 0.0, 1.0))
+        half /= np.linalg.norm(half, axis=1, keepdims=True)
+        cosine = cosine + np.exp(-((np.arccos(np.clip(normal @ half.T, -1.0, 1.0)) / 0.15) ** 2)) * (cosine > 0.0)
+    light = cosine.T * random.uniform(0.4, 0.85, len(normal))
+    noisy = light + random.normal(0.0, 0.003, light.shape)
+    return np.where(light < 1.0, np.rint(255.0 * np.clip(noisy, 0.0, 1.0)) / 255.0, np.nan)
+
+
+@pytest.mark.parametrize("body", ["matte", "rough", "glossy"])
+def test_linear_values_are_not_called_bent_and_both_errors_of_transfer_are(body):
+    to_lamp = lamps(8, 30.0, 75.0)
+    light = sphere(to_lamp, body)
+    right = exponent_of(light, to_lamp)
+    decoded = exponent_of(hg.srgb_decode(255.0 * light), to_lamp)
+    encoded = exponent_of(hg.srgb_encode(light) / 255.0, to_lamp)
+    assert right and decoded and encoded
+    assert not right.bent and 0.8 < right.value < 1.2
+    assert decoded.bent and "decoded" in decoded.sentence and encoded.bent and "display-encoded" in encoded.sentence
+
+
+def test_what_cannot_tell_says_nothing():
+    to_lamp = lamps(8, 30.0, 75.0)
+    light = sphere(to_lamp, "matte")
+    assert exponent_of(light[:5], to_lamp[:5]) is None and exponent_of(light[:, :40], to_lamp) is None
+    assert not Exponent(1.7, 0.4).bent and "too uncertain" in Exponent(1.7, 0.4).sentence
+    near = hg.Lamp(position=(0.0, 0.0, 2.0))
+    grey = np.full((3, 5, 3), 0.2, np.float32)
+    camera = hg.Camera(5, 3, (10, 10), (2.5, 1.5))
+    shot = hg.Photograph(grey, np.float32(0.01) * grey, np.ones((3, 5), bool), camera, (near,))
+    assert linearity_of(hg.Capture((shot,) * 8)) is None
+
+
+@real_data("uw_psm")
+@pytest.mark.parametrize("name", ["gray", "owl"])
+def test_real_photographs_are_linear_and_both_errors_show(name):
+    """Twelve lamps, 8 bits, linear; the other four objects leave the wrong curves 1.4 to 3 standard errors off."""
+    folder = DATA / "uw_psm"
+    mask = read_png(folder / name / f"{name}.mask.png")
+    on = mask.reshape(*mask.shape[:2], -1).max(axis=2) > 0
+    rows = [line.split() for line in (folder / "lights_by_repo_author.txt").read_text().splitlines()[1:]]
+    to_lamp = np.array([[float(x) for x in row[:3]] for row in rows if len(row) >= 3])
+    numbers = np.stack(
+        [read_png(folder / name / f"{name}.{k}.png")[on].reshape(on.sum(), -1).mean(1) for k in range(12)]
+    )
+    light = np.where(numbers < 254, numbers / 255.0, np.nan)
+    right, decoded = exponent_of(light, to_lamp), exponent_of(hg.srgb_decode(255.0 * light), to_lamp)
+    encoded = exponent_of(hg.srgb_encode(light) / 255.0, to_lamp)
+    assert right and decoded and encoded
+    assert not right.bent and 0.85 < right.value < 1.2 and decoded.value < 0.65 and encoded.bent
