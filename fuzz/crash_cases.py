@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,9 +130,9 @@ def _image(folder: Path) -> None:
     import hagoromo as hg
 
     body, lamp = hg.Spectrum.constant(0.8), hg.Spectrum.constant(1.0)
-    weights = np.random.default_rng(5).uniform(0.0, 1.0, (9, 13, 2)).astype(np.float32)
+    weights = np.random.default_rng(5).uniform(0.0, 1.0, (12, 13, 2)).astype(np.float32)
     palette = hg.Palette((body,), (body,), (lamp,), ("key",), (0,))
-    hg.Image(weights, np.ones((9, 13), np.float32), palette).save(folder / "scene.exr")
+    hg.Image(weights, np.ones((12, 13), np.float32), palette).save(folder / "scene.exr")
     (folder / "scene.png").unlink()
 
 
@@ -172,6 +173,14 @@ def _photographed(folder: Path, scene: str) -> None:
     (folder / "scene.toml").write_text(scene)
     hg.simulate(folder / "scene.toml", name="capture").save(folder / "capture")
     (folder / "scene.toml").unlink()
+
+
+def _measured(folder: Path) -> None:
+    import hagoromo as hg
+
+    _photographed(folder, ball_scene(SIZE, FOCAL, LAMPS))
+    hg.measure(folder / "capture").save(folder / "measured")
+    shutil.rmtree(folder / "capture")
 
 
 def _balls(folder: Path) -> None:
@@ -252,6 +261,8 @@ CASES = (
     Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True),
     Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),
     Case("relight", _capture, ("relight", "capture"), ("out",)),
+    Case("publish a page", _measured, ("publish", "measured"), ("out.html",)),
+    Case("publish a folder", _measured, ("publish", "measured"), ("out",)),
     Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
     Case(
         "batch", _batch, ("batch", "batch.toml"), ("out/models/a", "out/models/b", "out/yaml/a.yml", "out/yaml/b.yml"),
