@@ -167,8 +167,11 @@ def put_old(case: Case, folder: Path) -> None:
             place.write_bytes(OLD)
 
 
-def faults(case: Case, home: Path, most: int, full: bool, traced: bool) -> Iterator[str]:
-    """Kill (or fill the disk of) a case at up to `most` points; yields "" for each clean one, else what was wrong."""
+def faults(case: Case, home: Path, most: int, full: bool, traced: bool, known: Counter[str]) -> Iterator[str]:
+    """Kill (or fill the disk of) a case at up to `most` points; yields "" for each clean one, else what was wrong.
+
+    known: how many points there are is added to it.
+    """
     for force in (False, True):
         fresh = home / "fresh"
         _renew(case, home, force)
@@ -176,6 +179,7 @@ def faults(case: Case, home: Path, most: int, full: bool, traced: bool) -> Itera
         assert first.status == ALL_RIGHT, f"{case.name}: {first.said}"
         new = seen(fresh)
         points = list(LIMITS) if full else list(range(1, first.operations + 1))
+        known[case.name] += len(points)
         step = max(len(points) / most, 1.0)
         for point in sorted({points[min(int(k * step), len(points) - 1)] for k in range(min(most, len(points)))}):
             _renew(case, home, force)
@@ -272,6 +276,10 @@ def _unlike(found: Seen, wanted: Seen) -> str:
     return ", ".join(f"{part}: {name}" for part, name in list(zip(parts, names, strict=True))[:5])
 
 
+def _row(name: str, tried: int, known: int, unclean: int) -> str:
+    return f"{name:28} tried {tried:4} of {known:5} points, unclean {unclean:4}"
+
+
 def main() -> int:
     """Run the cases; prints a table, and each fault that was not clean."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -281,7 +289,7 @@ def main() -> int:
     parser.add_argument("--verbs", nargs="*", default=[], help="names of cases (default: all)")
     asked = parser.parse_args()
     _without_threads()
-    tried, unclean = Counter[str](), Counter[str]()
+    known, tried, unclean = Counter[str](), Counter[str](), Counter[str]()
     for case in CASES:
         if asked.verbs and case.name not in asked.verbs:
             continue
@@ -290,13 +298,13 @@ def main() -> int:
             (home / "inputs").mkdir()
             case.make(home / "inputs")
             _load(case, home)
-            for wrong in faults(case, home, asked.most, asked.full, asked.strace):
+            for wrong in faults(case, home, asked.most, asked.full, asked.strace, known):
                 tried[case.name] += 1
                 unclean[case.name] += bool(wrong)
                 if wrong:
                     print(wrong, flush=True)
-        print(f"{case.name:28} tried {tried[case.name]:4}, unclean {unclean[case.name]:4}", flush=True)
-    print(f"{'all':28} tried {tried.total():4}, unclean {unclean.total():4}")
+        print(_row(case.name, tried[case.name], known[case.name], unclean[case.name]), flush=True)
+    print(_row("all", tried.total(), known.total(), unclean.total()))
     return int(unclean.total() > 0 or not tried.total())
 
 

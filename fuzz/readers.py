@@ -244,7 +244,7 @@ SIMPLE = (
     ),
 )  # fmt: skip
 COMMANDS = tuple(
-    Reader(f"verb-{name}", verb.write, verb.read, WORDS, 0.1 if name in SLOW else 0.5, verb.spoil)
+    Reader(f"verb-{name}", verb.write, verb.read, WORDS, 0.1 if name in SLOW else 0.15, verb.spoil)
     for name, verb in VERBS.items()
 )
 READERS = {reader.name: reader for reader in (*SIMPLE, *COMMANDS)}

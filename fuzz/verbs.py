@@ -105,7 +105,7 @@ def spoilt_words(words: list[str], function: str, files: list[str], random: Rand
         if act < 4 and options(function):
             name, kind = _one(options(function), random)
             values = [_fitting(kind, value, files, random) for _ in range(int(random.choice((1, 1, 1, 2, 3))))]
-            words += [f"--{name}", *([] if kind is bool else values)]
+            words += [f"--{name}", *([] if kind == "bool" else values)]
         elif act < 6 and "--out" in words:
             words[words.index("--out") + 1 :] = [_one(OUTS, random)]
         elif act == 6:
@@ -120,7 +120,7 @@ def spoilt_words(words: list[str], function: str, files: list[str], random: Rand
 
 
 @cache
-def options(function: str) -> tuple[tuple[str, Any], ...]:
+def options(function: str) -> tuple[tuple[str, str], ...]:
     """Names of the options of a verb, and their types."""
     from hagoromo.app import cli
 
@@ -130,7 +130,7 @@ def options(function: str) -> tuple[tuple[str, Any], ...]:
     called = next(one for one in found if inspect.isfunction(one) and one.__module__.startswith("hagoromo.app."))
     parameters = [one for one in inspect.signature(called).parameters.values() if one.name not in NEVER]
     return tuple(
-        (one.name.replace("_", "-"), bool if one.default is False else str(one.annotation))
+        (one.name.replace("_", "-"), "bool" if one.default is False else str(one.annotation))
         for one in parameters
         if "Positional" not in str(one.annotation)
     )
