@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import apart, surfaces
+from hagoromo.reflectance.spectra.reflectance_prior import UNLIKE_SURFACES
 from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
 
 FOLDS = 10
@@ -35,7 +36,10 @@ class Case:
 def chart_case(skin: Array | None) -> Case:
     """The chart's 24 patches; skin is among the priors where it is given."""
     training = others_than_charts()
-    priors = [hg.ReflectancePrior.from_spectra("surfaces", training), hg.ReflectancePrior.load("smooth")]
+    priors = [
+        hg.ReflectancePrior.from_spectra("surfaces", training, UNLIKE_SURFACES),
+        hg.ReflectancePrior.load("smooth"),
+    ]
     if skin is not None:
         priors.append(hg.ReflectancePrior.from_spectra("skin", skin))
     tested = chart()
@@ -65,7 +69,7 @@ def surfaces_case() -> Case:
     surfaces = others_than_charts()
     turns = _turns(len(surfaces))
     others = [surfaces[turns != turn] for turn in range(FOLDS)]
-    own = [hg.ReflectancePrior.from_spectra("surfaces", of) for of in others]
+    own = [hg.ReflectancePrior.from_spectra("surfaces", of, UNLIKE_SURFACES) for of in others]
     smooth = hg.ReflectancePrior.load("smooth")
     return Case(
         "surfaces kept out", surfaces, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns]

@@ -1,7 +1,7 @@
 """ReflectancePrior: the prior of a surface's spectrum, a mixture of Gaussians over spectra of mean 1.
 
-Learnt from measured spectra: one Gaussian per spectrum, with the covariance of its neighbourhood. Or defined by
-smoothness alone. The brightness is free.
+Learnt from measured spectra, or from draws of a physical family: about each spectrum a narrow and a wide Gaussian,
+with the covariance of its neighbourhood. Or defined by smoothness alone. The brightness is free.
 """
 
 from __future__ import annotations
@@ -14,13 +14,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.reflectance.spectra.prior_families import FAMILIES, family
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, read_spectra, surfaces
 
-# Of the mixture; chosen so that 95 % regions hold 95 % of measured spectra that were excluded from the prior.
+# Of the mixture; chosen so that 95 % bands hold 95 % of measured spectra of sets of data that were kept out whole.
 NEIGHBOURS = 20
 SPREAD = 0.5  # variance of a Gaussian, in units of its neighbours' mean squared distance along each direction
 COMMON = 0.03  # share of it along the principal directions of all spectra
-FINE = 0.002  # standard deviation of detail that no neighbour has, of a spectrum of mean 1
+FINE = 0.002  # standard deviation of white detail that no neighbour has, of a spectrum of mean 1
+# Of the narrow and the wide Gaussian about a spectrum: factor of `SPREAD`, and standard deviations of the ends of the
+# spectrum, where few cameras look and dyes open up, and of smooth detail that no neighbour has.
+PARTS = ((1.0, 0.0, 0.0), (3.0, 1.0, 0.05))
+UNLIKE_CLASS, UNLIKE_SURFACES = 0.15, 0.3  # weight of the wide Gaussians: of one class of surfaces, of all surfaces
+RED_END, VIOLET_END = (700.0, 25.0), (400.0, 15.0)  # centre and width of the ends [nm]
+VIOLET_SHARE = 0.1  # of the variance of the red end
+DETAIL_WIDTH = 20.0  # [nm] correlation length of smooth detail
+MODEL_ERROR = 0.025  # standard deviation of smooth detail that a drawn family lacks
 FEWEST = 4  # spectra
 SMOOTH_HEIGHTS = (0.05, 0.2, 0.6)  # standard deviations of the smooth prior, for spectra of mean 1
 SMOOTH_WIDTHS = (30.0, 80.0)  # [nm] correlation lengths of the smooth prior
@@ -28,18 +37,33 @@ SMOOTH_WIDTHS = (30.0, 80.0)  # [nm] correlation lengths of the smooth prior
 
 @dataclass(frozen=True, eq=False)
 class ReflectancePrior:
-    """A mixture, all parts of one weight, over the shape of a spectrum on `WAVELENGTHS`.
+    """A mixture over the shape of a spectrum on `WAVELENGTHS`.
 
     centres: (parts, wavelengths), of mean 1. covariances: (parts, wavelengths, wavelengths), positive definite.
+    weights: (parts,), of sum 1; None: all alike.
     """
 
     name: str
     centres: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    weights: NDArray[np.float64] | None = None
+
+    @property
+    def log_weights(self) -> NDArray[np.float64]:
+        """ln of the weight of each part (parts,)."""
+        count = len(self.centres)
+        return np.log(np.full(count, 1.0 / count) if self.weights is None else self.weights)
 
     @staticmethod
-    def from_spectra(name: str, spectra: ArrayLike) -> ReflectancePrior:
-        """Learnt from `spectra` (n, wavelengths) on `WAVELENGTHS`, four or more, none of them black."""
+    def from_spectra(
+        name: str, spectra: ArrayLike, unlike: float = UNLIKE_CLASS, model_error: float = 0.0
+    ) -> ReflectancePrior:
+        """Learnt from `spectra` (n, wavelengths) on `WAVELENGTHS`, four or more, none of them black.
+
+        unlike: weight of surfaces that are less like the spectra than these are like each other, 0…1: larger where they
+        are a sample of many classes. model_error: standard deviation of smooth detail that the spectra lack, of mean 1;
+        0 for measured ones.
+        """
         measured = np.asarray(spectra, np.float64)
         if measured.ndim != 2 or measured.shape[1] != len(WAVELENGTHS) or len(measured) < FEWEST:
             shape = f"({FEWEST} or more, {len(WAVELENGTHS)})"
@@ -52,23 +76,48 @@ class ReflectancePrior:
         away = centres[nearest] - centres[:, None]
         local = np.einsum("nka,nkb->nab", away, away) / nearest.shape[1]
         spread = SPREAD * ((1.0 - COMMON) * local + COMMON * np.cov(centres.T))
-        return ReflectancePrior(name, centres, spread + FINE**2 * np.eye(len(WAVELENGTHS)))
+        parts = [wide * spread + _unshared(ends, np.hypot(detail, model_error)) for wide, ends, detail in PARTS]
+        weights = np.repeat([(1.0 - unlike) / len(centres), unlike / len(centres)], len(centres))
+        return ReflectancePrior(name, np.concatenate([centres] * len(PARTS)), np.concatenate(parts), weights)
 
     @staticmethod
     def load(source: str | Path) -> ReflectancePrior:
-        """By name, "surfaces" (see `surfaces`) or "smooth", or learnt from a CSV file (see `read_spectra`)."""
+        """By name, or learnt from a CSV file (see `read_spectra`).
+
+        Names: "surfaces" (see `surfaces`), "smooth", and the families "skin", "textile" and "pigment", which are drawn
+        from published statistics of their physics (`prior_families`); no measured spectrum is in these three.
+        """
         if str(source).lower().endswith(".csv"):
             return ReflectancePrior.from_spectra(Path(source).stem, read_spectra(source))
         if source == "surfaces":
             return _surfaces()
         if source == "smooth":
             return _smooth()
-        raise InputError(f"no prior of reflectance is called {str(source)!r}: give surfaces, smooth or a CSV file")
+        if source in FAMILIES:
+            return _family(str(source))
+        known = ", ".join(PRIORS)
+        raise InputError(f"no prior of reflectance is called {str(source)!r}: give {known} or a CSV file")
+
+
+PRIORS = ("surfaces", "smooth", *FAMILIES)  # names that `ReflectancePrior.load` knows
+
+
+@cache
+def _family(name: str) -> ReflectancePrior:
+    return ReflectancePrior.from_spectra(name, family(name), UNLIKE_SURFACES, MODEL_ERROR)
+
+
+def _unshared(ends: float, detail: float) -> NDArray[np.float64]:
+    """Covariance (wavelengths, wavelengths) of what neighbours do not share: the ends, and detail."""
+    red, violet = (np.exp(-0.5 * ((WAVELENGTHS - at) / width) ** 2) for at, width in (RED_END, VIOLET_END))
+    kernel = ends**2 * (np.outer(red, red) + VIOLET_SHARE * np.outer(violet, violet))
+    kernel += detail**2 * np.exp(-0.5 * ((WAVELENGTHS[:, None] - WAVELENGTHS) / DETAIL_WIDTH) ** 2)
+    return kernel + FINE**2 * np.eye(len(WAVELENGTHS))
 
 
 @cache
 def _surfaces() -> ReflectancePrior:
-    return ReflectancePrior.from_spectra("surfaces", surfaces())
+    return ReflectancePrior.from_spectra("surfaces", surfaces(), UNLIKE_SURFACES)
 
 
 @cache
