@@ -85,6 +85,7 @@ from .reflectance.spectra.spectrum_estimate import (
     reading_matrix as reading_matrix,
     reflectance_spectrum as reflectance_spectrum,
 )
+from .reflectance.spectra.spectrum_map import SpectrumMap as SpectrumMap, estimate_spectra as estimate_spectra
 from .reflectance.material.material_estimate import MaterialEstimate as MaterialEstimate
 from .reflectance.material.materials_file import read_materials as read_materials, write_materials as write_materials
 from .measurement.measurement import Measurement as Measurement
@@ -125,6 +126,13 @@ from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render
 from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
+from .image.spectra.spectra import Marks as Marks, RegionSpectra as RegionSpectra, spectra as spectra
+from .image.spectra.spectra_files import spectra_plot as spectra_plot, spectra_table as spectra_table
+from .image.spectra.spectrum_colour import (
+    SpectrumColour as SpectrumColour,
+    spectrum_colour as spectrum_colour,
+    spectrum_difference as spectrum_difference,
+)
 from .image.compare import Comparison as Comparison, compare as compare
 from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting

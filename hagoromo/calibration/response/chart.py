@@ -108,6 +108,7 @@ def _find(photograph: NDArray[Any]) -> Array:
         if scale > MOST_ENLARGED:
             continue
         copy = cv2.resize(shown, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        cv2.setRNGSeed(0)  # its clusters begin at random: the same photograph, the same result
         detector = cv2.mcc.CCheckerDetector.create()
         if detector.process(np.ascontiguousarray(srgb_encode(bright * copy)[..., ::-1]), 1):
             return np.array(detector.getBestColorChecker().getBox(), np.float64) / scale
