@@ -10,7 +10,7 @@ import hagoromo as hg
 KINDS = {
     "film, frames": "8 s of figure 8: a frame is a step of a batch",
     "film, tiles": "8 s of figure 8: tiles of a frame on all workers, frame after frame",
-    "film, kept": "8 s of figure 8: frames, of which a worker keeps the boxes (not built)",
+    "film, kept": "8 s of figure 8: frames, of which a worker keeps the boxes ready (not built)",
     "captures": "10,000 captures: a capture is a step of a batch",
 }
 COLOURS = ("#1f4e8c", "#b5651d", "#7a7a7a", "#2e7d32")

@@ -18,11 +18,13 @@ from typing import Any, Protocol
 from hagoromo.errors import InputError
 from hagoromo.files.memory import free_memory
 from hagoromo.files.names import reason
+from hagoromo.files.stores import KEPT_MB, keep_fetched
 from hagoromo.version import __version__
 
 CONNECT_S = 10.0  # time in which a scheduler must answer, and have a worker
 MOST_WORKERS = 256  # processes on this machine
 SHARE_OF_MEMORY = 0.8  # of what is free now, for all workers of this machine together
+SHARE_KEPT = 0.1  # of a worker's memory, for what it has fetched from a store
 AHEAD = 4  # tasks a worker that wait on the scheduler; more only when these are done
 DEATHS = 10  # workers that may die of a task before it is given up
 NOWHERE_ELSE = "127.0.0.1:0"  # of the servers that tell of the state of workers: this machine, any free port
@@ -139,6 +141,7 @@ def on_worker(version: str, work: Callable[..., Any], arguments: tuple[Any, ...]
     """Runs on a worker: `work` of `arguments`, if hagoromo is of `version` here."""
     _check_version(version, __version__, "a worker")
     _set_threads()
+    keep_fetched()
     return work(*arguments)
 
 
@@ -224,14 +227,14 @@ def _started(distributed: Any, count: int) -> Iterator[Any]:
     from dask import config
 
     _quiet()
-    threads = {THREADS: str(max(cores() // count, 1))}
     memory = int(SHARE_OF_MEMORY * free_memory() / count)
+    environment = {THREADS: str(max(cores() // count, 1)), KEPT_MB: str(int(SHARE_KEPT * memory / 1e6))}
     with (
         config.set(ALONE),
         distributed.LocalCluster(
             n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=NOWHERE_ELSE,
             worker_dashboard_address=NOWHERE_ELSE, scheduler_kwargs={"dashboard": False}, memory_limit=memory,
-            silence_logs=logging.CRITICAL, env=threads,
+            silence_logs=logging.CRITICAL, env=environment,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):  # fmt: skip

@@ -7,24 +7,28 @@ removed first, so that a reader finds the whole folder or none; what a killed up
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path, PurePosixPath
+from threading import Lock
 from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
-from hagoromo.files.memory import require
+from hagoromo.files.memory import free_memory, require
 from hagoromo.files.names import reason
 from hagoromo.files.whole import MARK
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 ADDRESS = re.compile(r"(" + "|".join(SCHEMES) + r"):/+(.+)", re.DOTALL)
 INDEX = ("report.html", "zarr.json", "transforms.json", "materials.json")
+KEPT_MB = "HAGOROMO_KEPT_MB"  # environment: megabytes of what was fetched that a worker keeps
+MOST_KEPT = 10**9  # bytes, where it states none
 MOST_OBJECTS = 10_000_000
 SHARE_OF_DISK = 0.9  # of what is free, for what is fetched
 traffic: Counter[str] = Counter()  # "objects" and "bytes" that this process has read from stores, without their lists
@@ -59,11 +63,58 @@ def read_whole(path: str | Path, most: float | None = None) -> bytes:
         raise InputError(f"{address(path) or path} has {size} bytes, {most:.0f} at most: it is damaged")
     if address(path) is None:
         return Path(path).read_bytes()
-    require(float(size), str(address(path)))
     with _opened(path) as (files, key):
-        data = files.cat_file(key, start=0, end=size) if size else b""  # an empty object has no first byte
-    traffic.update(objects=1, bytes=len(data))
+        tag = str(files.info(key).get("ETag", ""))  # of the list that was made before, as the size
+        data = kept.get(str(address(path)), tag)
+        if data is None:
+            require(float(size), str(address(path)))
+            data = files.cat_file(key, start=0, end=size) if size else b""  # an empty object has no first byte
+            traffic.update(objects=1, bytes=len(data))
+            kept.put(str(address(path)), tag, data)
     return data
+
+
+class Kept:
+    """Objects that were fetched, those used last up to `most` bytes, each until the store has another in its place."""
+
+    def __init__(self) -> None:
+        self.most, self.bytes = 0, 0
+        self._objects: OrderedDict[str, tuple[str, bytes]] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, url: str, tag: str) -> bytes | None:
+        """The object, if it is kept and has that tag of its content."""
+        with self._lock:
+            known, data = self._objects.get(url, ("", b""))
+            if not tag or known != tag:
+                return None
+            self._objects.move_to_end(url)
+            return data
+
+    def put(self, url: str, tag: str, data: bytes) -> None:
+        """Keep an object, in place of those that were not used for longest; without a tag nothing is kept."""
+        with self._lock:
+            self.bytes -= len(self._objects.pop(url, ("", b""))[1])
+            if tag and len(data) <= self.most:
+                self._objects[url] = tag, data
+                self.bytes += len(data)
+            while self.bytes > self.most:
+                self.bytes -= len(self._objects.popitem(last=False)[1][1])
+
+
+kept = Kept()
+
+
+def keep_fetched() -> None:
+    """From now on keep what is fetched, for the next scene: HAGOROMO_KEPT_MB megabytes of it.
+
+    By default a tenth of the memory that is free, 1 GB at most.
+    """
+    if kept.most == 0:
+        stated = os.environ.get(KEPT_MB, "")
+        if stated and not (stated.isascii() and stated.isdigit() and len(stated) < 8):
+            raise InputError(f"{KEPT_MB} is {stated!r:.60}: give a whole number of megabytes, 0 for none")
+        kept.most = 10**6 * int(stated) if stated else min(free_memory() // 10, MOST_KEPT)
 
 
 def sizes(path: str | Path) -> dict[str, int]:

@@ -146,6 +146,65 @@ def test_only_the_bricks_that_a_picture_takes_are_fetched(bar, tmp_path, lamp, s
     np.testing.assert_allclose(image.alpha, expected.alpha, atol=1e-5)
 
 
+FILM = """
+each = "frames/*.toml"
+[[step]]
+name = "rendered"
+verb = "render"
+arguments = ["{path}"]
+out = "{name}.exr"
+"""
+
+
+@pytest.fixture
+def keeping(monkeypatch):
+    """What is fetched is kept for the time of a test."""
+    monkeypatch.setattr(stores, "kept", stores.Kept())
+
+
+def test_frames_of_a_film_fetch_a_box_once(bar, tmp_path, monkeypatch, keeping):
+    """Two frames of one view under a lamp that moves; with nothing kept, twice as much."""
+    (tmp_path / "frames").mkdir()
+    for number in range(2):
+        text = BAR % (f"to_lamp = [0.{number}, -1.0, 0.4]", bar, "none")
+        (tmp_path / "frames" / f"{number}.toml").write_text(text)
+    (tmp_path / "film.toml").write_text(FILM)
+    fetched = []
+    for megabytes in ("0", "10"):
+        monkeypatch.setenv(stores.KEPT_MB, megabytes)
+        stores.kept.most = 0
+        stores.traffic.clear()
+        outcomes = hg.batch(tmp_path / "film.toml", tmp_path / megabytes)
+        assert [outcome.state for outcome in outcomes] == ["done"] * 2
+        fetched.append(stores.traffic["bytes"])
+    assert fetched[1] < 0.6 * fetched[0]
+    for number in range(2):
+        once, again = (hg.read_image(tmp_path / kept / f"{number}.exr").weights for kept in ("0", "10"))
+        assert (once == again).all() and once.max() > 0
+
+
+def test_what_is_kept_is_bounded_and_follows_the_store(stored, keeping, monkeypatch):
+    _, address = stored
+    monkeypatch.setenv(stores.KEPT_MB, "1")
+    stores.keep_fetched()
+    name, place = f"{address}/zarr.json", address.removeprefix("s3://") + "/zarr.json"
+    first = stores.read_whole(name)
+    stores.traffic.clear()
+    assert stores.read_whole(name) == first and not stores.traffic
+    stores._files("s3").pipe_file(place, first + b" ")
+    assert stores.read_whole(name) == first + b" " and stores.traffic["objects"] == 1
+    for number in range(5):
+        stores.kept.put(f"s3://bucket/{number}", "tag", bytes(300_000))
+    assert stores.kept.bytes == 900_000 and stores.kept.get("s3://bucket/1", "tag") is None
+    assert stores.kept.get("s3://bucket/4", "tag") and stores.kept.get("s3://bucket/4", "other") is None
+    stores.kept.put("s3://bucket/whole", "tag", bytes(2_000_000))
+    assert stores.kept.bytes == 900_000
+    monkeypatch.setenv(stores.KEPT_MB, "much")
+    stores.kept.most = 0
+    with pytest.raises(hg.InputError, match="HAGOROMO_KEPT_MB is 'much'"):
+        stores.keep_fetched()
+
+
 def test_a_capture_is_measured_from_and_into_a_store(capture, s3, tmp_path, capsys):
     address, out = f"{s3}/{tmp_path.name}/capture", f"{s3}/{tmp_path.name}/measured"
     stores.put(capture, address)

@@ -23,6 +23,7 @@ from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.files.content import content
 from hagoromo.files.names import printable
+from hagoromo.files.stores import keep_fetched
 from hagoromo.progress import Progress, silent
 
 State = Literal["done", "unchanged", "failed", "not run"]
@@ -158,6 +159,7 @@ def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
     """Run the command of a step, in this process; on a worker, too."""
     from hagoromo.app.cli import main
 
+    keep_fetched()  # steps that follow may read the same boxes
     begun, errors = time.monotonic(), io.StringIO()
     if ledger.is_done(step.out, key):  # by a worker that died before it could say so
         return Outcome(step.name, step.out, "done")
