@@ -92,6 +92,12 @@ def page_source(
     """Maps, camera and lamps, and photographs to compare with; see `publish`."""
     shots = capture or measurement.capture
     height, width = (measurement if measurement.fine is None else measurement.fine).labels.shape
+    if capture is not None and capture.photographs[0].values.shape[:2] != (height, width):
+        own = capture.photographs[0].camera
+        raise InputError(
+            f"the measurement is {width} × {height} px and the photographs of the capture {own.width} × {own.height}: "
+            "give the capture that was measured"
+        )
     if shots is not None:
         told = photographed(shots, (width, height))
     else:

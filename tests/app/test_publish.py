@@ -248,3 +248,17 @@ def test_a_measurement_without_its_camera_is_refused_in_one_line(measured, tmp_p
     assert main(["publish", str(tmp_path / "measured"), "--out", str(tmp_path / "page.html")]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "--capture" in said and not Path(tmp_path / "page.html").exists()
+
+
+def test_the_capture_of_another_object_is_refused_in_one_line(measured, tmp_path, capsys):
+    _, measurement = measured
+    measurement.save(tmp_path / "measured")
+    other = ridge().capture
+    assert other is not None
+    other.save(tmp_path / "other")
+    given = ["publish", str(tmp_path / "measured"), "--capture", str(tmp_path / "other")]
+    assert main([*given, "--out", str(tmp_path / "page.html")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "113 × 61" in said and not (tmp_path / "page.html").exists()
+    assert main(["publish", str(tmp_path), "--out", str(tmp_path / "page.html")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
