@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
@@ -33,8 +32,11 @@ from hagoromo.measurement.surface.large_capture import large_source, solve_large
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import FolderSource
 from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.stillness import moved
 from hagoromo.progress import Progress, silent
+
+UNKNOWN_DISTANCE = 1.0  # [m] from the camera, where it is unknown and only sets the scale of the points
 
 
 def measure(
@@ -58,7 +60,8 @@ def measure(
     a time and solved in tiles; a Capture in memory is always solved as one.
 
     n: refractive index where it is known; of a capture with known shape only. distance: from the camera to an object of
-    unknown shape [m], by default to the world's origin; under near lamps it is a first guess. labels: (h, w) materials
+    unknown shape [m], by default to the world's origin, or 1 m where the camera stands there and all lamps are far;
+    under near lamps it is a first guess. labels: (h, w) materials
     0, 1, …, −1 unknown, and colour_from_highlights: whether to measure the colour of the lamps; both of a capture with
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
     there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". scratch: folder for
@@ -117,7 +120,7 @@ def _measured(
     if not isinstance(capture, Capture):
         source = large_source(capture)
         if source is not None:
-            away = _distance(source.photograph(0).camera, distance, wanted)
+            away = _distance(source.photograph(0), distance, wanted)
             home = Path(scratch or tempfile.gettempdir())
             with here_or_on(scheduler) as workers:
                 return _measure_tiles(source, home, away, progress, wanted.model, workers)
@@ -137,7 +140,7 @@ def _measured(
         )
         measurement = replace(measurement, points=capture.points, capture=capture)
     else:
-        away = _distance(capture.photographs[0].camera, distance, wanted)
+        away = _distance(capture.photographs[0], distance, wanted)
         normals, surface = _solve(capture, away, progress, wanted.model)
         measurement = _with_shape(capture, normals, surface)
         assert measurement.capture is not None
@@ -207,9 +210,21 @@ def _warn_of_motion(capture: Capture) -> None:
         )
 
 
-def _distance(camera: Camera, distance: float | None, wanted: Wanted) -> float:
-    """Distance to an object of unknown shape [m]; `InputError` where it is unknown, or n, labels … are given."""
-    away = float(np.linalg.norm(camera.position)) if distance is None else distance
+def _distance(photograph: Photograph, distance: float | None, wanted: Wanted) -> float:
+    """Distance to an object of unknown shape [m].
+
+    Under far lamps normals, colours and gloss do not depend on it: unknown, it is UNKNOWN_DISTANCE, with a warning.
+    `InputError` where it is unknown under near lamps, or n, labels … are given.
+    """
+    away = float(np.linalg.norm(photograph.camera.position)) if distance is None else distance
+    if away == 0.0 and distance is None and all(lamp.position is None for lamp in photograph.lamps):
+        wanted.check_unknown_shape()
+        warnings.warn(
+            f"the distance of the object is unknown: {UNKNOWN_DISTANCE:g} m is taken, which sets the scale of the "
+            "points; normals, colours and gloss do not depend on it (give --distance for lengths in metres)",
+            stacklevel=4,
+        )
+        return UNKNOWN_DISTANCE
     if away == 0.0:
         raise InputError(
             "the capture has no shape and its camera stands at the world's origin: give the distance of the object "

@@ -147,6 +147,15 @@ def test_the_call_is_the_command(relit, capture, tmp_path):
     assert "<script" not in html._repr_html_() and "&lt;script" in html._repr_html_() and len(repr(html)) < 400
 
 
+def test_one_channel_is_refused_before_it_is_measured(relit, capture, monkeypatch):
+    """At once; it took a minute, as the surface was measured first."""
+    whole = hg.load_capture(capture)
+    grey = tuple(replace(p, values=p.values[..., :1], variance=p.variance[..., :1]) for p in whole.photographs)
+    monkeypatch.setattr("hagoromo.image.relight.relight.measure", lambda *_, **__: pytest.fail("it was measured"))
+    with pytest.raises(hg.InputError, match="three channels: these have 1"):
+        hg.relight(replace(whole, photographs=grey))
+
+
 def test_what_cannot_be_held_out_is_refused(refused, capture, tmp_path):
     out = ("--out", tmp_path / "relit")
     assert "no photograph is called 'top'" in refused("relight", capture, *out, "--hold", "top")

@@ -20,7 +20,7 @@ def test_a_shadow_is_no_darker_body(seed):
     colour per pixel was asked for at all hung on the noise. Real variation is kept.
     """
     capture = simulate([Truth(BODY, 0.1, 0.2, 1.5)], seed, 31, angles=LAMPS)
-    normals = capture.normals
+    normals = np.asarray(capture.normals)
     inner = normals[..., 1] < -0.75  # lit by all lamps
     columns = np.nonzero(inner)[1]
     one = inner & (np.arange(31) < np.median(columns) - 3)[None]

@@ -82,8 +82,12 @@ def test_the_call_is_the_command_for_far_lamps_and_the_camera_at_the_origin(far)
     assert {"points.exr", "variance.exr", "body_spectra.json"} <= contents(far / "call").keys()
     for path in sorted((far / "call").glob("*.exr")):
         assert all(np.isfinite(layer).all() for layer in read_exr(path)[0].values()), path
+    with pytest.warns(UserWarning, match="distance of the object is unknown: 1 m is taken"):  # it scales points alone
+        unstated = hg.measure(capture)
+    np.testing.assert_array_equal(unstated.normals, measurement.normals)
+    near = tuple(replace(p, lamps=(hg.Lamp(position=(0.2, 0.1, 0.0)),)) for p in capture.photographs)
     with pytest.raises(InputError, match="give the distance of the object"):
-        hg.measure(capture)
+        hg.measure(replace(capture, photographs=near))
     with pytest.raises(InputError, match="the refractive index has no effect"):
         hg.measure(capture, distance=1.0, n=1.5)
     with pytest.raises(InputError, match="labels and colour_from_highlights have no effect"):

@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.prediction import predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
-from hagoromo.image.relight.stage import make_stage
+from hagoromo.image.relight.stage import check_channels, make_stage
 from hagoromo.image.relight.yardstick import yardstick_of
 from hagoromo.measurement.measure import measure
 from hagoromo.photograph.capture import Capture, load_capture
@@ -47,6 +47,7 @@ def relight(
     and as `measure` does.
     """
     rest, held_out = _split(_loaded(capture), hold, against)
+    check_channels(rest)  # before the minutes of the measurement
     measurement = measure(rest, n=n, distance=distance, progress=part_of(progress, 0.0, MEASURING_SHARE))
     with scratch_folder() as home:
         (home / MEASURED_FOLDER).mkdir()

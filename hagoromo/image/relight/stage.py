@@ -106,10 +106,8 @@ def make_stage(capture: Capture, measured: Path) -> Stage:
 
     `InputError` for photographs of other than three channels.
     """
+    check_channels(capture)
     camera = capture.photographs[0].camera
-    channels = capture.photographs[0].values.shape[2]
-    if channels != 3:
-        raise InputError(f"the photographs have {channels} channels: give photographs with three")
     spectrum = _spectrum(capture)
     relief, materials = read_relief(measured)
     basis = smooth_rgb_basis() if spectrum is None else body_basis(camera.response, spectrum)
@@ -117,6 +115,15 @@ def make_stage(capture: Capture, measured: Path) -> Stage:
     while dim > LEAST_DIM and not _conserves_energy(materials, basis, dim):
         dim *= 0.5
     return Stage(relief, materials, camera, spectrum, dim)
+
+
+def check_channels(capture: Capture) -> None:
+    """`InputError` for photographs of other than three channels."""
+    channels = capture.photographs[0].values.shape[2]
+    if channels != 3:
+        raise InputError(
+            f"relight needs photographs with three channels: these have {channels}; measure takes any number"
+        )
 
 
 def basis_camera() -> Response:
