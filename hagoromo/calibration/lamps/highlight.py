@@ -7,7 +7,7 @@ several degrees wide is not at the centre of its image, so directions are averag
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ LARGEST_SHARE = 0.05  # of the ball's disc that a highlight may cover; a wider o
 CONTRAST = 3.0  # smallest ratio of a highlight's peak to the 90th percentile of the ball
 DIMMEST = 0.25  # of white: smallest peak of a highlight
 STANDS_OUT = 8.0  # smallest ratio of peak to 90th percentile, both above the median: noise does not reach it
+CORE_BLURS, CORE_LEVEL = (1.5, 2.5, 4.0), 0.85  # [px] standard deviations; of the blurred peak: pixels of the core
+ASTRAY_CORE = 1.0  # [px] between centroid and core: more is glare
 PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # [px] standard deviation of a position known to the pixel
 TILT = 0.01  # [px] step of the finite differences
 
@@ -66,6 +68,9 @@ class LampReading:
 def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     """The lamp's mirror image on the ball: the speck above half the peak with most light, located by its centroid.
 
+    Streaks of glare draw a centroid aside: where the speck is no ellipse, and its centroid is more than ASTRAY_CORE
+    from the peak of the blurred light, that peak is the centre.
+
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
     """
     whole, on_ball = photograph.dtype.kind in "ui", ball.covers(photograph.shape)
@@ -95,6 +100,12 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     if finer is not None:
         centre = np.array([finer.x, finer.y]) + corner[::-1]
         points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
+    else:
+        core = _core(light)
+        at, spread = core.centre + corner[::-1], core.spread
+        if np.hypot(*(at - centres[1])) > ASTRAY_CORE:
+            points, weights = core.points + corner[::-1], np.tile(core.weights, (len(LEVELS), 1))
+            (x, y), error = at, float(np.hypot(spread, PIXEL_ERROR))
     return Highlight((float(x), float(y)), error, pixels, rival, points, weights)
 
 
@@ -143,6 +154,31 @@ def slopes(highlight: Highlight, ball: Ball) -> tuple[Array, Array]:
 def figure_errors(highlight: Highlight, ball: Ball) -> Array:
     """(5,) standard errors [px] of the highlight's x, y, the ball's x, y, and its radius."""
     return np.array([highlight.standard_error] * 2 + [*ball.standard_error])
+
+
+class _Core(NamedTuple):
+    """The peak of blurred light: centre (x, y) [px], its spread over blurs [px], the pixels around it, their light."""
+
+    centre: Array
+    spread: float
+    points: Array
+    weights: Array
+
+
+def _core(light: Array) -> _Core:
+    """Where the light peaks when it is blurred: a wide bright disc keeps its light then, thin streaks lose it."""
+    from scipy.ndimage import gaussian_filter
+
+    cores = []
+    for blur in CORE_BLURS:
+        blurred = gaussian_filter(light, blur, mode="constant")
+        speck, _ = _brightest_speck(blurred, CORE_LEVEL * float(blurred.max()))
+        rows, columns = np.nonzero(speck)
+        points, weights = np.stack([columns, rows], axis=1) + 0.5, blurred[rows, columns]
+        cores.append((weights @ points / weights.sum(), points, weights))
+    centre, points, weights = cores[len(cores) // 2]
+    spread = float(np.std([core[0] for core in cores], axis=0).max())
+    return _Core(centre, spread, points, weights)
 
 
 def _weight(light: Array, level: float) -> Array:
