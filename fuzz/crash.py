@@ -1,7 +1,8 @@
 """Crash points: every verb that writes is killed at its k-th file operation, for every k, and run again.
 
 After the kill a target is the old one or the new one, whole; after the same command has run again it is the new one,
-and nothing is left beside it. `--full` lets the disk be full instead, after so many bytes of every file.
+and nothing is left beside it. `--full` lets the disk be full instead, after so many bytes of every file; `--disk` does
+the work on a disk of its own that has so many pages free (Linux).
 
 An operation is what the interpreter reports (opening to write, renaming, removing, making folders) or `os.fsync`, on a
 path in the folder of the case; the kill comes before it. Writes within compiled libraries are not seen, except by
@@ -34,6 +35,10 @@ CALLS = "mkdir,rename,renameat2,unlink,unlinkat,rmdir,link,fsync,ftruncate,write
 OLD = b"what was there before"
 ALL_RIGHT, NO_STATUS = 0, 70  # the second of a command that ended in a traceback
 LIMITS = (0, 1, 100, 1000, 3000, 10_000, 30_000)  # bytes of a file after which the disk is full
+PAGES = (0, 1, 2, 3, 5, 9, 20)  # free on a disk that is really full
+WIDE = 1 << 28  # bytes of such a disk before it is narrowed, and for the command again
+APART = "HAGOROMO_CRASH_APART"  # set in a process that has mounts of its own
+WAYS = {"full": LIMITS, "disk": PAGES}
 IN_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # there, nothing waits for a disk
 SECONDS = 300  # after which a command counts as hanging
 Seen = dict[str, str]
@@ -167,7 +172,7 @@ def put_old(case: Case, folder: Path) -> None:
             place.write_bytes(OLD)
 
 
-def faults(case: Case, home: Path, most: int, full: bool, traced: bool, known: Counter[str]) -> Iterator[str]:
+def faults(case: Case, home: Path, most: int, way: str, known: Counter[str]) -> Iterator[str]:
     """Kill (or fill the disk of) a case at up to `most` points; yields "" for each clean one, else what was wrong.
 
     known: how many points there are is added to it.
@@ -175,19 +180,19 @@ def faults(case: Case, home: Path, most: int, full: bool, traced: bool, known: C
     for force in (False, True):
         fresh = home / "fresh"
         _renew(case, home, force)
-        first = run(case, fresh, force, traced=traced)
+        first = run(case, fresh, force, traced=way == "strace")
         assert first.status == ALL_RIGHT, f"{case.name}: {first.said}"
         new = seen(fresh)
-        points = list(LIMITS) if full else list(range(1, first.operations + 1))
+        points = list(WAYS.get(way) or range(1, first.operations + 1))
         known[case.name] += len(points)
         step = max(len(points) / most, 1.0)
         for point in sorted({points[min(int(k * step), len(points) - 1)] for k in range(min(most, len(points)))}):
             _renew(case, home, force)
             old = seen(fresh)
-            if full:
-                wrong = _filled(case, fresh, force, point, old, new)
+            if way in WAYS:
+                wrong = _filled(case, fresh, force, point, way, old, new)
             else:
-                ended = run(case, fresh, force, kill_at=point, traced=traced)
+                ended = run(case, fresh, force, kill_at=point, traced=way == "strace")
                 wrong = _killed(case, fresh, force, ended, old, new)
             yield f"{case.name}{' --force' if force else ''} at {point}: {wrong}" if wrong else ""
 
@@ -212,10 +217,28 @@ def _without_threads() -> None:
 
 def _renew(case: Case, home: Path, force: bool) -> None:
     """The folder as it was before the command; force: with older targets."""
-    shutil.rmtree(home / "fresh", ignore_errors=True)
-    shutil.copytree(home / "inputs", home / "fresh")
+    fresh = home / "fresh"
+    _away(fresh)
+    if APART in os.environ:
+        fresh.mkdir(exist_ok=True)
+        subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={WIDE}", "tmpfs", str(fresh)], check=True)
+    shutil.copytree(home / "inputs", fresh, dirs_exist_ok=True)
     if force:
         put_old(case, home / "fresh")
+
+
+def _away(fresh: Path) -> None:
+    """Remove the folder, and the disk of its own."""
+    if os.path.ismount(fresh):
+        subprocess.run(["umount", str(fresh)], check=True)
+    shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _narrow(fresh: Path, pages: int | None) -> None:
+    """Let the disk of its own have so many pages free; None: many."""
+    here = os.statvfs(fresh)
+    size = WIDE if pages is None else (here.f_blocks - here.f_bfree + pages) * here.f_frsize
+    subprocess.run(["mount", "-o", f"remount,size={size}", str(fresh)], check=True)
 
 
 def _killed(case: Case, folder: Path, force: bool, ended: Run, old: Seen, new: Seen) -> str:
@@ -235,9 +258,14 @@ def _killed(case: Case, folder: Path, force: bool, ended: Run, old: Seen, new: S
     return _unlike(seen(folder), new)
 
 
-def _filled(case: Case, folder: Path, force: bool, point: int, old: Seen, new: Seen) -> str:
-    """What is wrong after a disk that was full once a file had `point` bytes."""
-    ended = run(case, folder, force, limit=point)
+def _filled(case: Case, folder: Path, force: bool, point: int, way: str, old: Seen, new: Seen) -> str:
+    """What is wrong after a disk that was full once a file had `point` bytes, or once that many pages were written."""
+    if way == "disk":
+        _narrow(folder, point)
+        ended = run(case, folder, force)
+        _narrow(folder, None)
+    else:
+        ended = run(case, folder, force, limit=point)
     if ended.status == ALL_RIGHT:
         return _unlike(seen(folder), new)
     lines = [line for line in ended.said.splitlines() if not line.startswith("hagoromo: warning:")]
@@ -285,9 +313,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--most", type=int, default=10**6, help="points of each verb, spread evenly (default: all)")
     parser.add_argument("--full", action="store_true", help="a full disk in place of kills")
+    parser.add_argument("--disk", action="store_true", help="a disk of its own that is full in place of kills")
     parser.add_argument("--strace", action="store_true", help="kill at calls of the system, by strace")
     parser.add_argument("--verbs", nargs="*", default=[], help="names of cases (default: all)")
     asked = parser.parse_args()
+    way = next((way for way in (*WAYS, "strace") if getattr(asked, way)), "kill")
+    if way == "disk" and APART not in os.environ:
+        command_line = ["unshare", "-rm", sys.executable, "-m", "fuzz.crash", *sys.argv[1:]]
+        return subprocess.run(command_line, env={**os.environ, APART: "1"}, check=False).returncode
     _without_threads()
     known, tried, unclean = Counter[str](), Counter[str](), Counter[str]()
     for case in CASES:
@@ -298,11 +331,12 @@ def main() -> int:
             (home / "inputs").mkdir()
             case.make(home / "inputs")
             _load(case, home)
-            for wrong in faults(case, home, asked.most, asked.full, asked.strace, known):
+            for wrong in faults(case, home, asked.most, way, known):
                 tried[case.name] += 1
                 unclean[case.name] += bool(wrong)
                 if wrong:
                     print(wrong, flush=True)
+            _away(home / "fresh")
         print(_row(case.name, tried[case.name], known[case.name], unclean[case.name]), flush=True)
     print(_row("all", tried.total(), known.total(), unclean.total()))
     return int(unclean.total() > 0 or not tried.total())
