@@ -23,7 +23,7 @@ from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integ
 
 LARGEST_VALUE = 1e15  # of a curve, relative
 OBSERVER_CHANNELS = ("X", "Y", "Z")  # colour matching functions
-LIMITS_LINE = re.compile(r"# *limits_nm *= *(\d+(?:\.\d+)?) *, *(\d+(?:\.\d+)?) *\r?\n")  # the first line of a CSV
+LIMITS_LINE = re.compile(r"# *limits_nm *= *(\d+(?:\.\d+)?) *, *(\d+(?:\.\d+)?)")  # the first line of a CSV
 # Two-sided Gaussians of the stand-in for the EOS 300D: height, centre [nm], widths below and above it [nm].
 CANON_EOS_300D = {
     "R": ((0.66, 588.0, 15.0, 31.0), (0.18, 654.0, 37.0, 10.0)),
@@ -183,15 +183,14 @@ def _curves(response: Response) -> list[Spectrum]:
 
 
 def _from_csv(path: Path) -> Response:
-    from hagoromo.files.checks import read_bytes
-    from hagoromo.files.table import read_table
+    from hagoromo.files.table import read_table_and_comment
 
-    table = read_table(path)
+    table, comment = read_table_and_comment(path)
     key = next((name for name in WAVELENGTH_COLUMNS if name in table), next(iter(table)))
     wavelengths = table.pop(key)
     if not table:
         raise InputError(f"{path} has the column {key} only: add one column per channel")
-    stated = LIMITS_LINE.match(read_bytes(path)[:200].decode("utf-8-sig", "replace"))
+    stated = LIMITS_LINE.fullmatch(comment.strip())
     try:
         limits = None if stated is None else (float(stated[1]), float(stated[2]))
         return Response(wavelengths, np.stack(list(table.values()), axis=1), tuple(table), path.stem, limits)

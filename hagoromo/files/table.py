@@ -27,6 +27,11 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     `InputError` if the file is missing, is not text, has no header or no rows, rows of different lengths, or a cell
     that is not a finite number up to `LARGEST`.
     """
+    return read_table_and_comment(path)[0]
+
+
+def read_table_and_comment(path: str | Path) -> tuple[dict[str, NDArray[np.float64]], str]:
+    """As `read_table`, and the first line of the file where it starts with #, else an empty text."""
     try:
         text = read_bytes(sized_file(path, LARGEST_TABLE, "a CSV table"), GROWTH).decode("utf-8-sig")
         rows = [
@@ -48,7 +53,8 @@ def read_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     values = np.empty((len(rows) - 1, len(names)))
     for index, (line, row) in enumerate(rows[1:]):
         values[index] = _numbers(row, names, f"{path} line {line}")
-    return {name: values[:, column].copy() for column, name in enumerate(names)}
+    first = text.split("\n", 1)[0]
+    return {name: values[:, column].copy() for column, name in enumerate(names)}, first if first[0:1] == "#" else ""
 
 
 def write_table(path: str | Path, columns: Mapping[str, ArrayLike], comment: str = "") -> None:

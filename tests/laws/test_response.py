@@ -10,6 +10,7 @@ import hagoromo as hg
 from hagoromo.camera.response import Response, camera_response, camera_white, response_matrix
 from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.errors import InputError
+from hagoromo.files import checks, table
 from hagoromo.files.table import read_table
 from hagoromo.light.spectrum import Spectrum
 from tests.data import DATA, real_data
@@ -157,6 +158,22 @@ def test_a_response_reads_from_any_table_with_wavelengths(tmp_path):
     read = Response.load(path)
     assert read.channels == ("green",) and read.name == "five_bands"
     np.testing.assert_array_equal(read.curve(0).at([400.0, 450.0, 800.0]), [0.1, 0.55, 0.0])
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_table_with_limits_is_read_once(tmp_path, monkeypatch, end):
+    """Its first line was read from the file once more, which may then be another one."""
+    path, opened, read = tmp_path / "near.csv", [], checks.read_bytes
+    lines = "# limits_nm = 650, 1000.5", "wavelength_nm,near", "600,0.1", "700,1.0", "1000,0.0", ""
+    path.write_bytes(end.join(lines).encode())
+
+    def counted(*args):
+        opened.append(args)
+        return read(*args)
+
+    for module in (checks, table):
+        monkeypatch.setattr(module, "read_bytes", counted)
+    assert Response.load(path).limits == (650.0, 1000.5) and len(opened) == 1
 
 
 @pytest.mark.parametrize(
