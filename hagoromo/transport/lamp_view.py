@@ -69,18 +69,14 @@ class LampView:
         z = 1.0 - dr.abs(u) - dr.abs(v)
         fold = [dr.select(z < 0, _turned(1.0 - dr.abs(other), own), own) for own, other in ((u, v), (v, u))]
         turned = dr.normalize(fold[0] * self.right + fold[1] * self.up + z * self.ahead)
-        aside = (
-            u * self.right + v * self.up
-        ) * self.extent  # where the ray passes the middle, in distances of the lamp
+        # where the ray passes the plane through the middle, in distances of the lamp
+        aside = (u * self.right + v * self.up) * self.extent
         squared = dr.squared_norm(aside)
         length = dr.sqrt(1.0 + squared)
         straight = (aside + self.ahead) / length
         back = dr.fma(self.away, squared / (1.0 + length), self.front)
-        begin = dr.select(
-            self.folded,
-            turned * self.before - self.ahead * self.away,
-            aside * self.away - straight * back,
-        )
+        folded = turned * self.before - self.ahead * self.away
+        begin = dr.select(self.folded, folded, aside * self.away - straight * back)
         return self.middle + begin, dr.select(self.folded, turned, straight)
 
 
