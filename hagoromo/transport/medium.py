@@ -27,9 +27,9 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
-from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
 from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Step
+from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
 from hagoromo.transport.textures import SeenAlong
@@ -94,32 +94,6 @@ class TexelHit:
     tau: Float  # extinction per unit of density [1/m]
     here: SurfacePoint
     frame: SurfaceFrame  # world axes
-
-
-class Kinds:
-    """Elements of the materials of all boxes: a tangent, of a cylinder, may have either sign; a normal may not."""
-
-    def __init__(self, boxes: Sequence[VolumeBox]) -> None:
-        elements = [[material.element for material in box.materials] for box in boxes]
-        distinct = {element for each in elements for element in each}
-        self.tangents = "cylinder" in distinct
-        self.mixed = any(len(set(each)) > 1 for each, box in zip(elements, boxes, strict=True) if not box.texel)
-        self._only = distinct == {"cylinder"}
-        self._row = lookup(arrays().UInt8, np.array([ELEMENTS.index(e) for each in elements for e in each], np.uint8))
-
-    def of(self, material: UInt) -> UInt:
-        """The element of a material, numbered in the row of all boxes' materials: its place in ELEMENTS."""
-        return arrays().UInt(dr.gather(arrays().UInt8, self._row, material))
-
-    def tangent(self, material: UInt) -> Bool | None:
-        """Where the axes of a material are tangents; None: nowhere."""
-        if not self.tangents or self._only:
-            return arrays().Bool(True) if self._only else None
-        return self.of(material) == ELEMENTS.index("cylinder")
-
-    def population(self, first: UInt, k: int) -> Bool | None:
-        """As `tangent`, of population k of a texel whose materials are numbered from `first` on."""
-        return self.tangent(dr.minimum(first + k, dr.opaque(arrays().UInt, dr.width(self._row) - 1)))
 
 
 class Medium:
