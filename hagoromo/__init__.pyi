@@ -140,6 +140,7 @@ from .image.relight.relight import relight as relight
 
 # A page that can be sent round
 from .publication.publish import Published as Published, publish as publish
+from .publication.export.export import export as export
 
 # The paper end to end, reports, and what studies of one's own need
 from .app.demo import demo as demo

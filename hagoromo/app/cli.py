@@ -24,6 +24,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app import capture_verb as capture_verb
+from hagoromo.app import exporting as exporting
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels

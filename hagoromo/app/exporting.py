@@ -1,0 +1,36 @@
+"""The command `hagoromo export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+import hagoromo as hg
+from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+
+
+@verb(verbs)
+def export(
+    measured: Positional[Path],
+    to: Annotated[tuple[str, ...], arg(name="to")],
+    out: Out,
+    capture: Path | None = None,
+    force: Force = False,
+) -> None:
+    """Measured object → files that other programs read; export.json and the output say what each of them loses.
+
+    Args:
+        measured: folder that `measure` wrote.
+        to: formats: png, tiff, exr (normals, albedo, roughness, depth); glb, ply (mesh); ptm, hsh, relight (relightable
+            images); csv (spectra); materialx.
+        capture: folder that was measured, for a measurement of version 0.2.
+    """
+    with progress_bar("export") as progress:
+        record = hg.export(measured, to, out, capture=capture, force=force, progress=progress)
+    for name, loss in record["formats"].items():
+        error = loss.get("rms_error_before_quantisation")
+        say(f"{name}: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
+    wrote(out / "export.json")

@@ -1,0 +1,189 @@
+"""Exported files are read back by decoders that share no line with the product, and relit pixels are compared."""
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+from hagoromo.publication.export.lit import hemisphere, reflected, shown, white_level
+from hagoromo.publication.export.rti import hsh_basis, write_ptm
+from hagoromo.publication.surface_maps import surface_maps
+from tests.app.published_ball import ball, radiance
+
+ALL = ("png", "tiff", "exr", "glb", "ply", "ptm", "hsh", "relight", "materialx")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The ball's maps, the folder of all formats, and the record."""
+    out = tmp_path_factory.mktemp("export") / "out"
+    capture, measured = ball()
+    record = hg.export(measured, ALL, out)
+    return capture, measured, surface_maps(measured, capture.photographs[0].camera, "ball", True), out, record
+
+
+def test_the_pictures_that_formats_are_fitted_to_are_those_of_the_reflectance(exported):
+    """Oracle: the written-out formula in float64. Tolerance: single precision."""
+    capture, measured, maps, *_ = exported
+    direction = np.array([0.4, 0.3, np.sqrt(0.75)])
+    body, interface, _ = radiance(capture, measured, direction)
+    part = np.s_[int(maps.y) : int(maps.y) + maps.labels.shape[0], int(maps.x) : int(maps.x) + maps.labels.shape[1]]
+    colours = np.array([material.interface_colour for material in measured.materials])[np.maximum(measured.labels, 0)]
+    gloss = interface if interface.shape[2] == 3 else interface * colours
+    exact = (body + gloss)[part]
+    np.testing.assert_allclose(reflected(maps, direction)[maps.known], exact[maps.known], rtol=2e-3, atol=2e-4)
+
+
+def ptm_pixels(path, u, v):
+    """HP's PTM format 1.2, LRGB: six lines, six coefficients per pixel, then colours; rows from the bottom."""
+    data = path.read_bytes()
+    lines, place = [], 0
+    while len(lines) < 6:
+        end = data.index(b"\n", place)
+        lines.append(data[place:end].decode())
+        place = end + 1
+    assert lines[:2] == ["PTM_1.2", "PTM_FORMAT_LRGB"]
+    width, height = int(lines[2]), int(lines[3])
+    scale, bias = [float(x) for x in lines[4].split()], [int(x) for x in lines[5].split()]
+    image = np.zeros((height, width, 3))
+    colours = place + 6 * width * height
+    assert len(data) == colours + 3 * width * height
+    powers = (u * u, v * v, u * v, u, v, 1.0)
+    for row in range(height):
+        for column in range(width):
+            pixel = row * width + column
+            raw = data[place + 6 * pixel : place + 6 * pixel + 6]
+            light = sum((r - b) * s * p for r, b, s, p in zip(raw, bias, scale, powers, strict=True)) / 255.0
+            for channel in range(3):
+                image[height - 1 - row, column, channel] = light * data[colours + 3 * pixel + channel] / 255.0
+    return np.clip(image, 0.0, 1.0)
+
+
+def harmonics(x, y, z):
+    """Nine hemispherical harmonics as RTI viewers list them."""
+    phi, c = np.arctan2(y, x), z
+    r = np.sqrt(max(c - c * c, 0.0))
+    return np.array([
+        1 / np.sqrt(2 * np.pi), np.sqrt(6 / np.pi) * np.cos(phi) * r, np.sqrt(3 / (2 * np.pi)) * (-1 + 2 * c),
+        np.sqrt(6 / np.pi) * r * np.sin(phi), np.sqrt(30 / np.pi) * np.cos(2 * phi) * (-c + c * c),
+        np.sqrt(30 / np.pi) * np.cos(phi) * (-1 + 2 * c) * r, np.sqrt(5 / (2 * np.pi)) * (1 - 6 * c + 6 * c * c),
+        np.sqrt(30 / np.pi) * (-1 + 2 * c) * r * np.sin(phi), np.sqrt(30 / np.pi) * (-c + c * c) * np.sin(2 * phi),
+    ])  # fmt: skip
+
+
+def hsh_pixels(path, direction):
+    data = path.read_bytes()
+    head, rest = data.split(b"\n", 4)[:4], data.split(b"\n", 4)[4]
+    width, height, channels = map(int, head[2].split())
+    terms = int(head[3].split()[0])
+    assert head[0] == b"#HSH1.2" and head[1] == b"3" and channels == 3 and terms == 9
+    numbers = struct.unpack(f"<{2 * terms}f", rest[: 8 * terms])
+    codes = np.frombuffer(rest[8 * terms :], np.uint8).reshape(height, width, 3, terms)
+    values = codes / 255.0 * np.array(numbers[:terms]) + np.array(numbers[terms:])
+    return np.clip(values @ harmonics(*direction), 0.0, 1.0)
+
+
+def relight_pixels(folder, direction):
+    """OpenLIME's shader: Σ_j base_j (plane_j − bias_j) scale_j, planes of 0…1."""
+    from PIL import Image
+
+    info = json.loads((folder / "info.json").read_text())
+    assert info["type"] == "hsh" and info["colorspace"] == "rgb" and info["nplanes"] == 27
+    scale, bias = (np.array(info["materials"][0][key]).reshape(9, 3) for key in ("scale", "bias"))
+    image = 0.0
+    for number, weight in enumerate(harmonics(*direction)):
+        plane = np.asarray(Image.open(folder / f"plane_{number}.jpg"), float) / 255.0
+        image = image + weight * (plane - bias[number]) * scale[number]
+    return np.clip(image, 0.0, 1.0)
+
+
+def test_relightable_images_are_near_the_reflectance_and_state_how_near(exported):
+    """Oracle: decoders above. Their error is that of the record, but for 8 bits of the coefficients and JPEG: 2 %."""
+    _, _, maps, out, record = exported
+    white, off = white_level(maps), {"ptm": [], "hsh": [], "relight": []}
+    for direction in hemisphere(12, 0.25)[::4]:
+        truth = shown(reflected(maps, direction), white)[maps.known]
+        seen = {
+            "ptm": ptm_pixels(out / "object.ptm", direction[0], direction[1]),
+            "hsh": hsh_pixels(out / "object.rti", direction),
+            "relight": relight_pixels(out / "relight", direction),
+        }
+        for name, image in seen.items():
+            off[name].append(np.mean((image[maps.known] - truth) ** 2))
+    for name, squares in off.items():
+        stated = record["formats"][name].get("rms_error_before_quantisation")
+        assert np.sqrt(np.mean(squares)) < stated + 0.03, (name, np.sqrt(np.mean(squares)), stated)
+        assert stated < 0.12, (name, stated)
+
+
+def test_a_matte_polynomial_survives_the_file(tmp_path):
+    """Pictures that are a PTM come back to the steps of 8 bits, the right way up."""
+    random = np.random.default_rng(0)
+    directions, tint = hemisphere(20), random.uniform(0.4, 1.0, (5, 7, 3))
+    tint /= tint.max(axis=2, keepdims=True)
+    slope = random.uniform(-0.2, 0.2, (5, 7, 2))
+    pictures = [(0.6 + slope @ d[:2])[..., None] * tint for d in directions]
+    write_ptm(tmp_path / "a.ptm", pictures, directions)
+    for k in (3, 11):
+        again = ptm_pixels(tmp_path / "a.ptm", *directions[k, :2])
+        np.testing.assert_allclose(again, pictures[k], atol=0.012)
+    np.testing.assert_allclose(hsh_basis(directions)[4], harmonics(*directions[4]), atol=1e-12)
+
+
+def test_planes_and_meshes_hold_the_maps(exported):
+    import tifffile
+    import trimesh
+
+    _, _, maps, out, _ = exported
+    known = maps.known
+    for normals in (hg.read_png(out / "normals.png"), tifffile.imread(out / "normals.tiff")):
+        assert normals.dtype == np.uint16
+        np.testing.assert_allclose(normals[known] / 65535.0 * 2.0 - 1.0, maps.normals[known], atol=2e-5)
+    layers, _ = hg.read_exr(out / "planes.exr")
+    np.testing.assert_allclose(layers["Z"][known], maps.depth[known], rtol=1e-6)
+    np.testing.assert_allclose(layers["R"][known], np.pi * maps.body[known][:, 0], rtol=1e-6)
+    near = json.loads((out / "depth.json").read_text())
+    depth = hg.read_png(out / "depth.png")[known] / 65535.0 * (near["far_m"] - near["near_m"]) + near["near_m"]
+    np.testing.assert_allclose(depth, maps.depth[known], atol=1e-4 * (near["far_m"] - near["near_m"]))
+    for name in ("object.glb", "object.ply"):
+        mesh: Any = trimesh.load(out / name, force="mesh", process=False)
+        assert len(mesh.vertices) == known.sum() and len(mesh.faces) > known.sum()
+        np.testing.assert_allclose(-np.asarray(mesh.vertices)[:, 2], maps.depth[known], rtol=1e-5)
+        facing = np.sum(mesh.face_normals * maps.normals[known][mesh.faces[:, 0]], axis=1)
+        assert np.median(facing) > 0.95  # faces turn to the eye as the measured normals do
+    textured: Any = trimesh.load(out / "object.glb", force="mesh", process=False)
+    uv = textured.visual.uv
+    columns = np.nonzero(known)[1]
+    np.testing.assert_allclose(uv[:, 0] * known.shape[1] - 0.5, columns, atol=1e-3)
+
+
+def test_materialx_reads_its_own_document(exported):
+    mx = pytest.importorskip("MaterialX")
+    _, measured, _, out, _ = exported
+    document = mx.createDocument()
+    mx.readFromXmlFile(document, str(out / "materials.mtlx"))
+    valid, message = document.validate()
+    assert valid, message
+    shaders = [node for node in document.getNodes() if node.getCategory() == "standard_surface"]
+    assert len(shaders) == len(measured.materials) == len(document.getMaterialNodes())
+    assert shaders[0].getInputValue("specular_IOR") == pytest.approx(measured.materials[0].n, rel=1e-4)
+    assert "GGX" in shaders[0].getAttribute("doc")
+
+
+def test_the_verb_writes_all_or_nothing_and_says_what_is_lost(tmp_path, capsys):
+    _, measured = ball()
+    measured.save(tmp_path / "measured")
+    out = tmp_path / "out"
+    assert main(["export", str(tmp_path / "measured"), "--to", "ply", "vrml", "--out", str(out)]) == 2
+    assert "no format is called vrml" in capsys.readouterr().err and not out.exists()
+    assert main(["export", str(tmp_path / "measured"), "--to", "csv", "--out", str(out)]) == 2
+    assert "has no spectra" in capsys.readouterr().err and not out.exists()
+    assert main(["export", str(tmp_path / "measured"), "--to", "ply", "materialx", "--out", str(out)]) == 0
+    assert "holes" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} >= {"object.ply", "materials.mtlx", "export.json"}
+    assert main(["export", str(tmp_path / "measured"), "--to", "ply", "--out", str(out)]) == 2
+    assert main(["export", str(tmp_path / "measured"), "--to", "ply", "--out", str(out), "--force"]) == 0
