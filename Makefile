@@ -1,4 +1,4 @@
-# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | real | relit | lamps | near | spectra |
+# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | real | relit | lamps | near | spectra |
 # coverage | merl | first-order | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery published schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -115,6 +115,11 @@ merl: $(READY)
 figures: $(READY)
 	$(BIN)/hagoromo demo --out out/figures --size full --force
 	$(BIN)/python -m hagoromo_figures.demo.plates out/figures docs
+
+# The page of docs/howto/publish.md, made and opened in Chromium (minutes).
+published: $(READY)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.published --out out/published --force
+	cp out/published/published.jpg docs/figures/
 
 # Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
 gallery: $(READY)

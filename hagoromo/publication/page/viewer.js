@@ -3,7 +3,7 @@
 (() => {
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("hv-data").textContent);
-const LAMPS = 4, COARSE = 512, STEP = Math.PI / 90, VIEWS = data.views;
+const LAMPS = 4, COARSE = 512, MOST_TILES = 64, STEP = Math.PI / 90, VIEWS = data.views;
 const canvas = byId("hv-canvas"), frame = byId("hv-frame"), overlay = byId("hv-overlay");
 const message = byId("hv-message"), status = byId("hv-status");
 const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
@@ -48,7 +48,7 @@ const state = {
   lamps: [], lamp: 0, camera: 0, balance: true, stops: 0, view: 0, shadows: !!data.scales.depth, enhance: 0, width: 10,
   tool: "light", scale: 0, x: data.width / 2, y: data.height / 2, photograph: -1,
 };
-let stamp = 1, shadowStamp = 0, asked = false, relief = null, ruler = null;
+let stamp = 1, shadowStamp = 0, asked = false, relief = null, ruler = null, turn = 0;
 
 const lampAt = (x, y) => ({ x, y, strength: 1, spectrum: 0, capture: -1 });
 state.lamps.push(lampAt(-0.33, 0.36));
@@ -214,7 +214,7 @@ const tiles = new Map();
 class Tile {
   constructor(level, x, y, header, planes) {
     const size = header.width * header.height, layers = Math.ceil(data.scales.channels / 4);
-    Object.assign(this, { level, x, y, width: header.width, height: header.height, stamp: 0 });
+    Object.assign(this, { level, x, y, width: header.width, height: header.height, stamp: 0, shownAt: turn });
     const upload = (names) => texture(gl.TEXTURE_2D, gl.RGBA16UI, this.width, this.height, 0, interleaved(planes, names, size), gl.UNSIGNED_SHORT, gl.RGBA_INTEGER);
     this.geometry = upload(["u", "v", "depth", "label"]);
     this.extra = upload(["beta", "gamma", "normal_error", planes.gloss_error ? "gloss_error" : "body_error"]);
@@ -330,6 +330,7 @@ function want(key) {  // a tile of a page that is a folder comes as a script, wh
   wanted.add(key);
   const script = document.createElement("script");
   script.src = `tiles/${key}.js`;
+  script.onload = () => script.remove();
   document.head.append(script);
 }
 
@@ -360,6 +361,16 @@ function box(pane, x0, y0, x1, y1) {  // rectangle of the page [px] → clip spa
   return [x(x0), y(y0), x(x1), y(y1)];
 }
 
+function forget(shown) {  // the tiles that were not seen for longest: memory for MOST_TILES is enough for any screen
+  const old = [...tiles].filter(([, one]) => !shown.includes(one) && data.levels[one.level].tiles > 1);
+  old.sort((a, b) => a[1].shownAt - b[1].shownAt);
+  for (const [key, one] of old.slice(0, Math.max(tiles.size - MOST_TILES, 0))) {
+    for (const own of [one.geometry, one.extra, one.bodies, one.target]) gl.deleteTexture(own);
+    tiles.delete(key);
+    wanted.delete(key);
+  }
+}
+
 function drawPicture(pane, one, corners, gain) {
   gl.useProgram(show.made);
   gl.uniform4fv(show.at("box"), box(pane, ...corners));
@@ -388,7 +399,8 @@ function draw() {
       if (tiles.has(key)) shown.push(tiles.get(key)); else want(key);
     }
   }
-  for (const one of shown) one.shade();
+  for (const one of shown) { one.shade(); one.shownAt = ++turn; }
+  forget(shown);
   gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   gl.disable(gl.SCISSOR_TEST);
   gl.clearColor(0.09, 0.094, 0.106, 1);
