@@ -7,6 +7,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
+from hagoromo.measurement.normals.highlight_check import highlight_check
 from hagoromo.measurement.normals.lobe_fit import with_lobes
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
@@ -118,3 +119,22 @@ def test_lobes_are_checked():
         hg.Reflectance(beta=0.1, lobes=((-1.0, 0.1),), **matte)
     with pytest.raises(hg.InputError, match="energy"):
         hg.Reflectance(beta=0.1, lobes=((60.0, 0.5),), **matte)
+
+
+@pytest.mark.parametrize(("factor", "rejected"), [(1.0, False), (5.0, True), (0.2, True)])
+def test_a_lobe_that_is_five_times_off_is_seen(factor, rejected, monkeypatch):
+    """In its width; without one too many the check is silent. Before, there was no test under unknown shape."""
+    monkeypatch.setitem(GLOSSY, "waxed", replace(GLOSSY["waxed"], spike=(0.0, 5.0)))
+    capture, normals = glossy_object("waxed", 3, size=64)
+    beta, gamma = GLOSSY["waxed"].haze
+    views, fit = solved(capture, normals, replace(GLOSSY["waxed"], haze=(beta, min(factor * gamma, 68.0))))
+    incidence = np.maximum(np.einsum("kpi,pi->kp", views.to_lamp, fit.normals), 0.0)
+    unit = predicted(replace(fit, body=np.ones_like(fit.body)), views.to_lamp, views.to_eye)
+    gloss = predicted(replace(fit, body=np.zeros_like(fit.body)), views.to_lamp, views.to_eye)
+    matte = unit - gloss
+    weight = (incidence > 0.1)[:, None] & views.used[:, None]
+    body = np.sum(weight * matte * (views.values - gloss), axis=0) / np.sum(weight * matte**2, axis=0)
+    known = np.stack([p.mask[views.rows, views.columns] for p in capture.photographs]) & (incidence > 0.1)
+    found = highlight_check(replace(fit, body=body), views, known & views.used, 0)
+    assert found is not None and found.rejected == rejected
+    assert not rejected or (found.rms > 0.01 and "the highlight is" in found.where)

@@ -14,6 +14,7 @@ from hagoromo.measurement.material.model_choice import Model, model_remarks
 from hagoromo.measurement.material.quantity import Quantity, colour_of_interface, coordinate, log_albedo, log_beta
 from hagoromo.measurement.material.uncertainty import is_identifiable
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.normals.highlight_check import highlight_check
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
@@ -89,6 +90,8 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     identifiable |= {key: spread <= LARGEST_LAW_ERROR for key, (_, spread) in law.items()}
     both = gloss.correlation()
     value |= _further(fit, number, value)
+    known = np.isfinite(residual).all(axis=1) & normal_map.views.used
+    misfit = highlight_check(fit, normal_map.views, known, number)
     return MaterialEstimate(
         name=f"material {number + 1}",
         pixels=int(mine.sum()),
@@ -98,10 +101,12 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         interval_95=interval,
         correlation=((1.0, None, None, None), (None, 1.0, both, None), (None, both, 1.0, None), (None,) * 4),
         identifiable=identifiable,
+        lack_of_fit=None if misfit is None else misfit.record(),
         chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
         remarks=(
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
             *_lobe_remarks(fit, number),
+            *([misfit.remark()] if misfit is not None and misfit.rejected else []),
             *_remarks(fit, number, identifiable, interval["nu"][0]),
         ),
         convergence=None if fit.status is None else fit.status.record(),
