@@ -129,8 +129,8 @@ gallery: $(READY)
 schemas: $(READY)
 	$(BIN)/hagoromo schema --out docs/schemas
 
-# Every verb that writes, killed at each of its file operations, and with a disk that is full after so many bytes of a
-# file (a quarter of an hour; the slow verbs at 30 points): docs/writing.md.
+# Every verb that writes, killed at 30 of its file operations (slow verbs: 2 to 10), and with a disk that is full after
+# so many bytes of a file (half an hour): docs/reference/writing.md, docs/faults.md.
 crash: $(READY)
 	$(BIN)/python -m fuzz.crash --most 30
 	$(BIN)/python -m fuzz.crash --full

@@ -172,8 +172,8 @@ def put_old(case: Case, folder: Path) -> None:
             place.write_bytes(OLD)
 
 
-def faults(case: Case, home: Path, most: int, way: str, known: Counter[str]) -> Iterator[str]:
-    """Kill (or fill the disk of) a case at up to `most` points; yields "" for each clean one, else what was wrong.
+def faults(case: Case, home: Path, asked: int, way: str, known: Counter[str]) -> Iterator[str]:
+    """Kill (or fill the disk of) a case at up to `asked` points; yields "" for each clean one, else what was wrong.
 
     known: how many points there are is added to it.
     """
@@ -185,6 +185,7 @@ def faults(case: Case, home: Path, most: int, way: str, known: Counter[str]) -> 
         new = seen(fresh)
         points = list(WAYS.get(way) or range(1, first.operations + 1))
         known[case.name] += len(points)
+        most = max(asked // case.slow, 2)
         step = max(len(points) / most, 1.0)
         for point in sorted({points[min(int(k * step), len(points) - 1)] for k in range(min(most, len(points)))}):
             _renew(case, home, force)
@@ -311,7 +312,9 @@ def _row(name: str, tried: int, known: int, unclean: int) -> str:
 def main() -> int:
     """Run the cases; prints a table, and each fault that was not clean."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--most", type=int, default=10**6, help="points of each verb, spread evenly (default: all)")
+    parser.add_argument(
+        "--most", type=int, default=10**6, help="points of each verb, spread evenly, fewer of slow ones (default: all)"
+    )
     parser.add_argument("--full", action="store_true", help="a full disk in place of kills")
     parser.add_argument("--disk", action="store_true", help="a disk of its own that is full in place of kills")
     parser.add_argument("--strace", action="store_true", help="kill at calls of the system, by strace")

@@ -57,7 +57,7 @@ class Case:
     A target without suffix, or with .zarr, is a folder. out: the argument of --out, if it is not the first target.
     apart: the targets do not belong together, each is old or new, whatever the others are. resumes: whether its work is
     kept after a fault. forces: whether it has --force; what has not always replaces. fails: exit statuses for a full
-    disk. prepare: called once in the process that runs it.
+    disk. slow: so many times fewer points are tried. prepare: called once in the process that runs it.
     """
 
     name: str
@@ -69,6 +69,7 @@ class Case:
     resumes: bool = False
     forces: bool = True
     fails: tuple[int, ...] = (2,)
+    slow: int = 1
     prepare: Callable[[], None] | None = None
 
     def given(self, folder: Path) -> list[str]:
@@ -256,11 +257,17 @@ CASES = (
     Case("calibrate lamps", _balls, ("calibrate", "lamps", "0.png", "1.png", "--mask", "mask.png"), ("out.json",)),
     Case("simulate", _scene, ("simulate", "scene.toml"), ("out",)),
     Case("measure", _capture, ("measure", "capture"), ("out",)),
-    Case("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",)),
+    Case("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",), slow=3),
     Case("build", _recipe, ("build", "solid.toml"), ("out.zarr",), resumes=True),
-    Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True),
+    Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True, slow=5),
     Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),
-    Case("relight", _capture, ("relight", "capture"), ("out",)),
+    Case("relight", _capture, ("relight", "capture"), ("out",), slow=6),
+    Case(
+        "spectra", _photographs,
+        ("spectra", "a.exr", "--lamp", "D65", "--response", "canon_eos_300d", "--white", "w", "--region", "w=0,0,4,4",
+         "--region", "r=5,0,4,4", "--prior", "smooth"),
+        ("out",),
+    ),
     Case("publish a page", _measured, ("publish", "measured"), ("out.html",)),
     Case("publish a folder", _measured, ("publish", "measured"), ("out",)),
     Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
@@ -268,5 +275,5 @@ CASES = (
         "batch", _batch, ("batch", "batch.toml"), ("out/models/a", "out/models/b", "out/yaml/a.yml", "out/yaml/b.yml"),
         out="out", apart=True, fails=(1, 2),
     ),
-    Case("demo", _nothing, ("demo",), ("out",), prepare=_smaller_demo),
+    Case("demo", _nothing, ("demo",), ("out",), slow=15, prepare=_smaller_demo),
 )  # fmt: skip

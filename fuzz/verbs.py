@@ -188,7 +188,8 @@ def _patience() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def _function(case: Case) -> str:
+def function_of(case: Case) -> str:
+    """The name of what a command calls."""
     return "_".join(case.words[: 2 if case.words[0] == "calibrate" else 1])
 
 
@@ -201,4 +202,4 @@ SLOW = (
     "calibrate camera", "calibrate response", "simulate", "measure", "measure unknown shape", "build", "build a texel",
     "render", "relight",
 )  # fmt: skip
-VERBS = {case.name: Verb(case, _function(case)) for case in (*CASES, *LOOKING) if case.name != "demo"}
+VERBS = {case.name: Verb(case, function_of(case)) for case in (*CASES, *LOOKING) if case.name != "demo"}
