@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_folder
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @verb(verbs)
 def capture(
     photographs: Positional[tuple[Path, ...]],
-    lamps: Path,
     out: Out,
+    lamps: Path | None = None,
+    ball: Path | None = None,
     camera: Path | None = None,
     response: str | None = None,
     mask: tuple[Path, ...] = (),
@@ -40,6 +48,8 @@ def capture(
         photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR of `develop`, all from one viewpoint.
         lamps: lamps.json of `calibrate lamps`, or an .lp. A photograph gets the lamp with its name; if no name
             matches, lamps are assigned in order.
+        ball: picture that is white on a chrome ball in the photographs, in place of lamps: each photograph then shows
+            where its own lamp is. The ball is no part of the object.
         camera: camera.json of `calibrate camera`, or OpenCV's YAML, as given to `calibrate lamps`; or orthographic.
             Without it the focal length in the EXIF is used, or else the view is assumed orthographic.
         response: CSV of `calibrate response`, or the name of a known camera.
@@ -60,9 +70,10 @@ def capture(
         read_noise: read noise of the sensor [electrons].
     """
     replaceable_folder(out, force)
+    known, covered = _lamps(photographs, lamps, ball, camera, exposures, iso)
     asked = hg.session(
-        photographs, lamps, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
-        undistorted=undistorted,
+        photographs, known, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
+        undistorted=undistorted, excluded=covered,
         developing=hg.Developing(black, white, mosaic, transfer, gain, read_noise, exposures, iso),
     )  # fmt: skip
     with progress_bar("capture") as progress:
@@ -74,3 +85,34 @@ def capture(
     for what, assumed in written.assumptions.items():
         say(f"{what}: {assumed}")
     wrote(out)
+
+
+def _lamps(
+    photographs: Sequence[Path],
+    lamps: Path | None,
+    ball: Path | None,
+    camera: Path | None,
+    exposures: Sequence[float],
+    iso: float | None,
+) -> tuple[Path | tuple[hg.Lamp, ...], NDArray[np.bool_] | None]:
+    """The lamps of a file; or those that a chrome ball in the photographs shows, and where it covers the picture."""
+    if (lamps is None) == (ball is None):
+        raise InputError("lamps come from a file (--lamps) or from a chrome ball in the photographs (--ball): give one")
+    if ball is None:
+        assert lamps is not None
+        return lamps, None
+    from hagoromo.app.lamp_summary import lamp_summary
+    from hagoromo.camera.unplaced import unplaced_camera
+    from hagoromo.files.picture import read_picture
+    from hagoromo.photograph.lit_photographs import ORTHOGRAPHIC
+    from hagoromo.photograph.session_exif import session_exif
+
+    shape = read_picture(ball).shape[:2]
+    lens: hg.Camera | Path | None = None if str(camera) == ORTHOGRAPHIC else camera
+    if camera is None:
+        focal = session_exif(photographs, exposures, iso).focal_of(shape[1])
+        lens = None if focal is None else unplaced_camera(shape[1], shape[0], focal)
+    with progress_bar("chrome ball") as progress:
+        found = hg.calibrate_lamps(photographs, ball, camera=lens, progress=progress)
+    say(*lamp_summary(found))
+    return found.lamps, found.balls[0].covers(shape)

@@ -200,7 +200,7 @@ def convert(
     images: Path | None = None,
     force: Force = False,
 ) -> None:
-    """Cameras in the format of one program → the format of another, or with their images → a capture.
+    """Cameras in the format of one program → the format of another, or with their images → a capture; lamps → an .lp.
 
     Args:
         cameras: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, Middlebury's _par.txt.
@@ -209,7 +209,8 @@ def convert(
     """
     result = hg.convert(cameras, out, to, images, force)
     if isinstance(result, dict):
-        print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")
+        if result:
+            print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")
     else:
         print(f"a capture of {len(result.photographs)} photographs")
     wrote(out)

@@ -24,7 +24,7 @@ from hagoromo.photograph.capture import TRANSFORMS, shared_keys, write_response
 from hagoromo.photograph.lamp_sides import lamp_remarks
 from hagoromo.photograph.lit_photographs import Session, Shot
 from hagoromo.photograph.object_mask import Thumbnails
-from hagoromo.photograph.pixels import ALPHA, default_channels, write_pixels
+from hagoromo.photograph.pixels import ALPHA, NATIVE, default_channels, write_pixels
 from hagoromo.photograph.transforms import record_from_lamp, record_from_sensor
 from hagoromo.photograph.variance_model import VarianceModel
 from hagoromo.progress import Progress, silent
@@ -68,7 +68,7 @@ def capture_to(asked: Session, out: str | Path, force: bool = False, progress: P
             frames.append(_write_frame(shot, own, number, home, lamps))
             masked += own is not None
         found = asked.found_mask(seen, shape) if asked.auto_mask else None
-        if found is None and len(asked.masks) == 1:
+        if found is None and len(asked.masks) <= 1:
             found = asked.own_mask(0, shape)
         if found is not None:
             write_png(home / OBJECT_MASK, found.astype(np.uint8) * 255)
@@ -101,6 +101,8 @@ def _write_frame(
         channels = {name: shot.values[..., k] for k, name in enumerate(names)}
         if not shot.valid.all():
             channels[ALPHA] = shot.valid.astype(np.float32)
+        if shot.native is not None:
+            channels |= {NATIVE + name: shot.native[..., k].astype(np.float16) for k, name in enumerate(names)}
         text = {"colourSpace": "camera, linear, the white level of one exposure as 1"}
         write_exr(image, channels, text, half=True)
         kept = {"exposure_s": shot.scale[0], "iso": shot.scale[1], "variance_model": model.record()}

@@ -9,6 +9,7 @@ from hagoromo.camera.formats.camera_file import Format, read_views, write_views
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.gather import gather, size_of_images
+from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
 
 
 def convert(
@@ -20,9 +21,14 @@ def convert(
 ) -> dict[str, Camera] | Capture:
     """Write the cameras in the file (or folder) `cameras` to `out`; returns the views, image file → camera.
 
+    An `out` that ends in .lp gets the far lamps of lamps.json; there are no views then.
+
     to: format (None: by the suffix of `out`). images: folder of the images; a capture is then written and returned
     instead. `InputError` for an unknown format, and if both `to` and `images` are given.
     """
+    if Path(out).suffix.lower() == LP:
+        write_lp(out, load_lamps(cameras), force)
+        return {}
     if images is None:
         views = read_views(cameras)
         write_views(out, views, to, force)

@@ -35,6 +35,7 @@ from hagoromo.photograph.one_exposure import light_of, noise_of, read_frame
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels
 from hagoromo.photograph.session_exif import SessionExif, session_exif
+from hagoromo.photograph.straighten import Straightener
 from hagoromo.photograph.transforms import ImageSettings
 from hagoromo.photograph.variance_model import VarianceModel
 
@@ -100,12 +101,10 @@ class Shot(NamedTuple):
     def photograph(self, valid: NDArray[np.bool_]) -> Photograph:
         """The photograph, light per second at ISO 100."""
         over = np.float32(self.scale[0] * self.scale[1] / 100.0)
-        model = isinstance(self.variance, VarianceModel)
-        variance = self.variance.of(self.values) if isinstance(self.variance, VarianceModel) else self.variance
-        native = (
-            self.variance.native(*self.values.shape[:2]) if isinstance(self.variance, VarianceModel) else self.native
-        )
-        variance = np.maximum(variance, np.float32(1e-30)) if model else variance
+        variance, native = self.variance, self.native
+        if isinstance(variance, VarianceModel):
+            native = variance.native(*self.values.shape[:2]) if native is None else native
+            variance = variance.of(self.values)
         return Photograph(self.values / over, variance / over**2, valid, self.camera, (self.lamp,), self.name, native)
 
 
@@ -130,6 +129,8 @@ class Session:
     assumptions: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     view: Camera | None = None
+    excluded: NDArray[np.bool_] | None = None
+    straightener: Straightener | None = None
 
     def shots(self) -> Iterator[Shot]:
         """The photographs, one after the other, in the order of `paths`; `InputError` for one of another size."""
@@ -149,19 +150,22 @@ class Session:
                 self.view = camera
                 _check_lamps(self.lamps, camera)
                 self._check_masks((height, width))
+            if self.straightener is not None and path.suffix.lower() != ".exr":
+                shot = _straightened(shot, self.straightener)
             yield shot._replace(camera=replace(camera, sensor=shot.camera.sensor) if shot.camera else camera)
 
     def own_mask(self, number: int, shape: tuple[int, int]) -> NDArray[np.bool_] | None:
         """The hand-made mask of a photograph; None where there is none, or one that only corrects the automatic one."""
-        if not self.masks or self.auto_mask:
-            return None
-        return read_mask(self.masks[number if len(self.masks) > 1 else 0], shape)
+        if self.auto_mask or not self.masks:
+            return None if self.auto_mask or self.excluded is None else ~self.excluded
+        own = read_mask(self.masks[number if len(self.masks) > 1 else 0], shape)
+        return own if self.excluded is None else own & ~self.excluded
 
     def found_mask(self, seen: Thumbnails, shape: tuple[int, int]) -> NDArray[np.bool_] | None:
         """The object's mask, found in the photographs and corrected by hand; None where it was not asked for."""
         if not self.auto_mask:
             return None
-        found = object_mask(seen, shape, self.masks[0] if self.masks else None)
+        found = object_mask(seen, shape, self.masks[0] if self.masks else None, self.excluded)
         self._remark_mask(found, "found in the photographs")
         return found.mask
 
@@ -179,12 +183,23 @@ class Session:
             )  # fmt: skip
             said = "orthographic, as stated" if self.orthographic else said
             said += "; lengths are in units of the picture's longer side at the object"
-        if self.undistorted:
+        bent = not self.undistorted and any(lens.distortion)
+        developed = [path.suffix.lower() == ".exr" for path in self.paths.values()]
+        if bent and any(developed) and not all(developed):
+            raise InputError("some photographs are developed with the distortion of their lens: develop all, or none")
+        if bent and not all(developed):
+            self.straightener = Straightener.of(lens)
+            said += ", whose distortion is removed"
+        if self.undistorted or self.straightener is not None:
             lens = replace(lens, distortion=(0.0,) * len(lens.distortion))
         self.assumptions["camera"] = said
         return replace(lens, response=self.response)
 
     def _check_masks(self, shape: tuple[int, int]) -> None:
+        if self.excluded is not None and self.excluded.shape != shape:
+            raise InputError(
+                f"the mask of the ball has shape {self.excluded.shape} and the photographs {shape}: resize it"
+            )
         for path in self.masks:
             mask = read_mask(path, shape)
             if not self.auto_mask:
@@ -256,6 +271,19 @@ class Session:
             self.assumptions["exposure"] = f"{times[0]:g} s, as stated"
 
 
+def _straightened(shot: Shot, by: Straightener) -> Shot:
+    """The shot without lens distortion; its variance is that of a measured sample everywhere, an upper bound."""
+    model, native = shot.variance, shot.native
+    if isinstance(model, VarianceModel):
+        native, model = model.native(*shot.valid.shape), replace(model, mosaic="")
+    return shot._replace(
+        values=by.values(shot.values),
+        valid=by.valid(shot.valid),
+        native=None if native is None else by.native(native),
+        variance=model,
+    )
+
+
 NO_CAMERA = Camera(1, 1, (1.0, 1.0), (0.5, 0.5))  # of a shot until the size of the photographs is known
 
 
@@ -270,8 +298,12 @@ def session(
     intensity: float | Sequence[float] | None = None,
     undistorted: bool = False,
     developing: Developing = AS_IN_THE_FILES,
+    excluded: NDArray[np.bool_] | None = None,
 ) -> Session:
-    """The photographs of one view and what belongs to them, checked before any is read in full; see `capture`."""
+    """The photographs of one view and what belongs to them, checked before any is read in full; see `capture`.
+
+    excluded: (height, width) true where there is something else than the object, such as a chrome ball.
+    """
     paths = by_name([Path(path) for path in photographs])
     if not paths:
         raise InputError("no photograph is given: give one per lamp")
@@ -295,7 +327,9 @@ def session(
     up = isinstance(lamps, (str, Path)) and faces_up(lamps)
     source = Path(lamps).name if isinstance(lamps, (str, Path)) else "as given"
     assumptions = {"lamps": f"{len(lit)} from {source}, matched {how}"}
-    return Session(paths, lit, exif, lens, flat, up, response, shapes, auto, developing, straight, assumptions)
+    return Session(
+        paths, lit, exif, lens, flat, up, response, shapes, auto, developing, straight, assumptions, excluded=excluded
+    )
 
 
 def capture(

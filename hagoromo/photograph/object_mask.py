@@ -67,10 +67,16 @@ class Thumbnails:
         self.count += 1
 
 
-def object_mask(seen: Thumbnails, shape: tuple[int, int], correction: Path | None = None) -> ObjectMask:
+def object_mask(
+    seen: Thumbnails,
+    shape: tuple[int, int],
+    correction: Path | None = None,
+    excluded: NDArray[np.bool_] | None = None,
+) -> ObjectMask:
     """The object in photographs of `shape` (height, width), in full size.
 
-    correction: a PNG of that size, white where there is object, black where there is none, grey elsewhere. `InputError`
+    correction: a PNG of that size, white where there is object, black where there is none, grey elsewhere.
+    excluded: (height, width) true where there is something else. `InputError`
     where no object stands out from the edge of the picture.
     """
     import cv2
@@ -79,6 +85,10 @@ def object_mask(seen: Thumbnails, shape: tuple[int, int], correction: Path | Non
         raise InputError("no photograph shows the object: give at least one")
     features = np.concatenate([seen.total / seen.count, seen.largest], axis=2) ** (1.0 / 2.2)
     known = None if correction is None else _correction(correction, shape, features.shape[:2])
+    if excluded is not None:
+        other = cv2.resize(excluded.astype(np.uint8), features.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        other = np.asarray(cv2.dilate(other, np.ones((5, 5), np.uint8))) > 0  # the ball's edge and its glow
+        known = np.where(other, -1, 0 if known is None else known).astype(np.int8)
     small = _cut(features, known)
     size = shape[1], shape[0]
     soft = cv2.resize(small.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
@@ -86,6 +96,8 @@ def object_mask(seen: Thumbnails, shape: tuple[int, int], correction: Path | Non
     if correction is not None:
         by_hand = _correction(correction, shape, shape)
         mask = (mask | (by_hand > 0)) & ~(by_hand < 0)
+    if excluded is not None:
+        mask &= ~excluded
     if not LEAST < mask.mean() < MOST or _rim(small).mean() > AT_THE_RIM:
         raise InputError(
             f"the object does not stand out from the edge of the picture (found: {100.0 * mask.mean():.1f} %): give a "

@@ -136,16 +136,14 @@ def _from_exr(path: Path, channels: Sequence[str], scale: float, model: Mapping[
     native = None
     if model is not None:
         curve = VarianceModel.from_record(model, where)
-        variance, native = (
-            curve.of(np.where(np.isfinite(values), values, np.float32(0.0))),
-            curve.native(*values.shape[:2]),
-        )
+        variance = curve.of(np.where(np.isfinite(values), values, np.float32(0.0)))
+        native = curve.native(*values.shape[:2])
     elif all(VARIANCE + name in layers for name in names):
         variance = np.stack([layers[VARIANCE + name] for name in names], axis=2)
     else:
         electron = max(float(values[finite].max(initial=0.0)), 1e-30) / ASSUMED_FULL_WELL
         variance = electron**2 * (np.maximum(values / electron, 0.0) + 1.0 + ASSUMED_READ_NOISE**2)
-    if all(NATIVE + name in layers for name in names):
+    if native is None and all(NATIVE + name in layers for name in names):
         native = np.stack([layers[NATIVE + name] > 0.5 for name in names], axis=2)
     valid = np.asarray(finite & np.isfinite(variance).all(axis=2), np.bool_)
     if ALPHA in layers:

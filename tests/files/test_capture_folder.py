@@ -143,3 +143,23 @@ def test_an_orthographic_capture_needs_no_focal_length(tmp_path):
     again = hg.load_capture(tmp_path / "capture").photographs[0].camera
     np.testing.assert_allclose(again.matrix, first.matrix, rtol=1e-12)
     assert again.orthographic and np.linalg.norm(again.position) == 20.0
+
+
+def test_the_distortion_of_the_lens_is_removed_as_develop_removes_it(session, tmp_path):
+    """A capture of RAW files against those files developed with --undistort: values, validity and native samples."""
+    files, light, _ = session
+    height, width = light.shape[:2]
+    lens = hg.Camera(width, height, (300.0, 301.0), (0.5 * width + 2.0, 0.5 * height), (-0.2, 0.1, 1e-3, 0.0, 0.0))
+    lamps = [hg.Lamp(to_lamp=(0.1 * k, 0.2, -1.0), name=f"{k}.dng") for k in range(3)]
+    hg.capture_to(hg.session(files, lamps, lens, developing=KNOWN), tmp_path / "capture")
+    capture = hg.load_capture(tmp_path / "capture")
+    stored = capture.photographs[1]
+    developed = hg.develop(files[1], gain=SENSOR.gain, read_noise=SENSOR.read_noise, undistort=lens)
+    assert not any(stored.camera.distortion) and "removed" in capture.assumptions["camera"]
+    both = stored.mask & developed.valid
+    assert both.mean() > 0.9 * developed.valid.mean()
+    off = np.abs(stored.values - developed.values)[both] / np.sqrt(stored.variance[both])
+    assert np.quantile(off, 0.999) < 0.1  # half floats, and maps in single precision
+    assert stored.native is not None and developed.native is not None
+    assert (stored.native == developed.native)[both].mean() > 0.999
+    assert (stored.variance >= 0.99 * developed.variance)[both].mean() > 0.999
