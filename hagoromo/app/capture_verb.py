@@ -76,6 +76,8 @@ def capture(
         undistorted=undistorted, excluded=covered,
         developing=hg.Developing(black, white, mosaic, transfer, gain, read_noise, exposures, iso),
     )  # fmt: skip
+    if ball is not None:
+        asked.assumptions["lamps"] = f"{len(asked.lamps)} from the chrome ball of {ball.name}"
     with progress_bar("capture") as progress:
         written = hg.capture_to(asked, out, force, progress)
     for remark in written.remarks:

@@ -325,8 +325,8 @@ def session(
     flat = str(camera) == ORTHOGRAPHIC if isinstance(camera, (str, Path)) else False
     lens = None if camera is None or flat else camera if isinstance(camera, Camera) else read_camera(camera)
     up = isinstance(lamps, (str, Path)) and faces_up(lamps)
-    source = Path(lamps).name if isinstance(lamps, (str, Path)) else "as given"
-    assumptions = {"lamps": f"{len(lit)} from {source}, matched {how}"}
+    source = f"from {Path(lamps).name}" if isinstance(lamps, (str, Path)) else "as given"
+    assumptions = {"lamps": f"{len(lit)} {source}, matched {how}"}
     return Session(
         paths, lit, exif, lens, flat, up, response, shapes, auto, developing, straight, assumptions, excluded=excluded
     )

@@ -1,0 +1,74 @@
+"""The tutorial of the dome is run as it stands on its page, with fewer lamps and pixels."""
+
+import os
+import re
+import shlex
+from glob import glob
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hagoromo.app.cli import main
+from hagoromo.files.exr import read_exr
+from hagoromo.files.record import read_json
+from studies.dome import dome, dome_lamps
+
+PAGE = Path(__file__).parents[2] / "docs" / "tutorial_dome.md"
+LAMPS, WIDTH = 10, 120
+
+
+def commands() -> list[list[str]]:
+    page = re.sub(r"^> ?", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    blocks = re.findall(r"^```sh\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    return [shlex.split(line) for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """The folder in which the page was run."""
+    folder, before = tmp_path_factory.mktemp("dome"), Path.cwd()
+    os.chdir(folder)
+    try:
+        for name, *arguments in commands():
+            if name == "python":
+                assert arguments == ["-m", "studies.dome", "--out", "dome", "--lamps", "48", "--width", "240"]
+                dome("dome", LAMPS, WIDTH)
+                continue
+            given = [
+                one for argument in arguments for one in (sorted(glob(argument)) if "*" in argument else [argument])
+            ]
+            assert name == "hagoromo" and main(given) == 0, arguments
+    finally:
+        os.chdir(before)
+    return folder
+
+
+def test_the_lamps_of_the_ball_are_those_of_the_dome(home):
+    """To 5°: the ball is 29 px wide here, where a pixel is 4° of the lamp."""
+    found = np.array([lamp["to_lamp"] for lamp in read_json(home / "capture" / "transforms.json")["lamps"]])
+    off = np.degrees(np.arccos(np.clip(np.sum(found * dome_lamps(LAMPS), axis=1), -1.0, 1.0)))
+    assert off.max() < 5.0 and np.median(off) < 2.5
+
+
+def test_the_surface_is_found_and_the_photographs_are_linear(home):
+    layers = [read_exr(home / path / "normals.exr")[0] for path in ("measured", "dome/truth")]
+    found, true = (np.stack([one[f"N.{axis}"] for axis in "XYZ"], axis=2) for one in layers)
+    both = (np.linalg.norm(found, axis=2) > 0.5) & (np.linalg.norm(true, axis=2) > 0.5)
+    assert both.sum() > 0.9 * (np.linalg.norm(true, axis=2) > 0.5).sum()
+    off = np.degrees(np.arccos(np.clip(np.sum(found * true, axis=2)[both], -1.0, 1.0)))
+    assert np.median(off) < 2.0
+    record = read_json(home / "measured" / "assumptions.json")
+    assert not record["bent"] and record["assumptions"]["transfer"] == "srgb, as stated"
+    assert "linear in light" in record["assumptions"]["linearity"]
+    assert "What was taken for given" in (home / "measured" / "report.html").read_text(encoding="utf-8")
+    assert (home / "page.html").is_file()
+
+
+def test_the_messages_that_it_lists_are_those_of_the_package():
+    rows = re.findall(r"^\| (.+?) \| .+ \|$", PAGE.read_text(encoding="utf-8").split("refused")[1], re.MULTILINE)
+    source = "".join(path.read_text(encoding="utf-8") for path in (PAGE.parents[1] / "hagoromo").rglob("*.py"))
+    source = re.sub(r'"\s*\n\s*f?"', "", source)
+    for row in rows[1:]:
+        parts = [part.strip() for part in row.split("…") if len(part.strip()) > 8]
+        assert parts and all(part in source for part in parts), row
