@@ -208,10 +208,12 @@ def _light(lamp: Lamp, camera: Camera, channels: int, points: Array) -> tuple[Ar
 
 def _points(capture: Capture, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
     """(P, 3) [m] points of the pixels; anywhere on their rays for far lamps."""
+    camera = capture.photographs[0].camera
+    anywhere = camera.position + camera.pixel_directions()[rows, columns]
     if capture.points is not None:
-        return capture.points[rows, columns].astype(np.float64)
+        points = capture.points[rows, columns].astype(np.float64)
+        return np.where((points == 0.0).all(axis=1, keepdims=True), anywhere, points)  # 0 where unknown
     for photograph in capture.photographs:
         if photograph.lamps[0].position is not None:
             raise InputError(f"capture {capture.name!r} has near lamps and no points: give points_path, if rough")
-    camera = capture.photographs[0].camera
-    return camera.position + camera.pixel_directions()[rows, columns]
+    return anywhere
