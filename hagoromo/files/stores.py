@@ -101,6 +101,12 @@ class Kept:
             while self.bytes > self.most:
                 self.bytes -= len(self._objects.popitem(last=False)[1][1])
 
+    def forget(self) -> None:
+        """Keep nothing, and nothing more from now on."""
+        with self._lock:
+            self._objects.clear()
+            self.most = self.bytes = 0
+
 
 kept = Kept()
 
@@ -115,6 +121,11 @@ def keep_fetched() -> None:
         if stated and not (stated.isascii() and stated.isdigit() and len(stated) < 8):
             raise InputError(f"{KEPT_MB} is {stated!r:.60}: give a whole number of megabytes, 0 for none")
         kept.most = 10**6 * int(stated) if stated else min(free_memory() // 10, MOST_KEPT)
+
+
+def forget_fetched() -> None:
+    """Give back what `keep_fetched` kept, and keep nothing more."""
+    kept.forget()
 
 
 def sizes(path: str | Path) -> dict[str, int]:

@@ -172,12 +172,12 @@ def test_frames_of_a_film_fetch_a_box_once(bar, tmp_path, monkeypatch, keeping):
     fetched = []
     for megabytes in ("0", "10"):
         monkeypatch.setenv(stores.KEPT_MB, megabytes)
-        stores.kept.most = 0
         stores.traffic.clear()
         outcomes = hg.batch(tmp_path / "film.toml", tmp_path / megabytes)
         assert [outcome.state for outcome in outcomes] == ["done"] * 2
         fetched.append(stores.traffic["bytes"])
     assert fetched[1] < 0.6 * fetched[0]
+    assert stores.kept.bytes == stores.kept.most == 0  # once the film is done
     for number in range(2):
         once, again = (hg.read_image(tmp_path / kept / f"{number}.exr").weights for kept in ("0", "10"))
         assert (once == again).all() and once.max() > 0

@@ -23,7 +23,7 @@ from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.files.content import content
 from hagoromo.files.names import printable
-from hagoromo.files.stores import keep_fetched
+from hagoromo.files.stores import forget_fetched, keep_fetched
 from hagoromo.progress import Progress, silent
 
 State = Literal["done", "unchanged", "failed", "not run"]
@@ -60,8 +60,11 @@ def batch(
     home = Path(out).absolute()
     steps = read_batch(recipe, home)
     ledger = Ledger(str(home))
-    with here_or_on(scheduler) as workers:
-        return _run(steps, ledger, workers, dry_run, force, progress)
+    try:
+        with here_or_on(scheduler) as workers:
+            return _run(steps, ledger, workers, dry_run, force, progress)
+    finally:
+        forget_fetched()  # by steps that ran in this process
 
 
 def _run(
