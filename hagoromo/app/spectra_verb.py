@@ -10,7 +10,6 @@ import hagoromo as hg
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_folder
-from hagoromo.image.spectra.spectra import ILLUMINATION
 
 
 @verb(verbs)
@@ -31,7 +30,7 @@ def spectra(
     under: UseAppendAction[tuple[str, ...]] = (),
     against: str | None = None,
     upper: float = 1.0,
-    illumination: float = ILLUMINATION,
+    illumination: float = 0.01,
     whole_image: bool = False,
     force: Force = False,
 ) -> None:

@@ -1,5 +1,6 @@
 """Spectra of regions, of whole images, and of surfaces of other sets of data than the prior's."""
 
+import inspect
 import os
 import re
 import shlex
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.app import spectra_verb
 from hagoromo.app.cli import main
 from hagoromo.reflectance.spectra.bounded_spectra import within_bounds
 from hagoromo.reflectance.spectra.prior_families import family
@@ -162,3 +164,10 @@ def test_wrong_use_is_one_line(session, capsys, arguments, said):
 
 def _certain(values):
     return hg.SpectrumEstimate(WAVELENGTHS, values, 1e-12 * np.eye(31), {}, {})
+
+
+def test_the_defaults_of_the_verb_are_those_of_the_function():
+    """The verb states them itself, so that its help loads no heavy module."""
+    verb, function = (inspect.signature(one).parameters for one in (spectra_verb.spectra, hg.spectra))
+    for name in ("upper", "illumination", "whole_image"):
+        assert verb[name].default == function[name].default
