@@ -86,6 +86,7 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
         lamps=(HOSTILE,),
         number=0,
         white=1.0,
+        object_pixels=221,
     )
     write_relight_report(tmp_path / "report.html", Relighting(measure(capture), cast(Any, None), (one,)))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
