@@ -8,7 +8,8 @@ import pytest
 import hagoromo as hg
 
 ROOT = Path(__file__).parents[2]
-ELSEWHERE = ("tutorial.md",)  # runs with its commands, in test_tutorial.py
+# They run with their commands, in test_tutorial.py and test_region_spectra.py.
+ELSEWHERE = ("tutorial.md", "tutorial_skin.md")
 SCENE = """
 [camera]
 preset = "canon_eos_kiss_digital"
