@@ -270,6 +270,7 @@ CASES = (
     ),
     Case("publish a page", _measured, ("publish", "measured"), ("out.html",)),
     Case("publish a folder", _measured, ("publish", "measured"), ("out",)),
+    Case("export", _measured, ("export", "measured", "--to", "png", "ply", "ptm"), ("out",)),
     Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
     Case(
         "batch", _batch, ("batch", "batch.toml"), ("out/models/a", "out/models/b", "out/yaml/a.yml", "out/yaml/b.yml"),
