@@ -19,7 +19,8 @@ class Reader(NamedTuple):
     """write: makes a good sample, a file or a folder, at the path it is given. read: takes the path of it.
 
     entry: what `read` takes, of an existing folder that `write` fills. share: of the usual number of mutations, for
-    what takes long. spoil: spoils the files of a sample, if not one of them is to be spoilt as its kind is.
+    what takes long. good: whether the sample is read; one of a kind that is always refused tries the refusal. spoil:
+    spoils the files of a sample, if not one of them is to be spoilt as its kind is.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Reader(NamedTuple):
     read: Callable[[Path], Any]
     entry: str = ""
     share: float = 1.0
+    good: bool = True
     spoil: Callable[[dict[str, bytes], np.random.Generator], None] | None = None
 
     @property
@@ -222,7 +224,7 @@ SIMPLE = (
     Reader("strips.tif", pictures.tiff, _exposure),
     Reader("deflate.tif", pictures.tiff_packed, _pixels),
     Reader("lzw.tif", pictures.tiff_lzw, _pixels),
-    Reader("bilevel.tif", pictures.tiff_bilevel, _pixels),
+    Reader("bilevel.tif", pictures.tiff_bilevel, _pixels, good=False),
     Reader("float.tif", pictures.tiff_float, _info),
     Reader("raw.dng", pictures.dng, _exposure, share=0.1),
     Reader("packed.dng", pictures.dng_packed, _exposure, share=0.1),
@@ -244,7 +246,7 @@ SIMPLE = (
     ),
 )  # fmt: skip
 COMMANDS = tuple(
-    Reader(f"verb-{name}", verb.write, verb.read, WORDS, 0.1 if name in SLOW else 0.15, verb.spoil)
+    Reader(f"verb-{name}", verb.write, verb.read, WORDS, 0.1 if name in SLOW else 0.15, spoil=verb.spoil)
     for name, verb in VERBS.items()
 )
 READERS = {reader.name: reader for reader in (*SIMPLE, *COMMANDS)}

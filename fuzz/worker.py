@@ -87,7 +87,7 @@ def sample_of(reader: Reader) -> Sample:
 def tried(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Verdict:
     """The verdict on the sample spoilt by `seed`; a good one must be read."""
     verdict = judged(reader.read, written(reader, sample, seed, scratch))
-    if seed == GOOD and verdict.outcome == REFUSED:
+    if seed == GOOD and reader.good and verdict.outcome == REFUSED:
         verdict = Verdict(FAULT, "the good sample is refused", verdict.text)
     shutil.rmtree(scratch / "try", ignore_errors=True)
     return verdict
