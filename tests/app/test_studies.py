@@ -28,7 +28,14 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.lamps.uncalibrated",
         "calibration.lamps.uncalibrated.refined",
     },
-    "response_study.py": {"calibration.response.calibrate_response", "cluster.mapped"},
+    # a prior without the camera that is tested
+    "response_study.py": {
+        "calibration.response.calibrate_response",
+        "calibration.response.curve_prior",
+        "calibration.response.published_curves",
+        "cluster.mapped",
+    },
+    "response_prior.py": {"calibration.response.curve_prior", "calibration.response.published_curves"},
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
     "spectra_cases.py": {"reflectance.spectra.prior_spectra"},

@@ -1,5 +1,7 @@
 """Raw frames with the faults of real sensors: narrow-band lamps, flooded neighbours, a black level that is off."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -126,11 +128,12 @@ def test_dark_frames_have_exposure_times_of_their_own(tmp_path, capsys):
         numbers = raw_numbers(light + warm, t, USUAL, 10 + i, (1, 1, 1, 1))
         paths.append(sixteen_bits(tmp_path / f"shot{i}.png", numbers))
         darks.append(sixteen_bits(tmp_path / f"dark{i}.png", raw_numbers(warm, t, USUAL, 20 + i, (1, 1, 1, 1))))
-    options = dict(exposures_s=times, black=128, white=3400, mosaic="RGGB", gain=23.5, read_noise=18.0)
+    options: dict[str, Any] = dict(exposures_s=times, black=128, white=3400, mosaic="RGGB", gain=23.5, read_noise=18.0)
     with pytest.raises(InputError, match=r"dark1.png does not state its exposure time.*--dark-exposures"):
         develop(paths, darks=darks[::-1], **options)
     found = develop(paths, darks=darks[::-1], dark_exposures_s=times[::-1], **options)
     truth = light / 23.5 / (3400 - 128)
+    assert found.native is not None
     native = found.native & found.valid[..., None]
     ratio = found.values[native].sum() / (truth[..., None] * native)[native].sum()
     assert ratio == pytest.approx(1.0, abs=0.01)

@@ -6,6 +6,7 @@ smooth; its smoothness and the noise are estimated from the readings (see `posit
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.positive_curve import fit_positive_curve
+from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
+from hagoromo.calibration.response.doubtful_readings import Doubtful, doubtful_readings
+from hagoromo.calibration.response.positive_curve import PositiveCurve, Transfer, fit_positive_curve
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table, write_table
@@ -31,7 +34,10 @@ class ResponseCalibration:
     interval_95: (wavelengths, channels, 2), lower and upper bound of each value. standard_error: (wavelengths,
     channels), to first order. residual: (channels,) root mean square of the residuals, relative to the channel's mean
     reading. noise: (channels,) estimated noise of the readings, also relative. length: (channels,) correlation length
-    of the curve [nm]. statuses: (channels,) how the fits ended.
+    of the curve [nm]. statuses: (channels,) how the fits ended. transfers: (channels,) power and offset of the readings
+    over light; where they are certain, the curve is that of the linearised readings. doubtful: readings that were left
+    out. priors: (channels,) what the evidence chose: smooth, or like published cameras. noise_factors: (channels,) by
+    which similar spectra share errors. findings: what else was found, in sentences.
     """
 
     response: Response
@@ -41,11 +47,21 @@ class ResponseCalibration:
     noise: NDArray[np.float64]
     length: NDArray[np.float64]
     statuses: tuple[FitStatus, ...] = ()
+    transfers: tuple[Transfer | None, ...] = ()
+    doubtful: Doubtful | None = None
+    priors: tuple[str, ...] = ()
+    noise_factors: tuple[float, ...] = ()
+    findings: tuple[str, ...] = ()
 
     def remarks(self) -> list[str]:
-        """One line for each channel whose fit did not converge."""
+        """One line for each fault: readings left out, a transfer that is not linear, fits that did not converge."""
         pairs = zip(self.response.channels, self.statuses, strict=False)
-        return [status.remark(f"channel {channel}") for channel, status in pairs if not status.converged]
+        said = [] if self.doubtful is None else self.doubtful.remarks()
+        for channel, transfer in zip(self.response.channels, self.transfers, strict=False):
+            if transfer is not None and transfer.certain:
+                said.append(f"channel {channel}: {_transfer_said(transfer)}")
+        said += self.findings
+        return said + [status.remark(f"channel {channel}") for channel, status in pairs if not status.converged]
 
     def __repr__(self) -> str:
         """The channels and their residuals."""
@@ -132,32 +148,85 @@ def calibrate_response(pairs: Pairs | str | Path) -> ResponseCalibration:
 
 
 def solve_response(
-    wavelengths: NDArray[np.float64], matrix: NDArray[np.float64], readings: dict[str, NDArray[np.float64]]
+    wavelengths: NDArray[np.float64],
+    matrix: NDArray[np.float64],
+    readings: dict[str, NDArray[np.float64]],
+    priors: Callable[[str, NDArray[np.float64]], Sequence[CurvePrior]] = priors_of,
 ) -> ResponseCalibration:
-    """As `calibrate_response`, from the matrix (pairs, n) of the integrals: ρ = matrix R."""
+    """As `calibrate_response`, from the matrix (pairs, n) of the integrals: ρ = matrix R.
+
+    priors: of a channel at wavelengths [nm]; of those the evidence chooses.
+    """
     if len(matrix) < FEWEST_PAIRS:
         raise InputError(f"{len(matrix)} pairs are given and {FEWEST_PAIRS} are needed: add known spectra")
-    curves, residuals = [], []
     for name, reading in readings.items():
-        if not reading.mean() > 0:
+        if not (np.isfinite(reading).any() and np.nanmean(reading) > 0):
             raise InputError(f"the mean reading of channel {name} is not above 0: leave the column out")
-        curve = fit_positive_curve(wavelengths, matrix, reading)
-        curves.append(curve)
-        residuals.append(np.sqrt(np.mean((matrix @ curve.values - reading) ** 2)) / reading.mean())
+    known = {name: priors(name, wavelengths) for name in readings}
+    doubtful = doubtful_readings(wavelengths, matrix, readings, {name: of[0] for name, of in known.items()})
+    used = {name: doubtful.sound(name, len(matrix)) & np.isfinite(of) for name, of in readings.items()}
+
+    def fit(name: str, power: float | None = None) -> PositiveCurve:
+        sound, rounding = used[name], _rounding(readings[name])
+        return fit_positive_curve(
+            wavelengths, matrix[sound], readings[name][sound], known[name], rounding=rounding, power=power
+        )
+
+    curves = {name: fit(name) for name in readings}
+    curves = _with_common_power(curves, fit)
+    residuals = [_residual(matrix[used[name]], readings[name][used[name]], curve) for name, curve in curves.items()]
+    transfers = [curve.transfer for curve in curves.values()]
     # the readings were explained by light at all of the wavelengths, so that eq. (10) takes them all
     limits = min(VISIBLE[0], float(wavelengths[0])), max(VISIBLE[1], float(wavelengths[-1]))
     response = Response(
-        wavelengths, np.stack([curve.values for curve in curves], axis=1), tuple(readings), "calibrated", limits
+        wavelengths,
+        np.stack([curve.values for curve in curves.values()], axis=1),
+        tuple(readings),
+        "calibrated",
+        limits,
     )
     return ResponseCalibration(
         response,
-        np.stack([curve.interval_95 for curve in curves], axis=1),
-        np.stack([curve.standard_error for curve in curves], axis=1),
+        np.stack([curve.interval_95 for curve in curves.values()], axis=1),
+        np.stack([curve.standard_error for curve in curves.values()], axis=1),
         np.array(residuals),
-        np.array([curve.noise for curve in curves]),
-        np.array([curve.length for curve in curves]),
-        tuple(curve.status for curve in curves),
+        np.array([curve.noise for curve in curves.values()]),
+        np.array([curve.length for curve in curves.values()]),
+        tuple(curve.status for curve in curves.values()),
+        tuple(transfers),
+        doubtful,
+        tuple(curve.prior for curve in curves.values()),
+        tuple(curve.noise_factor for curve in curves.values()),
     )
+
+
+def _with_common_power(
+    curves: dict[str, PositiveCurve], fit: Callable[[str, float | None], PositiveCurve]
+) -> dict[str, PositiveCurve]:
+    """If the channels together show a power other than 1: each fitted with it, where it alone leaves that open."""
+    known = [curve.transfer for curve in curves.values() if curve.transfer is not None]
+    if len(known) < 2 or not any(one.bent for one in known):
+        return curves
+    weight = np.array([1.0 / one.errors[0] ** 2 for one in known])
+    power = float(weight @ [one.power for one in known] / weight.sum())
+    return {
+        name: curve if curve.transfer is None or curve.transfer.bent else fit(name, power)
+        for name, curve in curves.items()
+    }
+
+
+def _residual(matrix: NDArray[np.float64], reading: NDArray[np.float64], curve: PositiveCurve) -> float:
+    """Root mean square of readings (made linear, if they were not) less those of the curve, over the mean reading."""
+    share = reading / reading.mean()
+    if curve.transfer is not None and curve.transfer.certain:
+        share = np.maximum(share - curve.transfer.offset, 0.0) ** (1.0 / curve.transfer.power)
+    return float(np.sqrt(np.mean((matrix @ curve.values / reading.mean() - share) ** 2)))
+
+
+def _rounding(reading: NDArray[np.float64]) -> float:
+    """Variance of rounding, if all readings are whole numbers."""
+    whole = bool(np.array_equal(reading, np.rint(reading))) and reading.max() > 1.0
+    return 1.0 / 12.0 if whole else 0.0
 
 
 def overlap_matrix(wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -165,6 +234,18 @@ def overlap_matrix(wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
     step = np.diff(wavelengths)
     matrix = np.diag(np.append(step, 0.0) + np.insert(step, 0, 0.0)) / 3.0
     return matrix + (np.diag(step, 1) + np.diag(step, -1)) / 6.0
+
+
+def _transfer_said(transfer: Transfer) -> str:
+    """What a wrong transfer is, and what to do."""
+    power, offset = transfer.errors
+    said = []
+    if transfer.bent or transfer.stated:
+        said.append(f"follow light to the power {transfer.power:.3f} ± {power:.3f}, not 1")
+    if transfer.shifted:
+        said.append(f"are {100 * transfer.offset:+.1f} ± {100 * offset:.1f} % of their mean off in the dark")
+    cure = "linearise them with the right transfer, or subtract the right black; the curve is of the corrected readings"
+    return f"the readings {' and '.join(said)}: {cure}"
 
 
 def _is_number(name: str) -> bool:

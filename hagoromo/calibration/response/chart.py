@@ -25,6 +25,7 @@ MOST_ENLARGED = 2.0  # largest magnification of such a copy
 WHITE_PERCENTILE = 99.5  # percentile of the photograph's values that is white in the copies
 CHART_CORRELATION = 0.9  # least correlation of the patches' brightness with that of the known chart
 FEWEST_PATCH_PIXELS = 25  # least number of pixels of a patch
+LEAST_CHANNEL = 0.05  # light of a channel relative to the brightest, from which it tells patches apart
 USABLE_PATCH_SHARE = 0.98  # least share of valid, unclipped pixels of a patch; clipping biases the mean
 Array = NDArray[np.float64]
 
@@ -57,8 +58,9 @@ def chart_spectra(source: str | Path = "BabelColor Average") -> tuple[Spectrum, 
 def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike | None = None) -> ChartReading:
     """Mean values of the central areas of the patches of a chart in the linear `photograph` (h, w, 3).
 
-    photograph: NaN where invalid. expected: (24,) mean reflectance of the patches, which determines the orientation of
-    the chart. corners: (4, 2) [px], clockwise from that of the first patch; detected by OpenCV if not given.
+    photograph: NaN where invalid. expected: brightness of the patches, which determines the orientation of the chart:
+    (24,) mean reflectance, or (24, 3) under the lamp, in R, G and B.
+    corners: (4, 2) [px], clockwise from that of the first patch; detected by OpenCV if not given.
     `InputError` if no chart is detected, its brightness is not as expected, or its patches are too small.
     """
     if photograph.ndim != 3 or photograph.shape[2] != 3 or photograph.dtype == np.uint8:
@@ -140,17 +142,26 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
         pixels = photograph[mask > 0].astype(np.float64)
         if len(pixels) < FEWEST_PATCH_PIXELS:
             raise InputError(f"the chart's patches have {len(pixels)} pixels only: photograph it from closer")
-        usable = pixels[(pixels < clipped).all(axis=1)]  # also excludes NaN
-        if len(usable) >= USABLE_PATCH_SHARE * len(pixels):
-            values[patch] = usable.mean(axis=0)
-            errors[patch] = usable.std(axis=0, ddof=1) / np.sqrt(len(usable))
+        for channel, of in enumerate(pixels.T):
+            usable = of[of < clipped]  # also excludes NaN
+            if len(usable) >= USABLE_PATCH_SHARE * len(of):
+                values[patch, channel] = usable.mean()
+                errors[patch, channel] = usable.std(ddof=1) / np.sqrt(len(usable))
     return ChartReading(values, errors, box)
 
 
 def _correlation(values: Array, known: Array) -> float:
-    """Correlation of the patches' brightness with `known`; each channel is normalised, so the lamp's colour cancels."""
-    usable = np.isfinite(values).all(axis=1)
+    """Correlation of the patches' brightness with `known`; each channel is normalised, so the lamp's colour cancels.
+
+    Channels in which half of the patches are clipped, or which the lamp does not light, are left out.
+    """
+    fine = np.isfinite(values)
+    lit = fine.sum(axis=0) >= PATCHES / 2
+    if known.ndim == 2:
+        lit &= known.max(axis=0) > LEAST_CHANNEL * known.max()
+    usable = fine[:, lit].all(axis=1) if lit.any() else np.zeros(PATCHES, np.bool_)
     if usable.sum() < PATCHES / 2:
         raise InputError(f"{PATCHES - usable.sum()} of {PATCHES} patches are clipped or invalid: expose less")
-    brightness = (values[usable] / values[usable].max(axis=0)).mean(axis=1)
-    return float(np.corrcoef(brightness, known[usable])[0, 1])
+    brightness = (values[usable][:, lit] / values[usable][:, lit].max(axis=0)).mean(axis=1)
+    light = known[usable] if known.ndim == 1 else (known[:, lit] / known[:, lit].max(axis=0))[usable].mean(axis=1)
+    return float(np.corrcoef(brightness, light)[0, 1])
