@@ -16,6 +16,7 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.separation import Separation
+from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -48,6 +49,7 @@ class Measurement:
     in tiles; all else is then of a small capture of means over squares of pixels.
     settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
+    photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
     A measurement that `load` read has no lamp_colour, capture and fine (None), and no predicted and residuals (empty).
     """
 
@@ -69,11 +71,20 @@ class Measurement:
     seed: int | None = None
     assumptions: Mapping[str, str] = field(default_factory=dict)
     linearity: Exponent | None = None
+    photographed: Photographed | None = None
 
     @property
     def gloss(self) -> GlossMap | None:
         """β and γ of each pixel, where the gloss varies over a material."""
         return None if self.body is None else self.body.gloss
+
+    @property
+    def photographed_with(self) -> Photographed | None:
+        """Camera and lamps, the camera of the size of the full-size maps; None in files of version 0.2."""
+        if self.capture is None:
+            return self.photographed
+        height, width = (self if self.fine is None else self.fine).labels.shape
+        return photographed(self.capture, (width, height))
 
     def save(self, folder: str | Path, force: bool = False) -> Path:
         """Write the data files to `folder`, whole or not at all; see `write_into` for the files.

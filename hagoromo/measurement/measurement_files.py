@@ -18,7 +18,7 @@ from hagoromo.measurement.material.body_spectra import read_body_spectra, write_
 from hagoromo.measurement.material.separation import Separation, write_separation
 from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.photographed import photographed, write_photographed
+from hagoromo.measurement.photographed import read_photographed, write_photographed
 from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.points_file import write_points
 from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
@@ -55,9 +55,9 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         write_separation(measurement.separation, default_channels(channels), home)
     for i, residual in enumerate(measurement.residuals):
         write_png(home / f"residual_{i:02d}.png", residual_picture(residual))
-    if measurement.capture is not None:
-        height, width = (measurement if measurement.fine is None else measurement.fine).labels.shape
-        write_photographed(home, photographed(measurement.capture, (width, height)))
+    taken = measurement.photographed_with
+    if taken is not None:
+        write_photographed(home, taken)
     if measurement.body_spectra:
         write_body_spectra(home / "body_spectra.json", measurement.body_spectra)
 
@@ -84,6 +84,7 @@ def read_measurement(home: Path) -> Measurement:
         settings=writer.settings,
         assumptions=_read_assumptions(inside(home, ASSUMPTIONS)),
         seed=writer.seed,
+        photographed=read_photographed(home),
     )
 
 

@@ -51,12 +51,12 @@ def photographed(capture: Capture, size: tuple[int, int] | None = None) -> Photo
     return Photographed(camera, tuple(lamps.values()))
 
 
-def write_photographed(home: Path, told: Photographed) -> None:
+def write_photographed(home: Path, found: Photographed) -> None:
     """Write camera.json, lamps.json and, where the response is known, response.csv into the folder `home`."""
-    write_views(home / CAMERA, {"photograph": told.camera}, "nerfstudio")
-    write_json(home / LAMPS, {"lamps": [record_from_lamp(one) for one in told.lamps], "hagoromo": written_by()})
-    if told.camera.response is not None:
-        told.camera.response.write_table(home / RESPONSE)
+    write_views(home / CAMERA, {"photograph": found.camera}, "nerfstudio")
+    write_json(home / LAMPS, {"lamps": [record_from_lamp(one) for one in found.lamps], "hagoromo": written_by()})
+    if found.camera.response is not None:
+        found.camera.response.write_table(home / RESPONSE)
 
 
 def read_photographed(home: Path) -> Photographed | None:

@@ -45,7 +45,7 @@ class ObjectPage:
     reduced: float
 
 
-def single_page(maps: SurfaceMaps, told: Photographed, photographs: Sequence[Photograph], limit: int) -> ObjectPage:
+def single_page(maps: SurfaceMaps, taken: Photographed, photographs: Sequence[Photograph], limit: int) -> ObjectPage:
     """The page as one file of at most `limit` bytes; its picture is reduced where it must be."""
     whole = maps
     height, width = maps.labels.shape
@@ -54,7 +54,7 @@ def single_page(maps: SurfaceMaps, told: Photographed, photographs: Sequence[Pho
     for _ in range(8):
         maps = whole if factor == 1.0 else whole.reduced(factor)
         made = quantised(maps)
-        data, pictures = _data(maps, made, told, photographs, width / maps.labels.shape[1], pictures_limit)
+        data, pictures = _data(maps, made, taken, photographs, width / maps.labels.shape[1], pictures_limit)
         packed = pack_planes(made.planes, maps.known)
         viewer = Viewer(data | {"tiles": [{"key": "0-0-0", "header": packed.header}]}, {"0-0-0": packed.text}, pictures)
         rest = overhead(viewer)
@@ -66,12 +66,12 @@ def single_page(maps: SurfaceMaps, told: Photographed, photographs: Sequence[Pho
     raise InputError(f"the picture does not fit into {limit} bytes: give more, or a folder instead of an .html file")
 
 
-def tiled_page(maps: SurfaceMaps, told: Photographed, photographs: Sequence[Photograph], home: Path) -> ObjectPage:
+def tiled_page(maps: SurfaceMaps, taken: Photographed, photographs: Sequence[Photograph], home: Path) -> ObjectPage:
     """The page with tiles at full resolution and coarser ones, written to `home`/tiles."""
     height, width = maps.labels.shape
     scales = scale_of(maps)
     made = Quantised({}, scales)
-    data, pictures = _data(maps, made, told, photographs, 1.0, math.inf)
+    data, pictures = _data(maps, made, taken, photographs, 1.0, math.inf)
     (home / "tiles").mkdir()
     levels, factor = [], 1
     while True:
@@ -100,16 +100,16 @@ def _write_tile(folder: Path, key: str, packed: PackedPlanes) -> None:
 def _data(
     maps: SurfaceMaps,
     made: Quantised,
-    told: Photographed,
+    taken: Photographed,
     photographs: Sequence[Photograph],
     pixel: float,
     pictures_limit: float,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """What the script reads, and photographs as JPEG by identifier. pixel: photograph px per px of the picture."""
-    lamp = common_spectrum(told.lamps)
-    colours = page_colours(maps.materials, told.camera.response, lamp)
+    lamp = common_spectrum(taken.lamps)
+    colours = page_colours(maps.materials, taken.camera.response, lamp)
     channels = maps.body.shape[2]
-    lamps = [page_lamp(one, maps, channels, colours.exact) for one in told.lamps]
+    lamps = [page_lamp(one, maps, channels, colours.exact) for one in taken.lamps]
     exposure = _exposure(maps, colours)
     listed, pictures = _photographs(maps, photographs, lamps, colours, exposure, pictures_limit)
     height, width = maps.labels.shape

@@ -13,7 +13,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file, whole_folder
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.photographed import Photographed, photographed, read_photographed
+from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, silent
@@ -68,17 +68,17 @@ def publish(
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
     named = "" if isinstance(measured, Measurement) else Path(measured).resolve().name
-    maps, told, photographs = page_source(source, shots, measured, named)
+    maps, taken, photographs = page_source(source, shots, named)
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
-        page = single_page(maps, told, photographs, limit)
+        page = single_page(maps, taken, photographs, limit)
         text = document(page.viewer)
         with whole_file(target, force) as partial:
             partial.write_text(text, encoding="utf-8", newline="\n")
         size = len(text.encode())
     else:
         with whole_folder(target, force) as home:
-            page = tiled_page(maps, told, photographs, home)
+            page = tiled_page(maps, taken, photographs, home)
             (home / "index.html").write_text(document(page.viewer), encoding="utf-8", newline="\n")
             size = sum(one.stat().st_size for one in home.rglob("*") if one.is_file())
     progress(1.0, "")
@@ -87,7 +87,7 @@ def publish(
 
 
 def page_source(
-    measurement: Measurement, capture: Capture | None, folder: Measurement | str | Path, name: str = ""
+    measurement: Measurement, capture: Capture | None, name: str = ""
 ) -> tuple[SurfaceMaps, Photographed, list[Photograph]]:
     """Maps, camera and lamps, and photographs to compare with; see `publish`."""
     shots = capture or measurement.capture
@@ -98,17 +98,14 @@ def page_source(
             f"the measurement is {width} × {height} px and the photographs of the capture {own.width} × {own.height}: "
             "give the capture that was measured"
         )
-    if shots is not None:
-        told = photographed(shots, (width, height))
-    else:
-        told = None if isinstance(folder, Measurement) else read_photographed(Path(folder))
-    if told is None:
+    taken = measurement.photographed_with if shots is None else photographed(shots, (width, height))
+    if taken is None:
         raise InputError(
             "the measurement does not say which camera and lamps it was made with: give its capture (--capture)"
         )
-    camera = told.camera
+    camera = taken.camera
     has_scale = np.mean(camera.focal) < ORTHOGRAPHIC * max(camera.width, camera.height)
     title = (shots.name if shots is not None else "") or name or "Measured object"
     maps = surface_maps(measurement, camera, title, bool(has_scale))
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
-    return maps, told, chosen(fitting, MOST_PHOTOGRAPHS)
+    return maps, taken, chosen(fitting, MOST_PHOTOGRAPHS)

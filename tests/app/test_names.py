@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.report.page import page_drawing, page_picture, page_text
+from hagoromo.app.report.page import page_drawing, page_picture, page_text, page_viewer
 from hagoromo.errors import escaped, one_line
 from hagoromo.files.names import plot_label, printable
 from hagoromo.files.png import write_png
@@ -41,7 +41,9 @@ def of_names(name: str) -> list[str]:
     shown = {"name": name, "pictures": [page_picture(picture, name, name), page_drawing("<svg></svg>", name)]}
     measured = page_text(
         "measure.html.j2", name=name, head=[name], rows=[[name]], parameters=1, remarks=[name], unconverged=[name],
-        separation=shown, gloss=None, photographs=[shown],
+        separation=shown, gloss=None, findings=[{"name": name, "sentences": [name]}], missing=[name],
+        assumptions=[name], bent=True, maps=shown["pictures"], spectra=shown["pictures"], sheet=[shown],
+        **page_viewer(None),
     )  # fmt: skip
     matter = Reflectance(0.2, 0.5, 0.2, 1.5, Spectrum.constant(0.8), name=name)
     axis = np.broadcast_to(np.array([0, 0, 1], np.float32), (5, 5, 5, 3))
