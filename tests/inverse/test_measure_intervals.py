@@ -5,6 +5,7 @@ import pytest
 
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.lamp_colour import lamp_colour
+from hagoromo.measurement.material.model_choice import Facets
 from hagoromo.measurement.material.sandwich import inverse_over
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.judges import intervals_hold, mean_is
@@ -22,7 +23,7 @@ def drawn(random):
     )
 
 
-def measured(count, size, first_seed, facets="auto"):
+def measured(count, size, first_seed, facets: Facets = "auto"):
     """For each parameter: (hits, ratios) where it is flagged identifiable; "body_colour": hits of all channels.
 
     The fullest pixel holds 1,000 to 45,000 electrons: from ISO 4500 to ISO 100 of a usual camera.

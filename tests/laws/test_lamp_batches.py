@@ -29,7 +29,8 @@ def test_six_hundred_lamps_give_the_sum_of_two_halves_of_them():
     lamps, settings = many_far_lamps(600), hg.Settings(shadows="none")
     ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=MATTE)
     whole, *halves = (
-        hg.render(hg.Scene(CAMERA, part, surfaces=(ball,)), settings) for part in (lamps, lamps[:300], lamps[300:])
+        hg.render(hg.Scene(CAMERA, tuple(part), surfaces=(ball,)), settings)
+        for part in (lamps, lamps[:300], lamps[300:])
     )
     total = sum(half.weights.astype(np.float64) for half in halves)
     assert whole.weights.shape == (7, 9, 4) and len(whole.palette.lamp_groups) == 600 > MOST_LAMPS
@@ -38,7 +39,7 @@ def test_six_hundred_lamps_give_the_sum_of_two_halves_of_them():
     normal = np.array([0.0, -1.0, 0.0])  # of the ball in the middle of the picture
     for group, spectrum in enumerate((BLUE, RED)):  # in the order in which lamps have them
         own = [lamp for lamp in lamps if lamp.spectrum is spectrum]
-        exact = sum(0.25 * float(lamp.intensity) * max(float(lamp.to_lamp @ normal), 0.0) for lamp in own)
+        exact = sum(0.25 * np.asarray(lamp.intensity).item() * max(float(lamp.to_lamp @ normal), 0.0) for lamp in own)
         assert whole.weights[3, 4, 2 * group] == pytest.approx(exact, rel=1e-4)
 
 
@@ -60,7 +61,7 @@ def test_batches_of_all_kinds_of_lamps_give_the_picture_of_one(monkeypatch, sepa
             (hg.Lamp(to_lamp=place, spectrum=spectrum), hg.Lamp(position=place, spectrum=spectrum),
              hg.Lamp(position=place, axis=-place, spectrum=spectrum))[k % 3]
         ]  # fmt: skip
-    scene, settings = hg.Scene(camera, lamps, (box,)), hg.Settings(separate_lamps=separate, samples=2)
+    scene, settings = hg.Scene(camera, tuple(lamps), (box,)), hg.Settings(separate_lamps=separate, samples=2)
     one = hg.render(scene, settings)
     monkeypatch.setattr(lamp_batches, "LAMPS_AT_ONCE", 3)
     assert sorted(map(len, lamp_batches.lamp_batches(lamps))) == [1, 3, 3]
