@@ -1,6 +1,6 @@
-"""Families of surfaces that are drawn from published statistics of their physics: dyed textiles, paints, human skin.
+"""Families of surfaces that are drawn from the physics of their colour: dyed textiles, paints, human skin.
 
-No measured spectrum is in them. Each draw is a spectrum (wavelengths,) on `WAVELENGTHS`, from the mixing law of
+No measured spectrum is in them. The ranges are choices of this package, wide on purpose, and no table of a source. Each draw is a spectrum (wavelengths,) on `WAVELENGTHS`, from the mixing law of
 Kubelka & Munk 1931, R∞ = 1 + q − √(q² + 2q) with q = K/S, seen through the surface as Saunderson 1942 states.
 """
 
@@ -18,15 +18,14 @@ from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 
 DRAWS = 160  # spectra of a family
 ENERGY = 1e7 / WAVELENGTHS  # [1/cm]
-# Dyes: broad bands, Gaussian in energy. Zollinger 2003, "Color chemistry", chapter 2: the bands of organic dyes in
-# solution have half widths at half height of 1000 to 3000 cm⁻¹.
+# Dyes: broad bands, Gaussian in energy.
 DYE_CENTRES = (385.0, 650.0)  # [nm]
 DYE_WIDTHS = (1000.0, 3000.0)  # [1/cm]
-DYE_STRENGTHS = (0.1, 25.0)  # K/S at the peak; Broadbent 2001, "Basic principles of textile coloration": up to 25 or so
+DYE_STRENGTHS = (0.1, 25.0)  # K/S at the peak, from a tint to a deep shade
 MOST_DYES = 3  # of one dyeing: trichromatic mixtures
 FIBRE = (0.55, 0.92)  # reflectance of undyed fibre at long wavelengths, from raw wool to bleached cotton
 YELLOWING = (0.0, 0.6)  # share of it that is lost at 400 nm, by an exponential of 60 nm
-# Paints: Johnston-Feller 2001, "Color science in the examination of museum objects", chapters 3 and 5.
+# Paints: an absorption edge (yellow to red), a band (green to violet), or both.
 EDGES = (400.0, 640.0)  # [nm] of the absorption edge of yellow, orange and red inorganic pigments
 EDGE_WIDTHS = (4.0, 25.0)  # [nm] of its logistic
 BANDS = (500.0, 760.0)  # [nm] of the absorption band of green, blue and violet pigments
@@ -34,7 +33,7 @@ BAND_WIDTHS = (1200.0, 3500.0)  # [1/cm], standard deviation
 PAINT_STRENGTHS = (0.05, 30.0)  # K/S of the absorption, tinted with white or at mass tone
 BACKGROUNDS = (0.002, 0.3)  # K/S that is alike at all wavelengths: black, dirt, binder
 OUTER, INNER = 0.04, 0.6  # Saunderson 1942: reflection at the surface from outside, and from inside
-# Skin: Jacques 1998 (melanosomes: see `Pigment`), Jacques 2013 (blood 0.002–0.07, saturation 0.4–0.95).
+# Skin: shares of melanosomes and of blood, and its saturation with oxygen, of `Pigment`.
 MELANIN, BLOOD, SATURATION = (0.008, 0.43), (0.002, 0.07), (0.4, 0.95)
 SEEN_SURFACE = (0.0, 0.05)  # part of the surface's own reflection that is measured with the body
 Array = NDArray[Any]

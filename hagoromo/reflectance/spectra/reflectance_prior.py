@@ -85,7 +85,7 @@ class ReflectancePrior:
         """By name, or learnt from a CSV file (see `read_spectra`).
 
         Names: "surfaces" (see `surfaces`), "smooth", and the families "skin", "textile" and "pigment", which are drawn
-        from published statistics of their physics (`prior_families`); no measured spectrum is in these three.
+        from the physics of their colour over ranges of our choice (`prior_families`), without any measured spectrum.
         """
         if str(source).lower().endswith(".csv"):
             return ReflectancePrior.from_spectra(Path(source).stem, read_spectra(source))
