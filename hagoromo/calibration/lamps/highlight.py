@@ -23,6 +23,7 @@ DIMMEST = 0.25  # of white: smallest peak of a highlight
 STANDS_OUT = 8.0  # smallest ratio of peak to 90th percentile, both above the median: noise does not reach it
 CORE_BLURS, CORE_LEVEL = (1.5, 2.5, 4.0), 0.85  # [px] standard deviations; of the blurred peak: pixels of the core
 ASTRAY_CORE = 1.0  # [px] between centroid and core: more is glare
+SMALLEST_WITH_CORE = 10.0 * CORE_BLURS[-1]  # [px] radius of a ball: on smaller ones blurring moves the peak off the rim
 PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # [px] standard deviation of a position known to the pixel
 TILT = 0.01  # [px] step of the finite differences
 
@@ -69,7 +70,7 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     """The lamp's mirror image on the ball: the speck above half the peak with most light, located by its centroid.
 
     Streaks of glare draw a centroid aside: where the speck is no ellipse, and its centroid is more than ASTRAY_CORE
-    from the peak of the blurred light, that peak is the centre.
+    from the peak of the blurred light, that peak is the centre; on balls of a radius of SMALLEST_WITH_CORE or more.
 
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
     """
@@ -100,7 +101,7 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     if finer is not None:
         centre = np.array([finer.x, finer.y]) + corner[::-1]
         points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
-    else:
+    elif ball.radius >= SMALLEST_WITH_CORE:
         core = _core(light)
         at, spread = core.centre + corner[::-1], core.spread
         if np.hypot(*(at - centres[1])) > ASTRAY_CORE:

@@ -112,6 +112,7 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
 
 
 OF_PARAMETERS = {"standard_error": StandardErrors, "interval_95": Intervals, "identifiable": Identifiable}
+BODY_LAW = ("epsilon", "sigma")
 FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hagoromo")
 
 
@@ -159,6 +160,9 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     fields = {name: getattr(record, name) for name in FIELDS}
     for name in OF_PARAMETERS:
         fields[name] = msgspec.structs.asdict(fields[name])
+    for key in BODY_LAW:
+        if fields["standard_error"][key] is None:  # it was not estimated
+            del fields["standard_error"][key], fields["identifiable"][key]
     fields["nu"] = GAUSSIAN if record.nu is None else record.nu
     intervals = fields["interval_95"]
     colours = {name: intervals.pop(name) for name in ("body_colour", "interface_colour")}

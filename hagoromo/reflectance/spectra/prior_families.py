@@ -1,7 +1,8 @@
 """Families of surfaces that are drawn from the physics of their colour: dyed textiles, paints, human skin.
 
-No measured spectrum is in them. The ranges are choices of this package, wide on purpose, and no table of a source. Each draw is a spectrum (wavelengths,) on `WAVELENGTHS`, from the mixing law of
-Kubelka & Munk 1931, R∞ = 1 + q − √(q² + 2q) with q = K/S, seen through the surface as Saunderson 1942 states.
+No measured spectrum is in them. The ranges are choices of this package, wide on purpose, and no table of a source.
+Each draw is a spectrum (wavelengths,) on `WAVELENGTHS`, from the mixing law of Kubelka & Munk 1931,
+R∞ = 1 + q − √(q² + 2q) with q = K/S, seen through the surface as Saunderson 1942 states.
 """
 
 from __future__ import annotations
