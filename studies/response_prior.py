@@ -16,8 +16,7 @@ import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
-from hagoromo.calibration.response.curve_prior import KNEE, published_process
-from hagoromo.calibration.response.published_curves import NODES, PublishedCurve
+from hagoromo.calibration.response.curve_process import KNEE, NODES, PublishedCurve, published_process
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 
 MEASURED_NM = (400.0, 720.0)  # of camspec's curves, and the range over which a curve has mean 1
@@ -99,26 +98,9 @@ al. 2013, "What is the space of spectral sensitivity functions for digital color
 of rawtoaces (11 cameras, Apache-2.0). Components: of rawtoaces' cameras alone, each times its standard deviation.
 """
 
-from typing import NamedTuple
-
-import numpy as np
+from hagoromo.calibration.response.curve_process import PublishedCurve
 
 # fmt: off
-NODES = np.arange(380.0, 781.0, 10.0)  # [nm]
-
-
-class PublishedCurve(NamedTuple):
-    """mean: z at `NODES`. share: of the components. smooth, rough: standard deviations of z, correlated over `length`
-    [nm] and independent per wavelength, each where R is near 0 and where it is large.
-    """
-
-    mean: tuple[float, ...]
-    share: float
-    smooth: tuple[float, ...]
-    rough: tuple[float, ...]
-    length: float
-
-
 '''
 
 

@@ -22,8 +22,9 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
-from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of, published_process
-from hagoromo.calibration.response.published_curves import COMPONENTS, MEANS, NODES
+from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
+from hagoromo.calibration.response.curve_process import NODES, published_process
+from hagoromo.calibration.response.published_curves import COMPONENTS, MEANS
 from hagoromo.cluster.mapped import mapped
 from studies.response_prior import latent
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces

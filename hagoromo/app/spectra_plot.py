@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from hagoromo.files.names import plot_label
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 from hagoromo_figures.demo.plots import svg_text
-
-NORMAL_95 = 1.96  # standard deviations of a 95 % interval
 
 
 def spectra_plot(spectra: Mapping[str, SpectrumEstimate]) -> str:
@@ -20,10 +16,8 @@ def spectra_plot(spectra: Mapping[str, SpectrumEstimate]) -> str:
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
     axes = figure.subplots()
     for number, (name, spectrum) in enumerate(spectra.items()):
-        colour, error = f"C{number % 10}", NORMAL_95 * np.asarray(spectrum.standard_error)
-        axes.fill_between(
-            spectrum.wavelengths, spectrum.values - error, spectrum.values + error, color=colour, alpha=0.2, linewidth=0
-        )
+        colour = f"C{number % 10}"
+        axes.fill_between(spectrum.wavelengths, *spectrum.band_95, color=colour, alpha=0.2, linewidth=0)
         axes.plot(spectrum.wavelengths, spectrum.values, color=colour, label=plot_label(name) or None)
     axes.set_xlabel("wavelength [nm]")
     axes.set_ylabel("reflectance, mean 1")

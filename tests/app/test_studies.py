@@ -32,10 +32,11 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "response_study.py": {
         "calibration.response.calibrate_response",
         "calibration.response.curve_prior",
+        "calibration.response.curve_process",
         "calibration.response.published_curves",
         "cluster.mapped",
     },
-    "response_prior.py": {"calibration.response.curve_prior", "calibration.response.published_curves"},
+    "response_prior.py": {"calibration.response.curve_process"},
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
     "spectra_cases.py": {"reflectance.spectra.prior_spectra", "reflectance.spectra.reflectance_prior"},

@@ -11,28 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.published_curves import COMPONENTS, MEANS, NODES, PublishedCurve
+from hagoromo.calibration.response.curve_process import JITTER, matern, published_process
+from hagoromo.calibration.response.published_curves import COMPONENTS, MEANS
 
-# KNEE and ROUGHNESS were chosen on the 28 measured cameras of camspec; they serve rawtoaces' 11 cameras as well.
-KNEE = 0.3  # κ: below it R is an exponential of z, above it R ≈ z
+# Chosen on the 28 measured cameras of camspec; it serves rawtoaces' 11 cameras as well.
 ROUGHNESS = 0.1  # independent standard deviation of z per wavelength: measured curves are not smoother
 # Wide log-normal priors (median, standard deviation of the logarithm) of the standard deviation of z and of its
 # correlation length [nm], for data that do not determine them.
 DEVIATION, LENGTH = (1.0, 0.7), (50.0, 0.7)
 MIDDLE = (0.0, 1.0)  # prior of the mean of the process: mean and standard deviation
 SCALE, AMPLITUDE = (1.0, 0.3), (1.0, 0.3)  # of the curve, and of its difference to the mean of published curves
-JITTER = 1e-6  # relative addition to the diagonal that keeps the kernel invertible in double precision
 Array = NDArray[np.float64]
-
-
-def positive(z: Array) -> Array:
-    """κ log(1 + exp(z/κ))."""
-    return KNEE * np.logaddexp(0.0, z / KNEE)
-
-
-def slope(z: Array) -> Array:
-    """d positive/dz = 1/(1 + exp(−z/κ))."""
-    return 0.5 + 0.5 * np.tanh(0.5 * z / KNEE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,27 +72,3 @@ def priors_of(channel: str, wavelengths: Array) -> list[CurvePrior]:
         MEANS[channel].length,
     )  # fmt: skip
     return [published, smooth]
-
-
-def published_process(
-    wavelengths: Array, mean: Array, components: Array, figures: PublishedCurve
-) -> tuple[Array, Array]:
-    """Mean (n,) and covariance (n, n) of z at `wavelengths` [nm] from those at `NODES`.
-
-    Σ share · component componentᵀ + a(λ) a(λ') Matérn + r(λ)² δ: the standard deviations a (smooth) and r (rough) pass
-    from one value where R is near 0 to another where it is large.
-    """
-    at = np.interp(wavelengths, NODES, mean)
-    parts = np.array([np.interp(wavelengths, NODES, part) for part in components])
-    bright = slope(at)
-    smooth, rough = (
-        np.sqrt(dark**2 * (1.0 - bright) + light**2 * bright) for dark, light in (figures.smooth, figures.rough)
-    )
-    kernel = figures.share * parts.T @ parts + smooth[:, None] * matern(wavelengths, figures.length) * smooth
-    return at, kernel + np.diag(rough**2) + JITTER * np.eye(len(wavelengths))
-
-
-def matern(wavelengths: Array, length: float) -> Array:
-    """Matérn 3/2 correlation (n, n)."""
-    apart = np.sqrt(3.0) * np.abs(wavelengths[:, None] - wavelengths) / length
-    return (1.0 + apart) * np.exp(-apart)

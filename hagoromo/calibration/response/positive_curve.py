@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.curve_prior import CurvePrior, positive, priors_of, slope
+from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
+from hagoromo.calibration.response.curve_process import positive, slope
 from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, scipy_status
 

@@ -5,26 +5,9 @@ al. 2013, "What is the space of spectral sensitivity functions for digital color
 of rawtoaces (11 cameras, Apache-2.0). Components: of rawtoaces' cameras alone, each times its standard deviation.
 """
 
-from typing import NamedTuple
-
-import numpy as np
+from hagoromo.calibration.response.curve_process import PublishedCurve
 
 # fmt: off
-NODES = np.arange(380.0, 781.0, 10.0)  # [nm]
-
-
-class PublishedCurve(NamedTuple):
-    """mean: z at `NODES`. share: of the components. smooth, rough: standard deviations of z, correlated over `length`
-    [nm] and independent per wavelength, each where R is near 0 and where it is large.
-    """
-
-    mean: tuple[float, ...]
-    share: float
-    smooth: tuple[float, ...]
-    rough: tuple[float, ...]
-    length: float
-
-
 MEANS = {
     "R": PublishedCurve(mean=(-0.46, -0.59, -0.74, -0.52, -0.17, -0.14, -0.23, -0.29, -0.29, -0.2, -0.11, -0.1, -0.01,
         0.15, 0.4, 0.59, 0.42, 0.31, 0.44, 1.09, 2.87, 4.27, 4.15, 3.72, 3.16, 2.72, 2.17, 1.68, 1.14, 0.6, 0.07,
