@@ -12,12 +12,14 @@ import pytest
 import hagoromo as hg
 from hagoromo.app import spectra_verb
 from hagoromo.app.cli import main
+from hagoromo.calibration.response.chart import read_chart
+from hagoromo.files.picture import read_picture
 from hagoromo.reflectance.spectra.bounded_spectra import within_bounds
 from hagoromo.reflectance.spectra.prior_families import family
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, apart, surfaces
 from hagoromo.reflectance.spectra.reflectance_prior import UNLIKE_SURFACES
 from hagoromo.reflectance.spectra.spectrum_estimate import unexplained_above
-from studies.skin import skin
+from studies.skin import CHART, GAP, skin
 
 CAMERA = hg.Response.load("canon_eos_300d")
 TWO = np.concatenate([hg.reading_matrix(hg.Spectrum.named(lamp), CAMERA) for lamp in ("D65", "A")])
@@ -123,6 +125,22 @@ def session(tmp_path_factory):
     finally:
         os.chdir(before)
     return folder
+
+
+def test_the_chart_is_found_alike_with_any_number_of_threads(session):
+    """With two threads it was found in two of three tries only. Corners: within 10 px, a sixth of a patch."""
+    import cv2
+
+    grey = np.array([patch.mean() for patch in hg.chart_spectra()])
+    photograph = read_picture(session / "skin" / "tube.png")
+    count, found = cv2.getNumThreads(), []
+    for threads in (1, 2, 2, 2):
+        cv2.setNumThreads(threads)
+        found.append(read_chart(photograph, grey).corners)
+    cv2.setNumThreads(count)
+    top_left, bottom_right = CHART[:2], (CHART[0] + 6 * CHART[2] - GAP, CHART[1] + 4 * CHART[2] - GAP)
+    assert all(np.array_equal(corners, found[0]) for corners in found)
+    assert np.abs(found[0][[0, 2]] - [top_left, bottom_right]).max() < 10.0
 
 
 def test_the_page_measures_skin_from_a_chart_and_three_photographs(session):

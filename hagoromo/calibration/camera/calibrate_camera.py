@@ -6,8 +6,7 @@ origin is the centre of the first pixel, ours the corner of the image, so all im
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.camera.board import Board, Corners
+from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import CameraRecord, read_camera
 from hagoromo.camera.lens import COEFFICIENTS
@@ -125,23 +125,10 @@ def calibrate_camera(
             "check board (--board), or take more photographs"
         )
     height, width = next(iter(photographs.values())).shape[:2]
-    with _one_thread():
+    with one_thread():
         calibration = _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
     stated = {"board": asdict(board), "coefficients": coefficients, "square_pixels": square_pixels}
     return replace(calibration, settings=stated)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """OpenCV with one thread: several add in any order, and the last digits of a fit differ from run to run."""
-    import cv2
-
-    count = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(count)
 
 
 def _check(photographs: Mapping[str, NDArray]) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
 from hagoromo.light.colour import srgb_encode
@@ -20,8 +21,9 @@ from hagoromo.light.spectrum import WAVELENGTH_COLUMNS, Spectrum
 
 PATCHES = 24
 # Width [px] and brightness of the copies that are searched: OpenCV detects a chart in some of them only.
-DETECTION_COPIES = tuple((width, bright) for width in (1000, 2000, 700, 1400) for bright in (1.0, 0.7, 1.6))
-MOST_ENLARGED = 2.0  # largest magnification of such a copy
+DETECTION_COPIES = tuple((width, bright) for width in (1000, 700, 1400, 500, 2000) for bright in (1.0, 0.7, 1.6))
+MOST_ENLARGED = 3.0  # largest magnification of such a copy
+ENOUGH_DETECTIONS = 3  # copies with a chart, after which no more are searched: their corners differ by a few pixels
 WHITE_PERCENTILE = 99.5  # percentile of the photograph's values that is white in the copies
 CHART_CORRELATION = 0.9  # least correlation of the patches' brightness with that of the known chart
 FEWEST_PATCH_PIXELS = 25  # least number of pixels of a patch
@@ -69,9 +71,10 @@ def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike
             f"a chart is read in a linear photograph of 16 bits or more, three channels: given {description}"
         )
     known = np.asarray(expected, np.float64)
-    box = _find(photograph) if corners is None else _given(corners, photograph)
-    turned = box[[2, 3, 0, 1]]
-    readings = [_read(photograph, of) for of in ((box, turned) if corners is None else (box,))]
+    if corners is None:
+        readings = [_upright(photograph, box, known) for box in _find(photograph)]
+    else:
+        readings = [_read(photograph, _given(corners, photograph))]
     correlations = [_correlation(reading.values, known) for reading in readings]
     if max(correlations) < CHART_CORRELATION:
         raise InputError(
@@ -79,7 +82,8 @@ def read_chart(photograph: NDArray[Any], expected: ArrayLike, corners: ArrayLike
             f"{max(correlations):.2f}): check which chart it is, and give its corners clockwise from the dark skin "
             "patch"
         )
-    return readings[int(np.argmax(correlations))]
+    matching = (of for of, found in zip(readings, correlations, strict=True) if found >= CHART_CORRELATION)
+    return min(matching, key=_unevenness)
 
 
 def _columns(source: str | Path) -> tuple[list[Any], Any]:
@@ -97,7 +101,12 @@ def _columns(source: str | Path) -> tuple[list[Any], Any]:
     return [curve.values for curve in curves], curves[0].wavelengths
 
 
-def _find(photograph: NDArray[Any]) -> Array:
+def _find(photograph: NDArray[Any]) -> list[Array]:
+    """Corners of the chart, (4, 2) [px], as OpenCV detects it in up to ENOUGH_DETECTIONS copies of the photograph.
+
+    The detector's clusters begin at random numbers of each thread. With one thread, the same photograph gives the same
+    corners.
+    """
     import cv2
 
     shown = np.nan_to_num(photograph.astype(np.float32))
@@ -105,16 +114,24 @@ def _find(photograph: NDArray[Any]) -> Array:
     if not top > 0.0:
         raise InputError("the photograph is black: give a photograph of the chart")
     shown /= top
-    for width, bright in DETECTION_COPIES:
-        scale = width / photograph.shape[1]
-        if scale > MOST_ENLARGED:
-            continue
-        copy = cv2.resize(shown, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        cv2.setRNGSeed(0)  # its clusters begin at random: the same photograph, the same result
-        detector = cv2.mcc.CCheckerDetector.create()
-        if detector.process(np.ascontiguousarray(srgb_encode(bright * copy)[..., ::-1]), 1):
-            return np.array(detector.getBestColorChecker().getBox(), np.float64) / scale
-    raise InputError("no chart is detected in the photograph: fill more of it with the chart, or give its four corners")
+    boxes: list[Array] = []
+    with one_thread():
+        for width, bright in DETECTION_COPIES:
+            scale = width / photograph.shape[1]
+            if scale > MOST_ENLARGED:
+                continue
+            copy = cv2.resize(shown, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            cv2.setRNGSeed(0)
+            detector = cv2.mcc.CCheckerDetector.create()
+            if detector.process(np.ascontiguousarray(srgb_encode(bright * copy)[..., ::-1]), 1):
+                boxes.append(np.array(detector.getBestColorChecker().getBox(), np.float64) / scale)
+                if len(boxes) == ENOUGH_DETECTIONS:
+                    break
+    if not boxes:
+        raise InputError(
+            "no chart is detected in the photograph: fill more of it with the chart, or give its four corners"
+        )
+    return boxes
 
 
 def _given(corners: ArrayLike, photograph: NDArray[Any]) -> Array:
@@ -137,9 +154,12 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
     clipped = np.iinfo(photograph.dtype).max if np.issubdtype(photograph.dtype, np.integer) else np.inf
     values, errors = np.full((PATCHES, 3), np.nan), np.full((PATCHES, 3), np.nan)
     for patch, middle in enumerate(middles):
-        mask = np.zeros(photograph.shape[:2], np.uint8)
-        cv2.fillConvexPoly(mask, np.rint(middle).astype(np.int32), 1)
-        pixels = photograph[mask > 0].astype(np.float64)
+        x, y, width, height = cv2.boundingRect(np.rint(middle).astype(np.int32))
+        corner = np.maximum((x, y), 0)
+        around = photograph[corner[1] : max(y + height, 0), corner[0] : max(x + width, 0)]
+        mask = np.zeros(around.shape[:2], np.uint8)
+        cv2.fillConvexPoly(mask, np.rint(middle).astype(np.int32) - corner, 1)
+        pixels = around[mask > 0].astype(np.float64)
         if len(pixels) < FEWEST_PATCH_PIXELS:
             raise InputError(f"the chart's patches have {len(pixels)} pixels only: photograph it from closer")
         for channel, of in enumerate(pixels.T):
@@ -148,6 +168,17 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
                 values[patch, channel] = usable.mean()
                 errors[patch, channel] = usable.std(ddof=1) / np.sqrt(len(usable))
     return ChartReading(values, errors, box)
+
+
+def _upright(photograph: NDArray[Any], box: Array, known: Array) -> ChartReading:
+    """The reading of the chart as detected or turned by half a turn, whichever is nearer to its known brightness."""
+    readings = [_read(photograph, turned) for turned in (box, box[[2, 3, 0, 1]])]
+    return max(readings, key=lambda reading: _correlation(reading.values, known))
+
+
+def _unevenness(reading: ChartReading) -> float:
+    """Median relative standard error of the patches: least where the corners are right, so no patch has a border."""
+    return float(np.nanmedian(reading.standard_error / np.abs(reading.values)))
 
 
 def _correlation(values: Array, known: Array) -> float:
