@@ -295,7 +295,7 @@ def render(
     if separate_lamps:
         settings = replace(settings, separate_lamps=True)
     with progress_bar("render") as progress:
-        image = hg.render(scene, settings, progress, scheduler)
+        image = hg.render(scene, settings, progress, scheduler, mode)
     wrote(*image.save(out, camera.response, force))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
+from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
@@ -29,6 +30,7 @@ from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
 from hagoromo.volume.box import VolumeBox
 
+MODES = ("march",)  # how light is computed
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
 
 Value = TypeVar("Value")
@@ -39,12 +41,14 @@ def render(
     settings: Settings | None = None,
     progress: Progress = silent,
     scheduler: str | int | None = None,
+    mode: str = "march",
 ) -> Image:
     """The image that the scene's camera would see, as weights.
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
     scheduler: address of a Dask scheduler, "local", or a number of processes, whose workers render the tiles of a scene
     file; the bits are the same. `InputError` for a file that describes no scene, and a scheduler that does not answer.
+    mode: of MODES. "march": light that is scattered once, without noise.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
@@ -55,7 +59,11 @@ def render(
     >>> image.weights.shape, round(float(image.weights[3, 4].sum()), 4)
     ((7, 9, 2), 0.5)
     """
+    if mode not in MODES:
+        raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
     if scheduler is not None:
+        if mode != "march":
+            raise InputError(f"mode is {mode!r} with a scheduler: only march is rendered by many processes")
         from hagoromo.image.render_tiles import render_on  # Dask is an extra
 
         return render_on(scheduler, scene, settings, progress)

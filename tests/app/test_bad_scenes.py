@@ -75,3 +75,8 @@ def test_light_beyond_single_precision_is_not_written(refused, scene, tmp_path, 
     said = refused("simulate", strong, "--out", tmp_path / "photographs")
     assert any(words in said for words in ("not finite in", "beyond single precision", "sensor's exposure is"))
     assert {path.name for path in tmp_path.iterdir()} == {"scene.toml"}
+
+
+def test_a_mode_that_there_is_not_is_refused_with_the_known_ones(scene):
+    with pytest.raises(InputError, match=r"mode is 'ray': give one of .*march"):
+        hg.render(scene(), mode="ray")
