@@ -177,7 +177,7 @@ SIMPLE = (
     Reader("capture-info", records.capture, _info, "transforms.json"),
     Reader("measurement", records.measured, _late("hagoromo.measurement.measurement", "Measurement.load")),
     Reader("materials.json", records.materials, _info),
-    Reader("lamps.json", records.lamps, _late("hagoromo.photograph.lit_photographs", "load_lamps")),
+    Reader("lamps.json", records.lamps, _late("hagoromo.photograph.lamp_files", "load_lamps")),
     Reader("lamps-info.json", records.lamps, _info),
     Reader("lamps-of-balls.json", records.lamps_of_balls,
            _late("hagoromo.calibration.lamps.lamp_calibration", "LampCalibration.load")),

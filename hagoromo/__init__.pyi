@@ -39,12 +39,9 @@ from .photograph.development.development import (
 from .photograph.development.develop import develop as develop
 from .photograph.gather import gather as gather
 from .photograph.lamp_files import load_lamps as load_lamps, write_lp as write_lp
-from .photograph.lit_photographs import (
-    Developing as Developing,
-    Session as Session,
-    capture as capture,
-    session as session,
-)
+from .photograph.developing import Developing as Developing
+from .photograph.session import Session as Session, session as session
+from .photograph.lit_photographs import capture as capture
 from .photograph.capture_to import Captured as Captured, capture_to as capture_to
 from .photograph.convert import convert as convert
 from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.sensor_options import AS_STATED, Sensor, SensorOptions
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_folder
@@ -32,14 +34,12 @@ def capture(
     spectrum: str | None = None,
     intensity: tuple[float, ...] = (),
     undistorted: bool = False,
-    transfer: str | None = None,
-    exposures: tuple[float, ...] = (),
-    iso: float | None = None,
-    black: float | None = None,
-    white: float | None = None,
-    mosaic: str | None = None,
-    gain: float | None = None,
-    read_noise: float | None = None,
+    bracket: tuple[Path, ...] = (),
+    bracket_exposures: tuple[float, ...] = (),
+    dark: tuple[Path, ...] = (),
+    dark_exposures: tuple[float, ...] = (),
+    flat: tuple[Path, ...] = (),
+    sensor: Sensor = AS_STATED,
     force: Force = False,
 ) -> None:
     """Photographs of one view, one lamp on in each → a capture for `measure`; any number, in the memory of one.
@@ -59,22 +59,24 @@ def capture(
         intensity: intensity of the lamps, instead of that in lamps.json: one number, or one per channel. Under a far
             lamp of intensity 3.1416 a white patch that faces it has the value 1.
         undistorted: the photographs have no lens distortion (those of `develop --undistort` state it themselves).
-        transfer: transfer curve of 8-bit photographs: linear, srgb, or a CSV with the columns number and light (or R,
-            G, B).
-        exposures: exposure times [s], one for all or one each, if the files do not state them.
-        iso: ISO speed of all, if the files do not state it.
-        black: black level [DN], if the files do not state it.
-        white: saturation level [DN].
-        mosaic: mosaic of one-channel files, such as RGGB.
-        gain: gain of the sensor [electrons per DN], with read_noise; by default both are estimated.
-        read_noise: read noise of the sensor [electrons].
+        bracket: three or more exposures of one scene by the same camera, which measure the curve of
+            --transfer estimate.
+        bracket_exposures: exposure times of the bracket [s], if its files do not state them.
+        dark: frames without light; those whose exposure time is nearest are subtracted.
+        dark_exposures: exposure times of the dark frames [s], if their files do not state them.
+        flat: frames of an evenly lit white field, by which photographs are divided.
     """
     replaceable_folder(out, force)
-    known, covered = _lamps(photographs, lamps, ball, camera, exposures, iso)
+    stated = asdict(sensor)
+    developing = hg.Developing(
+        exposures_s=stated.pop("exposures"), darks=dark, dark_exposures_s=dark_exposures, flats=flat, bracket=bracket,
+        bracket_exposures_s=bracket_exposures, **stated,
+    )  # fmt: skip
+    known, covered = _lamps(photographs, lamps, ball, camera, sensor)
     asked = hg.session(
         photographs, known, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
         undistorted=undistorted, excluded=covered,
-        developing=hg.Developing(black, white, mosaic, transfer, gain, read_noise, exposures, iso),
+        developing=developing,
     )  # fmt: skip
     if ball is not None:
         asked.assumptions["lamps"] = f"{len(asked.lamps)} from the chrome ball of {ball.name}"
@@ -94,8 +96,7 @@ def _lamps(
     lamps: Path | None,
     ball: Path | None,
     camera: Path | None,
-    exposures: Sequence[float],
-    iso: float | None,
+    sensor: SensorOptions,
 ) -> tuple[Path | tuple[hg.Lamp, ...], NDArray[np.bool_] | None]:
     """The lamps of a file; or those that a chrome ball in the photographs shows, and where it covers the picture."""
     if (lamps is None) == (ball is None):
@@ -106,13 +107,13 @@ def _lamps(
     from hagoromo.app.lamp_summary import lamp_summary
     from hagoromo.camera.unplaced import unplaced_camera
     from hagoromo.files.picture import read_picture
-    from hagoromo.photograph.lit_photographs import ORTHOGRAPHIC
+    from hagoromo.photograph.session import ORTHOGRAPHIC
     from hagoromo.photograph.session_exif import session_exif
 
     shape = read_picture(ball).shape[:2]
     lens: hg.Camera | Path | None = None if str(camera) == ORTHOGRAPHIC else camera
     if camera is None:
-        focal = session_exif(photographs, exposures, iso).focal_of(shape[1])
+        focal = session_exif(photographs, sensor.exposures, sensor.iso).focal_of(shape[1])
         lens = None if focal is None else unplaced_camera(shape[1], shape[0], focal)
     with progress_bar("chrome ball") as progress:
         found = hg.calibrate_lamps(photographs, ball, camera=lens, progress=progress)

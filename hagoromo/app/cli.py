@@ -15,7 +15,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -30,6 +30,7 @@ from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.publishing import publish
+from hagoromo.app.sensor_options import AS_STATED, Sensor
 from hagoromo.app.streams import give_up_streams, printable_streams
 from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
 from hagoromo.errors import InputError
@@ -147,16 +148,9 @@ def develop(
     dark: tuple[Path, ...] = (),
     dark_exposures: tuple[float, ...] = (),
     flat: tuple[Path, ...] = (),
-    transfer: str | None = None,
-    exposures: tuple[float, ...] = (),
-    iso: float | None = None,
-    black: float | None = None,
-    white: float | None = None,
-    mosaic: str | None = None,
-    gain: float | None = None,
-    read_noise: float | None = None,
     demosaic: Literal["bilinear", "menon2007"] = "bilinear",
     undistort: Path | None = None,
+    sensor: Sensor = AS_STATED,
     force: Force = False,
 ) -> None:
     """Exposures of one view (RAW, TIFF, PNG, JPEG, EXR) → EXR of linear camera colours with their variance.
@@ -166,15 +160,6 @@ def develop(
         dark: frames without light, of the same exposure times.
         dark_exposures: exposure times of the dark frames [s], if their files do not state them.
         flat: frames of an evenly lit white field.
-        transfer: transfer curve of 8-bit files: linear, srgb, estimate (from the bracket), or a CSV with the columns
-            number and light (or R, G, B).
-        exposures: exposure times of the photographs [s], if their files do not state them.
-        iso: ISO speed, if the files do not state it.
-        black: black level [DN], if the files do not state it.
-        white: saturation level [DN].
-        mosaic: mosaic of one-channel files, such as RGGB, or none.
-        gain: gain of the sensor [electrons per DN], with read_noise; by default both are estimated from the frames.
-        read_noise: read noise of the sensor [electrons].
         demosaic: method of interpolating the mosaic.
         undistort: camera.json of `calibrate camera`, or OpenCV's YAML, whose lens distortion is removed.
     """
@@ -182,10 +167,10 @@ def develop(
     from hagoromo.photograph.development.development import check_exr_name
 
     replaceable_file(check_exr_name(out), force)
+    stated = asdict(sensor)
     development = hg.develop(
-        photographs, darks=dark, dark_exposures_s=dark_exposures, flats=flat, transfer=transfer,
-        exposures_s=exposures, iso=iso, black=black, white=white, mosaic=mosaic, gain=gain, read_noise=read_noise,
-        demosaic=demosaic, undistort=undistort,
+        photographs, darks=dark, dark_exposures_s=dark_exposures, flats=flat, exposures_s=stated.pop("exposures"),
+        demosaic=demosaic, undistort=undistort, **stated,
     )  # fmt: skip
     development.save(out, force)
     say(*development_summary(development))

@@ -16,7 +16,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.record import write_json, written_by
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.lit_photographs import load_lamps
+from hagoromo.photograph.lamp_files import load_lamps
 from hagoromo.photograph.transforms import record_from_lamp
 
 CAMERA, LAMPS, RESPONSE = "camera.json", "lamps.json", "response.csv"

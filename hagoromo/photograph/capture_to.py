@@ -22,9 +22,10 @@ from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.capture import TRANSFORMS, shared_keys, write_response
 from hagoromo.photograph.lamp_sides import lamp_remarks
-from hagoromo.photograph.lit_photographs import Session, Shot
 from hagoromo.photograph.object_mask import Thumbnails
 from hagoromo.photograph.pixels import ALPHA, NATIVE, default_channels, write_pixels
+from hagoromo.photograph.session import Session
+from hagoromo.photograph.shot import Shot
 from hagoromo.photograph.transforms import record_from_lamp, record_from_sensor
 from hagoromo.photograph.variance_model import VarianceModel
 from hagoromo.progress import Progress, silent

@@ -47,13 +47,25 @@ class Exponent:
         return bool(beyond and abs(np.log(self.value)) > SIGNIFICANT * self.standard_error)
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the exponent."""
+        low, high = (self.value * float(np.exp(k * SIGNIFICANT * self.standard_error)) for k in (-1.0, 1.0))
+        return low, high
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether values that are not linear in light are within the interval."""
+        low, high = self.interval
+        return not (LOWEST <= low and high <= HIGHEST)
+
+    @property
     def sentence(self) -> str:
         """What the shading says about the transfer, in words."""
-        low, high = (self.value * np.exp(k * SIGNIFICANT * self.standard_error) for k in (-1.0, 1.0))
+        low, high = self.interval
         figure = f"exponent {self.value:.2f}, {low:.2f} to {high:.2f} by the shading of the object"
         if not self.bent:
-            open_ = not (LOWEST <= low and high <= HIGHEST)
-            return f"{figure}: " + ("too uncertain to tell linear values from others" if open_ else "linear in light")
+            told = "too uncertain to tell linear values from others" if self.uncertain else "linear in light"
+            return f"{figure}: {told}"
         curve = "display-encoded (sRGB) and were taken for linear" if self.value > 1.0 else (
             "linear and were decoded as sRGB, or decoded twice"
         )  # fmt: skip

@@ -1,7 +1,7 @@
 """One exposure: the linear light of a single file, with little memory, and its variance as a model.
 
 Enters: an `Exposure` (RAW, TIFF, PNG, JPEG) and the noise of its sensor. Leaves: values over the white level, with the
-mosaic interpolated. `develop` does more with more memory: brackets, dark frames, flat fields, a test of linearity.
+mosaic interpolated. `develop` does more with more memory: brackets, a test of linearity, noise from pairs of frames.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.sensor import BILINEAR, MOSAICS
+from hagoromo.camera.sensor import BILINEAR
 from hagoromo.errors import InputError
 from hagoromo.files.exif import Exif
 from hagoromo.files.picture import read_picture
@@ -25,9 +25,11 @@ from hagoromo.photograph.development.exposure import (
     TIFFS,
     Exposure,
     StatedExposure,
+    mosaic_of,
     planes,
     read_exposure,
 )
+from hagoromo.photograph.development.master import Dark, Flat
 from hagoromo.photograph.development.noise import Noise, noise_from_frames
 from hagoromo.photograph.development.transfer import Transfer
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
@@ -76,7 +78,7 @@ def read_frame(path: Path, stated: StatedExposure, middle: bool = False) -> Fram
     levels = stated_levels(image, path, stated)
     if middle:
         image = image[_middle_of(image.shape)]
-    numbers = image[..., :3] if image.ndim == 3 else image if stated.mosaic else image[..., None]
+    numbers = image[..., :3] if image.ndim == 3 else image if levels.mosaic else image[..., None]
     full = numbers >= levels.white
     if image.ndim == 3 and image.shape[2] == 4:
         full |= (image[..., 3] < np.iinfo(image.dtype).max)[..., None]
@@ -88,25 +90,27 @@ def read_frame(path: Path, stated: StatedExposure, middle: bool = False) -> Fram
         floor, ceiling = (float(levels.transfer.table[round(level)].mean()) for level in (levels.black, levels.white))
         signal, ceiling = _looked_up(levels.transfer, numbers, floor), ceiling - floor
         rounding = levels.transfer.light(numbers)[1] if middle else 0.0
-    exposure = Exposure(signal, rounding, full, ceiling, stated.mosaic or "", Exif(), path.name)
+    exposure = Exposure(signal, rounding, full, ceiling, levels.mosaic, Exif(), path.name)
     return Frame(exposure, levels.transfer)
 
 
 class Levels(NamedTuple):
-    """black, white [DN] and the curve of the numbers; None: linear."""
+    """black, white [DN], the curve of the numbers (None: linear) and the mosaic ("": none)."""
 
     black: float
     white: float
     transfer: Transfer | None
+    mosaic: str
 
 
 def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> Levels:
-    """The levels of 8 or 16 bits; `InputError` for 8 bits without a transfer, and for levels that make none."""
+    """The levels of 8 or 16 bits; `InputError` for 8 bits without a transfer, levels that make none, and a mosaic that
+    shows and is not stated.
+    """
     largest = int(np.iinfo(image.dtype).max)
-    if stated.mosaic and image.ndim == 3 and image.shape[2] >= 3:
+    mosaic = mosaic_of(image, path, stated)
+    if mosaic and image.ndim == 3 and image.shape[2] >= 3:
         raise InputError(f"{path} has three channels and no mosaic: omit mosaic (--mosaic)")
-    if (stated.mosaic or "") not in MOSAICS:
-        raise InputError(f"mosaic {stated.mosaic!r} is unknown: choose one of {', '.join(filter(None, MOSAICS))}")
     if stated.transfer is None and largest <= 255:
         raise InputError(
             f"{path} has 8 bits, which are rarely linear: develop it first, or state transfer (--transfer): linear, "
@@ -116,7 +120,7 @@ def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> Levels:
     if not 0.0 <= black < white <= largest:
         raise InputError(f"{path}: black {black:g} must be below white {white:g}, both within 0–{largest} DN")
     if stated.transfer is None or stated.transfer == "linear":
-        return Levels(black, white, None)
+        return Levels(black, white, None, mosaic)
     curve = stated.transfer if isinstance(stated.transfer, Transfer) else Transfer.load(stated.transfer, largest)
     if len(curve.table) != largest + 1:
         raise InputError(
@@ -124,7 +128,7 @@ def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> Levels:
         )
     if curve.table.shape[1] not in (1, image.shape[2] if image.ndim == 3 else 1):
         raise InputError(f"{path} has one channel and its transfer curve three: give a curve with one")
-    return Levels(black, white, curve)
+    return Levels(black, white, curve, mosaic)
 
 
 def _looked_up(transfer: Transfer, numbers: NDArray, floor: float) -> NDArray[np.float32]:
@@ -138,16 +142,22 @@ def _looked_up(transfer: Transfer, numbers: NDArray, floor: float) -> NDArray[np
     return signal
 
 
-def light_of(frame: Frame, noise: Noise) -> Light:
-    """The light of one frame; noise: of its sensor."""
+def light_of(frame: Frame, noise: Noise, dark: Dark | None = None, flat: Flat | None = None) -> Light:
+    """The light of one frame, less a dark frame and over a flat field, where they are given; noise: of its sensor."""
     exposure, transfer = frame
     unit = exposure.unit or exposure.white
-    model = _variance(exposure, noise, transfer, unit)
+    if dark is not None:
+        exposure = replace(exposure, signal=exposure.signal - dark.signal)
+    model = _variance(exposure, noise, transfer, unit, dark)
     hot = hot_samples(exposure, model.variance.max(axis=0), unit, model)
-    spoilt = exposure.full | hot
-    signal = exposure.signal * np.float32(1.0 / unit)
+    if dark is not None:
+        hot |= dark.hot
+    spoilt, signal = exposure.full | hot, exposure.signal * np.float32(1.0 / unit)
+    if flat is not None:
+        spoilt, signal = spoilt | ~flat.usable, signal / np.where(flat.usable, flat.share, np.float32(1.0))
+        model = model.over(flat)
     if exposure.mosaic:
-        values, valid = _interpolated(signal, exposure.mosaic), ~_dilated(spoilt)
+        values, valid = interpolated(signal, exposure.mosaic), ~spoilt_by(spoilt)
     else:
         values, valid = signal, np.asarray(~spoilt.any(axis=2), np.bool_)
     return Light(values, valid, model, float(hot.mean()))
@@ -190,13 +200,17 @@ def hot_samples(
     return odd
 
 
-def _variance(exposure: Exposure, noise: Noise, transfer: Transfer | None, unit: float) -> VarianceModel:
-    """Shot, read and rounding noise over the value, for each channel."""
+def _variance(
+    exposure: Exposure, noise: Noise, transfer: Transfer | None, unit: float, dark: Dark | None
+) -> VarianceModel:
+    """Shot, read and rounding noise over the value, for each channel; with that of a usual dark frame."""
     channels = 3 if exposure.mosaic else exposure.signal.shape[2]
+    below = 0.0 if dark is None else max(float(np.median(dark.signal)), 0.0)
+    known = 0.0 if dark is None else float(np.median(dark.variance))
     if transfer is None:
         rounding = 0.0 if exposure.unit is not None else LINEAR_ROUNDING
         signal = np.array([0.0, exposure.white])
-        rows = np.broadcast_to(noise.variance(signal, rounding), (channels, 2))
+        rows = np.broadcast_to(noise.variance(signal + below, rounding + known), (channels, 2))
         return VarianceModel(signal / unit, rows / unit**2, exposure.mosaic)
     numbers = np.arange(len(transfer.table))
     signal = exposure.white * np.linspace(0.0, 1.0, KNOTS) ** 2  # the curves bend most near black
@@ -206,11 +220,11 @@ def _variance(exposure: Exposure, noise: Noise, transfer: Transfer | None, unit:
         error = 0.0 if transfer.error is None else transfer.error[:, channel % transfer.error.shape[1]] ** 2
         step = np.gradient(own, numbers) ** 2 / 12.0 + error
         floor = own[-1] - exposure.white
-        rows.append(noise.variance(signal, np.interp(signal + floor, own, step)))
+        rows.append(noise.variance(signal + below, np.interp(signal + floor + below, own, step) + known))
     return VarianceModel(signal / unit, np.stack(rows) / unit**2, exposure.mosaic)
 
 
-def _interpolated(signal: NDArray[np.float32], mosaic: str) -> NDArray[np.float32]:
+def interpolated(signal: NDArray[np.float32], mosaic: str) -> NDArray[np.float32]:
     """(height, width, 3) bilinear interpolation of a mosaic, mirrored at its edges."""
     import cv2
 
@@ -227,7 +241,7 @@ def _interpolated(signal: NDArray[np.float32], mosaic: str) -> NDArray[np.float3
     return values
 
 
-def _dilated(spoilt: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def spoilt_by(spoilt: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """What a spoilt sample spoils by bilinear interpolation: its eight neighbours."""
     import cv2
 

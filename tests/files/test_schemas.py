@@ -18,7 +18,7 @@ from hagoromo.files.record import ForeignRecord, decode, read_json, write_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.matter.registry import kind_of
 from hagoromo.photograph.capture import Capture, load_capture, save_capture
-from hagoromo.photograph.lit_photographs import load_lamps
+from hagoromo.photograph.lamp_files import load_lamps
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import CaptureRecord, FrameRecord, LampRecord
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate

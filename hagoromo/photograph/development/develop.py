@@ -60,7 +60,7 @@ def develop(
         raise InputError("gain and read_noise (--gain, --read-noise) go together: give both or none")
     noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
     if transfer == "estimate":
-        transfer = _estimated(paths, exposures_s)
+        transfer = estimated_from_files(paths, exposures_s)
     stated = StatedExposure(black, white, mosaic, transfer, None, iso)
     times = list(exposures_s) or [None] * len(paths)
     exposures = [read_exposure(p, stated._replace(exposure_s=t)) for p, t in zip(paths, times, strict=True)]
@@ -94,7 +94,7 @@ def _darks(
     ]
 
 
-def _estimated(paths: Sequence[Path], exposures_s: Sequence[float]) -> Transfer:
+def estimated_from_files(paths: Sequence[Path], exposures_s: Sequence[float]) -> Transfer:
     """The transfer curve estimated from a bracket; `InputError` if its exposure times are unknown."""
     times = list(exposures_s) or [read_exif(path).exposure_s for path in paths]
     known = [time for time in times if time is not None]

@@ -129,7 +129,7 @@ def _from_raw(path: Path, stated: StatedExposure) -> Exposure:
 def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     """Exposure from 8 or 16 bits; alpha is ignored."""
     largest = int(np.iinfo(image.dtype).max)
-    mosaic = _mosaic(image, path, stated)
+    mosaic = mosaic_of(image, path, stated)
     numbers = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     transfer = stated.transfer if stated.transfer is not None else "linear" if largest > 255 else None
     if transfer is None:
@@ -150,7 +150,7 @@ def _from_numbers(image: NDArray, path: Path, stated: StatedExposure) -> Exposur
 
 def _from_light(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     """Exposure from linear values, which keep their unit; nothing is clipped unless `white` is stated."""
-    mosaic = _mosaic(image, path, stated)
+    mosaic = mosaic_of(image, path, stated)
     values = image[..., :3] if image.ndim == 3 else image if mosaic else image[..., None]
     black = stated.black or 0.0
     white = stated.white if stated.white is not None else max(float(values.max(initial=0.0)), 1e-30) + black
@@ -160,7 +160,7 @@ def _from_light(image: NDArray, path: Path, stated: StatedExposure) -> Exposure:
     return Exposure(signal, 0.0, full, white - black, mosaic, read_exif(path), path.name, unit)
 
 
-def _mosaic(image: NDArray, path: Path, stated: StatedExposure) -> str:
+def mosaic_of(image: NDArray, path: Path, stated: StatedExposure) -> str:
     """The stated mosaic; `InputError` for an unknown one, or if none is stated and `image` shows one."""
     mosaic = "" if stated.mosaic in (None, NO_MOSAIC) else stated.mosaic or ""
     if mosaic not in MOSAICS:

@@ -38,17 +38,28 @@ class Flat(NamedTuple):
 def dark_master(frames: Sequence[Exposure], seconds: float, noise: Noise) -> Dark:
     """The mean of the dark frames whose exposure time is closest to `seconds`, that of the photograph."""
     alike(frames, "dark frames")
-    off = [abs(np.log(frame.seconds / seconds)) for frame in frames]
-    chosen = [frame for frame, far in zip(frames, off, strict=True) if far <= min(off) + np.log(SAME_TIME)]
+    places = nearest_times([frame.seconds for frame in frames], seconds, [frame.name for frame in frames])
+    chosen = [frames[place] for place in places]
+    return dark_of(np.mean([frame.signal for frame in chosen], axis=0), len(chosen), chosen[0], noise)
+
+
+def nearest_times(times: Sequence[float], seconds: float, names: Sequence[str]) -> list[int]:
+    """Places of the dark frames whose time [s] is closest to `seconds`; a warning where that is another time."""
+    off = [abs(np.log(time / seconds)) for time in times]
+    chosen = [place for place, far in enumerate(off) if far <= min(off) + np.log(SAME_TIME)]
     if min(off) > np.log(SAME_TIME):
         warnings.warn(
-            f"no dark frame has the exposure time {seconds:g} s: {chosen[0].name} ({chosen[0].seconds:g} s) is used",
-            stacklevel=2,
+            f"no dark frame has the exposure time {seconds:g} s: {names[chosen[0]]} ({times[chosen[0]]:g} s) is used",
+            stacklevel=3,
         )
-    signal = np.mean([frame.signal for frame in chosen], axis=0)
-    variance = noise.variance(signal, chosen[0].rounding) / len(chosen)
+    return chosen
+
+
+def dark_of(signal: NDArray, count: int, frame: Exposure, noise: Noise) -> Dark:
+    """The dark frame of the mean `signal` of `count` frames that are like `frame`."""
+    variance = noise.variance(signal, frame.rounding) / count
     hot = np.zeros(signal.shape, np.bool_)
-    for values, marked in zip(planes(signal, chosen[0].mosaic), planes(hot, chosen[0].mosaic), strict=True):
+    for values, marked in zip(planes(signal, frame.mosaic), planes(hot, frame.mosaic), strict=True):
         above = values - np.median(values)
         marked[:] = above > HOT_SIGNIFICANCE * max(robust_scale(above), np.sqrt(float(np.median(variance))))
     return Dark(signal.astype(np.float32), variance.astype(np.float32), hot)
@@ -59,14 +70,20 @@ def flat_master(frames: Sequence[Exposure], darks: Sequence[Exposure], noise: No
     alike(frames, "flat fields")
     dark = dark_master(darks, frames[0].seconds, noise).signal if darks else np.float32(0.0)
     signal = np.mean([frame.signal for frame in frames], axis=0) - dark
-    variance = noise.variance(signal, frames[0].rounding) / len(frames)
-    usable = ~np.any([frame.full for frame in frames], axis=0)
+    full = np.any([frame.full for frame in frames], axis=0)
+    return flat_of(signal, len(frames), full, frames[0], noise, frames[0].name)
+
+
+def flat_of(signal: NDArray, count: int, full: NDArray[np.bool_], frame: Exposure, noise: Noise, name: str) -> Flat:
+    """The flat field of the mean `signal` of `count` frames that are like `frame`, less dark; full: where clipped."""
+    variance = noise.variance(signal, frame.rounding) / count
+    usable = ~full
     share, spread = np.ones_like(signal), np.zeros_like(variance)
-    for parts in zip(*(planes(a, frames[0].mosaic) for a in (signal, variance, usable, share, spread)), strict=True):
+    for parts in zip(*(planes(a, frame.mosaic) for a in (signal, variance, usable, share, spread)), strict=True):
         light, noisy, fine, out, error = parts
         level = float(light[fine].mean()) if fine.any() else 0.0
         if level <= 0.0:
-            raise InputError(f"the flat field {frames[0].name} is clipped or dark: expose it to half of white")
+            raise InputError(f"the flat field {name} is clipped or dark: expose it to half of white")
         out[:], error[:] = light / level, noisy / level**2
     usable &= share > LEAST_SHARE
     return Flat(share.astype(np.float32), np.asarray(spread, np.float32), usable)
