@@ -137,6 +137,7 @@ from .image.relight.relight import relight as relight
 
 # A page that can be sent round
 from .publication.publish import Published as Published, publish as publish
+from .publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
 from .publication.export.export import export as export
 
 # The paper end to end, reports, and what studies of one's own need

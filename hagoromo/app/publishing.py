@@ -1,26 +1,45 @@
-"""The command that publishes: measured object → a page that can be sent round."""
+"""The command that publishes: measured object, or volume box, → a page that can be sent round."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, say, wrote
 
+LAMPS = 64  # over the hemisphere, of a box or scene: 18° apart
 
-def publish(measured: Positional[Path], out: Out, capture: Path | None = None, force: Force = False) -> None:
-    """Measured object → a page that relights it in any browser, without server or network.
+
+def publish(
+    measured: Positional[Path],
+    out: Out,
+    capture: Path | None = None,
+    lamps: Annotated[int | None, arg(help=f"how many lamps a box or scene is rendered under; default: {LAMPS}")] = None,
+    force: Force = False,
+) -> None:
+    """Measured object, or volume box → a page that relights it in any browser, without server or network.
 
     NAME.html is one file of 5 MB at most; any other name is a folder with index.html and tiles at full resolution.
+    A volume box (BOX.zarr) or SCENE.toml is rendered under many lamps and becomes one file.
 
     Args:
-        measured: folder that `measure` wrote.
+        measured: folder that `measure` wrote, BOX.zarr, or SCENE.toml.
         capture: folder that was measured: photographs to compare with.
     """
+    boxes = measured.suffix.lower() in (".toml", ".zarr")
+    if boxes and capture is not None:
+        raise hg.InputError(f"{measured} was rendered, not photographed: leave --capture out")
+    if not boxes and lamps is not None:
+        raise hg.InputError("a measured object is lit by its reflectance, from everywhere: leave --lamps out")
     with progress_bar("publish") as progress:
-        published = hg.publish(measured, out, capture=capture, force=force, progress=progress)
-    say(str(published))
+        if boxes:
+            count = LAMPS if lamps is None else lamps
+            said = str(hg.publish_scene(measured, out, lamps=count, force=force, progress=progress))
+        else:
+            said = str(hg.publish(measured, out, capture=capture, force=force, progress=progress))
+    say(said)
     wrote(out if out.suffix.lower() in (".html", ".htm") else out / "index.html")

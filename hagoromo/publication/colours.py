@@ -6,7 +6,7 @@ f = w_d c_b(λ) + w_s e with geometric weights (MODEL §5): with c_b = Σ_j b_j 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,14 +21,15 @@ from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.spectra.body_basis import body_basis
 
 # Lamps that a page offers: its label → the name in colour-science
+DAYLIGHT = "Daylight (D65)"
 NAMED_LAMPS = {
-    "Daylight (D65)": "D65",
+    DAYLIGHT: "D65",
     "Daylight (D50)": "D50",
     "Incandescent (A)": "A",
     "White LED (LED-B3)": "LED-B3",
     "Fluorescent (FL11)": "FL11",
 }
-OF_CAPTURE = "Lamp of the photographs"
+OF_CAPTURE, OF_SCENE = "Lamp of the photographs", "Lamp of the scene"
 EYE = "Human eye (CIE 1931)"
 AS_PHOTOGRAPHED = "As photographed"
 Matrix = NDArray[np.float64]
@@ -38,10 +39,10 @@ Matrix = NDArray[np.float64]
 class PageColours:
     """Colours of C body channels and M materials, for lamps s and cameras c of n channels each.
 
-    lamps, cameras: labels. body[c][s]: (n, C), of a unit of α c_b. interface[c][s]: (n, M). Lamps are equally bright to
-    the eye. balanced[c][s]: (3, n) to linear sRGB, with lamp s as white (1, 1, 1); daylight[c]: with D65 as white.
-    exact: whether the response of the camera and the spectrum of the lamps are known. Where they are not, channels
-    are shown as linear sRGB and only one lamp and one camera are offered.
+    lamps, cameras: labels. body[c][s]: (n, C), of a unit of α c_b. interface[c][s]: (n, M); empty without interfaces.
+    Lamps are equally bright to the eye. balanced[c][s]: (3, n) to linear sRGB, with lamp s as white (1, 1, 1);
+    daylight[c]: with D65 as white. exact: whether the response of the camera and the spectrum of the lamps are known.
+    Where they are not, channels are shown as linear sRGB and only one lamp and one camera are offered.
     """
 
     lamps: tuple[str, ...]
@@ -72,23 +73,41 @@ def page_colours(
         whole = np.eye(count)
         one = ((whole,),), ((interfaces,),), ((to_display,),), (to_display,)
         return PageColours((AS_PHOTOGRAPHED,), (AS_PHOTOGRAPHED,), *one, exact=False)
-    observer, basis = Response.load("cie1931"), body_basis(response, lamp)
-    lit = {OF_CAPTURE: lamp} | {label: Spectrum.named(name) for label, name in NAMED_LAMPS.items()}
-    lamps = {label: one.scaled(1.0 / camera_white(one, observer)[1]) for label, one in lit.items()}
-    day = lamps["Daylight (D65)"]
+    basis = body_basis(response, lamp)
     colours = [_interface(one, basis) for one in materials]
-    cameras = {
-        f"Camera of the photographs ({response.name})" if response.name else "Camera of the photographs": response
-    }
-    if len(response.channels) != 3:
-        cameras = {}
+    return _tables(basis, colours, {OF_CAPTURE: lamp}, "Camera of the photographs", response)
+
+
+def stack_colours(colours: Sequence[Spectrum], response: Response | None, lamps: Sequence[Spectrum]) -> PageColours:
+    """The colours of weights, each a body; response: of the scene's camera; lamps: the spectra of the scene's own."""
+    observer = Response.load("cie1931")
+    stated = [one for one in lamps if np.ptp(one.values) > 0.0 and camera_white(one, observer)[1] > 0.0]
+    own = {OF_SCENE if len(stated) == 1 else f"{OF_SCENE} {k + 1}": one for k, one in enumerate(stated)}
+    return _tables(colours, (), own, "Camera of the scene", response)
+
+
+def _tables(
+    bodies: Sequence[Spectrum],
+    interfaces: Sequence[Spectrum],
+    own_lamps: Mapping[str, Spectrum],
+    camera_label: str,
+    response: Response | None,
+) -> PageColours:
+    """For every lamp, the own ones first, and every camera: `response`, where it has three channels, and the eye."""
+    observer = Response.load("cie1931")
+    lit = {**own_lamps} | {label: Spectrum.named(name) for label, name in NAMED_LAMPS.items()}
+    lamps = {label: one.scaled(1.0 / camera_white(one, observer)[1]) for label, one in lit.items()}
+    cameras: dict[str, Response] = {}
+    if response is not None and len(response.channels) == 3:
+        cameras[f"{camera_label} ({response.name})" if response.name else camera_label] = response
     cameras[EYE] = observer
     body, interface, balanced, daylight = [], [], [], []
     for camera in cameras.values():
-        body.append(tuple(response_matrix(basis, one, camera) for one in lamps.values()))
-        interface.append(tuple(response_matrix(colours, one, camera) for one in lamps.values()))
+        body.append(tuple(response_matrix(bodies, one, camera) for one in lamps.values()))
+        if interfaces:
+            interface.append(tuple(response_matrix(interfaces, one, camera) for one in lamps.values()))
         balanced.append(tuple(_display(camera, one) for one in lamps.values()))
-        daylight.append(_display(camera, day))
+        daylight.append(_display(camera, lamps[DAYLIGHT]))
     return PageColours(
         tuple(lamps), tuple(cameras), tuple(body), tuple(interface), tuple(balanced), tuple(daylight), exact=True
     )

@@ -16,6 +16,8 @@ from hagoromo.files.finite import finite_json
 from hagoromo.version import __version__
 
 FOLDER = "page"
+STACK_MARK = "// <stack.js>\n"
+ABOUT = "Measured from photographs; lit as it was measured."
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Viewer:
 
 @cache
 def part(name: str) -> str:
-    """A file of the viewer: viewer.js, viewer.css, viewer.html, page.css, shade.frag or shadow.frag."""
+    """A file of the viewer: viewer.js, stack.js, viewer.css, viewer.html, page.css, or a shader (.frag)."""
     return files("hagoromo.publication").joinpath(FOLDER, name).read_text(encoding="utf-8")
 
 
@@ -40,7 +42,8 @@ def viewer_style() -> Markup:
 
 def viewer_html(viewer: Viewer, alone: bool = False) -> Markup:
     """The viewer, its data and its script. alone: whether it is the only thing on its page."""
-    shaders = {"shade": part("shade.frag"), "shadow": part("shadow.frag")}
+    names = ("stack",) if "stack" in viewer.data else ("shade", "shadow")
+    shaders = {name: part(f"{name}.frag") for name in names}
     data = {**viewer.data, "alone": alone, "shaders": shaders}
     blocks = [
         ("hv-data", "application/json", finite_json(data, "the page", separators=(",", ":")).replace("<", "\\u003c"))
@@ -48,12 +51,19 @@ def viewer_html(viewer: Viewer, alone: bool = False) -> Markup:
     blocks += [(f"hv-tile-{key}", "text/plain", text) for key, text in viewer.tiles.items()]
     blocks += [(key, "text/plain", text) for key, text in viewer.photographs.items()]
     held = "\n".join(f'<script type="{kind}" id="{key}">{text}</script>' for key, kind, text in blocks)
-    return Markup(f"{part('viewer.html')}{held}\n<script>{part('viewer.js')}</script>")
+    return Markup(f"{part('viewer.html')}{held}\n<script>{script()}</script>")
+
+
+@cache
+def script() -> str:
+    """The viewer's script: its parts as one function, which starts when it has been read."""
+    body = part("viewer.js").replace(STACK_MARK, part("stack.js"))
+    return f'"use strict";\n(() => {{\n{body}}})();\n'
 
 
 def script_hash() -> str:
     """The hash of the viewer's script, as a content security policy names it."""
-    return _hash(part("viewer.js"))
+    return _hash(script())
 
 
 def policy(viewer: Viewer, style: str) -> str:
@@ -87,7 +97,7 @@ def document(viewer: Viewer) -> str:
 <style>{style}</style>
 </head>
 <body>
-<header><h1>{title}</h1><p>Measured from photographs; lit as it was measured.</p></header>
+<header><h1>{title}</h1><p>{escape(str(viewer.data.get("about", ABOUT)))}</p></header>
 <main>
 {viewer_html(viewer, alone=True)}
 </main>

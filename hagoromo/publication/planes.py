@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-PREDICTORS = ("left", "mean", "slope")  # from left a, above b and diagonal c: a; (a + b) / 2; a + b − c
+PREDICTORS = ("left", "mean", "slope", "middle")  # from left a, above b and diagonal c: a; (a + b) / 2; a + b − c; 2¹⁵
 LEVELS = 1 << 16
 MASK = "label"  # the plane that says where the others are known
 Plane = NDArray[np.uint16]
@@ -85,7 +85,8 @@ def _folded(plane: Plane, predictor: str) -> NDArray[np.int64]:
     """Differences from the prediction, as whole numbers from 0."""
     values = plane.astype(np.int64)
     left, above, diagonal = _neighbours(values)
-    guess = {"left": left, "mean": (left + above) >> 1, "slope": left + above - diagonal}[predictor]
+    middle = np.full_like(left, LEVELS // 2)
+    guess = {"left": left, "mean": (left + above) >> 1, "slope": left + above - diagonal, "middle": middle}[predictor]
     difference = (values - guess + LEVELS // 2) % LEVELS - LEVELS // 2
     return np.where(difference < 0, -2 * difference - 1, 2 * difference)
 
@@ -110,6 +111,7 @@ def _unfolded(folded: NDArray[np.int64], predictor: str) -> Plane:
             left = values[r, c - 1] if c else (values[r - 1, 0] if r else 0)
             above = values[r - 1, c] if r else left
             diagonal = values[r - 1, c - 1] if r and c else (above if r else left)
-            guess = {"left": left, "mean": (left + above) >> 1, "slope": left + above - diagonal}[predictor]
+            slope = left + above - diagonal
+            guess = {"left": left, "mean": (left + above) >> 1, "slope": slope, "middle": LEVELS // 2}[predictor]
             values[r, c] = (guess + difference[r, c]) % LEVELS
     return values.astype(np.uint16)

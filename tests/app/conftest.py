@@ -15,6 +15,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import save_box
+from tests.app.in_browser import CHROMIUM, FLAGS, started
 from tests.ball_scene import ball_scene
 
 SCENE = ball_scene()
@@ -30,6 +31,15 @@ gamma = 0.2
 n = 1.4
 body_colour = 0.7
 """
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium without a window, drawing in software."""
+    with started() as running:
+        chromium = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture

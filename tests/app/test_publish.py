@@ -1,8 +1,5 @@
 """A published page, driven in a real browser: its pixels are those of the reflectance, and it loads nothing."""
 
-import base64
-import json
-import os
 import re
 from pathlib import Path
 
@@ -15,57 +12,17 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.publication import object_page
 from hagoromo.publication.planes import pack_planes, unpack_planes
 from hagoromo.publication.publish import publish
+from tests.app.in_browser import Opened
 from tests.app.published_ball import RIDGE, ball, encoded, radiance, ridge
 
-CHROMIUM = "/usr/bin/chromium"
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 STEPS = 2.0  # of 255: what a page may differ by from the reflectance
 HOSTILE = "<script>alert('\"&amp;\"')</script>"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    if not os.path.exists(CHROMIUM):
-        pytest.skip(f"{CHROMIUM} is not there")
-    with playwright.sync_playwright() as running:
-        chromium = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")
 def measured():
     """Far lamps of unknown spectrum."""
     return ball(far=True, name=HOSTILE)
-
-
-class Opened:
-    """A page in the browser, with everything that it complained about or asked for."""
-
-    def __init__(self, browser, path, width=1100, height=800):
-        self.page = browser.new_page(viewport={"width": width, "height": height})
-        self.said, self.asked = [], []
-        self.page.on("console", lambda one: self.said.append(one.text))
-        self.page.on("pageerror", lambda one: self.said.append(str(one)))
-        self.page.on("dialog", lambda one: self.said.append(f"dialog {one.message}"))
-        self.page.on("request", lambda one: self.asked.append(one.url))
-        self.page.goto(path.resolve().as_uri())
-        self.page.evaluate("() => hagoromo.ready")
-
-    def pixels(self):
-        """(h, w, 4) uint8 of the lit picture."""
-        read = self.page.evaluate(
-            "() => { const p = hagoromo.pixels(); let s = ''; for (const v of p.data) s += String.fromCharCode(v);"
-            "return [p.width, p.height, btoa(s)]; }"
-        )
-        return np.frombuffer(base64.b64decode(read[2]), np.uint8).reshape(read[1], read[0], 4)
-
-    def lamp(self):
-        return self.page.evaluate("() => hagoromo.light()[0]")
-
-    def data(self):
-        return json.loads(self.page.evaluate("() => document.getElementById('hv-data').textContent"))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,4 @@
 // The viewer of a published object: unpacks its maps, lights them in WebGL2, and answers mouse, touch and keys.
-"use strict";
-(() => {
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("hv-data").textContent);
 const LAMPS = 4, COARSE = 512, MOST_TILES = 64, STEP = Math.PI / 90, VIEWS = data.views;
@@ -24,7 +22,7 @@ function unfolded(low, high, width, height, predictor) {
       const left = c ? values[i - 1] : r ? values[i - width] : 0;
       const above = r ? values[i - width] : left;
       const diagonal = r && c ? values[i - width - 1] : r ? above : left;
-      const guess = predictor === "left" ? left : predictor === "mean" ? (left + above) >> 1 : left + above - diagonal;
+      const guess = predictor === "left" ? left : predictor === "mean" ? (left + above) >> 1 : predictor === "middle" ? 32768 : left + above - diagonal;
       const folded = low[i] | (high ? high[i] << 8 : 0);
       values[i] = guess + (folded & 1 ? -((folded + 1) >> 1) : folded >> 1);
     }
@@ -95,12 +93,12 @@ function toDisplay() {
 function lampColours(lamp) {  // display colours of a unit of each body channel, and of each material's interface
   const colours = data.colours, own = light(lamp).colour;
   let body = product(toDisplay(), colours.body[state.camera][lamp.spectrum]);
-  let interfaces = colours.interface[state.camera][lamp.spectrum];
+  let interfaces = colours.interface.length ? colours.interface[state.camera][lamp.spectrum] : null;
   if (own && !colours.exact) {
     body = body.map((row) => row.map((v, c) => v * own[c]));
     interfaces = interfaces.map((row, c) => row.map((v) => v * own[c]));
   }
-  return { body, interface: product(toDisplay(), interfaces) };
+  return { body, interface: interfaces && product(toDisplay(), interfaces) };
 }
 
 // ---------------------------------------------------------------- WebGL
@@ -157,14 +155,15 @@ const pair = (v) => `vec2(${v.map(float).join(", ")})`;
 let shade, shadow, show, raysTexture, materialsTexture, shadowTarget = null, buffer, photographTextures = {};
 
 function prepare() {
-  const head = `#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp usampler2D;\nprecision highp usampler2DArray;\n` +
-    `precision highp sampler2D;\n#define LAMPS ${LAMPS}\n#define CHANNELS ${data.scales.channels}\n#define SCALE_GAMMA ${pair(data.legend.gamma)}\n#define SCALE_PEAK ${pair(data.legend.peak)}\n`;
-  shade = program(head + data.shaders.shade);
-  shadow = program(head + data.shaders.shadow);
+  const head = `#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp usampler2D;\nprecision highp usampler2DArray;\nprecision highp sampler2D;\n`;
   show = program(PICTURE);
   buffer = gl.createFramebuffer();
   gl.bindVertexArray(gl.createVertexArray());
   gl.disable(gl.DITHER);
+  if (data.stack) { shade = program(`${head}#define LAYERS ${stackLayers()}\n${data.shaders.stack}`); return; }
+  const sizes = `#define LAMPS ${LAMPS}\n#define CHANNELS ${data.scales.channels}\n#define SCALE_GAMMA ${pair(data.legend.gamma)}\n#define SCALE_PEAK ${pair(data.legend.peak)}\n`;
+  shade = program(head + sizes + data.shaders.shade);
+  shadow = program(head + sizes + data.shaders.shadow);
   const rays = data.rays;
   raysTexture = texture(gl.TEXTURE_2D, gl.RG32F, rays.columns, rays.rows, 0, new Float32Array(rays.values), gl.FLOAT, gl.RG);
 }
@@ -194,6 +193,7 @@ function bound(used, name, unit, kind, one) {
 }
 
 function updateMaterials() {
+  if (data.stack) return;
   const count = data.materials.length, rows = 2 + LAMPS, values = new Float32Array(4 * count * rows);
   data.materials.forEach((one, m) => {
     values.set([one.beta, one.gamma, one.n, one.tail], 4 * m);
@@ -208,6 +208,8 @@ function updateMaterials() {
 }
 
 // ---------------------------------------------------------------- tiles
+
+// <stack.js>
 
 const tiles = new Map();
 
@@ -321,7 +323,7 @@ const wanted = new Set();
 async function addTile(key, header, text) {
   const [level, column, row] = key.split("-").map(Number), planes = await unpacked(header, text);
   if (data.scales.depth && !relief && data.levels[level].tiles === 1) makeRelief(header, planes, data.levels[level].factor);
-  tiles.set(key, new Tile(level, column * data.side, row * data.side, header, planes));
+  tiles.set(key, data.stack ? new StackTile(header, planes) : new Tile(level, column * data.side, row * data.side, header, planes));
   ask();
 }
 
@@ -624,6 +626,10 @@ function connect() {
   options(byId("hv-camera"), data.colours.cameras);
   byId("hv-spectrum-label").hidden = byId("hv-camera-label").hidden = byId("hv-balance-label").hidden = !data.colours.exact;
   byId("hv-shadows-label").hidden = !data.scales.depth;
+  byId("hv-view").hidden = !!data.stack;
+  const assumed = byId("hv-assumptions");
+  assumed.hidden = !(data.assumptions || []).length;
+  assumed.querySelector("ul").append(...(data.assumptions || []).map((one) => { const made = document.createElement("li"); made.textContent = one; return made; }));
   byId("hv-compare-field").hidden = !data.photographs.length;
   options(byId("hv-photograph"), ["nothing", ...data.photographs.map((one) => one.name)]);
   [...byId("hv-photograph").options].forEach((one, k) => { one.value = String(k - 1); });
@@ -786,4 +792,3 @@ async function start() {
 const ready = start().catch((error) => { message.hidden = false; message.textContent = error.message; throw error; });
 canvas.addEventListener("webglcontextlost", () => { message.hidden = false; message.textContent = "The graphics processor was reset: load the page again."; });
 window.hagoromo = { ready, state, pixels, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
-})();

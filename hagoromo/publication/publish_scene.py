@@ -1,0 +1,94 @@
+"""Publish a scene: volume boxes before one camera → one page on which a lamp is moved around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hagoromo.errors import InputError
+from hagoromo.files.whole import whole_file
+from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings, scene_and_settings
+from hagoromo.light.lamp import Lamp
+from hagoromo.progress import Progress, part_of, silent
+from hagoromo.publication.colours import stack_colours
+from hagoromo.publication.document import document
+from hagoromo.publication.publish import LIMIT_BYTES
+from hagoromo.publication.stack_page import stack_page
+from hagoromo.publication.weight_stack import box_camera, limited, weight_stack
+from hagoromo.transport.lighting import distinct
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.store.box_store import load_box
+
+LAMPS = 64  # over the hemisphere: 18° apart
+LONGEST_SIDE = 512  # px of the picture
+SAMPLES = 4  # rays a pixel of a box alone
+
+
+@dataclass(frozen=True)
+class PublishedScene:
+    """path: of the page. size: of the file [bytes]. width, height: of the picture [px]. lamps: that are stored.
+
+    stored_error, error_between: root mean square error of display values, of 255, under the stored lamps, and under
+    each of them as predicted from the others.
+    """
+
+    path: Path
+    size: int
+    width: int
+    height: int
+    lamps: int
+    stored_error: float
+    error_between: float
+
+    def __str__(self) -> str:
+        """One line."""
+        return (
+            f"{self.width} × {self.height} px under {self.lamps} lamps, {self.size / 1e6:.2f} MB; "
+            f"error {self.stored_error:.1f} of 255 under these lamps, {self.error_between:.1f} between them (rms)"
+        )
+
+
+def publish_scene(
+    scene: Scene | VolumeBox | str | Path,
+    out: str | Path,
+    *,
+    lamps: int = LAMPS,
+    settings: Settings | None = None,
+    limit: int = LIMIT_BYTES,
+    force: bool = False,
+    progress: Progress = silent,
+) -> PublishedScene:
+    """A page on which a scene, seen by its camera, is lit by lamps that are moved, in any browser from 2023 on.
+
+    The scene is rendered under each of `lamps` far lamps, evenly over the hemisphere in front of the camera, as
+    geometric weights: spectra of lamps and cameras are chosen on the page, exactly. Between the stored lamps the
+    weights are interpolated; the errors of both are on the page and in the result.
+
+    scene: a `Scene`, the path of a scene TOML, or a volume box or its path, which is seen from the front. Its own lamps
+    give their spectra only. out: NAME.html, of at most `limit` bytes; the picture is reduced where it must be.
+
+    `InputError` for another name, a number of lamps that is too small or too large, or a page that cannot fit.
+    """
+    target = Path(out)
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{target}: the page of a scene is one file: give a name such as page.html")
+    file = Path(scene).stem if isinstance(scene, (str, Path)) else ""
+    if not isinstance(scene, (Scene, VolumeBox)) and Path(scene).suffix.lower() != ".toml":
+        scene = load_box(scene)
+    if isinstance(scene, VolumeBox):
+        settings = settings or Settings(samples=SAMPLES)
+        scene = Scene(box_camera(scene, LONGEST_SIDE), (Lamp(to_lamp=(0.0, -1.0, 1.0)),), (scene,))
+    shown, stated = scene_and_settings(scene, settings)
+    shown = replace(shown, camera=limited(shown.camera, LONGEST_SIDE))
+    stack = weight_stack(shown, lamps, stated, part_of(progress, 0.0, 0.9))
+    if not stack.known.any():
+        raise InputError("the camera sees no matter: turn it towards the scene")
+    colours = stack_colours(stack.colours, shown.camera.response, distinct([one.spectrum for one in shown.lamps]))
+    named = next((box.name for box in shown.boxes if box.name), file or "Volume box")
+    page, packed = stack_page(stack, colours, named, limit)
+    text = document(page.viewer)
+    with whole_file(target, force) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+    progress(1.0, "")
+    return PublishedScene(target, len(text.encode()), *page.size, lamps, packed.stored_error, packed.error_between)

@@ -1,0 +1,116 @@
+"""Weight stack: a scene as one camera sees it under far lamps, one at a time, as geometric weights of its colours.
+
+f = w_d c_b(λ) + w_s e: with the weights of each colour kept apart, spectra of lamps and cameras may be chosen later
+(MODEL §5). Axes of a page: x right, y up, z to the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.files.memory import require
+from hagoromo.image.render import render
+from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.progress import Progress, silent
+from hagoromo.publication.export.lit import hemisphere
+from hagoromo.publication.surface_maps import FLIP
+from hagoromo.volume.box import VolumeBox
+
+FEWEST_LAMPS, MOST_LAMPS = 8, 512
+COPIES = 3  # of the weights that are in memory at once
+FIELD = 1.06  # of view of `box_camera`, sizes of the matter
+AWAY, TOWARDS = 8.0, (0.25, -1.0, 0.3)  # sizes of the matter from it to that camera, and its direction
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WeightStack:
+    """weights: (h, w, N, P) float32, radiance per unit of lamp spectrum and of colour, under a lamp of irradiance 1.
+
+    alpha: (h, w) coverage 0…1. directions: (N, 3) unit, to the lamps, page's axes. colours: P spectra.
+    """
+
+    weights: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    directions: NDArray[np.float64]
+    colours: tuple[Spectrum, ...]
+
+    def __repr__(self) -> str:
+        height, width, lamps, colours = self.weights.shape
+        return f"WeightStack({width} × {height} px, {lamps} lamps, {colours} colours)"
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(h, w) pixels with matter in them."""
+        return self.alpha > 0.0
+
+    def reduced(self, factor: float) -> WeightStack:
+        """With pixels `factor` times as wide: means of those of the stack, as light adds."""
+        import cv2
+
+        height, width, lamps, colours = self.weights.shape
+        size = max(round(width / factor), 1), max(round(height / factor), 1)
+        small = np.empty((size[1], size[0], lamps, colours), np.float32)
+        for lamp in range(lamps):
+            for colour in range(colours):
+                plane = np.ascontiguousarray(self.weights[:, :, lamp, colour])
+                small[:, :, lamp, colour] = cv2.resize(plane, size, interpolation=cv2.INTER_AREA)
+        alpha = cv2.resize(self.alpha, size, interpolation=cv2.INTER_AREA)
+        return replace(self, weights=small, alpha=alpha.astype(np.float32))
+
+
+def weight_stack(scene: Scene, lamps: int, settings: Settings, progress: Progress = silent) -> WeightStack:
+    """`scene` under `lamps` far lamps in place of its own, evenly over the hemisphere in front of its camera.
+
+    `InputError` for fewer or more lamps than can be told apart, and for a stack larger than the memory.
+    """
+    if not FEWEST_LAMPS <= lamps <= MOST_LAMPS:
+        raise InputError(f"{lamps} lamps over the hemisphere: give {FEWEST_LAMPS} to {MOST_LAMPS}")
+    colours = sum(len(box.materials) + len(box.basis) for box in scene.boxes) + 2 * len(scene.surfaces)
+    size = 4.0 * COPIES * scene.camera.width * scene.camera.height * lamps * max(colours, 2)
+    require(size, f"a picture of {scene.camera.width} × {scene.camera.height} px under {lamps} lamps")
+    directions = hemisphere(lamps, 0.0)
+    turn = scene.camera.world_to_camera[:3, :3].T @ FLIP
+    lit = scene.with_lamps(*(Lamp(to_lamp=turn @ one, name=f"{k}") for k, one in enumerate(directions)))
+    image = render(lit, replace(settings, separate_lamps=True), progress)
+    height, width, _ = image.weights.shape
+    weights = image.weights.reshape(height, width, lamps, -1)[:, :, list(image.palette.lamp_groups)]
+    return WeightStack(np.maximum(weights, 0.0), image.alpha, directions, tuple(image.palette.colours))
+
+
+def box_camera(box: VolumeBox, pixels: int) -> Camera:
+    """A square picture of the matter of `box`, seen from the front and a little from above."""
+    low, high = ((bound + 0.5) * box.voxel_size for bound in box.bricks.bounds)
+    unit = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    corners = (low + unit * (high - low)) @ box.pose[:3, :3].T + box.pose[:3, 3]
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    away = AWAY * float(np.linalg.norm(high - low))
+    straight = Camera(pixels, pixels, (1.0, 1.0), (0.5 * pixels, 0.5 * pixels))
+    straight = straight.look_at(middle + away * np.asarray(TOWARDS) / np.linalg.norm(TOWARDS), middle)
+    across = (corners - middle) @ straight.world_to_camera[:2, :3].T
+    focal = pixels * away / (FIELD * 2.0 * float(np.abs(across).max()))
+    return replace(straight, focal=(focal, focal))
+
+
+def limited(camera: Camera, longest: int) -> Camera:
+    """The same view with at most `longest` px along the longer side."""
+    share = longest / max(camera.width, camera.height)
+    if share >= 1.0:
+        return camera
+    width, height = max(round(camera.width * share), 1), max(round(camera.height * share), 1)
+    across, down = width / camera.width, height / camera.height
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        focal=(camera.focal[0] * across, camera.focal[1] * down),
+        principal=(camera.principal[0] * across, camera.principal[1] * down),
+        sensor=None,
+    )

@@ -1,0 +1,133 @@
+"""The page of a volume box: its pixels are those of `render` under stored and other lamps, to what it states."""
+
+import math
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+from hagoromo.image.scene import Scene
+from hagoromo.publication.export.lit import hemisphere, shown
+from hagoromo.publication.stack_basis import STORED_ERROR, packed_stack
+from hagoromo.publication.surface_maps import FLIP
+from hagoromo.publication.weight_stack import WeightStack
+from tests.app.in_browser import Opened
+
+LAMPS, SIZE, CAMERA = 12, 31, "canon_eos_300d"
+ROUNDED = 0.5  # of 255: 8 bits of a pixel (0.29), single precision in the browser
+
+
+def scene():
+    """A fuzzy ball of a coloured body and some gloss, seen from the front."""
+    z, y, x = np.mgrid[:13, :13, :13] - 6.0
+    radius = np.sqrt(x * x + y * y + z * z)
+    axis = np.stack([x, y, z], axis=-1) / np.maximum(radius, 0.1)[..., None]
+    matter = hg.Reflectance(0.2, 0.3, 0.35, 1.5, hg.Spectrum([400, 550, 700], [0.2, 0.5, 0.9]))
+    density = np.clip(5.5 - radius, 0, 1).astype(np.float32)
+    box = hg.VolumeBox.from_arrays(density, axis.astype(np.float32), 0.01, 200.0, [matter], name="ball of fuzz")
+    camera = hg.Camera(SIZE, SIZE + 4, (200, 200), (15, 17), response=hg.Response.load(CAMERA))
+    return Scene(camera.look_at((0.065, -1.0, 0.3), (0.065, 0.065, 0.065)), (hg.Lamp(to_lamp=(0, -1, 1)),), (box,))
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory):
+    path = tmp_path_factory.mktemp("stack") / "page.html"
+    return hg.publish_scene(scene(), path, lamps=LAMPS)
+
+
+@pytest.fixture(scope="module")
+def elsewhere():
+    """The scene by `render` under twelve lamps, of which four are stored ones: directions, and an Image of each."""
+    directions = np.concatenate([hemisphere(LAMPS, 0.0)[[0, 4, 7, 10]], hemisphere(LAMPS - 4, 0.12)])
+    turn = scene().camera.world_to_camera[:3, :3].T @ FLIP
+    lamps = [hg.Lamp(to_lamp=turn @ one, intensity=math.pi, name=str(k)) for k, one in enumerate(directions)]
+    image = hg.render(scene().with_lamps(*lamps), hg.Settings(separate_lamps=True))
+    off = {str(k): 0.0 for k in range(LAMPS)}
+    return directions, [image.with_lamps(strength=off | {str(k): 1.0}) for k in range(LAMPS)]
+
+
+def differences(opened, directions, images, lamp="D65"):
+    """Root mean square difference [of 255] of the page from `render` under each lamp, where there is matter."""
+    exposure, off = opened.data()["exposure"], []
+    for to_lamp, image in zip(directions, images, strict=True):
+        opened.point_lamp(to_lamp)
+        light = hg.Spectrum.named(lamp)
+        linear = image.linear_srgb([light] * LAMPS)
+        pixels, inside = opened.pixels(), image.alpha > 0
+        np.testing.assert_allclose(pixels[..., 3] / 255.0, image.alpha, atol=1 / 255)
+        off.append(np.sqrt(np.mean((pixels[..., :3] - 255.0 * shown(exposure * linear, 1.0))[inside] ** 2)))
+    return np.array(off)
+
+
+def test_pixels_are_those_of_render_under_stored_and_other_lamps(browser, published, elsewhere):
+    """Under stored lamps to STORED_ERROR, between them to what the page states, which is from other lamps left out.
+
+    A lamp left out is farther from its neighbours than one between them, so that the stated error is an upper bound of
+    the mean; that a lamp is worse than twice it would say that the statement misleads.
+    """
+    directions, images = elsewhere
+    opened = Opened(browser, published.path)
+    opened.page.select_option("#hv-camera", label="Human eye (CIE 1931)")
+    off = differences(opened, directions, images)
+    assert np.sqrt(np.mean(off[:4] ** 2)) < STORED_ERROR + ROUNDED
+    assert np.sqrt(np.mean(off[4:] ** 2)) < published.error_between
+    assert off[4:].max() < 2.0 * published.error_between
+    assert published.error_between > 2.0 * STORED_ERROR  # twelve lamps are too few, and it says so
+    assert opened.said == [] and opened.asked == [published.path.resolve().as_uri()]
+
+
+def test_spectra_of_lamps_are_exact_and_lamps_add(browser, published, elsewhere):
+    directions, images = elsewhere
+    opened = Opened(browser, published.path)
+    opened.page.select_option("#hv-camera", label="Human eye (CIE 1931)")
+    opened.page.select_option("#hv-spectrum", label="Incandescent (A)")
+    assert differences(opened, directions[:2], images[:2], "A").max() < STORED_ERROR + 2 * ROUNDED
+    one = opened.pixels()[..., :3].astype(float)
+    opened.page.get_by_title("Add a lamp").click()
+    opened.page.evaluate(
+        "() => { const [a, b] = hagoromo.state.lamps; Object.assign(b, a); a.strength = b.strength = 0.5;"
+        "hagoromo.redraw(); }"
+    )
+    assert np.abs(opened.pixels()[..., :3] - one).max() <= 1
+
+
+def test_the_page_says_what_it_assumes_and_offers_nothing_else(browser, published):
+    opened = Opened(browser, published.path)
+    said = opened.page.locator("#hv-assumptions").text_content()
+    assert f"{LAMPS} far lamps" in said and f"{published.error_between:.1f} of 255" in said
+    assert not opened.page.locator("#hv-view").is_visible() and not opened.page.locator("#hv-shadows").is_visible()
+    assert opened.page.title() == "ball of fuzz"
+    assert published.size == published.path.stat().st_size < 5_000_000
+
+
+def test_smooth_light_is_stored_and_interpolated_nearly_exactly():
+    """A sphere by Lambert, far from its edge, is a smooth function of the direction: an oracle without a renderer."""
+    y, x = (np.mgrid[:23, :29] - np.array([11, 14])[:, None, None]) / 30.0
+    normal = np.stack([x, -y, np.sqrt(1 - x * x - y * y)], axis=-1)
+    directions = hemisphere(64, 0.0)
+    lit = np.stack([1.2 + normal @ one for one in directions], axis=2)
+    weights = np.stack([lit, 0.2 * lit**2], axis=3).astype(np.float32)
+    colours = (hg.Spectrum.constant(1.0), hg.Spectrum.constant(0.5))
+    stack = WeightStack(weights, np.ones((23, 29), np.float32), directions, colours)
+    packed = packed_stack(stack, np.array([[1.0, 0.2]] * 3), 0.4)
+    assert packed.stored_error <= STORED_ERROR and packed.error_between < 1.5 * STORED_ERROR
+    assert packed.scales["components"] < 20  # of 128
+
+
+def test_a_page_of_a_scene_is_refused_in_one_line(refused, box, tmp_path):
+    assert "page.html" in refused("publish", box, "--out", tmp_path / "folder")
+    assert "give 8 to 512" in refused("publish", box, "--out", tmp_path / "a.html", "--lamps", "3")
+    assert "--capture" in refused("publish", box, "--out", tmp_path / "a.html", "--capture", tmp_path)
+    assert "--lamps" in refused("publish", tmp_path, "--out", tmp_path / "a.html", "--lamps", "9")
+
+
+def test_a_page_of_a_scene_keeps_its_limit(published, tmp_path):
+    limit = published.size - 4_000
+    small = hg.publish_scene(scene(), tmp_path / "small.html", lamps=LAMPS, limit=limit)
+    assert small.size <= limit and small.width < published.width == SIZE
+    assert "reduced" in (tmp_path / "small.html").read_text("utf-8")
+    with pytest.raises(hg.InputError, match="too small"):
+        hg.publish_scene(scene(), tmp_path / "a.html", lamps=LAMPS, limit=20_000)
+    assert main(["publish", str(tmp_path / "none.toml"), "--out", str(tmp_path / "a.html")]) == 2
+    assert [one.name for one in tmp_path.iterdir()] == ["small.html"]
