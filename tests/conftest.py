@@ -5,5 +5,17 @@ Its threads wait by spinning: several test processes that share the cores would 
 
 import os
 
+import pytest
+
 os.environ["MPLBACKEND"] = "Agg"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy are first imported
+
+
+@pytest.fixture
+def few_match_points(monkeypatch):
+    """Texels are matched at few points, a fifth of the time: for tests that do not ask how well their levels match."""
+    from hagoromo.matter.texel import texel_match
+
+    for name, count in (("POINTS", 1 << 10), ("DRAWN", 64)):
+        monkeypatch.setattr(texel_match, f"{name}_OF_FINEST", count)
+        monkeypatch.setattr(texel_match, f"{name}_OF_COARSE", count)

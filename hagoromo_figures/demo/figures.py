@@ -71,17 +71,21 @@ PAPER_FIGURES = {
 class Cast:
     """The parts of the figures; each is built at its first use and reused in later pictures.
 
-    measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter.
+    measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter. without:
+    parts that are left out of all pictures.
     """
 
-    def __init__(self, measured: Mapping[str, Reflectance], resolution: float, seed: int) -> None:
-        self.measured, self.resolution, self.seed = measured, resolution, seed
+    def __init__(
+        self, measured: Mapping[str, Reflectance], resolution: float, seed: int, without: tuple[str, ...] = ()
+    ) -> None:
+        self.measured, self.resolution, self.seed, self.without = measured, resolution, seed, without
         self.materials, self._boxes = wardrobe(measured), {}
 
     def scene(self, name: str, camera: Camera, progress: Progress) -> Scene:
         """The scene of one of PAPER_FIGURES."""
         shot, boxes = PAPER_FIGURES[name], []
-        wanted = [(who, part) for who in shot.figures for part in PART_MATERIALS[who] if part not in shot.without]
+        without = {*shot.without, *self.without}
+        wanted = [(who, part) for who in shot.figures for part in PART_MATERIALS[who] if part not in without]
         for number, (who, part) in enumerate(wanted):
             progress(number / len(wanted))
             box = self._box(who, part)

@@ -139,12 +139,12 @@ def test_a_wif_becomes_a_cloth(tmp_path):
     assert cloth.palette == ((0, 0), (1, 2), (0, 1))
 
 
-def test_a_recipe_takes_from_a_wif_what_it_does_not_tell_itself(tmp_path):
+def test_a_recipe_takes_from_a_wif_what_it_does_not_tell_itself(tmp_path, few_match_points):
     """Four yarns 0.5 and 0.625 mm apart repeat; white and red warp, blue weft, unless [[colour]] tells colours."""
     wif(tmp_path, WIF)
     material = {"alpha": 0.25, "beta": 0.1, "gamma": 0.4, "n": 1.5, "body_colour": 0.5}
     recipe = {"kind": "cloth", "width_mm": 4.0, "height_mm": 4.0, "resolution": 0.3, "material": material}
-    recipe |= {"draft": {"file": str(tmp_path / "a.wif")}, "warp": {"fibres": 20}}
+    recipe |= {"variants": 1, "draft": {"file": str(tmp_path / "a.wif")}, "warp": {"fibres": 20}}
     box = build(recipe)
     at = lambda nm: [round(float(m.body_colour.at(nm)), 3) for m in box.materials]  # noqa: E731
     assert [at(650), at(430)] == [[0.85, 0.0, 0.85], [0.85, pytest.approx(0.077, abs=0.001), 0.0]]

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.drape.collider import Collider
 from hagoromo.matter.drape.cut import Cut
 from hagoromo.matter.drape.drape import over_ball as cloth_over_ball
@@ -19,12 +20,16 @@ from hagoromo.matter.drape.settle import Fabric, Fall, settled
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.shape import sphere
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+from hagoromo_figures.figure import wardrobe
 from hagoromo_figures.figure.garment import garments
 from hagoromo_figures.figure.habit import BUST, STEP
 from hagoromo_figures.figure.mannequin import trunk
 from hagoromo_figures.figure.pose import PRAYER, WELCOME
 
 BALL = (0.0, 0.0, 15.0), 15.0
+FIBRE = Reflectance(0.25, 0.3, 0.3, 1.5, Spectrum.constant(0.5), element="cylinder")
 NOTHING = Collider([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
 
 
@@ -247,6 +252,46 @@ def test_figures_are_dressed_from_the_neck_to_the_ground(figure, names):
     assert points[:, 2].min() == pytest.approx(0.6, abs=0.2)
     assert 215.0 < points[:, 2].max() < 272.0
     assert np.abs(points[:, :2]).max() < 75.0
+
+
+def kept(box: VolumeBox) -> tuple[np.ndarray, np.ndarray]:
+    """World points of the voxels of a chart, and the heights over the cloth that they hold, (n, 3) and (n) [mm]."""
+    share, axis = box.bricks.dense()
+    there = (np.linalg.norm(axis, axis=-1) > 0.5) & (share > 0.1) & (share < 1.0)
+    low, high = box.band
+    return voxel_points(box)[there], 1e3 * (low + share[there].astype(float) * (high - low))
+
+
+def voxel_points(box: VolumeBox) -> np.ndarray:
+    """Middles of all voxels [mm]."""
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in box.bricks.shape), indexing="ij"), axis=-1)[..., ::-1]
+    return 1e3 * ((index + 0.5) * box.voxel_size + box.pose[:3, 3])
+
+
+def test_a_garment_is_a_box_of_cloth_around_its_sheets(monkeypatch, few_match_points):
+    """A level piece in place of the nun's linen, which takes a minute to drape: its chart tells heights over it.
+
+    To a step of a half float over the band, in every column of voxels over its area.
+    """
+    monkeypatch.setattr(wardrobe, "_sheets", lambda *_: {"linen": [flat(15.0, 11.0, 20.0).sheet(1.0)]})
+    box = wardrobe.garment_of("nun", "linen", FIBRE, 0.4).box()
+    assert box.texel is not None and {m.element for m in box.materials} == {"cylinder"}
+    points, heights = kept(box)
+    over = (np.abs(points) < (7.5, 5.5, np.inf)).all(axis=1) & (np.abs(points[:, 2] - 20.0) < 1.5)
+    off, high = points[over, 2] - 20.0, heights[over]
+    band_mm = 1e3 * (box.band[1] - box.band[0])
+    assert min(np.abs(off - high).max(), np.abs(off + high).max()) < band_mm / 2048  # the upper side is u × v
+    columns = voxel_points(box)[0, :, :, :2]
+    assert len(np.unique(points[over, :2], axis=0)) == (np.abs(columns) < (7.5, 5.5)).all(axis=-1).sum() > 150
+
+
+@pytest.mark.slow  # a minute each
+@pytest.mark.parametrize(("figure", "name", "height"), [("angel", "robe", 200.0), ("nun", "linen", 40.0)])
+def test_garments_of_figures_are_boxes(figure, name, height):
+    """As the demo has them, but coarser."""
+    box = wardrobe.garment_of(figure, name, FIBRE, 0.4).box()
+    points, _ = kept(box)
+    assert box.texel is not None and np.ptp(points[:, 2]) > height and np.abs(points[:, :2]).max() < 80.0
 
 
 @pytest.mark.parametrize(

@@ -83,9 +83,11 @@ def cell_at(x: Any, z: Any, height: Any) -> Any:
 
 def _cells(places: NDArray[np.float64], thick: float) -> NDArray[np.int64]:
     """Numbers of all cells within SAMPLE_REACH of places, and `thick` in height."""
-    cell_numbers, reach = [], np.array([SAMPLE_REACH, SAMPLE_REACH, thick])
+    on_axes, reach = [], np.array([SAMPLE_REACH, SAMPLE_REACH, thick])
     steps = np.ceil(2.0 * reach / CELL_SIZE).astype(int)  # no step is longer than a cell
-    for step in np.ndindex(*(steps + 1)):
-        at = ((places + (2.0 * np.array(step) / steps - 1.0) * reach - LOW) / CELL_SIZE).astype(int)
-        cell_numbers.append(np.ravel_multi_index(tuple(np.clip(at, 0, SHAPE - 1).T), tuple(SHAPE)))
-    return np.unique(np.concatenate(cell_numbers))
+    for k, count in enumerate(steps):
+        offsets = (2.0 * np.arange(count + 1) / count - 1.0) * reach[k]
+        at = ((places[:, k, None] + offsets - LOW[k]) / CELL_SIZE[k]).astype(int)
+        on_axes.append(np.clip(at, 0, SHAPE[k] - 1))
+    x, z, height = on_axes
+    return np.unique((x[:, :, None, None] * SHAPE[1] + z[:, None, :, None]) * SHAPE[2] + height[:, None, None, :])
