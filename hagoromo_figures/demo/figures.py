@@ -71,8 +71,8 @@ PAPER_FIGURES = {
 class Cast:
     """The parts of the figures; each is built at its first use and reused in later pictures.
 
-    measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter. without:
-    parts that are left out of all pictures.
+    measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter.
+    without: parts that are left out of all pictures.
     """
 
     def __init__(
