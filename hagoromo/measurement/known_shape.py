@@ -75,7 +75,7 @@ def with_separation(capture: Capture, measurement: Measurement) -> Measurement:
 
     `capture` must have points and normals. Body colours are those of the materials.
     """
-    body = body_map(capture, measurement.labels, measurement.materials)
+    body = body_map(capture, measurement.labels, measurement.materials, None, measurement.gloss)
     return replace(measurement, separation=_separated(capture, body)[1])
 
 

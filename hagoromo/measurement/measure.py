@@ -25,7 +25,7 @@ from hagoromo.measurement.material.body_spectra import body_spectra
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import GlossModel
-from hagoromo.measurement.normals.gloss_estimate import measurement_of
+from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals
 from hagoromo.measurement.surface.depth import Surface, surface_from_normals
 from hagoromo.measurement.surface.large_capture import large_source, solve_large
@@ -142,7 +142,7 @@ def _measured(
     else:
         away = _distance(capture.photographs[0], distance, wanted)
         normals, surface = _solve(capture, away, progress, wanted.model)
-        measurement = _with_shape(capture, normals, surface)
+        measurement = with_solved_shape(capture, normals, surface)
         assert measurement.capture is not None
         measurement = with_separation(measurement.capture, measurement)
     return replace(measurement, body_spectra=body_spectra(capture, measurement.materials))
@@ -157,7 +157,7 @@ def _measure_tiles(
     workers: Workers | None,
 ) -> Measurement:
     coarse, fine = solve_large(source, scratch, distance, progress, model, workers)
-    measurement = _with_shape(coarse.capture, coarse.normal_map, coarse.surface)
+    measurement = with_solved_shape(coarse.capture, coarse.normal_map, coarse.surface)
     materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
 
@@ -172,13 +172,19 @@ def _solve(capture: Capture, distance: float, progress: Progress, model: GlossMo
     return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)
 
 
-def _with_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measurement:
+def with_solved_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measurement:
     """The Measurement of `capture`, whose shape was solved."""
     measurement = measurement_of(capture, normals)
     return replace(
         measurement,
         points=surface.points,
-        body=BodyMap(normals.body, None, measurement.materials, measurement.labels),
+        body=BodyMap(
+            normals.body,
+            None,
+            measurement.materials,
+            measurement.labels,
+            gloss=solved_gloss_map(normals, measurement.materials, measurement.labels),
+        ),
         normal_variance=normals.variance,
         distance_variance=surface.variance,
         capture=replace(capture, points=surface.points, normals=normals.normals),

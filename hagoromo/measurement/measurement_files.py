@@ -12,7 +12,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import decode, read_json, write_json, written_by
-from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
 from hagoromo.measurement.material.separation import Separation, write_separation
@@ -50,7 +50,10 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         _write_surface(home, fine.labels, fine.normals, fine.points, (fine.variance, fine.depth_variance))
         write_exr(home / "body.exr", dict(zip(_solved_names(channels), np.moveaxis(fine.body, 2, 0), strict=True)))
     if measurement.gloss is not None:
-        write_exr(home / "gloss.exr", measurement.gloss.channels())
+        maps = measurement.gloss
+        if measurement.fine is not None:
+            maps = maps.of_size(*measurement.fine.labels.shape)
+        write_exr(home / "gloss.exr", maps.channels())
     if measurement.separation is not None:
         write_separation(measurement.separation, default_channels(channels), home)
     for i, residual in enumerate(measurement.residuals):
@@ -138,6 +141,7 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
         beta, gamma, beta_error, gamma_error = (np.where(has_gloss, one, np.nan).astype(np.float64) for one in maps)
         errors = np.full(value.shape, np.nan) if error is None else error
         gloss = GlossMap(beta, gamma, beta_error, gamma_error, value, errors)
+        gloss = with_tails(gloss, surface.materials, surface.labels)
     return BodyMap(value, error, surface.materials, surface.labels, gloss=gloss)
 
 

@@ -36,6 +36,8 @@ class GlossMap:
     Errors are those of a logarithm times the value: the 95 % interval of β is β exp(±1.96 error/β). Where photographs
     carry little information, the errors rely on the prior of the material: intervals are too narrow for a region whose
     gloss is so low that it is hardly measurable.
+    nu: of the tails of the facets, infinite where they are Gaussian, and its standard error; one for all pixels of a
+    material. None: all facets are Gaussian.
     """
 
     beta: Array
@@ -44,12 +46,23 @@ class GlossMap:
     gamma_error: Array
     body: Array
     body_error: Array
+    nu: Array | None = None
+    nu_error: Array | None = None
+
+    def of_size(self, height: int, width: int) -> GlossMap:
+        """The maps of an image of another size: that of the pixel at the same place."""
+        rows = np.arange(height) * self.beta.shape[0] // height
+        columns = np.arange(width) * self.beta.shape[1] // width
+        parts = {key: None if one is None else one[np.ix_(rows, columns)] for key, one in vars(self).items()}
+        return replace(self, **parts)
 
     def channels(self) -> dict[str, NDArray[np.float32]]:
-        """The channels of an EXR: 0 where unknown."""
+        """The channels of an EXR: 0 where unknown; `nu`, where a material has tails, is 0 for Gaussian facets."""
         maps = {
             "beta": self.beta, "gamma": self.gamma, "error.beta": self.beta_error, "error.gamma": self.gamma_error,
         }  # fmt: skip
+        if self.nu is not None and self.nu_error is not None:
+            maps |= {"nu": self.nu, "error.nu": self.nu_error}
         return {name: np.where(np.isfinite(one), one, 0.0).astype(np.float32) for name, one in maps.items()}
 
 
@@ -78,7 +91,16 @@ def gloss_map(
             for key in ("beta", "gamma"):
                 getattr(maps, key)[index] = getattr(material, key)
                 getattr(maps, f"{key}_error")[index] = material.standard_error.get(key) or np.nan
-    return updated, maps
+    return updated, with_tails(maps, updated, labels)
+
+
+def with_tails(maps: GlossMap, materials: Sequence[MaterialEstimate], labels: NDArray[np.integer]) -> GlossMap:
+    """`maps` with ν of the material of each pixel, where a material has tails."""
+    if not any(np.isfinite(material.nu) for material in materials):
+        return maps
+    of_material = [(material.nu, material.standard_error.get("nu") or np.nan) for material in materials]
+    each = np.array([*of_material, (np.nan, np.nan)])[labels]  # the last one is that of label −1
+    return replace(maps, nu=each[..., 0], nu_error=each[..., 1])
 
 
 def _spread(

@@ -108,7 +108,7 @@ def gloss_spread(
     shared, _ = _shared(fit, start)  # a start: whether it converged does not matter
     estimates, wide = fit.evaluate(shared), GlossLaw(shared[0], WIDEST**2 * np.eye(2))
     law, status = likeliest(estimates, wide)
-    first = _gain(
+    first = log_odds(
         estimates, law, estimates.chi_square
     )  # from the slopes at the shared gloss: cheap, and enough to reject
     if first < DECISIVE_LOG_ODDS:
@@ -133,7 +133,7 @@ def gloss_spread(
     )  # effective number of parameters
     return GlossSpread(
         law,
-        _gain(estimates, law, one.evaluate(best).chi_square),
+        log_odds(estimates, law, one.evaluate(best).chi_square),
         noise,
         (_per_freedom(one, best, 2), _per_freedom(fit, estimates.gloss, parameters)),
         index,
@@ -187,8 +187,8 @@ class _SharedGloss:
         return _SharedGloss(self.fit, gloss), float(np.abs(step).max())
 
 
-def _gain(estimates: PixelGloss, law: GlossLaw, shared: Array) -> float:
-    """ln odds of `law` against one gloss with χ² `shared` (P,).
+def log_odds(estimates: PixelGloss, law: GlossLaw, shared: Array) -> float:
+    """Logarithm of the odds of `law` against one gloss with χ² `shared` (P,).
 
     The TRIMMED share of the pixels with the largest gains is excluded.
     """

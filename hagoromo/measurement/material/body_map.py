@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
 from hagoromo.measurement.material.material_objective import expected, interface_of, theta_of
 from hagoromo.measurement.observations import Pixels, known_shape
-from hagoromo.measurement.sight import Array, sight_of
+from hagoromo.measurement.sight import Array, Sight, sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -69,9 +69,7 @@ class BodyMap:
             if self.gloss is None:
                 interface[index] = interface_of(geometry, material)
             else:
-                strength = self.gloss.beta[index] * ((material.n - 1.0) / (material.n + 1.0)) ** 2
-                lobes = Lobes(geometry, material.n, LobeShape.of(material))
-                interface[index] = strength[:, None] * lobes.evaluate(np.log(self.gloss.gamma[index]))[0]
+                interface[index] = _own_interface(geometry, material, self.gloss.beta[index], self.gloss.gamma[index])
             light[index] = geometry.irradiance.sum(axis=1)
         return Parts(body, interface, light)
 
@@ -137,6 +135,18 @@ def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Ar
         body = rhs / power
     seen = np.any([used for _, used, _ in views], axis=0)
     return body, np.where(seen, 1.0 / np.sqrt(power), np.inf)
+
+
+def _own_interface(sight: Sight, material: MaterialEstimate, beta: Array, gamma: Array) -> Array:
+    """(N, C) interface of pixels with their own β and γ (N,); their further lobes are as much stronger and wider."""
+    facing, shape = ((material.n - 1.0) / (material.n + 1.0)) ** 2, LobeShape.of(material)
+    value = (beta * facing)[:, None] * Lobes(sight, material.n, shape).evaluate(np.log(gamma))[0]
+    if material.lobes:
+        gaussian = Lobes(sight, material.n, replace(shape, nu=np.inf))
+        for of_lobe, width in material.lobes:
+            strength = beta / material.beta * of_lobe * facing
+            value += strength[:, None] * gaussian.evaluate(np.log(gamma / material.gamma * width))[0]
+    return value
 
 
 def _higher_median(views: Sequence[tuple[Array, NDArray[np.bool_], Array]], mean: Array, prior: Array) -> Array:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95, Status
 from hagoromo.measurement.facets import TAIL_RANGE
+from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
 from hagoromo.measurement.material.model_choice import Model, model_remarks
 from hagoromo.measurement.material.quantity import Quantity, colour_of_interface, coordinate, log_albedo, log_beta
 from hagoromo.measurement.material.uncertainty import is_identifiable
@@ -63,6 +66,22 @@ def measurement_of(capture: Capture, normal_map: NormalMap) -> Measurement:
     return Measurement(materials, labels, predictions, residuals, normal_map.normals)
 
 
+def solved_gloss_map(
+    normal_map: NormalMap, materials: Sequence[MaterialEstimate], labels: NDArray[np.integer]
+) -> GlossMap | None:
+    """Maps of β and γ, with their standard errors, where the gloss of a material varies; None if none does."""
+    fit, views = normal_map.fit, normal_map.views
+    if fit.own is None:
+        return None
+    value = np.exp(fit.own.value)
+    value[:, 0] *= fit.gloss.colour.mean(axis=1)[fit.labels]  # β of an interface colour of mean 1
+    error = value * np.sqrt(np.einsum("pii->pi", fit.own.covariance))
+    beta, gamma, beta_error, gamma_error = (views.image(one, np.nan) for one in (*value.T, *error.T))
+    body = np.where(labels[..., None] >= 0, normal_map.body, np.nan).astype(np.float64)
+    unknown = np.full(body.shape, np.nan)
+    return with_tails(GlossMap(beta, gamma, beta_error, gamma_error, body, unknown), materials, labels)
+
+
 def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEstimate:
     """The estimate of one material; residual: (K, C, P) in standard deviations of the noise."""
     fit = normal_map.fit
@@ -91,6 +110,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     both = gloss.correlation()
     value |= _further(fit, number, value)
     known = np.isfinite(residual).all(axis=1) & normal_map.views.used
+    own = fit.own_tests[number] if fit.own_tests else None
     misfit = highlight_check(fit, normal_map.views, known, number)
     return MaterialEstimate(
         name=f"material {number + 1}",
@@ -106,9 +126,11 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         remarks=(
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
             *_lobe_remarks(fit, number),
+            *([] if own is None else own.remarks()),
             *([misfit.remark()] if misfit is not None and misfit.rejected else []),
             *_remarks(fit, number, identifiable, interval["nu"][0]),
         ),
+        gloss=None if own is None else own.record(),
         convergence=None if fit.status is None else fit.status.record(),
         **value,
     )

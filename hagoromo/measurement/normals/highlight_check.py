@@ -35,7 +35,7 @@ def highlight_check(fit: Fit, views: Views, known: NDArray[np.bool_], number: in
     missing = (part.values - model).mean(axis=1)
     known = known & np.isfinite(missing) & np.isfinite(spread).all(axis=1) & (model > 0.0).all(axis=1)
     deviation = np.where(known, missing / np.where(known, spread.mean(axis=1), 1.0), 0.0)
-    width = angles(mine.normals, part) / np.exp(fit.gloss.rows[number, 1])
+    width = angles(mine.normals, part) / np.exp(mine.rows[:, 1])
     tile = np.floor(TILES * place).astype(np.int64)
     tile -= tile.min(axis=0)
     tile_of = np.broadcast_to(tile[:, 1] * (int(tile[:, 0].max()) + 1) + tile[:, 0], known.shape)

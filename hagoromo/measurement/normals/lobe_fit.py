@@ -111,7 +111,7 @@ def with_lobes(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
 def samples_of(capture: Capture, views: Views, fit: Fit, place: Array) -> Samples:
     """The samples of `views`, whose pixels `fit` (and `place`) have, with the clipped values of `capture`."""
     trusted = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
-    rows = fit.gloss.rows[fit.labels]
+    rows = fit.rows
     shade, (flat, angle2) = shading(fit.normals, views.to_lamp, views.to_eye, rows), _flat(views, fit.normals)
     even = fit.evenness(place)
     values = np.where(np.isfinite(views.values), views.values, 0.0)

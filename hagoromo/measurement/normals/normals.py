@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.lobe_fit import with_lobes
@@ -63,18 +64,34 @@ def solve_normals(
     labels: (h, w) materials 0, 1, …, −1 unknown; by default they follow from the body colours. prior: standard
     deviations of the lamps' strengths and places and of the bodies' parameters before the photographs are used. model:
     whether facets have tails, and the interface a colour of its own: never, always, or by evidence. Further lobes of
-    the interface are found where photographs that are left out need them.
+    the interface, and a gloss of each pixel, are found where photographs that are left out need them.
     Raises `InputError` when the photographs do not determine the normals (see `views_from_capture`).
     """
     solved = solve_with_one_lobe(capture, labels, prior, part_of(progress, 0.0, 0.8), model)
     progress(0.8, "lobes")
-    return with_further_lobes(capture, solved)
+    solved = with_further_lobes(capture, solved)
+    progress(0.9, "gloss")
+    return with_own_gloss(solved)
 
 
 def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
     """`solved`, normals of `capture`, with further lobes of the interface and body colours that go with them."""
     fit = with_lobes(capture, solved.views, solved.fit)
     return replace(solved, fit=fit, body=solved.views.image(fit.body.T.astype(np.float32)))
+
+
+def with_own_gloss(solved: NormalMap) -> NormalMap:
+    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it."""
+    views, fit = solved.views, with_solved_gloss(solved.views, solved.fit)
+    if fit.own is None:
+        return replace(solved, fit=fit)
+    return replace(
+        solved,
+        fit=fit,
+        normals=views.image(fit.normals.astype(np.float32)),
+        variance=views.image(fit.variance.astype(np.float32), np.inf),
+        body=views.image(fit.body.T.astype(np.float32)),
+    )
 
 
 def solve_with_one_lobe(

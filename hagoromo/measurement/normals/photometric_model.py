@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares import CAUCHY_SCALE, FitStatus
+from hagoromo.measurement.normals.own_gloss import OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
 
@@ -59,7 +60,9 @@ class Fit:
     choice: whether the facets of each material have tails, and its interface a colour of its own; None: not examined.
     status: how the fit of gloss and lamps ended; pixel_status: (P,) `Status` of the fit of each normal; shape_status:
     how the rounds of normals and surface under near lamps ended. None: there was no such fit. lobes: further lobes of
-    the interface (`lobe_fit`); None: every material has one.
+    the interface (`lobe_fit`); None: every material has one. own: gloss of each pixel (`solved_gloss`), of which that
+    of the material is the mean; None: one gloss for all pixels of a material. own_tests: of each material, why; None
+    where it was not tested.
     """
 
     normals: Array
@@ -78,6 +81,16 @@ class Fit:
     pixel_status: NDArray[np.int8] | None = None
     shape_status: FitStatus | None = None
     lobes: Lobes | None = None
+    own: OwnGloss | None = None
+    own_tests: tuple[OwnGlossTest | None, ...] = ()
+
+    @property
+    def rows(self) -> Array:
+        """(P, G) row of `gloss` of each pixel."""
+        rows = self.gloss.rows[self.labels]
+        if self.own is not None:
+            rows[:, :2] = self.own.value
+        return rows
 
     def evenness(self, place: Array) -> Array:
         """s_k (K, P) at `place` (P, 2)."""
@@ -92,7 +105,8 @@ class Fit:
         """The fit of some pixels."""
         names = ("normals", "labels", "variance", *([] if self.pixel_status is None else ["pixel_status"]))
         parts = {name: getattr(self, name)[chosen] for name in names}
-        return replace(self, body=self.body[:, chosen], **parts)
+        own = None if self.own is None else self.own.pixels(chosen)
+        return replace(self, body=self.body[:, chosen], own=own, **parts)
 
 
 def evenness(strength: Array, slope: Array, place: Array) -> Array:
@@ -102,7 +116,7 @@ def evenness(strength: Array, slope: Array, place: Array) -> Array:
 
 def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     """(K, C, P) values of the fit under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
-    shade = shading(fit.normals, to_lamp, to_eye, fit.gloss.rows[fit.labels])
+    shade = shading(fit.normals, to_lamp, to_eye, fit.rows)
     further = _further(fit, to_lamp, to_eye)
     interface = shade.interface if further is None else shade.interface + further
     return fit.body[None] * shade.body[:, None] + fit.interface_colour * interface[:, None]
@@ -114,12 +128,16 @@ def _further(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
         return None
     count = max(len(one) for one in fit.lobes.each)
     total = np.zeros(to_lamp.shape[:2])
+    with np.errstate(invalid="ignore"):
+        apart = fit.rows[:, :2] - fit.gloss.rows[fit.labels, :2]  # of a pixel's gloss from that of its material
     for k in range(count):
         rows = fit.gloss.rows.copy()
         for m, one in enumerate(fit.lobes.each):
             rows[m, :2] = (np.log(one[k][0]), np.log(one[k][1])) if k < len(one) else (-np.inf, 0.0)
         rows[:, TAIL:] = 0.0
-        total = total + shading(fit.normals, to_lamp, to_eye, rows[fit.labels]).interface
+        each = rows[fit.labels]
+        each[:, :2] += np.nan_to_num(apart)  # both −∞ where a material has no gloss
+        total = total + shading(fit.normals, to_lamp, to_eye, each).interface
     return total
 
 

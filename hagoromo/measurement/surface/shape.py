@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import FitStatus, Status
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.independent_share import independent_share
-from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes
+from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes, with_own_gloss
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.pixel_fit import Light
 from hagoromo.measurement.normals.views import Array, Views
@@ -105,7 +105,10 @@ def solve_shape(
             break
     surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
     ended = FitStatus(status, round_ + 1, last_step=change)
-    normal_map = with_further_lobes(capture, normal_map)
+    normal_map = with_own_gloss(with_further_lobes(capture, normal_map))
+    if normal_map.fit.own is not None:
+        depth = depth_estimate(normal_map)
+        surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
     progress(1.0, "")
     return Shape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
 
@@ -123,7 +126,7 @@ def depth_estimate(normal_map: NormalMap) -> DepthEstimate:
 
 def light_of(fit: Fit, views: Views) -> Light:
     """The known quantities of the pixel fit, from `fit`."""
-    return Light(fit.gloss.rows[fit.labels], fit.evenness(views.place), precision(views, fit.model_error))
+    return Light(fit.rows, fit.evenness(views.place), precision(views, fit.model_error))
 
 
 def _change(before: NDArray[np.floating], after: NDArray[np.floating], eye: Array) -> float:

@@ -1,0 +1,171 @@
+"""Solved gloss: the gloss of each pixel of a surface whose normals were solved, where photographs give evidence for it.
+
+Enters: the photometric fit, with one gloss for each material. Leaves: the fit with ln β and ln γ of every pixel, and
+the normals and body colours that go with them. The glosses of a material follow a normal law, whose mean and spread
+maximise the likelihood (empirical Bayes, `gloss_law`). They stay where photographs that are left out are predicted
+better with them, over parts of the object that are independent of each other: an error of the model that only looks
+like gloss does not do that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from hagoromo.measurement.gloss.gloss_law import likeliest
+from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, WIDEST, log_odds
+from hagoromo.measurement.gloss.pixel_gloss import GlossLaw
+from hagoromo.measurement.gloss.solved_pixels import SolvedPixels, State
+from hagoromo.measurement.normals.highlight_check import angles
+from hagoromo.measurement.normals.own_gloss import OwnGloss, OwnGlossTest
+from hagoromo.measurement.normals.photometric_model import Fit, size
+from hagoromo.measurement.normals.shading import TAIL, Gloss
+from hagoromo.measurement.normals.views import Array, Views
+
+SOLVED_GLOSS_PIXELS = 1000  # of a material, at most, from which the law is estimated
+FEWEST_PIXELS, FEWEST_LAMPS = 100, 6
+ROUNDS = 3  # of law and estimates, which depend on each other
+FOLDS = 3  # parts of the lamps, each left out once
+TILES = 4.0  # in a radius of the object: means over them are taken for independent
+FEWEST_TILES = 8
+CHANCE = 0.01  # probability that noise predicts photographs left out as much better
+LEAST_GAIN = 0.02  # of their loss in the highlights
+HIGHLIGHT = 2.0  # φ/γ up to which a value is one of a highlight
+MOST_VALUES = 1_000_000  # solved at once: 0.5 GiB
+ONE_GLOSS = 1e-4  # standard deviation of ln β and ln γ of a law of one gloss for all pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """The law of (ln β, ln γ) of a material, and the test for it."""
+
+    law: GlossLaw
+    test: OwnGlossTest
+
+
+def with_solved_gloss(views: Views, fit: Fit, seed: int = 0) -> Fit:
+    """`fit` of `views` with the gloss of each pixel where it varies, and the normals and bodies that go with it.
+
+    Materials of one gloss, of too few pixels or lamps, or without a highlight stay as they are.
+    """
+    random = np.random.default_rng(seed)
+    spreads = [_spread(views, fit, number, random) for number in range(len(fit.gloss.rows))]
+    tests = tuple(None if spread is None else spread.test for spread in spreads)
+    if not any(test is not None and test.varies for test in tests):
+        return replace(fit, own_tests=tests)
+    found = replace(
+        fit,
+        normals=fit.normals.copy(),
+        body=fit.body.copy(),
+        variance=fit.variance.copy(),
+        own=OwnGloss(fit.gloss.rows[fit.labels, :2], fit.covariance[fit.labels, :2, :2]),
+        own_tests=tests,
+    )
+    for number, spread in enumerate(spreads):
+        if spread is not None and spread.test.varies:
+            found = _filled(views, found, number, spread.law)
+    return found
+
+
+def _spread(views: Views, fit: Fit, number: int, random: np.random.Generator) -> Spread | None:
+    """The variation of the gloss of a material; None where it has no highlight, or too few pixels or lamps show it."""
+    pixels, shared = np.flatnonzero(fit.labels == number), fit.gloss.rows[number, :2]
+    if len(pixels) < FEWEST_PIXELS or len(views.values) < FEWEST_LAMPS or not np.exp(shared[0]) > 0.0:
+        return None
+    some = np.sort(random.choice(pixels, min(SOLVED_GLOSS_PIXELS, len(pixels)), replace=False))
+    data, part = data_of(views, fit, number, some), fit.pixels(some)
+    one = GlossLaw(shared, ONE_GLOSS**2 * np.eye(2))
+    start, alone = data.solve(one, data.state(np.tile(shared, (len(some), 1)), part.normals, part.body.T))
+    law, state, own = GlossLaw(shared, WIDEST**2 * np.eye(2)), start, alone
+    law = likeliest(alone, law)[0]
+    if log_odds(alone, law, alone.chi_square) > DECISIVE_LOG_ODDS:
+        law = GlossLaw(shared, WIDEST**2 * np.eye(2))
+        for _ in range(ROUNDS):
+            state, own = data.solve(law, state)
+            law = likeliest(own, law)[0]
+    odds = log_odds(own, law, alone.chi_square)
+    gain, p_value = (
+        _left_out(data, views.place[some], start, (one, law), random) if odds > DECISIVE_LOG_ODDS else (0.0, 1.0)
+    )
+    values = max(float(np.isfinite(data.variance).sum()), 1.0)
+    spread = np.sqrt(np.diag(law.covariance))
+    test = OwnGlossTest(
+        odds > DECISIVE_LOG_ODDS and gain > LEAST_GAIN and p_value < CHANCE,
+        (float(spread[0]), float(spread[1])),
+        odds,
+        gain,
+        p_value,
+        (float(alone.chi_square.sum()) / values, float(own.chi_square.sum()) / values),
+        float(np.mean(own.converged)),
+    )
+    return Spread(law, test)
+
+
+def data_of(views: Views, fit: Fit, number: int, pixels: NDArray[np.intp]) -> SolvedPixels:
+    """The data of some `pixels` of material `number`.
+
+    An error of the model is alike in all C channels of a value, so that it counts C times.
+    """
+    part, channels = views.pixels(pixels), views.values.shape[1]
+    rows = [fit.gloss.rows[number]]
+    for beta, gamma in () if fit.lobes is None else fit.lobes.each[number]:
+        rows.append(np.concatenate([np.log([beta, gamma]), rows[0][2:TAIL], np.zeros(len(rows[0]) - TAIL)]))
+    variance = part.variance + channels * (fit.model_error * size(part)) ** 2
+    variance = np.where(part.used[:, None] & np.isfinite(variance), variance, np.inf)
+    return SolvedPixels(part, np.stack(rows), fit.gloss.colour[number], fit.evenness(views.place[pixels]), variance)
+
+
+def _left_out(
+    data: SolvedPixels, place: Array, start: State, laws: tuple[GlossLaw, GlossLaw], random: np.random.Generator
+) -> tuple[float, float]:
+    """Share by which the second of `laws` lowers the loss of lamps that are left out, in the highlights, and its
+    p-value by Student's t of tiles of the object.
+    """
+    lamps, fall, total = random.permutation(len(data.evenness)), np.zeros(len(place)), np.zeros(len(place))
+    for fold in range(FOLDS):
+        left_out = np.zeros(len(lamps), bool)
+        left_out[lamps[fold::FOLDS]] = True
+        losses = []
+        for law in laws:
+            state, _ = data.without(left_out).solve(law, start)
+            losses.append(_loss(data.without(~left_out), state, laws[0].mean[1]))
+        fall += losses[0] - losses[1]
+        total += losses[0]
+    tile = np.floor(TILES * place).astype(np.int64)
+    tile -= tile.min(axis=0)
+    names = np.unique(tile[:, 1] * (int(tile[:, 0].max()) + 1) + tile[:, 0], return_inverse=True)[1]
+    light = np.bincount(names, total)  # of tiles with highlights
+    means = (np.bincount(names, fall) / np.bincount(names))[light > 0.0]
+    if len(means) < FEWEST_TILES:
+        return 0.0, 1.0
+    statistic = float(means.mean() / max(means.std(ddof=1) / np.sqrt(len(means)), 1e-300))
+    return float(fall.sum() / max(total.sum(), 1e-300)), float(student.sf(statistic, len(means) - 1))
+
+
+def _loss(data: SolvedPixels, state: State, log_gamma: float) -> Array:
+    """(P,) loss of the values of `data` in the highlights at the normals, bodies and gloss of `state`."""
+    near = angles(state.normals, data.views) < HIGHLIGHT * np.exp(log_gamma)
+    here = replace(data, variance=np.where(near[:, None], data.variance, np.inf))
+    return here.state(state.gloss, state.normals, state.body).loss
+
+
+def _filled(views: Views, fit: Fit, number: int, law: GlossLaw) -> Fit:
+    """`fit` with the gloss of all pixels of a material, whose own becomes the mean of `law`."""
+    assert fit.own is not None
+    pixels = np.flatnonzero(fit.labels == number)
+    for part in np.array_split(pixels, -(-len(pixels) * views.values[:, :, 0].size // MOST_VALUES)):
+        data, here = data_of(views, fit, number, part), fit.pixels(part)
+        state, own = data.solve(law, data.state(np.tile(law.mean, (len(part), 1)), here.normals, here.body.T))
+        fit.own.value[part], fit.own.covariance[part] = own.gloss, own.covariance
+        fit.normals[part], fit.body[:, part] = state.normals, state.body.T
+        fit.variance[part] = state.normal_variance(law)
+    rows, moved = fit.gloss.rows.copy(), np.exp(law.mean - fit.gloss.rows[number, :2])
+    rows[number, :2] = law.mean
+    if fit.lobes is None:
+        return replace(fit, gloss=Gloss(rows))
+    each = list(fit.lobes.each)
+    each[number] = tuple((float(beta * moved[0]), float(gamma * moved[1])) for beta, gamma in each[number])
+    return replace(fit, gloss=Gloss(rows), lobes=replace(fit.lobes, each=tuple(each)))
