@@ -74,6 +74,9 @@ def sheet(chart=None, size=12.0, voxel=0.7, made=None, path=PATH, extinction: Ex
     return box.box()
 
 
+quick_sheet = sheet.__wrapped__  # not kept, for tests with `few_match_points`: no other may have its coarse levels
+
+
 def texel_of(box) -> Texel:
     assert box.texel is not None
     return box.texel
@@ -139,13 +142,13 @@ def test_maps_and_the_way_out_of_the_texel_agree_with_the_brute_march():
     assert mean_difference(mapped[0], marched[0]) < 0.12
 
 
-def test_a_jump_by_whole_periods_is_not_seen():
+def test_a_jump_by_whole_periods_is_not_seen(few_match_points):
     """1 %: beside the jump planes are followed instead of interpolated, which on a plane is the same but for halves."""
-    smooth, jumped = seen(sheet(), 4, "none"), seen(sheet(flat(jump=5.0)), 4, "none")
+    smooth, jumped = seen(quick_sheet(), 4, "none"), seen(quick_sheet(flat(jump=5.0)), 4, "none")
     assert mean_difference(jumped[0], smooth[0]) < 0.01
 
 
-def test_a_texel_of_one_population_names_no_material_of_another_box():
+def test_a_texel_of_one_population_names_no_material_of_another_box(few_match_points):
     """Beside a texel of two populations, the second of a texel of one has no share and no material of its own."""
 
     def one(point, variant):
@@ -156,7 +159,7 @@ def test_a_texel_of_one_population_names_no_material_of_another_box():
     box = shell(flat(), lambda p: dr.abs(p.y), ((-3, -2, -3), (3, 2, 3)), 0.7, last, PATH, (MATTER,)).box()
     away = np.eye(4)
     away[:3, 3] = (0.1, 0.0, 0.0)
-    medium, jit = Medium([sheet(size=6.0), box.with_pose(away @ box.pose)]), arrays()
+    medium, jit = Medium([quick_sheet(size=6.0), box.with_pose(away @ box.pose)]), arrays()
     x = jit.Float(np.linspace(0.0985, 0.1015, 5, dtype=np.float32))
     crossing = medium.cross(jit.Array3f(x, -0.02, 0.0003), jit.Array3f(0, 1, 0), jit.Float(0), jit.Float(dr.inf))
     state = crossing.start()
@@ -167,7 +170,7 @@ def test_a_texel_of_one_population_names_no_material_of_another_box():
     assert np.array(elements[1].share).max() == 0.0
 
 
-def test_sheets_closer_than_two_voxels_stay_apart():
+def test_sheets_closer_than_two_voxels_stay_apart(few_match_points):
     """Light through two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
 
     def full(point, variant):
@@ -228,8 +231,8 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
         assert found.mean() == pytest.approx(finest.mean(), rel=0.03)
 
 
-def test_a_scene_gives_a_texel_no_extinction_that_it_is_not_matched_for(tmp_path):
-    save_box(sheet(size=6.0), tmp_path / "sheet.zarr")
+def test_a_scene_gives_a_texel_no_extinction_that_it_is_not_matched_for(tmp_path, few_match_points):
+    save_box(quick_sheet(size=6.0), tmp_path / "sheet.zarr")
     scene = "camera = {size = [9, 7], focal = [20, 20], eye = [0, -0.1, 0]}\nlamp = [{to_lamp = [0, -1, 1]}]\n"
     for extinction in ("isotropic", "projected"):
         text = f'{scene}box = [{{file = "sheet.zarr", extinction = "{extinction}"}}]\n'
@@ -284,7 +287,7 @@ def test_between_the_directions_of_the_set_light_is_interpolated():
     assert np.sqrt(np.mean(error[::2] ** 2)) < 0.06
 
 
-def test_signs_of_tangents_do_not_matter_in_any_level():
+def test_signs_of_tangents_do_not_matter_in_any_level(few_match_points):
     """Axes of coarse levels are principal directions: the same for random signs, but for the rounding of halves.
 
     Pictures of the finest level agree to 1e-3; opposite axes that cancel make 7e-3.
@@ -296,7 +299,7 @@ def test_signs_of_tangents_do_not_matter_in_any_level():
         return density, dr.select(side < 0.0, -axis, axis), number
 
     made = texel(turned, PERIOD, HEIGHTS, VOXEL, 2)
-    pictures = [seen(box, 1, "none", pixels=90)[0] for box in (sheet(), sheet(made=made))]
+    pictures = [seen(box, 1, "none", pixels=90)[0] for box in (quick_sheet(), quick_sheet(made=made))]
     assert mean_difference(*pictures) < 1e-3
     for one, other in zip(block().levels, made.levels, strict=True):
         first, second = one.axis.astype(float), other.axis.astype(float)
@@ -304,11 +307,11 @@ def test_signs_of_tangents_do_not_matter_in_any_level():
         assert np.abs(aligned - first).max() < 2e-3
 
 
-def test_a_box_of_numbers_instead_of_tables_is_read(tmp_path):
+def test_a_box_of_numbers_instead_of_tables_is_read(tmp_path, few_match_points):
     """Until version 0.2 nine numbers scaled the light of a population: they give the same factors."""
     import zarr
 
-    box = sheet()
+    box = quick_sheet()
     save_box(box, tmp_path / "old.zarr")
     numbers = np.zeros((2, 2, OLD_NUMBERS), np.float32)
     numbers[:] = (0.9, 0.1, -0.05, 0.02, 0.1, -0.1, 0.03, 0.02, 0.4)
@@ -334,8 +337,8 @@ def test_prefiltered_levels_agree_with_supersampling(towards):
     assert coarse[0].mean() == pytest.approx(fine[0].mean(), rel=0.03)
 
 
-def test_a_shell_is_stored_bit_by_bit(tmp_path):
-    box = sheet(made=block(2))
+def test_a_shell_is_stored_bit_by_bit(tmp_path, few_match_points):
+    box = quick_sheet(made=block(2))
     save_box(box, tmp_path / "sheet.zarr")
     found = load_box(tmp_path / "sheet.zarr")
     assert box.texel and found.texel
@@ -349,11 +352,11 @@ def test_a_shell_is_stored_bit_by_bit(tmp_path):
         assert np.array_equal(one.axis, other.axis)
 
 
-def test_damaged_shells_are_refused(tmp_path):
+def test_damaged_shells_are_refused(tmp_path, few_match_points):
     import json
     import shutil
 
-    save_box(sheet(), tmp_path / "sheet.zarr")
+    save_box(quick_sheet(), tmp_path / "sheet.zarr")
     record = json.loads((tmp_path / "sheet.zarr" / "zarr.json").read_text())
 
     def damaged(change):
