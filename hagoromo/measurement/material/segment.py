@@ -1,6 +1,7 @@
 """Segmentation: pixels labelled by the chromaticity of their body colour.
 
-Materials differ in colour, not in brightness: one colour in several shades is one material.
+Materials differ in colour, not in brightness: one colour in several shades is one material. So is a colour that goes
+over into another smoothly: two materials are separated by an edge, or do not touch.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ FINEST = 0.004  # chromaticity, standard deviation of the smoothing: half a step
 NOISIEST = 3.0  # times the median noise of the chromaticity: noisier pixels start no material
 VALLEY = np.log(2.0)  # smallest fall of ln density between two materials
 MOST_BINS = 512
+ACROSS = 2  # [px] between the two pixels of a pair across a border: the one between them may be mixed
+LEAST_STEP = 0.5  # of the difference of two colours, over ACROSS pixels of their border: below, it is a gradient
+FEWEST_PAIRS = 5  # across a border, for its step to be known
 
 
 class BodyColour(NamedTuple):
@@ -37,6 +41,7 @@ def segment(capture: Capture) -> NDArray[np.int64]:
 
     The density of the chromaticities of pixels outside their highlights is smoothed by their noise. Each maximum that
     rises above its saddles by VALLEY, and significantly, is a material, so the data give the number of materials.
+    Maxima whose colours go over into each other without an edge are one material.
     A pixel that is only seen in its highlight takes the label of the maximum of its colour, else the nearest pixel's.
     `InputError` when no pixel shows its body colour.
     """
@@ -48,11 +53,16 @@ def segment(capture: Capture) -> NDArray[np.int64]:
     sure = lit & body.matte if np.sum(lit & body.matte) > 0.2 * np.sum(lit) else lit
     if not sure.any():
         raise InputError("no valid pixel shows its body colour: all are masked, saturated, dark or grazing")
-    pixel_labels = np.full(len(pixels), -1)
-    pixel_labels[lit] = _hills(body.value[lit], body.variance[lit], sure[lit])
     labels = np.full(region.shape, -1)
-    labels[pixels.rows, pixels.columns] = pixel_labels
-    return _tidied(labels, pixels, lit)
+    if body.value.shape[1] == 1:
+        labels[pixels.rows[lit], pixels.columns[lit]] = 0
+        return _tidied(labels, pixels, lit)
+    chromaticity, noise = _chromaticity(body.value[lit], body.variance[lit])
+    labels[pixels.rows[lit], pixels.columns[lit]] = _hills(chromaticity, noise, sure[lit])
+    labels = _tidied(labels, pixels, lit)
+    colours = np.full((*region.shape, chromaticity.shape[1]), np.nan)
+    colours[pixels.rows[lit], pixels.columns[lit]] = np.where(sure[lit, None], chromaticity, np.nan)
+    return _joined(labels, colours)
 
 
 def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
@@ -83,8 +93,8 @@ def interior(labels: NDArray[np.integer], number: int) -> NDArray[np.bool_]:
     return (labels == number) & ~np.asarray(binary_dilation(others, np.ones((3, 3))), np.bool_)
 
 
-def _hills(value: Array, variance: Array, sure: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Label of the density maximum that each colour (M, C) belongs to: 0, 1, … by falling size.
+def _hills(chromaticity: Array, noise: Array, sure: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Label of the density maximum that each chromaticity (M, 1 or 2) belongs to: 0, 1, … by falling size.
 
     The density is that of the `sure` colours. −1 for noisy colours, too small maxima, and colours that are not sure
     and lie outside the maxima.
@@ -94,9 +104,6 @@ def _hills(value: Array, variance: Array, sure: NDArray[np.bool_]) -> NDArray[np
     from skimage.morphology import h_maxima
     from skimage.segmentation import watershed
 
-    if value.shape[1] == 1:
-        return np.zeros(len(value), np.int64)
-    chromaticity, noise = _chromaticity(value, variance)
     typical = float(np.median(noise[sure]))
     quiet = noise <= NOISIEST * typical
     firm = sure & quiet
@@ -133,8 +140,33 @@ def _chromaticity(value: Array, variance: Array) -> tuple[Array, Array]:
     return share @ axes, noise
 
 
+def _joined(labels: NDArray[np.int64], colours: Array) -> NDArray[np.int64]:
+    """`labels` (h, w) with those joined between whose colours (h, w, 1 or 2), NaN where unknown, there is no edge."""
+    same = np.arange(labels.max() + 1)
+    middle = [np.nanmedian(colours[labels == number], axis=0) for number in same]
+    for other in range(len(same)):
+        for one in range(other):
+            if _step(labels, colours, (one, other), middle[other] - middle[one]) < LEAST_STEP:
+                same[same == same[other]] = same[one]
+    return _by_size(np.append(same, -1)[labels], 0.0)
+
+
+def _step(labels: NDArray[np.int64], colours: Array, pair: tuple[int, int], difference: Array) -> float:
+    """Median change of colour from one label to another over ACROSS pixels, over their `difference`; inf if unknown."""
+    steps = []
+    for axis in range(2):
+        ends = [np.moveaxis(labels, axis, 0), np.moveaxis(colours, axis, 0)]
+        (before, after), (first, last) = ((one[:-ACROSS], one[ACROSS:]) for one in ends)
+        change = (last - first) @ difference / max(float(difference @ difference), 1e-300)
+        forth, back = ((before == a) & (after == b) for a, b in (pair, pair[::-1]))
+        steps += [change[forth], -change[back]]
+    known = np.concatenate(steps)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if len(known) >= FEWEST_PAIRS else np.inf
+
+
 def _by_size(labels: NDArray, least: float) -> NDArray[np.int64]:
-    """Labels renumbered by falling size; those of fewer than `least` pixels become −1."""
+    """Labels (…) renumbered by falling size; those of fewer than `least` pixels become −1."""
     names, sizes = np.unique(labels[labels >= 0], return_counts=True)
     retained = names[np.argsort(-sizes, kind="stable")][: int(np.sum(sizes >= least))]
     number = np.full(int(labels.max(initial=0)) + 2, -1)

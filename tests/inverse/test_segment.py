@@ -1,0 +1,66 @@
+"""Materials by colour: an edge between two colours makes two, a smooth gradient of one colour makes one."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hagoromo.measurement.known_shape import measure_known_shape
+from hagoromo.measurement.material.segment import segment
+from tests.inverse.simulated_ball import Truth, simulate
+
+SIZE = 61
+ANGLES = ((35, 20), (80, -15), (-40, 30), (-75, -10), (10, -60))
+ROWS, COLUMNS = np.mgrid[:SIZE, :SIZE] / (SIZE - 1) * 2 - 1
+RED, GREEN = np.array([0.20, 0.12, 0.08]), np.array([0.10, 0.18, 0.08])
+
+
+def ball(share, seed=3, full_well=45_000.0):
+    """A ball whose body is RED where `share` (h, w) is 0, GREEN where it is 1, and between them else."""
+    body: Any = RED + np.asarray(share)[..., None] * (GREEN - RED)
+    return simulate([Truth(body, 0.3, 0.2, 1.5)], seed, SIZE, angles=ANGLES, full_well=full_well)
+
+
+GRADIENTS = {
+    "linear": 0.5 + 0.5 * COLUMNS,
+    "levels": 0.5 + 0.5 * COLUMNS + 0.07 * np.sin(12 * COLUMNS),  # with broad and narrow ranges of colour
+    "wave": 0.5 + 0.45 * np.sin(6 * ROWS),
+    "spot": np.exp(-3 * (ROWS**2 + COLUMNS**2)),
+}
+
+
+@pytest.mark.parametrize("name", GRADIENTS)
+@pytest.mark.parametrize("full_well", [4_000.0, 45_000.0])
+def test_a_gradient_is_one_material(name, full_well):
+    labels = segment(ball(GRADIENTS[name], full_well=full_well))
+    assert set(np.unique(labels)) == {-1, 0}
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.8])
+def test_two_colours_with_an_edge_are_two(blur):
+    """Also where the camera blurs the edge over two pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    share = (COLUMNS > 0.1).astype(float)
+    labels = segment(ball(gaussian_filter(share, blur) if blur else share))
+    assert labels.max() == 1
+    known = labels >= 0
+    assert max(np.mean((labels == k)[known] == (share > 0.5)[known]) for k in range(2)) > 0.95
+
+
+def test_two_colours_that_do_not_touch_are_two():
+    """Parted by a third: three materials, none of which is joined with another."""
+    share = np.where(ROWS < -0.2, 0.0, np.where(ROWS > 0.2, 1.0, 0.5))
+    assert segment(ball(share)).max() == 2
+
+
+def test_a_gradient_is_measured_as_one_material_of_a_colour_per_pixel():
+    capture = ball(GRADIENTS["wave"])
+    found = measure_known_shape(capture, n=1.5, facets="gaussian", interface="neutral")
+    (material,) = found.materials
+    assert material.texture is not None and material.texture["per_pixel"]
+    assert abs(material.gamma / 0.2 - 1) < 0.05 and abs(material.beta / 0.3 - 1) < 0.15
+    assert found.body is not None
+    true = RED + GRADIENTS["wave"][..., None] * (GREEN - RED)
+    known = np.isfinite(found.body.value).all(axis=2) & (found.labels >= 0)
+    assert np.sqrt(np.mean((found.body.value / true - 1)[known] ** 2)) < 0.03
