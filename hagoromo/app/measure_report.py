@@ -68,7 +68,7 @@ def report_viewer(measurement: Measurement) -> Viewer | None:
     """The object to relight; None where the measurement knows no pixel of it."""
     if not (measurement.labels >= 0).any():
         return None
-    return single_page(*page_source(measurement, None), VIEWER_BYTES).viewer
+    return single_page(page_source(measurement, None), VIEWER_BYTES).viewer
 
 
 def _maps(measurement: Measurement, capture: Capture, crop: tuple[slice, slice]) -> list[Any]:

@@ -37,6 +37,18 @@ GENTLE = 0.97  # how much more than needed a picture is reduced
 
 
 @dataclass(frozen=True, eq=False)
+class PageSource:
+    """maps of the object; taken: the camera and lamps they were measured with; photographs: to compare with;
+    assumptions: of the measurement, in words.
+    """
+
+    maps: SurfaceMaps
+    taken: Photographed
+    photographs: tuple[Photograph, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class ObjectPage:
     """viewer: what the document holds. size: (width, height) of the picture [px]. reduced: photograph px per px."""
 
@@ -45,16 +57,16 @@ class ObjectPage:
     reduced: float
 
 
-def single_page(maps: SurfaceMaps, taken: Photographed, photographs: Sequence[Photograph], limit: int) -> ObjectPage:
+def single_page(source: PageSource, limit: int) -> ObjectPage:
     """The page as one file of at most `limit` bytes; its picture is reduced where it must be."""
-    whole = maps
+    maps = whole = source.maps
     height, width = maps.labels.shape
     factor = max(1.0, max(width, height) / LONGEST_SIDE, math.sqrt(maps.known.sum() / (PIXELS_PER_BYTE * limit)))
     pictures_limit = PHOTOGRAPHS_SHARE * limit
     for _ in range(8):
         maps = whole if factor == 1.0 else whole.reduced(factor)
         made = quantised(maps)
-        data, pictures = _data(maps, made, taken, photographs, width / maps.labels.shape[1], pictures_limit)
+        data, pictures = _data(source, maps, made, width / maps.labels.shape[1], pictures_limit)
         packed = pack_planes(made.planes, maps.known)
         viewer = Viewer(data | {"tiles": [{"key": "0-0-0", "header": packed.header}]}, {"0-0-0": packed.text}, pictures)
         rest = overhead(viewer)
@@ -66,12 +78,13 @@ def single_page(maps: SurfaceMaps, taken: Photographed, photographs: Sequence[Ph
     raise InputError(f"the picture does not fit into {limit} bytes: give more, or a folder instead of an .html file")
 
 
-def tiled_page(maps: SurfaceMaps, taken: Photographed, photographs: Sequence[Photograph], home: Path) -> ObjectPage:
+def tiled_page(source: PageSource, home: Path) -> ObjectPage:
     """The page with tiles at full resolution and coarser ones, written to `home`/tiles."""
+    maps = source.maps
     height, width = maps.labels.shape
     scales = scale_of(maps)
     made = Quantised({}, scales)
-    data, pictures = _data(maps, made, taken, photographs, 1.0, math.inf)
+    data, pictures = _data(source, maps, made, 1.0, math.inf)
     (home / "tiles").mkdir()
     levels, factor = [], 1
     while True:
@@ -98,20 +111,16 @@ def _write_tile(folder: Path, key: str, packed: PackedPlanes) -> None:
 
 
 def _data(
-    maps: SurfaceMaps,
-    made: Quantised,
-    taken: Photographed,
-    photographs: Sequence[Photograph],
-    pixel: float,
-    pictures_limit: float,
+    source: PageSource, maps: SurfaceMaps, made: Quantised, pixel: float, pictures_limit: float
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """What the script reads, and photographs as JPEG by identifier. pixel: photograph px per px of the picture."""
+    taken = source.taken
     lamp = common_spectrum(taken.lamps)
     colours = page_colours(maps.materials, taken.camera.response, lamp)
     channels = maps.body.shape[2]
     lamps = [page_lamp(one, maps, channels, colours.exact) for one in taken.lamps]
     exposure = _exposure(maps, colours)
-    listed, pictures = _photographs(maps, photographs, lamps, colours, exposure, pictures_limit)
+    listed, pictures = _photographs(maps, source.photographs, lamps, colours, exposure, pictures_limit)
     height, width = maps.labels.shape
     camera = maps.camera
     middle = FLIP @ (camera.world_to_camera[:3, :3] @ middle_of(maps) + camera.world_to_camera[:3, 3])
@@ -119,6 +128,7 @@ def _data(
     return {
         "title": maps.name,
         "note": _note(maps, pixel),
+        "assumptions": [*source.assumptions, *_own_assumptions(maps, colours)],
         "alone": True,
         "folder": False,
         "width": width,
@@ -143,6 +153,26 @@ def _data(
         "views": views,
         "legend": legend,
     }, pictures
+
+
+def _own_assumptions(maps: SurfaceMaps, colours: PageColours) -> list[str]:
+    """What the page takes for given beside the measurement."""
+    if maps.depth is None:
+        shape = "No shape was measured, only normals: nothing casts a shadow, and lengths are in pixels."
+    else:
+        shape = "Shadows are cast by the measured surface. Light from one part of it onto another is left out."
+    said = [shape]
+    if maps.depth is not None and not maps.has_scale:
+        said.append("The photographs have no scale: lengths are in pixels.")
+    if not colours.exact:
+        said.append(
+            "Colours are those of the camera's channels, shown as red, green and blue: its response or the spectrum of "
+            "the lamps is not known. With both, other lamps and the eye could be chosen."
+        )
+    vague = [one.name for one in maps.materials if one.beta > 0.0 and not one.identifiable.get("gamma", True)]
+    if vague:
+        said.append(f"The highlight is not determined by the photographs, and shown as they allow: {', '.join(vague)}.")
+    return said
 
 
 def common_spectrum(lamps: Sequence[Lamp]) -> Spectrum | None:

@@ -13,14 +13,13 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file, whole_folder
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.photographed import Photographed, photographed
+from hagoromo.measurement.photographed import photographed
 from hagoromo.photograph.capture import Capture, load_capture
-from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, silent
 from hagoromo.publication.document import document
-from hagoromo.publication.object_page import single_page, tiled_page
+from hagoromo.publication.object_page import PageSource, single_page, tiled_page
 from hagoromo.publication.page_lamps import chosen
-from hagoromo.publication.surface_maps import SurfaceMaps, surface_maps
+from hagoromo.publication.surface_maps import surface_maps
 
 LIMIT_BYTES = 5_000_000  # of a page that is one file
 MOST_PHOTOGRAPHS = 8  # of a page
@@ -68,17 +67,17 @@ def publish(
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
     named = "" if isinstance(measured, Measurement) else Path(measured).resolve().name
-    maps, taken, photographs = page_source(source, shots, named)
+    found = page_source(source, shots, named)
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
-        page = single_page(maps, taken, photographs, limit)
+        page = single_page(found, limit)
         text = document(page.viewer)
         with whole_file(target, force) as partial:
             partial.write_text(text, encoding="utf-8", newline="\n")
         size = len(text.encode())
     else:
         with whole_folder(target, force) as home:
-            page = tiled_page(maps, taken, photographs, home)
+            page = tiled_page(found, home)
             (home / "index.html").write_text(document(page.viewer), encoding="utf-8", newline="\n")
             size = sum(one.stat().st_size for one in home.rglob("*") if one.is_file())
     progress(1.0, "")
@@ -86,10 +85,8 @@ def publish(
     return Published(target, size, width, height, page.reduced, len(page.viewer.photographs))
 
 
-def page_source(
-    measurement: Measurement, capture: Capture | None, name: str = ""
-) -> tuple[SurfaceMaps, Photographed, list[Photograph]]:
-    """Maps, camera and lamps, and photographs to compare with; see `publish`."""
+def page_source(measurement: Measurement, capture: Capture | None, name: str = "") -> PageSource:
+    """What a page of `measurement` is made of; see `publish`."""
     shots = capture or measurement.capture
     height, width = (measurement if measurement.fine is None else measurement.fine).labels.shape
     if capture is not None and capture.photographs[0].values.shape[:2] != (height, width):
@@ -108,4 +105,5 @@ def page_source(
     title = (shots.name if shots is not None else "") or name or "Measured object"
     maps = surface_maps(measurement, camera, title, bool(has_scale))
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
-    return maps, taken, chosen(fitting, MOST_PHOTOGRAPHS)
+    assumptions = tuple(f"{what.capitalize()}: {said.rstrip(chr(46))}." for what, said in measurement.assumptions.items())
+    return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions)

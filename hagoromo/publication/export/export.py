@@ -60,7 +60,7 @@ def export(
         raise InputError(f"no format is called {', '.join(unknown) or 'nothing'}: give some of {', '.join(FORMATS)}")
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    maps = page_source(source, shots)[0]
+    maps = page_source(source, shots).maps
     if "csv" in formats and not source.body_spectra:
         raise InputError("the measurement has no spectra: they need the lamp's spectrum and the camera's response")
     if {"glb", "ply"} & set(formats):

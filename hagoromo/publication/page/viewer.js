@@ -654,6 +654,7 @@ function connect() {
 }
 
 function zoomTo(what) {
+  if (!state.scale) fit();  // not drawn since the panes changed
   const pane = panes()[panes().length - 1], x = pane.x + pane.width / 2, y = pane.y + pane.height / 2;
   if (what === "fit") { fit(); ask(); } else if (what === "one") zoom(data.pixel / state.scale, x, y);
   else zoom(what === "in" ? 1.25 : 0.8, x, y);
@@ -679,12 +680,18 @@ let space = false;
 
 function connectCanvas() {
   const pointers = new Map();
-  let action = null, spread = 0, last = null;
+  let action = null, spread = 0, last = null, start = null;  // start: place, lamp and ruler when the first finger came
   const at = (happened) => { const box = canvas.getBoundingClientRect(), ratio = canvas.width / box.width; return [(happened.clientX - box.left) * ratio, (happened.clientY - box.top) * ratio]; };
   const middle = () => { const all = [...pointers.values()]; return [0, 1].map((k) => all.reduce((sum, one) => sum + one[k], 0) / all.length); };
+  const apart = () => { const [a, b] = [...pointers.values()]; return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0; };
   const lamp = (p) => {
     const pane = paneAt(...p), half = Math.min(pane.width, pane.height) / 2;
     place(current(), (p[0] - pane.x - pane.width / 2) / half, -(p[1] - pane.y - pane.height / 2) / half);
+  };
+  const takeBack = () => {  // two fingers rarely touch at once: the first one was not to move the lamp
+    if (action === "light") Object.assign(current(), start.lamp);
+    if (action === "ruler") ruler = start.ruler;
+    changed();
   };
   canvas.addEventListener("contextmenu", (happened) => happened.preventDefault());
   canvas.addEventListener("pointerdown", (happened) => {
@@ -692,8 +699,10 @@ function connectCanvas() {
     canvas.focus({ preventScroll: true });
     const p = at(happened);
     pointers.set(happened.pointerId, p);
+    if (pointers.size === 2 && start && Math.hypot(last[0] - start.p[0], last[1] - start.p[1]) < 12) takeBack();
+    if (pointers.size === 1) start = { p, lamp: { ...current() }, ruler };
     action = pointers.size > 1 ? "pinch" : happened.button > 0 || space ? "move" : state.tool;
-    spread = 0;
+    spread = apart();
     last = middle();
     if (action === "light") lamp(p);
     if (action === "ruler") { const start = toPage(...p); ruler = [start, start]; ask(); }
@@ -702,6 +711,7 @@ function connectCanvas() {
     if (!pointers.has(happened.pointerId)) return;
     const p = at(happened);
     pointers.set(happened.pointerId, p);
+    if (action === "light" || action === "ruler") last = p;
     if (action === "light") lamp(p);
     else if (action === "ruler") { ruler = [ruler[0], toPage(...p)]; ask(); }
     else {
@@ -711,7 +721,7 @@ function connectCanvas() {
       state.fit = false;
       last = m;
       if (pointers.size > 1) {
-        const [a, b] = [...pointers.values()], now = Math.hypot(a[0] - b[0], a[1] - b[1]);
+        const now = apart();
         if (spread > 0) zoom(now / spread, ...m);
         spread = now;
       }
