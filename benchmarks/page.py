@@ -14,7 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from plots import bound, growth
-from tables import bound_told, equal_error_told, march_told, open_told, scale_told, scaling_told
+from tables import (
+    bound_table,
+    equal_error_table,
+    march_table,
+    open_table,
+    page_frames_table,
+    scale_table,
+    scaling_table,
+)
 from turns import RECORDS
 
 from hagoromo.files.record import read_json
@@ -22,9 +30,9 @@ from hagoromo.files.whole import whole_file
 
 PAGE = Path("docs/performance.md")
 FIGURES = PAGE.parent / "figures"
-TOLD = {
-    "march": march_told, "scaling": scaling_told, "scale": scale_told, "bound": bound_told,
-    "equal_error": equal_error_told,
+TABLES = {
+    "march": march_table, "scaling": scaling_table, "scale": scale_table, "bound": bound_table,
+    "equal_error": equal_error_table, "page_frames": page_frames_table,
 }  # fmt: skip
 PLOTS = {"scaling": growth, "bound": bound}
 
@@ -32,17 +40,17 @@ PLOTS = {"scaling": growth, "bound": bound}
 def main() -> None:
     """Refresh the page and its figures from the records that are there."""
     text = PAGE.read_text(encoding="utf-8")
-    for name, told in TOLD.items():
+    for name, table in TABLES.items():
         source = RECORDS / f"{name}.json"
         if source.exists():
             held = read_json(source)
-            text = replaced(text, name, f"{taken_on(held['machine'])}\n\n{told(held['figures'])}")
+            text = replaced(text, name, f"{taken_on(held['machine'])}\n\n{table(held['figures'])}")
             if name in PLOTS:
                 PLOTS[name](held["figures"], FIGURES / f"{name}.png")
     opened = RECORDS / "open_box.json"
     if opened.exists():
         held = read_json(opened)
-        text = replaced(text, "open_box", f"*{held['date']}; {held['machine']}*\n\n{open_told(held['boxes'])}")
+        text = replaced(text, "open_box", f"*{held['date']}; {held['machine']}*\n\n{open_table(held['boxes'])}")
     peers = RECORDS / "peers.md"
     if peers.exists():
         text = replaced(text, "peers", peers.read_text(encoding="utf-8").split("\n", 1)[1].strip())

@@ -35,7 +35,7 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
 
 
 def reference(scene: Scene) -> tuple[NDArray, NDArray]:
-    """What errors are told against, radiance and whether it shows matter (bool), at the pixels of `Scene.sampled`."""
+    """The reference of errors, radiance and whether it shows matter (bool), at the pixels of `Scene.sampled`."""
     finest = Settings(shadows="march", tolerance=FINEST)
     if not scene.study.shadows:
         finest = Settings(shadows="none", tolerance=FINEST_UNSHADED)

@@ -27,7 +27,7 @@ OPENING = {
 }  # fmt: skip
 
 
-def march_told(found: Mapping[str, Any]) -> str:
+def march_table(found: Mapping[str, Any]) -> str:
     """Frames of KERNEL's scene, and the errors of their shadows."""
     head = {"frame": "frame of 512² pixels", "median_s": "median [s]", "least_s": "least [s]", "ratio": "ratio"}
     errors = "; ".join(f"{100 * error:.2f} % with maps of {name}" for name, error in found["shadow_error"].items())
@@ -37,7 +37,7 @@ def march_told(found: Mapping[str, Any]) -> str:
     )
 
 
-def equal_error_told(found: Mapping[str, Any]) -> str:
+def equal_error_table(found: Mapping[str, Any]) -> str:
     """Time at equal error against version 0.2.0."""
     head = {
         "shadows": "shadows", "tolerance": "tolerance of 0.2.0", "percent": "its error [%]", "before": "its time",
@@ -48,7 +48,7 @@ def equal_error_told(found: Mapping[str, Any]) -> str:
     return f"{table(head, rows)}\n\nTimes are in units of the yardstick's; medians of {found['rounds']} rounds."
 
 
-def scaling_told(found: Mapping[str, Rows]) -> str:
+def scaling_table(found: Mapping[str, Rows]) -> str:
     """Growth with resolution, pixels, lamps and boxes."""
     parts = ["![Time of a frame against resolution, pixels, lamps and boxes](figures/scaling.png)"]
     for study, across in STUDIES.items():
@@ -64,20 +64,29 @@ def scaling_told(found: Mapping[str, Rows]) -> str:
     return "\n\n".join(parts)
 
 
-def scale_told(found: Mapping[str, Any]) -> str:
+def scale_table(found: Mapping[str, Any]) -> str:
     """Large boxes, and the one that does not fit."""
     boxes, no = [row | {"share": 100 * row["kept"] / row["bricks"]} for row in found["boxes"]], found["refused"]
     said = f"{no['voxels']}³ of the {no['shell']} shell, after {no['seconds']:.0f} s at {no['peak_gib']:.2f} GiB"
     return f"{table(SCALE, boxes)}\n\nRefused: {said}:\n\n    {no['said']}"
 
 
-def open_told(found: Rows) -> str:
+def open_table(found: Rows) -> str:
     """Boxes opened from disk."""
     ways = ("packed", "arrays")
     return table(OPENING, [{"voxels": box["voxels"], "way": way, **box[way]} for box in found for way in ways])
 
 
-def bound_told(found: Mapping[str, Any]) -> str:
+def page_frames_table(found: Rows) -> str:
+    """Frames a second of published pages, drawn in software."""
+    head = {
+        "page": "page of a", "side": "side [px]", "drawn": "drawn", "frames_per_second": "frames a second",
+        "mb": "size [MB]",
+    }  # fmt: skip
+    return table(head, [{**row, "mb": row["bytes"] / 1e6} for row in found])
+
+
+def bound_table(found: Mapping[str, Any]) -> str:
     """What the march is made of, and what the machine can do."""
     parts, steps, rates = found["parts_s"], found["steps"], found["gather_rates"]
     rows = [

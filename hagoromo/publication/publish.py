@@ -105,5 +105,6 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
     title = (shots.name if shots is not None else "") or name or "Measured object"
     maps = surface_maps(measurement, camera, title, bool(has_scale))
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
-    assumptions = tuple(f"{what.capitalize()}: {said.rstrip(chr(46))}." for what, said in measurement.assumptions.items())
+    assumed = measurement.assumptions.items()
+    assumptions = tuple(f"{what.capitalize()}: {said.removesuffix('.')}." for what, said in assumed)
     return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions)

@@ -69,7 +69,7 @@ class WeightStack:
 def weight_stack(scene: Scene, lamps: int, settings: Settings, progress: Progress = silent) -> WeightStack:
     """`scene` under `lamps` far lamps in place of its own, evenly over the hemisphere in front of its camera.
 
-    `InputError` for fewer or more lamps than can be told apart, and for a stack larger than the memory.
+    `InputError` for too few or too many lamps, and for a stack larger than the memory.
     """
     if not FEWEST_LAMPS <= lamps <= MOST_LAMPS:
         raise InputError(f"{lamps} lamps over the hemisphere: give {FEWEST_LAMPS} to {MOST_LAMPS}")

@@ -23,7 +23,7 @@ def page(monkeypatch):
 def test_the_page_has_one_place_for_every_record(page):
     text = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
     marks = re.findall(r"<!-- (\w+) -->", text)
-    assert sorted(mark for mark in marks if mark != "end") == sorted([*page.TOLD, "open_box", "peers"])
+    assert sorted(mark for mark in marks if mark != "end") == sorted([*page.TABLES, "open_box", "peers"])
     assert marks[1::2] == ["end"] * len(marks[::2]), "every place is closed before the next one opens"
 
 
