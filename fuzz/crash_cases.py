@@ -247,7 +247,7 @@ CASES = (
     ),
     Case(
         "calibrate response", _pairs, ("calibrate", "response", "pairs.csv"),
-        ("out.csv", "out_interval.csv", "out.png"),
+        ("out.csv", "out_interval.csv", "out.json", "out.png"),
     ),
     Case(
         "calibrate camera", _boards,

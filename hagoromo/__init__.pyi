@@ -64,10 +64,10 @@ from .calibration.lamps.uncalibrated.calibrate_from_object import (
 from .calibration.response.chart import chart_spectra as chart_spectra
 from .calibration.response.calibrate_response import (
     Pairs as Pairs,
-    ResponseCalibration as ResponseCalibration,
     calibrate_response as calibrate_response,
     read_pairs as read_pairs,
 )
+from .calibration.response.response_calibration import ResponseCalibration as ResponseCalibration
 from .calibration.response.chart_response import response_from_chart as response_from_chart
 
 # Reflectance and its measurement

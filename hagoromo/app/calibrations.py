@@ -148,7 +148,8 @@ def calibrate_response(
 
     Args:
         sources: CSV with a row per spectrum: its values in columns named by wavelength [nm], the readings in the other
-            columns; or linear photographs of a chart of 24 patches: developed EXR, or 16-bit PNG of one exposure.
+            columns, and in a column lamp, if there is one, the number of the lamp, whose strength may be wrong; or
+            linear photographs of a chart of 24 patches: developed EXR, or 16-bit PNG of one exposure.
         lamp: spectrum of the lamp of each photograph, a name or CSV, all in one unit.
         chart: spectra of the patches: a chart of colour-science, or a CSV with a column per patch.
         corners: x y of the chart's corners [px], clockwise from that of the first patch, if it is not detected.
@@ -164,7 +165,8 @@ def calibrate_response(
     if calibration.noise.max() > DOUBTFUL_NOISE:
         warnings.warn(
             f"the known spectra explain the readings only to {100 * calibration.noise.max():.0f} %: check that the "
-            "readings are linear in light and free of glare, and that each spectrum belongs to its reading",
+            "readings are linear in light and free of glare, that each spectrum belongs to its reading, and that a "
+            "column lamp tells which readings are of one lamp",
             stacklevel=2,
         )
     for channel, residual, noise in zip(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from hagoromo.calibration.response.calibrate_response import ResponseCalibration
+from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.files.names import plot_label
 from hagoromo_figures.demo.plots import panels
 

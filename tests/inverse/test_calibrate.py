@@ -77,7 +77,11 @@ def test_overlap_matrix_integrates_piecewise_linear_products():
 def test_pairs_are_read_from_a_table(tmp_path):
     columns = {"R": [1, 2], "400": [3, 4], "410": [5, 6], "420": [7, 8], "G": [9, 10]}
     write_table(tmp_path / "pairs.csv", columns)
-    wavelengths, spectra, readings = read_pairs(tmp_path / "pairs.csv")
+    wavelengths, spectra, readings, lamps = read_pairs(tmp_path / "pairs.csv")
+    assert lamps is None
+    write_table(tmp_path / "lit.csv", {"lamp": [1, 2], **columns})
+    lit = read_pairs(tmp_path / "lit.csv")
+    assert list(lit.readings) == ["R", "G"] and lit.lamps is not None and lit.lamps.tolist() == [1, 2]
     np.testing.assert_array_equal(wavelengths, [400, 410, 420])
     np.testing.assert_array_equal(spectra, [[3, 5, 7], [4, 6, 8]])
     assert list(readings) == ["R", "G"]

@@ -13,6 +13,7 @@ from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
+from hagoromo.files.record import read_json
 from hagoromo.files.table import read_table, write_table
 from hagoromo.light.spectrum import Spectrum
 from studies.response_study import CURVE_WAVELENGTHS, chart_under, known_lights, response_study, score
@@ -122,6 +123,10 @@ def test_response_is_calibrated_by_command(tmp_path, capsys):
     assert main([*command, "--out", str(out)]) == 0
     assert f"wrote {out}" in capsys.readouterr().out
     assert list(read_table(tmp_path / "response_interval.csv"))[:3] == ["wavelength_nm", "R_low", "R_high"]
+    record = read_json(tmp_path / "response.json")
+    assert list(record["channels"]) == ["R", "G", "B"] and record["channels"]["G"]["converged"]
+    assert record["channels"]["R"]["clipped_pairs"] == record["repeated_pairs"] == record["remarks"] == []
+    assert 10.0 < record["channels"]["B"]["correlation_length_nm"] < 200.0
     found = Response.load(out)
     for channel in range(3):
         true = CAMERA.curve(channel).at(found.wavelengths)

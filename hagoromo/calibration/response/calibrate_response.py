@@ -7,133 +7,52 @@ smooth; its smoothness and the noise are estimated from the readings (see `posit
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
-from hagoromo.calibration.response.doubtful_readings import Doubtful, doubtful_readings
-from hagoromo.calibration.response.positive_curve import PositiveCurve, Transfer, fit_positive_curve
+from hagoromo.calibration.response.doubtful_readings import doubtful_readings
+from hagoromo.calibration.response.positive_curve import PositiveCurve, fit_positive_curve
+from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
-from hagoromo.files.table import read_table, write_table
-from hagoromo.files.whole import whole_files
-from hagoromo.least_squares import FitStatus
+from hagoromo.files.table import read_table
 from hagoromo.light.spectrum import VISIBLE
 
+LAMP_COLUMN = "lamp"
 FEWEST_PAIRS = 5  # least number of pairs: smoothness and noise are estimated, too
-
-
-@dataclass(frozen=True, eq=False)
-class ResponseCalibration:
-    """A response and how well it is known.
-
-    interval_95: (wavelengths, channels, 2), lower and upper bound of each value. standard_error: (wavelengths,
-    channels), to first order. residual: (channels,) root mean square of the residuals, relative to the channel's mean
-    reading. noise: (channels,) estimated noise of the readings, also relative. length: (channels,) correlation length
-    of the curve [nm]. statuses: (channels,) how the fits ended. transfers: (channels,) power and offset of the readings
-    over light; where they are certain, the curve is that of the linearised readings. doubtful: readings that were left
-    out. priors: (channels,) what the evidence chose: smooth, or like published cameras. noise_factors: (channels,) by
-    which similar spectra share errors. findings: what else was found, in sentences.
-    """
-
-    response: Response
-    interval_95: NDArray[np.float64]
-    standard_error: NDArray[np.float64]
-    residual: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    length: NDArray[np.float64]
-    statuses: tuple[FitStatus, ...] = ()
-    transfers: tuple[Transfer | None, ...] = ()
-    doubtful: Doubtful | None = None
-    priors: tuple[str, ...] = ()
-    noise_factors: tuple[float, ...] = ()
-    findings: tuple[str, ...] = ()
-
-    def remarks(self) -> list[str]:
-        """One line for each fault: readings left out, a transfer that is not linear, fits that did not converge."""
-        pairs = zip(self.response.channels, self.statuses, strict=False)
-        said = [] if self.doubtful is None else self.doubtful.remarks()
-        for channel, transfer in zip(self.response.channels, self.transfers, strict=False):
-            if transfer is not None and transfer.certain:
-                said.append(f"channel {channel}: {_transfer_said(transfer)}")
-        said += self.findings
-        return said + [status.remark(f"channel {channel}") for channel, status in pairs if not status.converged]
-
-    def __repr__(self) -> str:
-        """The channels and their residuals."""
-        residuals = zip(self.response.channels, self.residual, strict=True)
-        return f"ResponseCalibration({', '.join(f'{name}: residual {100 * r:.2f} %' for name, r in residuals)})"
-
-    def save(self, path: str | Path, force: bool = False) -> tuple[Path, Path]:
-        """Write the curves to the CSV `path`, which `Response.load` reads, and their 95 % intervals beside it.
-
-        Returns both paths. `InputError` for a name that does not end in .csv, or an existing file without `force`.
-        """
-        curves, bounds = self.paths(path)
-        wavelength = {"wavelength_nm": self.response.wavelengths}
-        ends = {
-            f"{name}_{end}": self.interval_95[:, channel, k]
-            for channel, name in enumerate(self.response.channels)
-            for k, end in enumerate(("low", "high"))
-        }
-        with whole_files((curves, bounds), force) as (response, intervals):
-            self.response.write_table(response)
-            write_table(intervals, wavelength | ends)
-        return curves, bounds
-
-    @staticmethod
-    def load(path: str | Path) -> ResponseCalibration:
-        """The calibration whose curves `save` wrote to `path`, with the intervals beside it.
-
-        The files hold no standard errors, residuals, noise and lengths: these are NaN. `InputError` where a file is
-        missing or the two do not belong together.
-        """
-        curves, bounds = ResponseCalibration.paths(path)
-        response, table = Response.load(curves), read_table(bounds)
-        ends = [[f"{name}_{end}" for end in ("low", "high")] for name in response.channels]
-        missing = [name for pair in ends for name in pair if name not in table]
-        if missing or len(next(iter(table.values()))) != len(response.wavelengths):
-            raise InputError(f"{bounds} does not hold the intervals of {curves}: give files written together")
-        interval = np.stack([np.stack([table[name] for name in pair], axis=1) for pair in ends], axis=1)
-        errors, unknown = np.full(response.values.shape, np.nan), np.full(len(response.channels), np.nan)
-        return ResponseCalibration(response, interval, errors, unknown, unknown, unknown)
-
-    @staticmethod
-    def paths(path: str | Path) -> tuple[Path, Path]:
-        """The files of the curves and of their intervals; `InputError` if `path` does not end in .csv."""
-        path = Path(path)
-        if path.suffix.lower() != ".csv":
-            raise InputError(f"{path} is not the name of a CSV table: give a name that ends in .csv")
-        return path, path.with_name(f"{path.stem}_interval.csv")
 
 
 class Pairs(NamedTuple):
     """Known spectra and the camera's readings of them.
 
     wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in one arbitrary unit.
+    lamps: (pairs,) number of the lamp of each, whose strength may be wrong; None: not told.
     """
 
     wavelengths: NDArray[np.float64]
     spectra: NDArray[np.float64]
     readings: dict[str, NDArray[np.float64]]
+    lamps: NDArray[np.float64] | None = None
 
 
 def read_pairs(path: str | Path) -> Pairs:
     """Pairs in a CSV file, one row per spectrum: columns named by wavelength [nm] hold the spectrum, others readings.
 
+    A column named lamp holds the number of the lamp (or exposure) of each pair, whose strength may be wrong.
     `InputError` for other tables.
     """
     table = read_table(path)
     wavelength_of = {name: float(name) for name in table if _is_number(name)}
     wavelengths = np.array(list(wavelength_of.values()))
+    lamps = table.pop(LAMP_COLUMN, None)
     channels = {name: column for name, column in table.items() if name not in wavelength_of}
     if len(wavelength_of) < 3 or (np.diff(wavelengths) <= 0).any():
         raise InputError(f"{path}: name three or more columns by increasing wavelengths in nm, such as 400,410,420")
-    return Pairs(wavelengths, np.stack([table[name] for name in wavelength_of], axis=1), channels)
+    return Pairs(wavelengths, np.stack([table[name] for name in wavelength_of], axis=1), channels, lamps)
 
 
 def calibrate_response(pairs: Pairs | str | Path) -> ResponseCalibration:
@@ -142,9 +61,9 @@ def calibrate_response(pairs: Pairs | str | Path) -> ResponseCalibration:
     pairs: known spectra and the camera's readings of them, or a CSV file of them, see `read_pairs`.
     `InputError` for fewer than five pairs, or a channel whose mean reading is not above 0.
     """
-    wavelengths, spectra, readings = pairs if isinstance(pairs, Pairs) else read_pairs(pairs)
+    wavelengths, spectra, readings, lamps = pairs if isinstance(pairs, Pairs) else read_pairs(pairs)
     # eq. (10) for piecewise linear C and R: ρ = C M R
-    return solve_response(wavelengths, spectra @ overlap_matrix(wavelengths), readings)
+    return solve_response(wavelengths, spectra @ overlap_matrix(wavelengths), readings, lamps=lamps)
 
 
 def solve_response(
@@ -152,10 +71,11 @@ def solve_response(
     matrix: NDArray[np.float64],
     readings: dict[str, NDArray[np.float64]],
     priors: Callable[[str, NDArray[np.float64]], Sequence[CurvePrior]] = priors_of,
+    lamps: NDArray[Any] | None = None,
 ) -> ResponseCalibration:
     """As `calibrate_response`, from the matrix (pairs, n) of the integrals: ρ = matrix R.
 
-    priors: of a channel at wavelengths [nm]; of those the evidence chooses.
+    priors: of a channel at wavelengths [nm]; of those the evidence chooses. lamps: see `Pairs`.
     """
     if len(matrix) < FEWEST_PAIRS:
         raise InputError(f"{len(matrix)} pairs are given and {FEWEST_PAIRS} are needed: add known spectra")
@@ -164,12 +84,14 @@ def solve_response(
             raise InputError(f"the mean reading of channel {name} is not above 0: leave the column out")
     known = {name: priors(name, wavelengths) for name in readings}
     doubtful = doubtful_readings(wavelengths, matrix, readings, {name: of[0] for name, of in known.items()})
+    numbers = None if lamps is None else np.unique(lamps, return_inverse=True)[1]
     used = {name: doubtful.sound(name, len(matrix)) & np.isfinite(of) for name, of in readings.items()}
 
     def fit(name: str, power: float | None = None) -> PositiveCurve:
         sound, rounding = used[name], _rounding(readings[name])
+        groups = None if numbers is None else numbers[sound]
         return fit_positive_curve(
-            wavelengths, matrix[sound], readings[name][sound], known[name], rounding=rounding, power=power
+            wavelengths, matrix[sound], readings[name][sound], known[name], rounding, power, groups
         )
 
     curves = {name: fit(name) for name in readings}
@@ -196,8 +118,22 @@ def solve_response(
         tuple(transfers),
         doubtful,
         tuple(curve.prior for curve in curves.values()),
-        tuple(curve.noise_factor for curve in curves.values()),
+        tuple(curve.shared for curve in curves.values()),
+        _gains(list(curves.values()), used, numbers),
     )
+
+
+def _gains(
+    curves: Sequence[PositiveCurve], used: dict[str, NDArray[np.bool_]], numbers: NDArray[np.intp] | None
+) -> NDArray[np.float64] | None:
+    """(channels, lamps, 2): NaN where a channel has no sound reading of a lamp; None without lamps."""
+    if numbers is None or not any(curve.gains is not None for curve in curves):
+        return None
+    gains = np.full((len(curves), int(numbers.max()) + 1, 2), np.nan)
+    for channel, (curve, sound) in enumerate(zip(curves, used.values(), strict=True)):
+        if curve.gains is not None:
+            gains[channel, np.unique(numbers[sound])] = curve.gains
+    return gains
 
 
 def _with_common_power(
@@ -234,18 +170,6 @@ def overlap_matrix(wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
     step = np.diff(wavelengths)
     matrix = np.diag(np.append(step, 0.0) + np.insert(step, 0, 0.0)) / 3.0
     return matrix + (np.diag(step, 1) + np.diag(step, -1)) / 6.0
-
-
-def _transfer_said(transfer: Transfer) -> str:
-    """What a wrong transfer is, and what to do."""
-    power, offset = transfer.errors
-    said = []
-    if transfer.bent or transfer.stated:
-        said.append(f"follow light to the power {transfer.power:.3f} ± {power:.3f}, not 1")
-    if transfer.shifted:
-        said.append(f"are {100 * transfer.offset:+.1f} ± {100 * offset:.1f} % of their mean off in the dark")
-    cure = "linearise them with the right transfer, or subtract the right black; the curve is of the corrected readings"
-    return f"the readings {' and '.join(said)}: {cure}"
 
 
 def _is_number(name: str) -> bool:

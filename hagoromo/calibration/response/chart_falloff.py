@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.calibration.response.common_cause import Cause, common_cause
 from hagoromo.calibration.response.curve_prior import CurvePrior
-from hagoromo.calibration.response.positive_curve import Cause, common_cause
 
 FALLOFF_PRIOR = 0.2  # standard deviation of each coefficient of ln falloff, over half of the chart
 FALLOFF_FITS = 3  # of the curves and the falloff in turn

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.calibration.response.calibrate_response import ResponseCalibration, solve_response
+from hagoromo.calibration.response.calibrate_response import solve_response
 from hagoromo.calibration.response.chart import ChartReading, chart_spectra, read_chart
 from hagoromo.calibration.response.chart_falloff import (
     DOUBTFUL_MISFIT,
@@ -20,6 +20,7 @@ from hagoromo.calibration.response.chart_falloff import (
     photograph_at_fault,
 )
 from hagoromo.calibration.response.curve_prior import priors_of
+from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
@@ -101,9 +102,9 @@ def _solved(chart: ChartReadings, names: Sequence[str]) -> ResponseCalibration:
     priors = {channel: priors_of(channel, chart.wavelengths) for channel in chart.readings}
     share = falloff(chart, priors)
     even = chart.divided(share)
-    calibration = solve_response(chart.wavelengths, chart.matrix, even.readings)
+    calibration = solve_response(chart.wavelengths, chart.matrix, even.readings, lamps=chart.photograph)
     findings = falloff_findings(chart, share, names)
-    if calibration.noise.max() > DOUBTFUL_MISFIT:
+    if max(calibration.noise.max(), *calibration.shared) > DOUBTFUL_MISFIT:
         findings += photograph_at_fault(even, priors, names)
     return replace(calibration, findings=tuple(findings))
 
