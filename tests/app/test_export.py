@@ -63,9 +63,12 @@ def ptm_pixels(path, u, v):
     return np.clip(image, 0.0, 1.0)
 
 
+LOWEST = 0.15  # rad above the plane: OpenLIME turns no lamp lower
+
+
 def harmonics(x, y, z):
-    """Nine hemispherical harmonics as RTI viewers list them."""
-    phi, c = np.arctan2(y, x), z
+    """Nine hemispherical harmonics as RTIViewer (hsh.cpp) and OpenLIME (ShaderRTI.js) list them."""
+    phi, c = np.arctan2(y, x), np.cos(min(np.arccos(z), np.pi / 2 - LOWEST))
     r = np.sqrt(max(c - c * c, 0.0))
     return np.array([
         1 / np.sqrt(2 * np.pi), np.sqrt(6 / np.pi) * np.cos(phi) * r, np.sqrt(3 / (2 * np.pi)) * (-1 + 2 * c),
@@ -76,6 +79,7 @@ def harmonics(x, y, z):
 
 
 def hsh_pixels(path, direction):
+    """As RTIViewer reads .rti: of a pixel all terms of red, then of green, then of blue, from the top row."""
     data = path.read_bytes()
     head, rest = data.split(b"\n", 4)[:4], data.split(b"\n", 4)[4]
     width, height, channels = map(int, head[2].split())
@@ -132,6 +136,88 @@ def test_a_matte_polynomial_survives_the_file(tmp_path):
         again = ptm_pixels(tmp_path / "a.ptm", *directions[k, :2])
         np.testing.assert_allclose(again, pictures[k], atol=0.012)
     np.testing.assert_allclose(hsh_basis(directions)[4], harmonics(*directions[4]), atol=1e-12)
+
+
+def gltf(path):
+    """glTF 2.0 binary by its specification: the primitive's arrays by name, its material, and the texture's bytes."""
+    data = path.read_bytes()
+    magic, version, length = struct.unpack("<4sII", data[:12])
+    size, kind = struct.unpack("<I4s", data[12:20])
+    assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
+    record, rest = json.loads(data[20 : 20 + size]), data[20 + size :]
+    assert rest[4:8] == b"BIN\0" and struct.unpack("<I", rest[:4])[0] == len(rest) - 8
+
+    def view(number):
+        place = record["bufferViews"][number]
+        start = 8 + place.get("byteOffset", 0)
+        return rest[start : start + place["byteLength"]]
+
+    (primitive,) = record["meshes"][0]["primitives"]
+    arrays = {}
+    for name, number in {**primitive["attributes"], "faces": primitive["indices"]}.items():
+        accessor = record["accessors"][number]
+        columns = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor["type"]]
+        kind = {5123: "<u2", 5125: "<u4", 5126: "<f4"}[accessor["componentType"]]
+        values = np.frombuffer(view(accessor["bufferView"]), kind, accessor["count"] * columns)
+        arrays[name] = values.reshape(-1, columns)
+        if name == "POSITION":  # the specification demands them
+            np.testing.assert_allclose([accessor["min"], accessor["max"]], [values.reshape(-1, 3).min(0),
+                                       values.reshape(-1, 3).max(0)], rtol=1e-6)  # fmt: skip
+    material = record["materials"][primitive["material"]]["pbrMetallicRoughness"]
+    image = record["images"][record["textures"][material["baseColorTexture"]["index"]]["source"]]
+    return arrays, material, view(image["bufferView"])
+
+
+def test_a_glb_is_gltf_2_with_its_texture_the_right_way_up(exported):
+    """Coordinates of glTF count from the top left corner of the texture."""
+    import io
+
+    from PIL import Image
+
+    _, _, maps, out, _ = exported
+    arrays, material, texture = gltf(out / "object.glb")
+    known = maps.known
+    rows, columns = np.nonzero(known)
+    expected = np.stack([(columns + 0.5) / known.shape[1], (rows + 0.5) / known.shape[0]], axis=1)
+    np.testing.assert_allclose(arrays["TEXCOORD_0"], expected, atol=1e-5)
+    np.testing.assert_allclose(arrays["NORMAL"], maps.normals[known], atol=1e-5)
+    np.testing.assert_allclose(-arrays["POSITION"][:, 2], maps.depth[known], rtol=1e-5)
+    assert arrays["faces"].max() == known.sum() - 1 and material["metallicFactor"] == 0.0
+    picture = np.asarray(Image.open(io.BytesIO(texture)).convert("RGB"))
+    wanted = 255.0 * shown(np.pi * maps.body, 1.0)
+    assert picture.shape[:2] == known.shape and np.abs(picture - wanted)[known].max() <= 0.51
+
+
+def test_other_libraries_read_what_was_written(exported):
+    """VTK reads mesh and PNG, OpenCV the TIFF, Mitsuba the EXR: none of them wrote its file."""
+    import cv2
+    import mitsuba
+
+    gltf_reader = pytest.importorskip("vtkmodules.vtkIOGeometry", reason="VTK is not installed").vtkGLTFReader()
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOImage import vtkPNGReader
+
+    _, _, maps, out, _ = exported
+    known, shape = maps.known, maps.labels.shape
+    gltf_reader.SetFileName(str(out / "object.glb"))
+    gltf_reader.Update()
+    mesh = gltf_reader.GetOutput().GetBlock(0).GetBlock(0)
+    assert mesh.GetNumberOfPoints() == known.sum()
+    png = vtkPNGReader()
+    png.SetFileName(str(out / "normals.png"))
+    png.Update()
+    pixels = vtk_to_numpy(png.GetOutput().GetPointData().GetScalars()).reshape(*shape, 3)[::-1]  # VTK: from the bottom
+    assert (pixels == hg.read_png(out / "normals.png")).all()
+    tiff = cv2.imread(str(out / "normals.tiff"), cv2.IMREAD_UNCHANGED)
+    assert tiff is not None and (tiff[..., ::-1] == pixels).all()
+    depth = cv2.imread(str(out / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    assert depth is not None and depth.dtype == np.uint16 and depth.shape == shape
+    if mitsuba.variant() is None:
+        mitsuba.set_variant("scalar_rgb")
+    bitmap = mitsuba.Bitmap(str(out / "planes.exr"))
+    layers = dict(zip([field.name for field in bitmap.struct_()], np.moveaxis(np.array(bitmap), 2, 0), strict=True))
+    np.testing.assert_allclose(layers["Z"][known], maps.depth[known], rtol=1e-6)
+    np.testing.assert_allclose(layers["N.X"][known], maps.normals[known][:, 0], atol=1e-6)
 
 
 def test_planes_and_meshes_hold_the_maps(exported):

@@ -4,7 +4,8 @@ A display value of a pixel is a sum of functions of the direction to a far lamp,
 PTM: u², v², uv, u, v, 1, of luminance, times a colour. Malzbender et al. 2001, "Polynomial texture maps"; format 1.2.
 HSH: nine hemispherical harmonics of each channel. Gautron et al. 2004, "A novel hemispherical basis for accurate and
 efficient rendering". Relight's planes: Ponchio et al. 2019, "RELIGHT: a compact and accurate RTI
-representation for the web".
+representation for the web". The layouts are those that the public sources of RTIViewer (hsh.cpp), Relight and OpenLIME
+(ShaderRTI.js) read and write; none of these programs has opened a file of ours. They turn no lamp lower than 0.15 rad.
 """
 
 from __future__ import annotations
