@@ -256,8 +256,10 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force
 def render(
     scene: Positional[Path],
     out: Out,
-    mode: Literal["march"] = "march",
+    mode: Literal["march", "path"] = "march",
     tolerance: float | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
     separate_lamps: bool = False,
     scheduler: Scheduler = None,
     force: Force = False,
@@ -266,17 +268,19 @@ def render(
 
     Args:
         scene: scene TOML.
-        mode: march computes single scattering, without noise.
+        mode: march computes single scattering, without noise; path estimates light of all orders, with noise.
         tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
             0.04).
+        samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).
+        seed: seed of the random numbers (default: the scene's, or 0).
         separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
     """
     replaceable_files((out, out.with_suffix(".png")), force)
     from hagoromo.image.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)
-    if tolerance is not None:
-        settings = replace(settings, tolerance=tolerance)
+    stated = {"tolerance": tolerance, "samples": samples, "seed": seed}
+    settings = replace(settings, **{key: value for key, value in stated.items() if value is not None})
     if separate_lamps:
         settings = replace(settings, separate_lamps=True)
     with progress_bar("render") as progress:

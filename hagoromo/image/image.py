@@ -36,7 +36,8 @@ class Image:
     """Weights (height, width, lamps · colours) float32 and coverage alpha (height, width).
 
     A weight is radiance per unit of lamp spectrum and colour [1/m² for a lamp intensity of 1].
-    metadata: scene, settings, seed and version that made it.
+    metadata: scene, settings, seed and version that made it. variance: (height, width), of the noise of Y of `xyz`,
+    where the image was estimated by random walks; None elsewhere.
 
     >>> reddish = hg.Spectrum([400, 600, 700], [0, 0, 1])
     >>> red = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=reddish)
@@ -53,6 +54,7 @@ class Image:
     alpha: NDArray[np.float32]
     palette: Palette
     metadata: dict[str, Any] = field(default_factory=dict)
+    variance: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         """The size and the number of weights."""
@@ -105,7 +107,8 @@ class Image:
         lamps = tuple(old if new is None else new for old, new in zip(self.palette.lamps, spectra, strict=True))
         each = np.repeat(np.array(factors, np.float32), len(self.palette.colours))
         record = _with_lamps(self.metadata, self.palette, factors, spectra)
-        return replace(self, weights=self.weights * each, palette=replace(self.palette, lamps=lamps), metadata=record)
+        palette = replace(self.palette, lamps=lamps)  # the variance is that under the lamps of before
+        return replace(self, weights=self.weights * each, palette=palette, metadata=record, variance=None)
 
     def _of_groups(self, of_lamps: Mapping[Any, Any], otherwise: Any, what: str) -> list[Any]:
         """A value for each group of lamps from those of single lamps."""
@@ -156,6 +159,8 @@ class Image:
         channels |= {"A": self.alpha}
         for k, name in enumerate(self.channel_names()):
             channels[name] = self.weights[..., k]
+        if self.variance is not None:
+            channels[VARIANCE] = self.variance
         header = {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
             "hagoromo": finite_json(self.metadata, str(target)),
@@ -168,14 +173,16 @@ class Image:
         return [target, picture]
 
     def channel_names(self) -> list[str]:
-        """EXR channel names of the weights: lamp group, then body or interface colour."""
+        """EXR channel names of the weights: lamp group, then body or interface colour, or band of higher orders."""
         palette = self.palette
         colours = [f"body{j}" for j in range(len(palette.bodies))]
         colours += [f"interface{j}" for j in range(len(palette.interfaces))]
+        colours += [f"band{j}" for j in range(len(palette.bands))]
         return [f"lamp{k}.{colour}" for k in range(len(palette.lamps)) for colour in colours]
 
 
 PALETTE_KEYS = ("bodies", "interfaces", "lamps")
+VARIANCE = "variance.Y"  # channel of an EXR
 
 
 def read_image(path: str | Path) -> Image:
@@ -189,20 +196,22 @@ def read_image(path: str | Path) -> Image:
         weights = np.stack([channels[name] for name in names], axis=-1)
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path} holds no weights of Hagoromo: render it again ({error})") from error
-    return Image(weights, channels["A"], palette, metadata)
+    return Image(weights, channels["A"], palette, metadata, channels.get(VARIANCE))
 
 
 def _palette_record(palette: Palette) -> dict[str, Any]:
     """What `read_image` reads back."""
     spectra = {key: [s.record() for s in getattr(palette, key)] for key in PALETTE_KEYS}
+    spectra |= {"bands": [s.record() for s in palette.bands]} if palette.bands else {}
     return spectra | {"lamp_names": list(palette.lamp_names), "lamp_groups": list(palette.lamp_groups)}
 
 
 def _palette_from_record(record: dict[str, Any]) -> Palette:
-    """Files of version 0.2 do not name the lamps."""
+    """Files of version 0.2 do not name the lamps; only images of all orders have bands."""
     names, groups = tuple(map(str, record.get("lamp_names", ()))), tuple(map(int, record.get("lamp_groups", ())))
     bodies, interfaces, lamps = (tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS)
-    palette = Palette(bodies, interfaces, lamps, names, groups)
+    bands = tuple(Spectrum.load(s) for s in record.get("bands", ()))
+    palette = Palette(bodies, interfaces, lamps, names, groups, bands)
     if len(names) != len(groups) or (groups and set(groups) != set(range(len(palette.lamps)))):
         raise ValueError("its lamp_groups do not fit its lamps")
     return palette

@@ -22,7 +22,8 @@ class Settings:
     between eight voxel centres, or a part of it; how deep and long it may be, and where a march replaces shadow maps,
     follows the tolerance. separate_lamps: whether every lamp has weights of its own, so that its strength and colour
     can be changed afterwards (`Image.with_lamps`); otherwise lamps of one spectrum share them. Memory grows with the
-    number of lamps, and time a little.
+    number of lamps, and time a little. orders: events of a walk in mode path, at most: 1 is light that is scattered
+    once; None for all of them.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'
@@ -38,6 +39,7 @@ class Settings:
     tolerance: float = DEFAULT_TOLERANCE
     seed: int = 0
     separate_lamps: bool = False
+    orders: int | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.samples <= MOST_SAMPLES:
@@ -46,6 +48,8 @@ class Settings:
             raise InputError(f"shadows is {self.shadows!r}: give one of {', '.join(SHADOWS)}")
         if not 1e-4 <= self.tolerance <= 1:
             raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
+        if self.orders is not None and self.orders < 1:
+            raise InputError(f"orders is {self.orders}: give 1 or more, or leave it out for all orders of light")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= FINEST_SHADOWS:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to {FINEST_SHADOWS} texels")
 

@@ -156,6 +156,11 @@ class Surfaces:
 
     def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
+        distance, point, normal, _, surface = self.hit(origin, direction)
+        return distance, point, normal, surface
+
+    def hit(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, Array3f, UInt]:
+        """As `intersect`, with the unit normal of the face, to the eye, before the surface number."""
         mi, jit = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin + self.offset), mi.Vector3f(direction)))
         flat, normal = jit.Array3f(hit.n), jit.Array3f(hit.sh_frame.n)
@@ -163,7 +168,7 @@ class Surfaces:
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
         surface = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape))
         point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
-        return jit.Float(hit.t), point, normal, surface
+        return jit.Float(hit.t), point, normal, flat, surface
 
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""

@@ -19,6 +19,7 @@ from hagoromo.transport.frames import DENSEST, Frame, Frames
 LATTICE_MARGIN = 1e-3  # [voxel] from the last voxel centre that samples keep, so that interpolation stays inside
 NUDGE = 1e-3  # [voxel] ahead of the begin of an interval where its cell is looked up; no interval of a cell is shorter
 LAST_IN_CELL = 0.9999  # [voxel] from the first voxel centre of a cell to the last place in it
+CELL_BITS, BRICK_BITS = 0, 3  # a cell is 2^0 voxels wide, a brick 2^3
 Cone = tuple[Float, Float]  # footprint of a ray: its width at the origin [m], and the growth of that per metre [1]
 
 
@@ -127,16 +128,17 @@ class Crossing:
                 distance, ray = dr.select(first, state.ends[k], distance), selected(first, rays[k], ray)
         return slot, distance, ray
 
-    def interval_end(self, ray: Ray, begin: Float, place: Array3f, brick: Int) -> Float:
+    def interval_end(self, ray: Ray, begin: Float, place: Array3f, brick: Int, stored: int = CELL_BITS) -> Float:
         """Where the cell, or the empty bricks (or blocks of them), that a ray is in at `begin` end, from its entry [m].
 
-        place: lattice coordinates a `probe` behind `begin`.
+        place: lattice coordinates a `probe` behind `begin`. stored: CELL_BITS, or BRICK_BITS for the end of a whole
+        stored brick in place of that of its cell.
         """
         jit = arrays()
         empty, ahead = brick < 0, ray.direction > 0.0
         place = dr.select(empty & ahead, dr.fmax(place, 0.0), place)  # half a voxel before the first is in its brick
         reach = dr.select(empty, ((-brick) >> 1) - 1, 0)
-        size = dr.select(empty, dr.select((brick & 1) == 1, 6, jit.Int(3)), 0)
+        size = dr.select(empty, dr.select((brick & 1) == 1, 6, jit.Int(BRICK_BITS)), stored)
         cell = jit.Array3i(dr.floor(place)) >> size
         face = dr.select(ahead, cell + 1 + reach, cell - reach) << size
         end, least = dr.min((jit.Array3f(face) - ray.origin) / ray.direction), begin + 2.0 * self.probe(ray, begin)

@@ -36,6 +36,7 @@ Attenuation = Callable[[int, Array3f, Array3f, Float, Float, TexelHit | None], F
 class Palette:
     """The distinct spectra of a scene's body colours, interface colours and lamps.
 
+    bands: in pictures of all orders, the hat functions that light of higher orders is kept in (`transport/path/bands`).
     lamps: the spectrum of each group of lamps. lamp_names, lamp_groups: name and group of every lamp, in the order of
     the scene; empty where they are not known, as in images of version 0.2.
     """
@@ -45,11 +46,12 @@ class Palette:
     lamps: tuple[Spectrum, ...]
     lamp_names: tuple[str, ...] = ()
     lamp_groups: tuple[int, ...] = ()
+    bands: tuple[Spectrum, ...] = ()
 
     @property
     def colours(self) -> tuple[Spectrum, ...]:
-        """Bodies, then interfaces: the channels of one lamp group, in order."""
-        return self.bodies + self.interfaces
+        """Bodies, then interfaces, then bands: the channels of one lamp group, in order."""
+        return self.bodies + self.interfaces + self.bands
 
     @property
     def channels(self) -> int:
@@ -106,10 +108,7 @@ class Materials:
         """Body and interface weights of f for the element of `material` [1/sr]."""
         alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
         nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
-        body_law = (0.0, 0.0)
-        if self.have_body_laws:
-            first = 5 + len(self.palette.colours) + 2 * self.lobes
-            body_law = self.read(material, first), self.read(material, first + 1)
+        body_law = self.body_law(material)
         chosen: Weights | None = None
         for name in self.elements:
             weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu, body_law)
@@ -120,6 +119,13 @@ class Materials:
                 chosen = Weights(*(dr.select(here, new, old) for new, old in zip(weights, chosen, strict=True)))
         assert chosen is not None
         return self._with_lobes(chosen, material, axis, to_lamp, to_eye)
+
+    def body_law(self, material: UInt) -> tuple[Float, Float]:
+        """ε and σ of a material's body; the numbers 0 where all are after Lambert."""
+        if not self.have_body_laws:
+            return 0.0, 0.0
+        first = 5 + len(self.palette.colours) + 2 * self.lobes
+        return self.read(material, first), self.read(material, first + 1)
 
     def _with_lobes(
         self, weights: Weights, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f

@@ -28,7 +28,7 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
 from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
-from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Step
+from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Ray, Step
 from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
@@ -145,15 +145,26 @@ class Medium:
         slot, begin, ray = crossing.nearest(state)
         place = ray.at(begin + crossing.probe(ray, begin))
         inside = ray.inside(place)
+        brick = self.brick_at(ray, inside)
+        end = crossing.interval_end(ray, begin, place, brick)
+        return Step(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
+
+    def at(self, box: UInt, place: Array3f, brick: Int) -> Step:
+        """A place in a stored brick of a box without texels, as a step without length."""
+        nowhere = Crossing(self.frames, (place, place, arrays().Float(0), arrays().Float(0)), 0.0, (0.0, 0.0))
+        zero = arrays().Float(0)
+        return Step(arrays().UInt(0), nowhere.ray(box), zero, zero, place, brick, zero, zero)
+
+    def brick_at(self, ray: Ray, inside: Array3f) -> Int:
+        """The brick at lattice coordinates inside [0, n − 1): see `Step`."""
+        jit = arrays()
         cell = jit.Array3i(inside) >> 3
         block, inner = cell >> 3, cell & (BLOCK - 1)
         outer = dr.gather(jit.Int, self.coarse, jit.UInt(ray.first + block.z * ray.layer + block.y * ray.row + block.x))
         place_in_block = (inner.z * BLOCK + inner.y) * BLOCK + inner.x
         held = outer >= 0
         brick = dr.gather(jit.Int, self.fine, jit.UInt(outer * BRICKS + place_in_block), held)
-        brick = dr.select(held, brick, outer)
-        end = crossing.interval_end(ray, begin, place, brick)
-        return Step(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
+        return dr.select(held, brick, outer)
 
     def extinction(self, step: Step, direction: Array3f, limit: Limit | None = None) -> Step:
         """The step with the extinction σ along it, for light along the unit `direction` (world); none in empty bricks.

@@ -55,12 +55,17 @@ def lamp_of(cutoff_deg: float | None) -> hg.Lamp:
 
 
 def pictures_of_mitsuba(
-    integrator: str, objects: dict, cutoff_deg: float | None = None, place: tuple = LAMP, paths: int = PATHS
+    integrator: str,
+    objects: dict,
+    cutoff_deg: float | None = None,
+    place: tuple = LAMP,
+    paths: int = PATHS,
+    depth: int = 2,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean radiance (height, width) [W m⁻² sr⁻¹] of independent renders, and the variance of that mean.
 
     cutoff_deg: of Mitsuba's spot towards the middle, whose light falls to nothing there, linearly with the angle.
-    place: of the lamp [m]. paths: a pixel of each render.
+    place: of the lamp [m]. paths: a pixel of each render. depth: one more than the events of light; −1 for all.
     """
     mi = mitsuba()
     look = mi.ScalarTransform4f().look_at(EYE, [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
@@ -74,7 +79,7 @@ def pictures_of_mitsuba(
         lamp = {"type": "spot", "intensity": lamp["intensity"], "to_world": aimed,
                 "cutoff_angle": cutoff_deg, "beam_width": 0.25 * cutoff_deg}  # fmt: skip
     scene = mi.load_dict({
-        "type": "scene", "integrator": {"type": integrator, "max_depth": 2, "rr_depth": 1000},
+        "type": "scene", "integrator": {"type": integrator, "max_depth": depth, "rr_depth": 1000},
         "sensor": {**sensor, "film": film, "sampler": {"type": "independent"}}, "lamp": lamp, **objects,
     })  # fmt: skip
     renders = np.array([np.array(mi.render(scene, spp=paths, seed=seed))[..., 1] for seed in range(RENDERS)])
@@ -100,22 +105,33 @@ def test_the_march_sees_the_radiance_of_volpath(tau, cutoff_deg):
 
     Also under Mitsuba's spot, see `lamp_of`.
     """
-    mi, density = mitsuba(), cloud()
-    pose = np.eye(4)
+    ours = hg.render(hg.Scene(camera(), (lamp_of(cutoff_deg),), (box_of_cloud(tau),)), SOFT)
+    assert_same_radiance(ours.weights[..., 0], *cloud_of_mitsuba(tau, cutoff_deg))
+
+
+def box_of_cloud(tau: float) -> hg.VolumeBox:
+    """The cloud as a volume box of matte spheres."""
+    density, pose = cloud(), np.eye(4)
     pose[:3, 3] = -1.0
     matter = hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, MATTE, element="sphere")
-    box = hg.VolumeBox.from_arrays(density, np.zeros((*density.shape, 3)), 2.0 / VOXELS, tau, [matter], pose=pose)
-    ours = hg.render(hg.Scene(camera(), (lamp_of(cutoff_deg),), (box,)), SOFT)
+    return hg.VolumeBox.from_arrays(density, np.zeros((*density.shape, 3)), 2.0 / VOXELS, tau, [matter], pose=pose)
+
+
+def cloud_of_mitsuba(tau: float, cutoff_deg: float | None, depth: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """The cloud by `volpath`, see `pictures_of_mitsuba`."""
+    cube = {"type": "cube", "bsdf": {"type": "null"}, "interior": medium_of_mitsuba(tau)}
+    return pictures_of_mitsuba("volpath", {"box": cube}, cutoff_deg, depth=depth)
+
+
+def medium_of_mitsuba(tau: float) -> dict:
+    """The matter of the cloud."""
+    mi = mitsuba()
     place = mi.ScalarTransform4f().translate([-1.0, -1.0, -1.0]).scale(2.0)
-    grid = {"type": "gridvolume", "grid": mi.VolumeGrid(density[..., None]), "to_world": place, "raw": True}
-    medium = {
+    grid = {"type": "gridvolume", "grid": mi.VolumeGrid(cloud()[..., None]), "to_world": place, "raw": True}
+    return {
         "type": "heterogeneous", "albedo": {"type": "constvolume", "value": math.pi * ALPHA}, "scale": tau,
         "sigma_t": grid, "phase": phase_of_matte_spheres(),
     }  # fmt: skip
-    theirs = pictures_of_mitsuba(
-        "volpath", {"box": {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}}, cutoff_deg
-    )
-    assert_same_radiance(ours.weights[..., 0], *theirs)
 
 
 def test_light_that_grazes_a_hard_face_is_that_of_volpath():

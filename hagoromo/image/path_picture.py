@@ -1,0 +1,168 @@
+"""Pictures of all orders of light: walks through every pixel, their mean and its variance.
+
+Enters: a scene. Leaves: an `Image` whose palette has bands for light that was scattered more than once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays
+from hagoromo.camera.response import Response, response_matrix
+from hagoromo.errors import InputError
+from hagoromo.files.memory import require
+from hagoromo.image.image import Image
+from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
+from hagoromo.image.render import PreparedScene, SceneCache, metadata
+from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.progress import Progress, part_of, silent
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.lighting import Palette
+from hagoromo.transport.path.bands import bands_of
+from hagoromo.transport.path.free_flight import Matter
+from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers
+from hagoromo.transport.path.scatter import Scattering
+from hagoromo.volume.box import VolumeBox
+
+WALKS_AT_ONCE = 1 << 18  # of one launch; progress is reported, and an interrupt taken, between launches
+ALL_ORDERS = 2**32 - 1
+
+
+def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) -> Image:
+    """The image of a scene by `settings.samples` walks through each pixel; see `render`.
+
+    `InputError` for a box whose matter would send on more light than it takes, or has texels.
+    """
+    for box in scene.boxes:
+        _check_matter(box)
+    batches = lamp_batches(scene.lamps)
+    cache, parts = SceneCache(), []
+    for number, batch in enumerate(batches):
+        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
+        part = part_of(progress, number / len(batches), 1.0 / len(batches))
+        parts.append(_under_one_batch(lit, settings, cache, number, part))
+    if len(parts) == 1:
+        return parts[0]
+    palette = parts[0].palette.with_lamps(scene.lamps, settings.separate_lamps)
+    total = WeightsOfLamps(palette, parts[0].alpha.shape)
+    for batch, part in zip(batches, parts, strict=True):
+        total.add(batch, part.palette, part.weights)
+    record = metadata(scene, settings) | {key: parts[0].metadata[key] for key in ("mode", "bands_error")}
+    variance = sum((part.variance for part in parts if part.variance is not None), np.zeros(1, np.float32))
+    return Image(total.values, parts[0].alpha, palette, record, variance)
+
+
+def _check_matter(box: VolumeBox) -> None:
+    """`InputError` for a box that paths cannot be drawn through."""
+    if box.texel is not None:
+        raise InputError(f"volume box {box.name!r} has texels: mode path takes boxes without; build it without texel")
+    elements = sorted({material.element for material in box.materials} - {"sphere"})
+    if box.extinction == "isotropic" and elements:
+        raise InputError(
+            f"volume box {box.name!r} has isotropic extinction, by which a {elements[0]} that is lit again sends back "
+            'more light than it takes: set extinction = "projected"'
+        )
+
+
+def _under_one_batch(scene: Scene, settings: Settings, cache: SceneCache, batch: int, progress: Progress) -> Image:
+    prepared = PreparedScene(scene, replace(settings, shadows="none"), cache)
+    reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
+    bands = bands_of(albedos(reflectances, [s for box in scene.boxes for s in box.basis]), prepared.palette.lamps)
+    palette = replace(prepared.palette, bands=bands.spectra)
+    scattering = Scattering(reflectances, prepared.lighting.materials)
+    matter = Matter(prepared.medium) if prepared.medium is not None else None
+    walks = Walks(matter, prepared.surfaces, prepared.first_on_surface, prepared.lighting, scattering, bands)
+    sums = Sums(scene.camera.height, scene.camera.width, palette)
+    stream = _Stream(prepared, walks, settings, batch)
+    for begin, end, sample, count in _launches(sums.pixels, settings.samples):
+        sums.add(begin, end, stream.walk(begin, end, sample, count))
+        progress(((sample * sums.pixels) + (end - begin) * count) / (sums.pixels * settings.samples))
+    record = metadata(scene, settings) | {"mode": "path", "bands_error": bands.error}
+    return Image(*sums.mean(settings.samples), palette, record, sums.variance(settings.samples))
+
+
+def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:
+    """What bodies and interfaces send on of the light of each wavelength, about; basis: of the colours of voxels."""
+    most = max(r.alpha for r in reflectances)
+    scaled = [(math.pi * r.alpha, r.body_colour) for r in reflectances] + [(math.pi * most, s) for s in basis]
+    scaled += [(r.interface_albedo, r.interface_colour) for r in reflectances]
+    return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]
+
+
+def _launches(pixels: int, samples: int) -> list[tuple[int, int, int, int]]:
+    """Pixels begin … end − 1, first sample and number of samples of each launch of WALKS_AT_ONCE walks at most."""
+    together = min(max(WALKS_AT_ONCE // pixels, 1), samples)
+    return [
+        (begin, min(begin + WALKS_AT_ONCE, pixels), sample, min(together, samples - sample))
+        for sample in range(0, samples, together)
+        for begin in range(0, pixels, WALKS_AT_ONCE)
+    ]
+
+
+@dataclass
+class _Stream:
+    """Walks through pixels of the camera's picture."""
+
+    prepared: PreparedScene
+    walks: Walks
+    settings: Settings
+    batch: int  # of lamps: each has random numbers of its own
+
+    def walk(self, begin: int, end: int, sample: int, count: int) -> NDArray[np.float32]:
+        """`count` walks from number `sample` on through the pixels begin … end − 1: (pixels, count, channels + 1)."""
+        jit, camera = arrays(), self.prepared.camera
+        lane = dr.arange(jit.UInt, (end - begin) * count)
+        each, width = dr.opaque(jit.UInt, count), dr.opaque(jit.UInt, camera.width)
+        pixel = lane // each + dr.opaque(jit.UInt, begin)
+        seed = self.settings.seed + (self.batch << 32)
+        random = random_numbers(pixel, lane % each + dr.opaque(jit.UInt, sample), seed)
+        x = jit.Float(pixel % width) + random.next_float32()
+        y = jit.Float(pixel // width) + random.next_float32()
+        origin, direction = camera.rays(x, y, self.prepared.ahead)
+        most = dr.opaque(jit.UInt, self.settings.orders or ALL_ORDERS)
+        channels, met = light_of_walks(self.walks, origin, direction, random, most)
+        dr.eval(channels, met)
+        values = np.stack([np.array(each) for each in (*channels, met)], axis=-1)
+        return values.reshape(end - begin, count, -1)
+
+
+class Sums:
+    """Sums over walks of the weights, the coverage, and the square of Y, of every pixel."""
+
+    def __init__(self, height: int, width: int, palette: Palette) -> None:
+        self.size, self.pixels, self.palette = (height, width), height * width, palette
+        require(8.0 * self.pixels * (palette.channels + 2), f"an image of {width} × {height} pixels")
+        self.values, self.squares = np.zeros((self.pixels, palette.channels + 1)), np.zeros(self.pixels)
+        self.luminance = luminance(palette)
+
+    def add(self, begin: int, end: int, values: NDArray[np.float32]) -> None:
+        """Add walks: (pixels, walks, channels + 1)."""
+        self.values[begin:end] += values.sum(axis=1, dtype=np.float64)
+        self.squares[begin:end] += np.square(values[..., :-1] @ self.luminance, dtype=np.float64).sum(axis=1)
+
+    def mean(self, samples: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Weights (height, width, channels) and coverage (height, width)."""
+        mean = (self.values / samples).astype(np.float32).reshape(*self.size, -1)
+        return mean[..., :-1], mean[..., -1]
+
+    def variance(self, samples: int) -> NDArray[np.float32] | None:
+        """Variance of the mean of Y (height, width); None of one walk."""
+        if samples == 1:
+            return None
+        mean = self.values[:, :-1] @ self.luminance / samples
+        spread = np.maximum(self.squares / samples - mean * mean, 0.0) / (samples - 1)
+        return spread.astype(np.float32).reshape(self.size)
+
+
+def luminance(palette: Palette) -> NDArray[np.float64]:
+    """Y of `Image.xyz` of one unit of each weight: (channels,)."""
+    observer, white = Response.load("cie1931"), Spectrum.constant(1.0)
+    scale = response_matrix([white], palette.lamps[0], observer)[1, 0]
+    return np.concatenate([response_matrix(palette.colours, lamp, observer)[1] for lamp in palette.lamps]) / scale

@@ -1,0 +1,243 @@
+"""Path: light of all orders along rays, by random walks from the eye (MODEL §1; Kajiya 1986).
+
+    L(o, v) = Σ_n ∫ … ∫ f(x_1) … f(x_n) E(x_n) T(x_n, lamp)
+
+A walk flies to a collision with matter or a surface, looks at one lamp from there, draws the direction from which the
+light comes that it sends on, and goes that way. The first event gives the weights of the palette, as the march does;
+later ones give the transfer in bands, as a colour multiplied by another is no sum over the palette.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
+from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.path.bands import Bands
+from hagoromo.transport.path.free_flight import Collision, Matter, Random, first_collision, transmittance
+from hagoromo.transport.path.next_event import LampDrawn, lamp_drawn
+from hagoromo.transport.path.scatter import Scattering
+
+FAINT = 0.3  # throughput below which a walk goes on by chance
+
+
+class SurfaceHits(Protocol):
+    """Surfaces as walks need them."""
+
+    def hit(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, Array3f, UInt]:
+        """First hit: distance [m] (inf: none), offset point, unit normals (shaded, and of the face), surface number."""
+        ...
+
+    def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
+        """Whether no surface stands between points and the lamp."""
+        ...
+
+
+@dataclass
+class Event:
+    """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0."""
+
+    there: Bool
+    point: Array3f
+    axis: Array3f
+    face: Array3f
+    material: UInt
+    coefficients: list[Float]  # of its colours, on the palette
+
+
+class Walks:
+    """A scene as walks need it."""
+
+    def __init__(
+        self,
+        matter: Matter | None,
+        surfaces: SurfaceHits | None,
+        first_on_surface: UInt,
+        lighting: Lighting,
+        scattering: Scattering,
+        bands: Bands,
+    ) -> None:
+        """first_on_surface: number of the material of the first surface."""
+        self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
+        self.lighting, self.scattering, self.bands = lighting, scattering, bands
+        palette = lighting.materials.palette
+        self.colours, self.bodies, self.groups = len(palette.colours), len(palette.bodies), len(palette.lamps)
+        self.in_bands = lookup(arrays().Float, bands.of(palette.colours).astype(np.float32))
+
+    @property
+    def channels(self) -> int:
+        """Weights of a walk: of every group of lamps, one for each colour of the palette and each band."""
+        return self.groups * (self.colours + self.bands.count)
+
+    def event(self, origin: Array3f, direction: Array3f, random: Random) -> tuple[Event, Random]:
+        """The next event along rays."""
+        jit, materials = arrays(), self.lighting.materials
+        far = dr.full(jit.Float, dr.inf, dr.width(direction))
+        nothing = jit.Array3f(0.0)
+        event = Event(jit.Bool(False), nothing, nothing, nothing, jit.UInt(0), [])
+        if self.surfaces is not None:
+            far, point, normal, face, surface = self.surfaces.hit(origin, direction)
+            event = Event(dr.isfinite(far), point, normal, face, self.first_on_surface + surface, [])
+        if self.matter is None:
+            event.coefficients = materials.coefficients(event.material)
+            return event, random
+        found, random = first_collision(self.matter, origin, direction, far, random)
+        inside = dr.isfinite(found.distance)
+        axis, material = self._element(found, direction, inside)
+        event = Event(
+            event.there | inside,
+            dr.select(inside, dr.fma(direction, dr.select(inside, found.distance, 0.0), origin), event.point),
+            dr.select(inside, axis, event.axis),
+            dr.select(inside, nothing, event.face),
+            dr.select(inside, material, event.material),
+            [],
+        )
+        event.coefficients = materials.coefficients(event.material)
+        if self.lighting.voxel_bases:
+            event.coefficients = self._with_voxel_colour(event.coefficients, found, inside)
+        return event, random
+
+    def _element(self, found: Collision, direction: Array3f, inside: Bool) -> tuple[Array3f, UInt]:
+        assert self.matter is not None
+        medium = self.matter.medium
+
+        def element(found: Collision, direction: Array3f) -> tuple[Array3f, UInt]:
+            place = medium.at(found.box, found.place, found.brick)
+            one = medium.elements(place, direction)[0][0]
+            return one.axis, one.material
+
+        return dr.if_stmt(
+            (found, direction), inside, element,
+            lambda found, direction: (arrays().Array3f(0.0), arrays().UInt(0)),
+        )  # fmt: skip
+
+    def _with_voxel_colour(self, coefficients: list[Float], found: Collision, inside: Bool) -> list[Float]:
+        assert self.matter is not None
+        medium = self.matter.medium
+        colour = dr.if_stmt(
+            (found,), inside,
+            lambda found: medium.colour(medium.at(found.box, found.place, found.brick)),
+            lambda found: arrays().Array4f(0.0),
+        )  # fmt: skip
+        mixed = self.lighting.with_voxel_colour(coefficients, found.box, colour)
+        return [dr.select(inside, own, old) for own, old in zip(mixed, coefficients, strict=True)]
+
+    def lamp(self, event: Event, to_eye: Array3f, random: Random) -> tuple[LampDrawn, Float, Float, Random]:
+        """A lamp drawn for the event, and the body and interface weights of the light of it that the eye sees."""
+        lamp = lamp_drawn(self.lighting.lamps, event.point, random.next_float32())
+        body, interface = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye)
+        lit = event.there & (body + interface > 0.0) & (lamp.irradiance > 0.0)
+        if self.surfaces is not None:
+            lit &= self.surfaces.visible(event.point, lamp.to_lamp, lamp.distance)
+        passed = dr.select(lit, arrays().Float(1), 0.0)
+        if self.matter is not None:
+            passed, random = transmittance(self.matter, event.point, lamp.to_lamp, lamp.distance, lit, random)
+        seen = lit & (passed > 0.0)
+        irradiance = lamp.irradiance * passed
+        return lamp, dr.select(seen, irradiance * body, 0.0), dr.select(seen, irradiance * interface, 0.0), random
+
+    def mixed(self, coefficients: list[Float], body: Float, interface: Float) -> list[Float]:
+        """body · c_b + interface · e in every band."""
+        sums = []
+        for k in range(self.bands.count):
+            total = arrays().Float(0)
+            for j, share in enumerate(coefficients):
+                value = dr.gather(arrays().Float, self.in_bands, arrays().UInt(j * self.bands.count + k))
+                total = dr.fma(share * (body if j < self.bodies else interface), value, total)
+            sums.append(total)
+        return sums
+
+    def added(
+        self,
+        channels: list[Float],
+        first: Bool,
+        lamp: LampDrawn,
+        coefficients: list[Float],
+        body: Float,
+        interface: Float,
+        carried: list[Float],
+    ) -> list[Float]:
+        """The channels with the light of a lamp, that of the first event among the colours, else among the bands."""
+        jit = arrays()
+        weights = [
+            dr.select(first, share * (body if j < self.bodies else interface), 0.0)
+            for j, share in enumerate(coefficients)
+        ]
+        in_bands = self.mixed(coefficients, body, interface)
+        weights += [dr.select(first, 0.0, old * new) for old, new in zip(carried, in_bands, strict=True)]
+        each = len(weights)
+        own = [jit.Bool(True)] if self.groups == 1 else [lamp.group == group for group in range(self.groups)]
+        return [old + dr.select(own[k // each], weights[k % each], 0.0) for k, old in enumerate(channels)]
+
+
+@dr.syntax
+def light_of_walks(
+    walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt
+) -> tuple[list[Float], Float]:
+    """Weights of the radiance towards the origin of rays, by one walk each: see `Walks.channels`; and 1 where it meets
+    anything, else 0.
+
+    most: number of events of a walk, after which it ends.
+    """
+    jit, count = arrays(), dr.width(direction)
+    channels = [dr.zeros(jit.Float, count) for _ in range(walks.channels)]
+    carried = [dr.full(jit.Float, 1.0, count) for _ in range(walks.bands.count)]
+    events, alive = dr.zeros(jit.UInt, count), dr.full(jit.Bool, True, count)
+    while alive:
+        event, random = walks.event(origin, direction, random)
+        to_eye = -direction
+        lamp, body, interface, random = walks.lamp(event, to_eye, random)
+        channels = walks.added(channels, events == 0, lamp, event.coefficients, body, interface, carried)
+        events += dr.select(event.there, 1, jit.UInt(0))
+        numbers = five_of(random)
+        direction, sent, good = walks.scattering.drawn(event.material, event.axis, to_eye, numbers)
+        onwards = walks.mixed(event.coefficients, sent.body, sent.interface)
+        carried = products(carried, onwards)
+        alive = event.there & good & (events < most)
+        alive &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)
+        origin = event.point
+        brightest = largest(carried)
+        stays = dr.fmin(brightest * (1.0 / FAINT), 1.0)
+        alive &= random.next_float32() < stays
+        carried = [old / dr.fmax(stays, 1e-30) for old in carried]
+    return channels, dr.select(events > 0, jit.Float(1), 0.0)
+
+
+def five_of(random: Random) -> list[Float]:
+    """Five random numbers."""
+    return [random.next_float32() for _ in range(5)]
+
+
+def products(some: list[Float], others: list[Float]) -> list[Float]:
+    """The product of each two (`dr.syntax` takes no comprehension over pairs)."""
+    return [one * other for one, other in zip(some, others, strict=True)]
+
+
+def largest(values: Sequence[Float]) -> Float:
+    """The largest of some values, where none is NaN."""
+    most = values[0]
+    for value in values[1:]:
+        most = dr.fmax(most, value)
+    return most
+
+
+def random_numbers(pixel: UInt, sample: UInt, seed: int) -> Random:
+    """A stream of random numbers of its own for each sample of each pixel, the same on every machine."""
+    jit = arrays()
+    state = scrambled(jit.UInt64(pixel) | (jit.UInt64(sample) << 32))
+    state = scrambled(state ^ dr.opaque(jit.UInt64, (seed * 0x9E3779B97F4A7C15) & 0xFFFFFFFFFFFFFFFF))
+    # a size above 1 would add the number of the lane, by which walks would depend on those beside them
+    return jit.PCG32(1, state, scrambled(state + jit.UInt64(0x9E3779B97F4A7C15)))
+
+
+def scrambled(value: NDArray | Float) -> Float:
+    """The bits of a 64-bit number mixed, by the finaliser of SplitMix64 (Steele, Lea & Flood 2014)."""
+    value = (value ^ (value >> 30)) * type(value)(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> 27)) * type(value)(0x94D049BB133111EB)
+    return value ^ (value >> 31)

@@ -1,0 +1,158 @@
+"""Scatter: directions drawn nearly as an element sends light, with what they weigh.
+
+f of an element is the mean of the plane's f over the normals that the eye sees (MODEL §2, "Micro-elements"). So one of
+these normals is drawn, by the area that the eye sees of it, and then a direction by the plane's own sampling about it:
+its body by the cosine, its interface by the half vectors of its facets, one lobe or another by its share. The weight is
+that of the plane for this normal over the density for this normal; its mean is f over the density of the direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
+from hagoromo.reflectance.body import body_factor
+from hagoromo.reflectance.element import ELEMENTS
+from hagoromo.reflectance.facets import GAUSSIAN
+from hagoromo.reflectance.reflectance import Reflectance, interface_albedo
+from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
+from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
+from hagoromo.transport.lighting import Materials
+
+LEAST_SHARE = 0.1  # of the samples, for the body and for the interface together, where a reflectance has both
+
+
+class Scattering:
+    """The reflectances of a scene, to be drawn from. A row for each: share, β and γ of the lobes."""
+
+    def __init__(self, reflectances: Sequence[Reflectance], materials: Materials) -> None:
+        self.materials, self.lobes = materials, 1 + max(len(r.lobes) for r in reflectances)
+        rows = np.array([_lobe_row(r, self.lobes) for r in reflectances], np.float32)
+        self.rows = lookup(arrays().Float, rows)
+        dr.eval(self.rows)
+
+    def _lobe(self, material: UInt, lobe: int) -> list[Float]:
+        """Share of the samples, β and γ of a lobe."""
+        start = (material * self.lobes + lobe) * 3
+        return [dr.gather(arrays().Float, self.rows, start + k) for k in range(3)]
+
+    def drawn(
+        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
+    ) -> tuple[Array3f, Weights, Bool]:
+        """A direction from where light comes, the body and interface weight of f over its density, and whether light
+        may come from there.
+
+        axis, to_eye: unit, world. numbers: five, independent, uniform in [0, 1).
+        """
+        normal, seen = self.visible_normal(material, axis, to_eye, *numbers[:2])
+        frame = frame_about(normal)
+        view = local(frame, to_eye)
+        to_lamp = self._to_lamp(material, view, numbers[2:])
+        density = self.density(material, to_lamp, view)
+        whole = self.plane(material, to_lamp, view)
+        good = seen & (density > 0.0) & (to_lamp.z > 0.0)
+        scale = dr.select(good, dr.rcp(dr.fmax(density, 1e-30)), 0.0)
+        out = to_lamp.x * frame[0] + to_lamp.y * frame[1] + to_lamp.z * frame[2]
+        return dr.normalize(out), Weights(whole.body * scale, whole.interface * scale), good
+
+    def visible_normal(
+        self, material: UInt, axis: Array3f, to_eye: Array3f, u: Float, v: Float
+    ) -> tuple[Array3f, Bool]:
+        """A normal of the element, drawn by the area that the eye sees of it; whether it sees any."""
+        jit, kind = arrays(), self.materials.read(material, 4)
+        normal, seen = axis, jit.Bool(True)
+        for name in self.materials.elements:
+            if name == "plane":
+                here, visible = axis, dr.dot(axis, to_eye) > 0.0
+            elif name == "cylinder":
+                here, visible = _cylinder_normal(axis, to_eye, u), jit.Bool(True)
+            else:
+                here, visible = _sphere_normal(to_eye, u, v), jit.Bool(True)
+            own = kind == ELEMENTS.index(name)
+            normal, seen = dr.select(own, here, normal), dr.select(own, visible, seen)
+        return normal, seen
+
+    def density(self, material: UInt, to_lamp: Array3f, view: Array3f) -> Float:
+        """Probability density of a direction for one normal, +z of the local axes [1/sr]."""
+        left, total = arrays().Float(1), arrays().Float(0)
+        for k in range(self.lobes):
+            share, _, gamma = self._lobe(material, k)
+            total = dr.fma(share, density_to_lamp(to_lamp, view, 1.0, gamma, self._nu(material, k)), total)
+            left = left - share
+        return dr.fma(dr.fmax(left, 0.0), dr.fmax(to_lamp.z, 0.0) / math.pi, total)
+
+    def plane(self, material: UInt, to_lamp: Array3f, view: Array3f) -> Weights:
+        """f of the plane with normal +z: its body and its interface weight, of all lobes [1/sr]."""
+        normal, read = type(view)(0, 0, 1), self.materials.read
+        alpha, n = read(material, 0), read(material, 3)
+        body, interface = arrays().Float(0), arrays().Float(0)
+        for k in range(self.lobes):
+            _, beta, gamma = self._lobe(material, k)
+            here = torrance_sparrow(normal, to_lamp, view, alpha, beta, gamma, n, self._nu(material, k))
+            body, interface = here.body, interface + here.interface
+        if self.materials.have_body_laws:
+            body = body * body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view), *self.materials.body_law(material))
+        return Weights(body, interface)
+
+    def _to_lamp(self, material: UInt, view: Array3f, numbers: Sequence[Float]) -> Array3f:
+        choice, u, v = numbers
+        share, _, gamma = self._lobe(material, 0)
+        nu = self._nu(material, 0)
+        for k in range(1, self.lobes):
+            more, _, own = self._lobe(material, k)
+            beyond = choice >= share
+            gamma, share = dr.select(beyond, own, gamma), share + more
+            nu = dr.select(beyond, dr.inf, nu) if self.materials.have_tails else nu
+        return sample_to_lamp(view, share, gamma, choice, u, v, nu)
+
+    def _nu(self, material: UInt, lobe: int) -> Float:
+        """Exponent of a lobe's tails; only the first has any."""
+        tails = self.materials.have_tails and lobe == 0
+        return self.materials.read(material, self.materials.width - 1) if tails else GAUSSIAN
+
+
+def _lobe_row(r: Reflectance, count: int) -> list[float]:
+    """Share, β and γ of `count` lobes, the missing ones with β = 0; shares follow their albedos."""
+    lobes = [(r.beta, r.gamma, r.nu), *((beta, gamma, GAUSSIAN) for beta, gamma in r.lobes)]
+    sent = [beta * float(np.median(interface_albedo(float(g), float(r.n), float(nu)))) for beta, g, nu in lobes]
+    interface, body = sum(sent), r.body_albedo
+    share = interface / (interface + body) if interface + body > 0.0 else 0.0
+    if r.alpha > 0.0 and r.beta > 0.0:
+        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+    row = [[share * one / max(interface, 1e-30), beta, g] for one, (beta, g, _) in zip(sent, lobes, strict=True)]
+    return [number for lobe in (row + [[0.0, 0.0, 1.0]] * count)[:count] for number in lobe]
+
+
+def _cylinder_normal(axis: Array3f, to_eye: Array3f, u: Float) -> Array3f:
+    """Across the tangent `axis`: by the cosine to the eye, whose turn has the sine 2u − 1."""
+    ahead = to_eye - axis * dr.dot(axis, to_eye)
+    ahead = ahead * dr.rsqrt(dr.fmax(dr.squared_norm(ahead), 1e-12))
+    sine = 2.0 * u - 1.0
+    return ahead * dr.sqrt(dr.fmax(1.0 - sine * sine, 0.0)) + dr.cross(axis, ahead) * sine
+
+
+def _sphere_normal(to_eye: Array3f, u: Float, v: Float) -> Array3f:
+    """Anywhere on the half that faces the eye, by the cosine to it."""
+    x, y, z = frame_about(to_eye)
+    sine, cosine = dr.sincos(2.0 * math.pi * v)
+    radius = dr.sqrt(u)
+    return dr.normalize(radius * cosine * x + radius * sine * y + dr.sqrt(dr.fmax(1.0 - u, 0.0)) * z)
+
+
+def frame_about(normal: Array3f) -> tuple[Array3f, Array3f, Array3f]:
+    """Two unit vectors across a unit `normal` and the normal itself (Duff et al. 2017)."""
+    kind = type(normal)
+    sign = dr.select(normal.z >= 0.0, 1.0, -1.0)
+    a = -dr.rcp(sign + normal.z)
+    b = normal.x * normal.y * a
+    one = kind(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x)
+    return one, kind(b, sign + normal.y * normal.y * a, -normal.y), normal
+
+
+def local(frame: tuple[Array3f, Array3f, Array3f], vector: Array3f) -> Array3f:
+    """A vector in the axes of `frame`."""
+    return type(vector)(*(dr.dot(vector, axis) for axis in frame))
