@@ -5,10 +5,15 @@ It is a package of its own because importing `hagoromo` takes longer than what i
 
 import importlib.util
 import os
+import re
 import signal
 import sys
 
+from hagoromo_start.caches import find_caches
+
 LEAST_MEMORY, PER_CORE = 600 * 2**20, 72 * 2**20  # bytes of addresses: of libraries, and of a thread of each of them
+
+NUMBERS = re.compile(r"SOURCE_DATE_EPOCH|OPENCV_(IO_MAX_IMAGE_|THREAD_POOL_ACTIVE_WAIT_)\w+|OPENCV_FOR_THREADS_NUM")
 
 
 def _lack_of_memory() -> str:
@@ -30,6 +35,18 @@ def _lack_of_memory() -> str:
     )
 
 
+def _wrong_number() -> str:
+    """A line where a variable of the environment is no number that a library ends the process over; else nothing.
+
+    OpenCV aborts at its first picture; NumPy, which only wants to know when it was compiled, raises an error.
+    """
+    for name, value in os.environ.items():
+        unit = "([KM]B|[KkMm]b)?" if name.startswith("OPENCV") else ""
+        if NUMBERS.fullmatch(name) and not re.fullmatch(r"[0-9]{1,18}" + unit, value):
+            return f"hagoromo: {name} is {value[:40]!r} in the environment: give a whole number, or unset it"
+    return ""
+
+
 def stopping_signals() -> list[signal.Signals]:
     """The signals that ask a process to end, as far as the system has them."""
     names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -47,9 +64,11 @@ def main() -> int:
     for number in stopping_signals():
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and background jobs want
             signal.signal(number, _stop)
+    os.environ["MPLBACKEND"] = "Agg"  # no window is opened; a notebook's commands inherit a backend that may be missing
+    find_caches()
     lack = _lack_of_memory() if sys.platform == "linux" else ""  # macOS does not heed its limits
-    if lack:
-        print(lack, file=sys.stderr)
+    if wrong := lack or _wrong_number():
+        print(wrong, file=sys.stderr)
         return 2
     from hagoromo.app.cli import main as run
 

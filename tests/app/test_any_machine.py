@@ -19,6 +19,8 @@ from hagoromo.app.streams import printable_streams
 from hagoromo.errors import InputError
 from hagoromo.files.checks import check_name
 from hagoromo.files.whole import check_file
+from hagoromo_start import _wrong_number
+from hagoromo_start.caches import find_caches
 from tests.app.imitated_windows import MODULES, NAMES
 
 ROOT = Path(__file__).parents[2]
@@ -220,3 +222,63 @@ def test_commands_run_where_windows_limits_are_imitated(tmp_path, recipe):
     assert done.stderr.decode("utf-8").splitlines() == ["hagoromo: Δ.exr does not exist: check the path"]
     left = sorted(path.name for path in home.iterdir())
     assert left == ["bild é α.exr", "bild é α.png", "haut.toml", "häut α.zarr", "scene.toml"]
+
+
+WITHOUT_HOME = """
+import sys, hagoromo_start
+sys.argv = ["hagoromo", "--version"]
+hagoromo_start.main()
+from hagoromo.backend import arrays
+import matplotlib.font_manager, os
+assert float((arrays().Float([1.0]) + 2.0)[0]) == 3.0
+print(os.environ.get("DRJIT_CACHE_DIR"), os.environ.get("MPLCONFIGDIR"))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="HOME is POSIX's")
+def test_a_home_that_cannot_be_written_is_not_spoken_of(tmp_path):
+    """Dr.Jit and Matplotlib print four lines about it by themselves; their caches get a folder of the user's own.
+
+    Nor does Matplotlib refuse the backend of a notebook from which a command was started.
+    """
+    environment = os.environ | {"HOME": os.path.join(os.devnull, "nobody"), "TMPDIR": str(tmp_path)}
+    environment["MPLBACKEND"] = "module://of_a_notebook"
+    for name in ("DRJIT_CACHE_DIR", "MPLCONFIGDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"):
+        environment.pop(name, None)
+    command = [sys.executable, "-c", WITHOUT_HOME]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    own = tmp_path / f"hagoromo-{os.getuid()}"
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1].split() == [str(own / "drjit_cache_dir"), str(own / "mplconfigdir")]
+    assert own.stat().st_mode & 0o777 == 0o700 and any((own / "drjit_cache_dir").iterdir())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="HOME is POSIX's")
+def test_a_folder_that_others_may_write_is_no_cache(monkeypatch, tmp_path):
+    """Kernels are code; without a place for them the environment is left as it is, but for HOME."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / f"hagoromo-{os.getuid()}").mkdir()
+    (tmp_path / f"hagoromo-{os.getuid()}").chmod(0o777)
+    monkeypatch.setenv("HOME", os.path.join(os.devnull, "nobody"))
+    monkeypatch.delenv("DRJIT_CACHE_DIR", raising=False)
+    find_caches()
+    assert "DRJIT_CACHE_DIR" not in os.environ
+    (tmp_path / f"hagoromo-{os.getuid()}").chmod(0o700)
+    monkeypatch.setenv("MPLCONFIGDIR", str(tmp_path / "fonts"))
+    find_caches()
+    assert os.environ["DRJIT_CACHE_DIR"].startswith(str(tmp_path)) and os.environ["MPLCONFIGDIR"].endswith("fonts")
+    monkeypatch.delenv("HOME")
+    find_caches()
+    assert os.path.isabs(os.environ["HOME"])
+
+
+@pytest.mark.parametrize("name", ["OPENCV_IO_MAX_IMAGE_PIXELS", "OPENCV_FOR_THREADS_NUM", "SOURCE_DATE_EPOCH"])
+def test_a_variable_that_ends_a_library_is_refused(name, monkeypatch):
+    """OpenCV aborted the process at its first picture, and the lock and the work folder of the result stayed."""
+    monkeypatch.setenv(name, "x\nx")
+    assert _wrong_number() == f"hagoromo: {name} is 'x\\nx' in the environment: give a whole number, or unset it"
+    for value in ("", "x1", "-1", "9" * 19):
+        monkeypatch.setenv(name, value)
+        assert name in _wrong_number()
+    monkeypatch.setenv(name, "1073741824")
+    assert _wrong_number() == ""
