@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from tyro.conf import Positional
 
@@ -21,13 +21,16 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+AUTO = "auto"
+
 
 @verb(verbs)
 def capture(
     photographs: Positional[tuple[Path, ...]],
     out: Out,
     lamps: Path | None = None,
-    ball: Path | None = None,
+    ball: tuple[Path, ...] = (),
+    radius: float | None = None,
     camera: Path | None = None,
     response: str | None = None,
     mask: tuple[Path, ...] = (),
@@ -48,8 +51,10 @@ def capture(
         photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR of `develop`, all from one viewpoint.
         lamps: lamps.json of `calibrate lamps`, or an .lp. A photograph gets the lamp with its name; if no name
             matches, lamps are assigned in order.
-        ball: picture that is white on a chrome ball in the photographs, in place of lamps: each photograph then shows
-            where its own lamp is. The ball is no part of the object.
+        ball: picture that is white on a chrome ball in the photographs, one for each ball, in place of lamps: each
+            photograph then shows where its own lamp is. auto: the balls are found; see balls.png of the capture.
+            Balls are no part of the object.
+        radius: radius of the balls [m]: two or more then place near lamps, with a calibrated camera.
         camera: camera.json of `calibrate camera`, or OpenCV's YAML, as given to `calibrate lamps`; or orthographic.
             Without it the focal length in the EXIF is used, or else the view is assumed orthographic.
         response: CSV of `calibrate response`, or the name of a known camera.
@@ -72,14 +77,20 @@ def capture(
         exposures_s=stated.pop("exposures"), darks=dark, dark_exposures_s=dark_exposures, flats=flat, bracket=bracket,
         bracket_exposures_s=bracket_exposures, **stated,
     )  # fmt: skip
-    known, covered = _lamps(photographs, lamps, ball, camera, sensor)
+    if (lamps is None) == (not ball):
+        raise InputError("lamps come from a file (--lamps) or from a chrome ball in the photographs (--ball): give one")
+    shown = _on_balls(photographs, ball, radius, camera, sensor) if ball else None
+    known = lamps if shown is None else shown.found.lamps
+    assert known is not None
     asked = hg.session(
         photographs, known, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
-        undistorted=undistorted, excluded=covered,
+        undistorted=undistorted, excluded=None if shown is None else shown.covered,
         developing=developing,
     )  # fmt: skip
-    if ball is not None:
-        asked.assumptions["lamps"] = f"{len(asked.lamps)} from the chrome ball of {ball.name}"
+    if shown is not None:
+        how = "found in the photographs" if AUTO in map(str, ball) else "of " + ", ".join(path.name for path in ball)
+        asked.assumptions["lamps"] = f"{len(asked.lamps)} from {len(shown.found.balls)} chrome balls {how}"
+        asked.pictures |= {"balls.png": shown.picture, "ball_mask.png": shown.covered.astype("uint8") * 255}
     with progress_bar("capture") as progress:
         written = hg.capture_to(asked, out, force, progress)
     for remark in written.remarks:
@@ -91,31 +102,42 @@ def capture(
     wrote(out)
 
 
-def _lamps(
+class _OnBalls(NamedTuple):
+    """Lamps that chrome balls show, where the balls cover the picture, and a picture of both."""
+
+    found: hg.LampCalibration
+    covered: NDArray[np.bool_]
+    picture: NDArray[np.uint8]
+
+
+def _on_balls(
     photographs: Sequence[Path],
-    lamps: Path | None,
-    ball: Path | None,
+    balls: Sequence[Path],
+    radius: float | None,
     camera: Path | None,
     sensor: SensorOptions,
-) -> tuple[Path | tuple[hg.Lamp, ...], NDArray[np.bool_] | None]:
-    """The lamps of a file; or those that a chrome ball in the photographs shows, and where it covers the picture."""
-    if (lamps is None) == (ball is None):
-        raise InputError("lamps come from a file (--lamps) or from a chrome ball in the photographs (--ball): give one")
-    if ball is None:
-        assert lamps is not None
-        return lamps, None
+) -> _OnBalls:
+    """The lamps that chrome balls in the photographs show, and what is said about them."""
+    import numpy as np
+
+    from hagoromo.app.ball_picture import ball_picture
     from hagoromo.app.lamp_summary import lamp_summary
+    from hagoromo.calibration.lamps.lamp_photographs import lamp_photographs
     from hagoromo.camera.unplaced import unplaced_camera
-    from hagoromo.files.picture import read_picture
     from hagoromo.photograph.session import ORTHOGRAPHIC
     from hagoromo.photograph.session_exif import session_exif
 
-    shape = read_picture(ball).shape[:2]
+    if not photographs:
+        raise InputError("no photograph is given: give one per lamp")
+    seen = lamp_photographs(photographs, None, False)
+    first = seen[next(iter(seen))]
+    shape = first.shape[0], first.shape[1]
     lens: hg.Camera | Path | None = None if str(camera) == ORTHOGRAPHIC else camera
     if camera is None:
         focal = session_exif(photographs, sensor.exposures, sensor.iso).focal_of(shape[1])
         lens = None if focal is None else unplaced_camera(shape[1], shape[0], focal)
     with progress_bar("chrome ball") as progress:
-        found = hg.calibrate_lamps(photographs, ball, camera=lens, progress=progress)
+        found = hg.calibrate_lamps(photographs, balls, radius=radius, camera=lens, progress=progress)
     say(*lamp_summary(found))
-    return found.lamps, found.balls[0].covers(shape)
+    covered = np.any([ball.covers(shape) for ball in found.balls], axis=0)
+    return _OnBalls(found, covered, ball_picture(first, found))

@@ -37,7 +37,9 @@ def object_summary(calibration: SelfCalibration) -> list[str]:
 
 def _of_ball(ball: Ball) -> str:
     x, y = ball.from_mask
-    where = "the mask" if ball.source == "mask" else f"the photographs, ({x:.2f}, {y:.2f}) px from the mask's"
+    where = "the mask" if ball.source == "mask" else "the photographs"
+    if x or y:
+        where += f", ({x:.2f}, {y:.2f}) px from the mask's"
     return f"ball: centre ({ball.centre[0]:.2f}, {ball.centre[1]:.2f}), radius {ball.radius:.2f} px, outline by {where}"
 
 

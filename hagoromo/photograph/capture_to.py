@@ -75,6 +75,8 @@ def capture_to(asked: Session, out: str | Path, force: bool = False, progress: P
             write_png(home / OBJECT_MASK, found.astype(np.uint8) * 255)
         elif not masked:
             (home / MASKS).rmdir()
+        for picture, pixels in asked.pictures.items():
+            write_png(home / picture, pixels)
         _write_transforms(asked, frames, lamps, home, Path(out).name, found is not None)
     remarks = (*asked.remarks, *lamp_remarks(asked.lamps, asked.view))
     named = {

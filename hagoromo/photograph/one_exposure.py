@@ -163,6 +163,15 @@ def light_of(frame: Frame, noise: Noise, dark: Dark | None = None, flat: Flat | 
     return Light(values, valid, model, float(hot.mean()))
 
 
+def light_with_gaps(exposure: Exposure) -> NDArray[np.float32]:
+    """(height, width, C) light of an exposure, the white level as 1, and NaN where it is clipped."""
+    signal = exposure.signal * np.float32(1.0 / exposure.white)
+    values = interpolated(signal, exposure.mosaic) if exposure.mosaic else signal
+    clipped = spoilt_by(exposure.full) if exposure.mosaic else exposure.full.any(axis=2)
+    values[clipped] = np.nan
+    return values
+
+
 def usual_noise(exposure: Exposure) -> Noise:
     """The noise of a typical sensor."""
     return Noise(ASSUMED_FULL_WELL / exposure.white, ASSUMED_READ_NOISE, source="a usual sensor: assumed")

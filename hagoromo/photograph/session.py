@@ -40,7 +40,8 @@ Masks = str | Path | Sequence[str | Path]
 class Session:
     """The photographs of one view, with what is known about them before they are read.
 
-    assumptions grows as they are read: what is taken for given, and from where.
+    assumptions grows as they are read: what is taken for given, and from where. pictures: name → a PNG that is written
+    beside transforms.json, for people.
     """
 
     paths: dict[str, Path]
@@ -59,6 +60,7 @@ class Session:
     view: Camera | None = None
     excluded: NDArray[np.bool_] | None = None
     straightener: Straightener | None = None
+    pictures: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     def shots(self) -> Iterator[Shot]:
         """The photographs, one after the other, in the order of `paths`; `InputError` for one of another size."""

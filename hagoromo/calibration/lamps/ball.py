@@ -42,8 +42,8 @@ class Ball:
 
     edge: (n, 2) points (x, y) the outline was fitted to [px]. camera: None for an orthographic view. axis: (3,) unit,
     world, to the ball's centre, and angle: half the cone's [rad]; for an orthographic view (0, 0, 1) and 0. source:
-    "mask" or "photographs"; from_mask: offset of the latter's centre from the mask's [px]. softness: standard
-    deviation of the edge's blur [px], None where the photographs do not show the edge.
+    "mask", "search" (reduced photographs) or "photographs"; from_mask: offset of the latter's centre from the mask's
+    [px]. softness: standard deviation of the edge's blur [px], None where the photographs do not show the edge.
     """
 
     centre: tuple[float, float]
@@ -83,10 +83,20 @@ class Ball:
         return self.camera.project(self.camera.position + ray)
 
     def covers(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """(height, width) where the ball is in a picture of `shape`."""
-        from skimage.draw import polygon2mask
-
-        return np.asarray(polygon2mask(shape[:2], self.outline(360)[:, ::-1] - 0.5), np.bool_)
+        """(height, width) where the ball is in a picture of `shape`: pixels whose centre is within the outline."""
+        outline = self.outline(360)
+        middle = outline.mean(axis=0)
+        first, last = (
+            np.clip(edge, 0, (shape[1], shape[0])).astype(int)
+            for edge in (np.floor(outline.min(axis=0)), np.ceil(outline.max(axis=0)) + 1)
+        )
+        inside = np.zeros(shape[:2], np.bool_)
+        around = outline - middle
+        row, column = np.ogrid[first[1] : last[1], first[0] : last[0]]
+        x, y = column + 0.5 - middle[0], row + 0.5 - middle[1]
+        edge = np.interp(np.arctan2(y, x), np.arctan2(*around.T[::-1]), np.hypot(*around.T), period=2.0 * np.pi)
+        inside[first[1] : last[1], first[0] : last[0]] = np.hypot(x, y) < edge
+        return inside
 
     def mirrored(self, points: ArrayLike, off: ArrayLike = (0.0, 0.0, 0.0)) -> Mirrored:
         """Normals and mirrored rays at image points (n, 2) [px]; `off`: errors [px] of x, y of the centre and radius.

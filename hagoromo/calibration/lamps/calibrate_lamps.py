@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Ball
+from hagoromo.calibration.lamps.ball_search import search_balls
+from hagoromo.calibration.lamps.balls_together import far_lamps_of_balls
 from hagoromo.calibration.lamps.highlight import LampReading
 from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
 from hagoromo.calibration.lamps.lamp_photographs import Transfer8, lamp_photographs
@@ -27,6 +29,8 @@ from hagoromo.progress import Progress, part_of, silent
 
 Reading = LampReading | LampPlace
 Picture = str | Path | NDArray
+AUTO = "auto"  # in place of masks: the balls are found in the photographs
+SEARCH = 0.3  # share of the time that finding them takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +62,29 @@ def calibrate_lamps(
     """One lamp per photograph, from its mirror images on chrome balls.
 
     One ball measures directions (far lamps); several balls, or one ball in several places, measure positions (near
-    lamps), with the balls' `radius` [m] and a calibrated `camera`.
+    lamps), with the balls' `radius` [m] and a calibrated `camera`, and without these the mean of their directions.
 
     photographs: files, or name → (height, width[, channels]). masks: a picture or array that is white on a ball, one
-    per ball. moved: one ball in several places, a mask each: the photographs of the first place, then as many of the
-    second in the same order of lamps, and so on. camera: a `Camera` or its file; directions are then in its axes (x
-    right, y down, z forward), else in x right, y up, z to the camera, of an orthographic view. reference: measures
-    strengths. mirror: reflectance of the balls, to measure strengths by highlights that are not clipped. transfer: of
-    8-bit files, where strengths are asked for.
+    per ball; or "auto": the balls are found in the photographs. moved: one ball in several places, a mask each: the
+    photographs of the first place, then as many of the second in the same order of lamps, and so on. camera: a
+    `Camera` or its file; directions are then in its axes (x right, y down, z forward), else in x right, y up, z to the
+    camera, of an orthographic view. reference: measures strengths. mirror: reflectance of the balls, to measure
+    strengths by highlights that are not clipped. transfer: of 8-bit files, where strengths are asked for.
 
     `InputError` for a mask that shows no disc, a photograph without a highlight, and balls that contradict each other.
     """
-    shapes = [masks] if isinstance(masks, (str, Path, np.ndarray)) else list(masks)
+    shapes: list[Picture | Ball] = list([masks] if isinstance(masks, (str, Path, np.ndarray)) else masks)
     if not shapes:
-        raise InputError("no mask (--mask) of a chrome ball is given: give one per ball")
+        raise InputError("no mask (--mask) of a chrome ball is given: give one per ball, or auto")
     lens = camera if isinstance(camera, Camera) or camera is None else read_camera(camera)
-    sets = _photograph_sets(photographs, len(shapes), moved, transfer, bool(reference or len(mirror)))
+    linear = bool(reference or len(mirror))
+    if any(str(shape) == AUTO for shape in shapes if isinstance(shape, (str, Path))):
+        if len(shapes) > 1 or moved:
+            raise InputError("auto finds all balls of one set of photographs: give it alone, without moved (--moved)")
+        seen = lamp_photographs(photographs, transfer, linear)
+        shapes = [*search_balls(seen, lens, part_of(progress, 0.0, SEARCH))]
+        progress = part_of(progress, SEARCH, 1.0 - SEARCH)
+    sets = _photograph_sets(photographs, len(shapes), moved, transfer, linear)
     balls, readings = _readings(sets, shapes, radius, lens, progress)
     if reference is not None:
         strengths = _by_reference(sets[0], readings, reference, lens)
@@ -117,22 +128,20 @@ def _photograph_sets(
 
 def _readings(
     sets: Sequence[Mapping[str, NDArray]],
-    masks: Sequence[Picture],
+    masks: Sequence[Picture | Ball],
     radius: float | None,
     camera: Camera | None,
     progress: Progress,
 ) -> tuple[list[Ball], list[Reading]]:
-    """The balls, and the lamps: far ones from one ball, near ones from several."""
+    """The balls, and the lamps: near ones from several balls of known radius, else far ones."""
     several = len(masks) > 1
-    if several and (camera is None or radius is None):
-        raise InputError(
-            "several balls place near lamps: give their radius (--radius) [m] and a calibrated camera (--camera)"
-        )
     balls, readings = [], []
     for i, (mask, photographs) in enumerate(zip(masks, sets, strict=True)):
         of_ball = part_of(progress, i / len(masks), 1.0 / len(masks))
         try:
-            ball, lamps = lamps_from_ball(photographs, _picture(mask), camera, of_ball)
+            ball, lamps = lamps_from_ball(
+                photographs, mask if isinstance(mask, Ball) else _picture(mask), camera, of_ball
+            )
         except InputError as error:
             raise InputError(f"{_name(mask, i)}: {error}" if several else str(error)) from error
         balls.append(ball)
@@ -145,8 +154,10 @@ def _readings(
             )
     if not several:
         return balls, list(readings[0])
-    assert radius is not None
-    return balls, [locate_lamp(rays, radius) for rays in zip(*readings, strict=True)]
+    together = list(zip(*readings, strict=True))
+    if camera is None or radius is None:
+        return balls, [*far_lamps_of_balls(together)]
+    return balls, [locate_lamp(rays, radius) for rays in together]
 
 
 def _by_reference(
@@ -209,5 +220,7 @@ def _picture(mask: Picture) -> NDArray:
     return read_picture(mask) if isinstance(mask, (str, Path)) else np.asarray(mask)
 
 
-def _name(mask: Picture, number: int) -> str:
+def _name(mask: Picture | Ball, number: int) -> str:
+    if isinstance(mask, Ball):
+        return f"the ball at ({mask.centre[0]:.0f}, {mask.centre[1]:.0f})"
     return Path(mask).name if isinstance(mask, (str, Path)) else f"mask {number + 1}"

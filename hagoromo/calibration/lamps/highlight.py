@@ -22,7 +22,9 @@ CONTRAST = 3.0  # smallest ratio of a highlight's peak to the 90th percentile of
 DIMMEST = 0.25  # of white: smallest peak of a highlight
 STANDS_OUT = 8.0  # smallest ratio of peak to 90th percentile, both above the median: noise does not reach it
 CORE_BLURS, CORE_LEVEL = (1.5, 2.5, 4.0), 0.85  # [px] standard deviations; of the blurred peak: pixels of the core
-ASTRAY_CORE = 1.0  # [px] between centroid and core: more is glare
+TIP_LEVELS = (0.9, 0.97)  # of the peak: the brightest pixels
+FEWEST_IN_TIP, SLANT, FILLED = 4, 0.4, 0.8  # pixels of them; their width over length; of the area of their ellipse
+ASTRAY_CORE = 0.5  # [px] between centroid and core: more is glare
 SMALLEST_WITH_CORE = 10.0 * CORE_BLURS[-1]  # [px] radius of a ball: on smaller ones blurring moves the peak off the rim
 PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # [px] standard deviation of a position known to the pixel
 TILT = 0.01  # [px] step of the finite differences
@@ -69,11 +71,50 @@ class LampReading:
 def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     """The lamp's mirror image on the ball: the speck above half the peak with most light, located by its centroid.
 
-    Streaks of glare draw a centroid aside: where the speck is no ellipse, and its centroid is more than ASTRAY_CORE
-    from the peak of the blurred light, that peak is the centre; on balls of a radius of SMALLEST_WITH_CORE or more.
+    Streaks of glare draw a centroid aside. Where the speck is no ellipse, and its centroid is more than ASTRAY_CORE
+    from that of the brightest pixels, these are the lamp if they are as compact as a disc; where streaks are as bright
+    as the lamp, the peak of the blurred light is taken, on balls of a radius of SMALLEST_WITH_CORE or more.
 
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
     """
+    light, speck, rival, brightest, corner, share = lamp_speck(photograph, ball)
+    pixels = int(speck.sum())
+    if pixels > LARGEST_SHARE * share:
+        raise InputError(f"the highlight covers {pixels} pixels of the ball: expose shorter, focus, or use a mirror")
+    weights = np.stack([_weight(light, level * brightest) for level in LEVELS])
+    rows, columns = np.nonzero(weights.any(axis=0))
+    points, weights = np.stack([columns, rows], axis=1) + corner[::-1] + np.float64(0.5), weights[:, rows, columns]
+    centres = weights @ points / weights.sum(axis=1, keepdims=True)
+    (x, y), error = centres[1], float(np.hypot(np.std(centres, axis=0).max(), PIXEL_ERROR / pixels**0.25))
+    finer = ellipse_centre(light / brightest, speck)
+    if finer is not None:
+        centre = np.array([finer.x, finer.y]) + corner[::-1]
+        points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
+    else:
+        core = _tip(light, brightest) or (_core(light) if ball.radius >= SMALLEST_WITH_CORE else None)
+        if core is not None and np.hypot(*(core.centre + corner[::-1] - centres[1])) > ASTRAY_CORE:
+            points, weights = core.points + corner[::-1], np.tile(core.weights, (len(LEVELS), 1))
+            (x, y), error = core.centre + corner[::-1], float(np.hypot(core.spread, PIXEL_ERROR))
+    return Highlight((float(x), float(y)), error, pixels, rival, points, weights)
+
+
+class LampSpeck(NamedTuple):
+    """The brightest speck on a ball.
+
+    light: (h, w) of the box around the ball, 0 beside it. speck: (h, w) above half of the peak. rival: light of the
+    next speck over its own. brightest: the peak. corner: (row, column) of the box. share: pixels of the ball.
+    """
+
+    light: Array
+    speck: NDArray[np.bool_]
+    rival: float
+    brightest: float
+    corner: Array
+    share: int
+
+
+def lamp_speck(photograph: NDArray, ball: Ball) -> LampSpeck:
+    """The brightest speck on the ball; `InputError` where nothing stands out as a lamp's image does."""
     whole, on_ball = photograph.dtype.kind in "ui", ball.covers(photograph.shape)
     corner = np.array([axis.min() for axis in np.nonzero(on_ball)])
     about = tuple(slice(axis.min(), axis.max() + 1) for axis in np.nonzero(on_ball))
@@ -89,25 +130,7 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
     if noise or brightest < DIMMEST * white or brightest < CONTRAST * usual or brightest <= 0.0:
         raise InputError(f"no highlight on the ball (peak {brightest:.3g} of {white:g}): light it, or expose longer")
     speck, rival = _brightest_speck(light, LEVELS[1] * brightest)
-    pixels = int(speck.sum())
-    if pixels > LARGEST_SHARE * on_ball.sum():
-        raise InputError(f"the highlight covers {pixels} pixels of the ball: expose shorter, focus, or use a mirror")
-    weights = np.stack([_weight(light, level * brightest) for level in LEVELS])
-    rows, columns = np.nonzero(weights.any(axis=0))
-    points, weights = np.stack([columns, rows], axis=1) + corner[::-1] + np.float64(0.5), weights[:, rows, columns]
-    centres = weights @ points / weights.sum(axis=1, keepdims=True)
-    (x, y), error = centres[1], float(np.hypot(np.std(centres, axis=0).max(), PIXEL_ERROR / pixels**0.25))
-    finer = ellipse_centre(light / brightest, speck)
-    if finer is not None:
-        centre = np.array([finer.x, finer.y]) + corner[::-1]
-        points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
-    elif ball.radius >= SMALLEST_WITH_CORE:
-        core = _core(light)
-        at, spread = core.centre + corner[::-1], core.spread
-        if np.hypot(*(at - centres[1])) > ASTRAY_CORE:
-            points, weights = core.points + corner[::-1], np.tile(core.weights, (len(LEVELS), 1))
-            (x, y), error = at, float(np.hypot(spread, PIXEL_ERROR))
-    return Highlight((float(x), float(y)), error, pixels, rival, points, weights)
+    return LampSpeck(light, speck, rival, brightest, corner, int(on_ball.sum()))
 
 
 def read_lamp(name: str, highlight: Highlight, ball: Ball) -> LampReading:
@@ -158,12 +181,29 @@ def figure_errors(highlight: Highlight, ball: Ball) -> Array:
 
 
 class _Core(NamedTuple):
-    """The peak of blurred light: centre (x, y) [px], its spread over blurs [px], the pixels around it, their light."""
+    """The core of a lamp's image: centre (x, y) [px], its spread over blurs or levels [px], its pixels, their light."""
 
     centre: Array
     spread: float
     points: Array
     weights: Array
+
+
+def _tip(light: Array, brightest: float) -> _Core | None:
+    """The brightest pixels, where they are as compact as a disc seen at a slant: glare below them is left out."""
+    centres, points, weights = [], np.zeros((0, 2)), np.zeros(0)
+    for level in TIP_LEVELS:
+        speck, _ = _brightest_speck(light, level * brightest)
+        rows, columns = np.nonzero(speck)
+        points, weights = np.stack([columns, rows], axis=1) + 0.5, np.ones(len(rows))
+        if len(points) < FEWEST_IN_TIP:
+            return None
+        small, large = np.linalg.eigvalsh(np.cov(points.T) + np.eye(2) / 12.0)
+        # the area of an ellipse is 4π √(det of its second moments)
+        if small < SLANT**2 * large or len(points) < FILLED * 4.0 * np.pi * np.sqrt(small * large):
+            return None
+        centres.append(points.mean(axis=0))
+    return _Core(centres[-1], float(np.std(centres, axis=0).max()), points, weights)
 
 
 def _core(light: Array) -> _Core:

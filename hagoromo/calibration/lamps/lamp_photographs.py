@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
+from hagoromo.files.raw import RAW_SUFFIXES
+from hagoromo.photograph.development.exposure import StatedExposure
+from hagoromo.photograph.one_exposure import light_with_gaps, read_frame
 from hagoromo.photograph.pixels import default_channels, read_pixels
 from hagoromo.photograph.transforms import ImageSettings
 
@@ -49,6 +52,8 @@ class LampPhotographs(Mapping[str, NDArray]):
                 raise InputError(
                     f"{path} has 8 bits, which are rarely linear, as are needed here: state transfer (--transfer)"
                 )
+        if path.suffix.lower() in RAW_SUFFIXES and not self.linear:  # directions need no unit, and no variance
+            return light_with_gaps(read_frame(path, StatedExposure()).exposure)
         frame = ImageSettings(transfer=self.transfer or "linear")
         pixels = read_pixels(path, frame, default_channels(3), "bilinear", str(path))
         return np.where(pixels.valid[..., None], pixels.values, np.float32(np.nan))

@@ -16,29 +16,31 @@ from hagoromo.progress import Progress, silent
 
 def lamps_from_ball(
     photographs: Mapping[str, NDArray],
-    mask: NDArray,
+    mask: NDArray | Ball,
     camera: Camera | None = None,
     progress: Progress = silent,
 ) -> tuple[Ball, tuple[LampReading, ...]]:
     """One far lamp per photograph of a chrome ball, and the ball.
 
     photographs: name → (height, width[, channels]) integers, or light as floats (NaN where clipped); a mapping that
-    reads them one by one needs memory for one. mask: (height, width[, channels]), bright on the ball. `InputError` for
+    reads them one by one needs memory for one. mask: (height, width[, channels]), bright on the ball; or a ball that
+    `search_balls` found. `InputError` for
     sizes that differ, a mask that is not a whole disc, a ball out of focus, or a photograph without a highlight.
     """
     if not photographs:
         raise InputError("no photograph of the chrome ball: give one per lamp")
-    if camera is not None and (camera.height, camera.width) != mask.shape[:2]:
-        raise InputError(f"the camera is {camera.height} × {camera.width} pixels and the mask {mask.shape[:2]}")
+    shape = None if isinstance(mask, Ball) else mask.shape[:2]
+    if camera is not None and shape not in (None, (camera.height, camera.width)):
+        raise InputError(f"the camera is {camera.height} × {camera.width} pixels and the mask {shape}")
 
     def of_one_size() -> Iterator[NDArray]:
         for name, photograph in photographs.items():
             size = photograph.shape[:2]
-            if size != mask.shape[:2]:
-                raise InputError(f"{name} is {size} pixels and the mask {mask.shape[:2]}: give them one size")
+            if shape not in (None, size):
+                raise InputError(f"{name} is {size} pixels and the mask {shape}: give them one size")
             yield photograph
 
-    ball = refined(find_ball(mask, camera), of_one_size())
+    ball = refined(mask if isinstance(mask, Ball) else find_ball(mask, camera), of_one_size())
     check_focus(ball)
     readings = []
     for i, (name, photograph) in enumerate(photographs.items()):

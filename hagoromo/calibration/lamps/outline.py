@@ -56,6 +56,8 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
     better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
     if not better:
         return replace(ball, softness=softness)
+    if ball.source == "search":  # by circles in reduced pictures, which are no witness against the edge itself
+        return replace(finer, softness=softness)
     (x, y), (u, v) = finer.centre, ball.centre
     # mask and photographs disagree and either may be wrong: an edge of a reflection can look like the ball's
     centre = DISPUTED * float(np.hypot(x - u, y - v))

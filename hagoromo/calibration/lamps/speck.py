@@ -41,7 +41,10 @@ def ellipse_centre(light: Array, speck: NDArray[np.bool_]) -> Centre | None:
     rows, columns = np.nonzero(speck)
     if len(rows) < NEAREST or max(np.ptp(rows), np.ptp(columns)) > LARGEST:
         return None
-    box = tuple(slice(max(int(i.min()) - MARGIN, 0), int(i.max()) + MARGIN + 1) for i in (rows, columns))
+    box = tuple(
+        slice(max(int(i.min()) - MARGIN, 0), min(int(i.max()) + MARGIN + 1, size))
+        for i, size in zip((rows, columns), light.shape, strict=True)
+    )
     window = light[box]
     y, x = np.mgrid[box] + 0.5
     middle = np.array([columns.mean(), rows.mean()]) + 0.5
