@@ -124,7 +124,8 @@ from .image.render import render as render
 from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
 from .image.spectra.spectra import Marks as Marks, RegionSpectra as RegionSpectra, spectra as spectra
-from .image.spectra.spectra_files import spectra_plot as spectra_plot, spectra_table as spectra_table
+from .image.spectra.spectra_files import spectra_table as spectra_table
+from .image.spectra.spectra_plot import spectra_plot as spectra_plot
 from .image.spectra.spectrum_colour import (
     SpectrumColour as SpectrumColour,
     spectrum_colour as spectrum_colour,

@@ -13,8 +13,8 @@ from hagoromo.app.display import exposure
 from hagoromo.app.findings import findings, missing
 from hagoromo.app.gloss_plot import gloss_plot
 from hagoromo.app.report.page import page_drawing, page_picture, page_viewer, write_page
-from hagoromo.app.spectra_plot import spectra_plot
 from hagoromo.errors import InputError
+from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.light.colour import srgb_encode
 from hagoromo.measurement.material.separation import Separation
 from hagoromo.measurement.measurement import Measurement
@@ -24,6 +24,7 @@ from hagoromo.publication.document import Viewer
 from hagoromo.publication.object_page import single_page
 from hagoromo.publication.publish import page_source
 from hagoromo.reflectance.material.material_html import PARAMETER_TITLES, parameter_rows
+from hagoromo_figures.demo.plots import svg_text
 from hagoromo_figures.demo.report_pictures import around, developed
 
 VIEWER_BYTES = 1_700_000  # of the object to relight
@@ -54,7 +55,7 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
         unconverged=[f"{m.name}: {note}" for m in measurement.materials for note in getattr(m, "unconverged", ())],
         maps=_maps(measurement, capture, crop),
-        spectra=[page_drawing(spectra_plot(measurement.body_spectra), "Spectra of the body colours with 95 % bands")]
+        spectra=[page_drawing(_spectra(measurement), "Spectra of the body colours with 95 % bands")]
         if measurement.body_spectra
         else [],
         separation=None if measurement.separation is None else _separation(capture, measurement.separation, crop),
@@ -69,6 +70,10 @@ def report_viewer(measurement: Measurement) -> Viewer | None:
     if not (measurement.labels >= 0).any():
         return None
     return single_page(page_source(measurement, None), VIEWER_BYTES).viewer
+
+
+def _spectra(measurement: Measurement) -> str:
+    return svg_text(spectra_figure(measurement.body_spectra, quantity="reflectance, mean 1"))
 
 
 def _maps(measurement: Measurement, capture: Capture, crop: tuple[slice, slice]) -> list[Any]:

@@ -12,6 +12,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.app import spectra_verb
 from hagoromo.app.cli import main
+from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.calibration.response.chart import read_chart
 from hagoromo.files.picture import read_picture
 from hagoromo.reflectance.spectra.bounded_spectra import within_bounds
@@ -182,6 +183,16 @@ def test_wrong_use_is_one_line(session, capsys, arguments, said):
 
 def _certain(values):
     return hg.SpectrumEstimate(WAVELENGTHS, values, 1e-12 * np.eye(31), {}, {})
+
+
+def test_the_panels_of_a_plot_have_one_scale():
+    """A dark and a bright surface: compared at a glance, and every band inside the picture."""
+    bright, dark = (
+        hg.SpectrumEstimate(WAVELENGTHS, np.full(31, height), 0.01**2 * np.eye(31), {}, {}) for height in (0.9, 0.05)
+    )
+    axes = spectra_figure({"bright": bright, "dark": dark}).axes
+    assert axes[0].get_ylim() == axes[1].get_ylim() and axes[0].get_ylim()[1] > bright.band_95[1].max()
+    np.testing.assert_array_equal(axes[1].lines[0].get_ydata(), dark.values)
 
 
 def test_the_defaults_of_the_verb_are_those_of_the_function():

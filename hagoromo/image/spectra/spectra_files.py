@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hagoromo.files.exr import write_exr
-from hagoromo.files.names import plot_label
 from hagoromo.files.record import write_json, written_by
 from hagoromo.files.table import write_table
 from hagoromo.image.spectra.spectra import RegionSpectra
+from hagoromo.image.spectra.spectra_plot import spectra_plot
 from hagoromo.image.spectra.spectrum_colour import spectrum_colour, spectrum_difference
-from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
-
-COLUMNS_OF_PLOTS, MOST_PLOTS = 3, 24
 
 
 def write_spectra(
@@ -106,44 +102,3 @@ def spectra_table(estimates: Mapping[str, SpectrumEstimate]) -> list[tuple[str, 
         within = spectrum_colour(estimate, lamp).delta_e_95
         rows.append((name, f"{estimate.values.mean():.3f}", f"{(high - low).max() / 2:.3f}", share, f"{within:.2f}"))
     return rows
-
-
-def spectra_plot(
-    estimates: Mapping[str, SpectrumEstimate], form: str = "png", truth: Mapping[str, Sequence[float]] | None = None
-) -> bytes:
-    """Picture ("png" or "svg") of the first spectra with their 95 % bands, a panel each, in their colours under D65."""
-    from matplotlib.figure import Figure
-
-    shown = dict(list(estimates.items())[:MOST_PLOTS])
-    columns = min(COLUMNS_OF_PLOTS, len(shown))
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(3.4 * columns, 2.6 * rows), layout="constrained", dpi=120)
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
-    for axis, (name, estimate) in zip(axes.flat, shown.items(), strict=False):
-        low, high = estimate.band_95
-        tint = _tint(estimate)
-        axis.fill_between(estimate.wavelengths, low, high, color=tint, alpha=0.35, linewidth=0, label="95 %")
-        axis.plot(estimate.wavelengths, estimate.values, color="#222", linewidth=1.2)
-        if truth and name in truth:
-            axis.plot(estimate.wavelengths, truth[name], color="#c00", linewidth=0.9, linestyle="--", label="truth")
-        axis.set_title(plot_label(name), fontsize=9)
-        axis.set_ylim(0.0, max(1.05 * float(high.max()), 0.05))
-        axis.tick_params(labelsize=8)
-        if not estimate.explained:
-            axis.text(0.5, 0.5, "not explained", color="#c00", ha="center", transform=axis.transAxes)
-    for axis in list(axes.flat)[len(shown) :]:
-        axis.set_axis_off()
-    figure.supxlabel("wavelength [nm]", fontsize=9)
-    figure.supylabel("reflectance, 95 % band", fontsize=9)
-    picture = io.BytesIO()
-    metadata = {"Software": None} if form == "png" else {"Date": None}
-    figure.savefig(picture, format=form, metadata=metadata)
-    return picture.getvalue()
-
-
-def _tint(estimate: SpectrumEstimate) -> tuple[float, float, float]:
-    """Colour of the spectrum under D65, as a display shows it."""
-    from hagoromo.image.spectra.spectrum_colour import xyz
-
-    colour = srgb_encode(srgb_from_xyz(xyz(estimate.values, Spectrum.named("D65")))) / 255.0
-    return tuple(float(value) for value in colour)  # type: ignore[return-value]
