@@ -5,7 +5,7 @@
 Enters: the folder of the uw_psm set (see `uw_psm`), and a seed of simulated glossy objects (see `glossy_objects`).
 Leaves: a folder for each object with its capture and what `relight` writes, and index.html with the figures of all; and
 prints a table: how much less the boxes miss of the photographs kept aside than least-squares Lambert on the same
-photographs, over all pixels of the object that they cover, clipped ones cut off at white.
+photographs, over all pixels of the object, clipped ones cut off at white; and the same of two further predictions.
 """
 
 from __future__ import annotations
@@ -19,18 +19,15 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.image.relight.prediction import PREDICTIONS
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
 HELD = (0, 4, 8)  # numbers of the held-out lamps
-PREDICTIONS = {
-    "boxes": "volume boxes, rendered",
-    "normals": "reflectance on the normals, no shadows",
-    "lambert": "least-squares Lambert, a yardstick",
-}
 EVERY = (*OBJECTS, *GLOSSY)
-TITLES = ["object", "boxes", "own forecast", "Lambert", "boxes better by", "forecast better by", "covered"]
+COMPARED = ("boxes", "normals", "learnt")  # with least-squares Lambert
+TITLES = ["object", "boxes", "own forecast", "learnt", "Lambert", *(f"{key} better by" for key in COMPARED), "covered"]
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
 
 
@@ -70,12 +67,12 @@ def relit_objects(
 
 def _row(name: str, relit: Sequence[hg.Prediction]) -> list[str]:
     """Mean relative errors of an object, and the gain over Lambert."""
-    boxes, normals, lambert = (
-        float(np.mean([one.compared[key].relative_rmse for one in relit])) for key in ("boxes", "normals", "lambert")
+    *ours, lambert = (
+        float(np.mean([one.compared[key].relative_rmse for one in relit])) for key in (*COMPARED, "lambert")
     )
     covered = sum(one.compared["boxes"].pixels for one in relit) / sum(one.object_pixels for one in relit)
-    gains = [f"{100 * (1 - error / lambert):+.0f} %" for error in (boxes, normals)]
-    return [name, f"{boxes:.4f}", f"{normals:.4f}", f"{lambert:.4f}", *gains, f"{100 * covered:.0f} %"]
+    gains = [f"{100 * (1 - error / lambert):+.0f} %" for error in ours]
+    return [name, *(f"{error:.4f}" for error in (*ours, lambert)), *gains, f"{100 * covered:.0f} %"]
 
 
 def _write_index(path: Path, results: dict[str, tuple[hg.Prediction, ...]]) -> None:

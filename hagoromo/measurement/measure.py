@@ -188,6 +188,7 @@ def with_solved_shape(capture: Capture, normals: NormalMap, surface: Surface) ->
         normal_variance=normals.variance,
         distance_variance=surface.variance,
         capture=replace(capture, points=surface.points, normals=normals.normals),
+        normal_map=normals,
     )
 
 

@@ -25,6 +25,7 @@ from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 
 if TYPE_CHECKING:
     from hagoromo.measurement.material.lamp_colour import LampColour
+    from hagoromo.measurement.normals.normals import NormalMap
     from hagoromo.measurement.surface.tiles import Fine
 
 NAMES_SHOWN, LONGEST_SHOWN_NAME = 4, 24  # materials, and characters of each name, that `repr` shows
@@ -46,11 +47,13 @@ class Measurement:
     normal_variance: (h, w) of the direction of solved normals [rad²]. distance_variance: (h, w) of the distance from
     the camera to solved points [m²]. Both are inf where unknown, and None where the shape was given.
     capture: the photographs that were measured, with their shape. fine: full-size maps of photographs that were solved
-    in tiles; all else is then of a small capture of means over squares of pixels.
+    in tiles; all else is then of a small capture of means over squares of pixels. normal_map: the photometric fit of a
+    shape that was solved.
     settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
     photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
-    A measurement that `load` read has no lamp_colour, capture and fine (None), and no predicted and residuals (empty).
+    A measurement that `load` read has no lamp_colour, capture, fine and normal_map (None), and no predicted and
+    residuals (empty).
     """
 
     materials: tuple[MaterialEstimate, ...]
@@ -67,6 +70,7 @@ class Measurement:
     distance_variance: NDArray[np.float32] | None = None
     capture: Capture | None = None
     fine: Fine | None = None
+    normal_map: NormalMap | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     seed: int | None = None
     assumptions: Mapping[str, str] = field(default_factory=dict)

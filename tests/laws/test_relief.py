@@ -48,7 +48,7 @@ def test_a_relief_in_perspective_shows_its_surface():
     settings = Settings(samples=4, tolerance=0.01)
     assert CAMERA.response is not None
     true, shown = (render(one, settings).expose(CAMERA.response) for one in (scene, Scene(CAMERA, (LAMP,), (box,))))
-    inside = relief.known()
+    inside = np.asarray(binary_erosion(relief.known(), iterations=3), np.bool_)  # whole pixels
     difference = (shown - true)[inside] / np.sqrt(np.mean(true[inside] ** 2))
     assert np.sqrt(np.mean(difference**2)) < 0.01
 

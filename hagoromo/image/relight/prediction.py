@@ -1,17 +1,18 @@
 """Prediction: a photograph that was held out, and what the measured surface gives under its lamp in its camera.
 
-There are three predictions: the volume boxes, rendered with their shadows; the reflectance on the normals, computed for
-each pixel without shadows and for the measured view only, which shows what the boxes gain or lose; and where the shape
-was solved least-squares Lambert on the same photographs, a yardstick.
+There are four predictions: the volume boxes, rendered with their shadows; the reflectance on the normals, computed for
+each pixel without shadows and for the measured view only, which shows what the boxes gain or lose; where the shape was
+solved, the same with what the photographs that were measured teach of shadows and misfit (`learnt`), and least-squares
+Lambert on them, a yardstick.
 
-Every pixel of the object is compared that the boxes cover, also where the photograph is clipped: there it and the
-predictions are cut off at its white.
+In the measured view every pixel of the object is compared, also where the boxes miss it; in another view those that the
+boxes cover, but for their rim. Where the photograph is clipped, it and the predictions are cut off at its white.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,28 +26,36 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
 from hagoromo.image.compare import Comparison, compare
+from hagoromo.image.relight.learnt import Learnt
 from hagoromo.image.relight.stage import Stage
-from hagoromo.image.relight.yardstick import Yardstick
+from hagoromo.image.relight.yardstick import Yardstick, light_of
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.material.material_objective import interface_of
+from hagoromo.measurement.normals.views import DARK
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
 
-RELIEF_RIM_PX = 1  # [px] ignored along the edge of the relief, where rays may miss its thin layer
+RELIEF_RIM_PX = 1  # [px] ignored along the edge of the boxes in another view than the measured one
 PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel that is the white of the pictures
-LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared
+LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared in another view
 Array = NDArray[np.float64]
 CLIPPED = 0.98  # of the largest valid value: masked values from there on are clipped, and compared
 PREDICTIONS = {
     "boxes": "volume boxes, rendered",
     "normals": "reflectance on the normals, no shadows",
+    "learnt": "the same, with shadows and misfit learnt from the photographs measured",
     "lambert": "least-squares Lambert, a yardstick",
 }
-FILE_STEMS = {"boxes": "predicted", "normals": "normals", "lambert": "lambert"}  # names of their files
+FILE_STEMS = {
+    "boxes": "predicted",
+    "normals": "normals",
+    "learnt": "learnt",
+    "lambert": "lambert",
+}  # names of their files
 
 
 class PredictionRecord(ForeignRecord, frozen=True, kw_only=True):
@@ -66,7 +75,7 @@ class Prediction:
 
     source: the photograph, of this name; its files have this number. photograph: (h, w, 3) linear sRGB, 1 being the
     value `white` of the photograph; values of the camera where its response is not known. predictions: key of
-    PREDICTIONS → (h, w, 3) likewise; "normals" and "lambert" only for the measured view. mask: (h, w) pixels that are
+    PREDICTIONS → (h, w, 3) likewise; all but "boxes" only for the measured view. mask: (h, w) pixels that are
     compared, of object_pixels that the photograph shows of the object. compared: key of PREDICTIONS → its difference
     from the photograph. lamps: description of each lamp.
     """
@@ -101,7 +110,7 @@ class Prediction:
         }
 
     def write_into(self, folder: Path) -> None:
-        """Write photograph_NN, predicted_NN, normals_NN and lambert_NN, each as EXR and PNG, and mask_NN.png."""
+        """Write {photograph,predicted,normals,learnt,lambert}_NN, each as EXR and PNG, and mask_NN.png."""
         pictures = {"photograph": self.photograph} | {
             FILE_STEMS[key]: picture for key, picture in self.predictions.items()
         }
@@ -114,12 +123,17 @@ class Prediction:
 
 
 def predict(
-    stage: Stage, photograph: Photograph, number: int, home: Path, yardstick: Yardstick | None = None
+    stage: Stage,
+    photograph: Photograph,
+    number: int,
+    home: Path,
+    yardstick: Yardstick | None = None,
+    learnt: Learnt | None = None,
 ) -> Prediction:
     """Render the boxes of `stage`, whose files are in the folder `home`, as `photograph` shows them.
 
-    The scene is written to `home` under the `number` of the photograph. yardstick: of the measured view. `InputError`
-    for a photograph without a lamp, or one that shows nothing of the surface.
+    The scene is written to `home` under the `number` of the photograph. yardstick, learnt: of the measured view.
+    `InputError` for a photograph without a lamp, or one that shows nothing of the surface.
     """
     if not photograph.lamps:
         raise InputError(f"photograph {photograph.name!r} has no lamp: add its lamp, or do not hold it out")
@@ -130,15 +144,15 @@ def predict(
     values = {"boxes": image.expose(response).astype(np.float64)}
     clipped, white = _clipped(photograph)
     shown, covered = photograph.mask | clipped, image.alpha > LEAST_COVERAGE
-    of_measured_view = shown.shape == stage.relief.labels.shape and np.allclose(
-        photograph.camera.matrix, stage.camera.matrix, rtol=1e-6
-    )
+    of_measured_view = stage.was_measured_in(photograph.camera)
     if of_measured_view:
         values["normals"] = _on_normals(stage, photograph)
-        covered &= stage.relief.known()
+        if learnt is not None:
+            values["learnt"] = _learnt(stage, photograph, learnt)
+        covered = stage.relief.known() | _is_lit(photograph)
         if yardstick is not None:
             values["lambert"] = yardstick.values(photograph)
-    mask = shown & _without_rim(covered)
+    mask = shown & (covered if of_measured_view else _without_rim(covered))
     if not mask.any():
         raise InputError(f"photograph {photograph.name!r} shows nothing of the measured surface: check its camera")
     matrix = _to_srgb(photograph)
@@ -161,6 +175,13 @@ def _clipped(photograph: Photograph) -> tuple[NDArray[np.bool_], float]:
     top = float(np.max(seen, where=photograph.mask, initial=0.0))
     clipped = ~photograph.mask & (seen >= CLIPPED * top) & (top > 0.0)
     return clipped, top if clipped.any() else np.inf
+
+
+def _is_lit(photograph: Photograph) -> NDArray[np.bool_]:
+    """(h, w) pixels whose value is above the noise."""
+    value = np.where(np.isfinite(photograph.values), photograph.values, 0.0).mean(axis=2)
+    noise = np.where(np.isfinite(photograph.variance), photograph.variance, np.inf).mean(axis=2)
+    return np.asarray(value > DARK * np.sqrt(noise), np.bool_)
 
 
 def _without_rim(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -192,6 +213,17 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
         body = view.body_of(material.epsilon, material.sigma)
         values[region] = body * (relief.body[region] @ matrix.T) + interface
     return values
+
+
+def _learnt(stage: Stage, photograph: Photograph, learnt: Learnt) -> Array:
+    """(h, w, 3) `_on_normals` with what was learnt, lamp by lamp; 0 where the surface is unknown."""
+    views, total = learnt.solved.views, np.zeros((len(learnt.solved.views.rows), photograph.values.shape[2]))
+    for lamp in photograph.lamps:
+        fitted = _on_normals(stage, replace(photograph, lamps=(lamp,)))[views.rows, views.columns]
+        to_lamp, light = light_of(lamp, photograph, views.points)
+        light = np.maximum(light, 1e-12 * light.max())
+        total += light * learnt.added((fitted / light).T, to_lamp).T
+    return np.asarray(views.image(total), np.float64)
 
 
 def _described(lamp: Lamp) -> str:

@@ -11,11 +11,13 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
+from hagoromo.image.relight.learnt import Learnt, learn
 from hagoromo.image.relight.prediction import predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
 from hagoromo.image.relight.stage import check_channels, make_stage
 from hagoromo.image.relight.yardstick import yardstick_of
 from hagoromo.measurement.measure import measure
+from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
@@ -35,8 +37,9 @@ def relight(
     """Predict photographs of an object from the other photographs of `capture`: a Capture, or the path of its folder.
 
     The others are measured (`measure`), and the surface is built as volume boxes. The boxes are rendered under the lamp
-    and in the camera of each photograph to predict, and compared with it: every pixel of the object that they cover,
-    clipped ones cut off at white. Where the shape is solved, so is least-squares Lambert on the same photographs.
+    and in the camera of each photograph to predict, and compared with it: every pixel of the object in the measured
+    view, every one that they cover in another; clipped ones cut off at white. Where the shape is solved, two further
+    predictions are compared: with shadows and misfit learnt from the photographs measured, and least-squares Lambert.
 
     hold: names of the photographs that are held out, all at once (default: the last). against: another capture of the
     same object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, and none is
@@ -52,14 +55,21 @@ def relight(
     with scratch_folder() as home:
         (home / MEASURED_FOLDER).mkdir()
         measurement.write_into(home / MEASURED_FOLDER)
-        stage = make_stage(rest, home / MEASURED_FOLDER)
+        stage = make_stage(rest, home / MEASURED_FOLDER, measurement.normal_map is not None)
         stage.write_into(home)
-        predictions, yardstick = [], yardstick_of(rest, measurement)
+        predictions, yardstick, learnt = [], yardstick_of(rest, measurement), _learnt(measurement)
         for number, photograph in enumerate(held_out):
             progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(held_out), photograph.name)
-            predictions.append(predict(stage, photograph, number, home, yardstick))
+            predictions.append(predict(stage, photograph, number, home, yardstick, learnt))
     progress(1.0, "")
     return Relighting(measurement, stage, tuple(predictions))
+
+
+def _learnt(measurement: Measurement) -> Learnt | None:
+    """What the photographs teach beyond their fit, where the shape was solved."""
+    if measurement.capture is None or measurement.normal_map is None:
+        return None
+    return learn(measurement.capture, measurement.normal_map)
 
 
 def _loaded(capture: Capture | str | Path) -> Capture:

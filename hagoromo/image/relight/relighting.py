@@ -47,7 +47,8 @@ class Relighting:
 
         measured: the files of `Measurement.write_into`; relief.toml, camera.json and response.csv: the recipe of the
         volume box, for `build`; for each photograph scene_NN.toml with response_NN.csv, for `render`; photograph_NN,
-        predicted_NN, normals_NN and lambert_NN as EXR and PNG and mask_NN.png, for `compare`; relit.json: the figures.
+        predicted_NN, normals_NN, learnt_NN and lambert_NN as EXR and PNG and mask_NN.png, for `compare`; relit.json:
+        the figures.
         """
         home = Path(folder)
         (home / MEASURED_FOLDER).mkdir()

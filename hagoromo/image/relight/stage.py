@@ -27,6 +27,9 @@ from hagoromo.reflectance.spectra.body_basis import body_basis
 
 RELIEF_RECIPE = "relief.toml"
 RAYS_PER_PIXEL = 4  # rays a pixel
+# One, through its middle, of a pixel whose normal was solved in this view: normal and lobe have in them what varies
+# within the pixel, and rays beside its middle, under normals between those of pixels, would count that twice.
+RAYS_PER_SOLVED_PIXEL = 1
 MARCH_TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
 BASIS_BANDS_NM = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
@@ -39,7 +42,8 @@ class Stage:
 
     relief, materials: of the surface. camera: of the photographs that were measured. spectrum: of their lamps; None
     where that or the response of the camera is not known: body colours are then on one basis spectrum per channel.
-    dim: factor that makes the reflectances of the recipe conserve energy; lamps are divided by it.
+    dim: factor that makes the reflectances of the recipe conserve energy; lamps are divided by it. solved: whether the
+    normals were solved from the photographs, rather than given.
     """
 
     relief: Relief
@@ -47,10 +51,16 @@ class Stage:
     camera: Camera
     spectrum: Spectrum | None
     dim: float
+    solved: bool = False
 
     def __repr__(self) -> str:
         height, width = self.relief.labels.shape
         return f"Stage({width} × {height} px, {len(self.materials)} materials, dim {self.dim:g})"
+
+    def was_measured_in(self, camera: Camera) -> bool:
+        """Whether `camera` has the view of the photographs that were measured."""
+        same_size = (camera.height, camera.width) == self.relief.labels.shape
+        return same_size and np.allclose(camera.matrix, self.camera.matrix, rtol=1e-6)
 
     def write_scene(self, photograph: Photograph, number: int, home: Path) -> Path:
         """Write the scene of a photograph, and the response of its camera, to the folder `home`; its path."""
@@ -70,7 +80,10 @@ class Stage:
             },
             "lamp": [self._lamp(lamp, camera.response) for lamp in photograph.lamps],
             "box": [{"recipe": RELIEF_RECIPE}],
-            "render": {"samples": RAYS_PER_PIXEL, "tolerance": MARCH_TOLERANCE},
+            "render": {
+                "samples": RAYS_PER_SOLVED_PIXEL if self.solved and self.was_measured_in(camera) else RAYS_PER_PIXEL,
+                "tolerance": MARCH_TOLERANCE,
+            },
         }  # fmt: skip
         path = home / f"scene_{number:02d}.toml"
         write_text(path, _toml(scene))
@@ -101,10 +114,12 @@ class Stage:
         return record_from_lamp(replace(lamp, intensity=1.0 / self.dim, spectrum=Spectrum(*zip(*knots, strict=True))))
 
 
-def make_stage(capture: Capture, measured: Path) -> Stage:
+def make_stage(capture: Capture, measured: Path, solved: bool = False) -> Stage:
     """The stage of the surface that `Measurement.write_into` wrote to the folder `measured`, of `capture`.
 
-    `InputError` for photographs of other than three channels.
+    solved: whether its normals were solved from the photographs.
+
+    Raises `InputError` for photographs of other than three channels.
     """
     check_channels(capture)
     camera = capture.photographs[0].camera
@@ -114,7 +129,7 @@ def make_stage(capture: Capture, measured: Path) -> Stage:
     dim = 1.0
     while dim > LEAST_DIM and not _conserves_energy(materials, basis, dim):
         dim *= 0.5
-    return Stage(relief, materials, camera, spectrum, dim)
+    return Stage(relief, materials, camera, spectrum, dim, solved)
 
 
 def check_channels(capture: Capture) -> None:

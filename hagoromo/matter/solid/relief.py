@@ -22,7 +22,6 @@ from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
-RIM_PX = 3  # px along the outline, into which what is beside the surface is mixed: by the edge, demosaicing, resampling
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN_VOXELS = 4  # voxels around the surface
 # [voxels] from the visible surface past the outer half of the edge; shadows of other matter end that much too early
@@ -41,12 +40,9 @@ class Relief:
     labels: NDArray[np.integer]
 
     def known(self) -> NDArray[np.bool_]:
-        """(h, w) pixels with point, normal and label, except RIM_PX along the outline; `InputError` without any."""
-        from scipy.ndimage import binary_erosion, binary_fill_holes
-
+        """(h, w) pixels with point, normal and label; `InputError` without any."""
         known = (np.linalg.norm(self.points, axis=2) > 0) & (np.linalg.norm(self.normals, axis=2) > 0.5)
         known &= self.labels >= 0
-        known &= np.asarray(binary_erosion(binary_fill_holes(known), iterations=RIM_PX, border_value=1))
         if not known.any():
             raise InputError("the relief has no pixel with point, normal and label: there is nothing to fill")
         return np.asarray(known, np.bool_)

@@ -117,12 +117,12 @@ def evenness(strength: Array, slope: Array, place: Array) -> Array:
 def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     """(K, C, P) values of the fit under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
     shade = shading(fit.normals, to_lamp, to_eye, fit.rows)
-    further = _further(fit, to_lamp, to_eye)
+    further = further_lobes(fit, to_lamp, to_eye)
     interface = shade.interface if further is None else shade.interface + further
     return fit.body[None] * shade.body[:, None] + fit.interface_colour * interface[:, None]
 
 
-def _further(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
+def further_lobes(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
     """(K, P) what the further lobes add to the interface under lamps (K, P, 3); None where there are none."""
     if fit.lobes is None:
         return None

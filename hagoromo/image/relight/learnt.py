@@ -1,0 +1,249 @@
+"""Learnt: what the photographs that were measured teach about the light under another lamp.
+
+    value / irradiance = Φ((h − μ) / σ) · fit + a · body + r
+
+h is the lamp's height over the relief's horizon (`height_over_horizon`), which the relief has to σ, off by μ: Φ is the
+share of the light that passes. a is light from all around, as the object sends to itself, per unit of body colour. r is
+what the fit leaves under the neighbouring lamps, interpolated over the lamps' directions (simple kriging).
+
+Each photograph is left out in turn and its pixels are fitted to the rest. The numbers are those that predict the
+photographs left out best; a part that does not predict them better is not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, precision, predicted
+from hagoromo.measurement.normals.pixel_fit import Light, fit_pixels
+from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.surface.horizon import height_over_horizon
+from hagoromo.photograph.capture import Capture
+
+OFFSETS = np.radians(np.arange(-4.0, 17.0, 2.0))  # candidates of μ
+SPREADS = np.radians([0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 11.0, 15.0])  # and of σ
+REACHES = np.radians([8.0, 13.0, 20.0, 30.0, 45.0])  # standard deviations of the kernel over lamps' directions
+NUGGETS = (0.3, 1.0, 3.0, 10.0)  # variance of what no neighbour tells, over that of the rest
+LEARNING_PIXELS = 4000  # at most
+LEFT_OUT = 12  # photographs at most
+FEWEST_LAMPS = 6  # with one left out there are five: two more than a normal needs
+LEAST_GAIN = 0.05  # of the squared error of photographs left out: a part that gains less is not used
+
+
+@dataclass(frozen=True)
+class Shadows:
+    """Shadows of a relief whose horizon is off by `offset` μ and known to `spread` σ [rad]; ambient a."""
+
+    offset: float
+    spread: float
+    ambient: float
+
+    def share(self, height: Array) -> Array:
+        """Share of the light that passes, of lamps at `height` [rad] over the horizon."""
+        from scipy.special import ndtr
+
+        return np.asarray(ndtr((height - self.offset) / self.spread), np.float64)
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Kriging over lamps: reach [rad] of the kernel exp(−½ angle² / reach²) over the lamps' directions, and nugget."""
+
+    reach: float
+    nugget: float
+
+    def weights(self, lamps: Array, to_lamp: Array) -> Array:
+        """(K,) of the residuals under `lamps` (K, 3) for one in direction `to_lamp` (3,)."""
+        matrix = self._kernel(lamps @ lamps.T) + self.nugget * np.eye(len(lamps))
+        return np.linalg.solve(matrix, self._kernel(lamps @ to_lamp)).astype(np.float64)
+
+    def _kernel(self, cosine: Array) -> Array:
+        return np.exp(-0.5 * (np.arccos(np.clip(cosine, -1.0, 1.0)) / self.reach) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Learnt:
+    """What was learnt from the photographs of `capture`, whose fit is `solved`.
+
+    shadows and neighbours: None where they do not predict better. gains: share of the squared error of photographs
+    left out that each takes off. residuals: (K, C, P) of the views' values, under the lamps in directions (K, 3).
+    """
+
+    solved: NormalMap
+    capture: Capture
+    shadows: Shadows | None
+    neighbours: Neighbours | None
+    gains: tuple[float, float]
+    residuals: Array | None
+
+    def added(self, fitted: Array, to_lamp: Array) -> Array:
+        """(C, P) values per irradiance under a lamp in directions `to_lamp` (P, 3), of which the fit has `fitted`."""
+        if self.shadows is not None:
+            height = _heights(self.capture, self.solved.views, to_lamp)
+            fitted = self.shadows.share(height) * fitted + self.shadows.ambient * self.solved.fit.body
+        if self.neighbours is not None:
+            assert self.residuals is not None
+            weights = self.neighbours.weights(_directions(self.solved.views.to_lamp), _directions(to_lamp[None])[0])
+            fitted = fitted + np.tensordot(weights, self.residuals, axes=1)
+        return np.maximum(fitted, 0.0)
+
+
+def learn(capture: Capture, solved: NormalMap, seed: int = 0) -> Learnt | None:
+    """What the photographs of `capture`, with its points, teach beyond their fit `solved`; None of too few."""
+    views, fit = solved.views, solved.fit
+    if len(views.values) < FEWEST_LAMPS:
+        return None
+    count, random = len(views.rows), np.random.default_rng(seed)
+    some = np.sort(random.choice(count, min(count, LEARNING_PIXELS), replace=False))
+    cases = _cases(capture, views, fit, some)
+    shadows, first = _shadows(cases)
+    neighbours, second = _neighbours(cases, shadows)
+    residuals = None
+    if neighbours is not None:
+        whole = Case(-1, *_known(capture, views), *_predictions(capture, views, fit), fit.body)
+        residuals = whole.residuals(shadows)
+    return Learnt(solved, capture, shadows, neighbours, (first, second), residuals)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A fit without photograph `number`, and what it gives of all: values (K, C, P), trusted (K, P), fitted (K, C, P)
+    without cast shadows, height (K, P) of the lamps over the horizon, and even (K, P), by which lamps are uneven;
+    body (C, P).
+    """
+
+    number: int
+    values: Array
+    trusted: NDArray[np.bool_]
+    directions: Array
+    fitted: Array
+    height: Array
+    even: Array
+    body: Array
+
+    def model(self, shadows: Shadows | None) -> Array:
+        """(K, C, P)"""
+        if shadows is None:
+            return self.fitted
+        ambient = shadows.ambient * self.even[:, None] * self.body
+        return shadows.share(self.height)[:, None] * self.fitted + ambient
+
+    def residuals(self, shadows: Shadows | None) -> Array:
+        """(K, C, P), 0 where a value is not valid, under even lamps."""
+        left = (self.values - self.model(shadows)) / self.even[:, None]
+        return np.where(self.trusted[:, None], left, 0.0)
+
+    @property
+    def own(self) -> Case:
+        """The photograph that was left out alone."""
+        one = np.s_[self.number : self.number + 1]
+        names = ("values", "trusted", "directions", "fitted", "height", "even")
+        return replace(self, number=0, **{name: getattr(self, name)[one] for name in names})
+
+    @property
+    def power(self) -> float:
+        """Sum of the squares of the valid values."""
+        return float(np.sum(np.where(self.trusted[:, None], self.values, 0.0) ** 2))
+
+
+def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp]) -> list[Case]:
+    """A fit without each of LEFT_OUT photographs, of some of the pixels."""
+    few, few_fit, place = views.pixels(some), fit.pixels(some), views.place[some]
+    values, trusted, directions = _known(capture, few)
+    even, count = fit.evenness(place), len(values)
+    height = np.stack([_heights(capture, few, to_lamp) for to_lamp in few.to_lamp])
+    further, cases = further_lobes(few_fit, few.to_lamp, few.to_eye), []
+    if further is not None:  # the pixel fit has the first lobe alone
+        few = replace(few, values=few.values - even[:, None] * few_fit.interface_colour * further[:, None])
+    for number in np.unique(np.linspace(0, count - 1, min(count, LEFT_OUT)).round().astype(int)).tolist():
+        rest = np.arange(count) != number
+        without = replace(few, used=few.used & rest[:, None])
+        light = Light(few_fit.rows, even, precision(without, fit.model_error))
+        pixels = fit_pixels(without, light, few_fit.normals, few_fit.body)
+        one = replace(few_fit, normals=pixels.normals, body=pixels.body)
+        fitted = even[:, None] * predicted(one, few.to_lamp, few.to_eye)
+        cases.append(Case(number, values, trusted, directions, fitted, height, even, pixels.body))
+    return cases
+
+
+def _known(capture: Capture, views: Views) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Values, whether they are valid (also in shadow), and directions of the lamps."""
+    trusted = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
+    values = np.where(np.isfinite(views.values), views.values, 0.0)
+    return values, trusted, _directions(views.to_lamp)
+
+
+def _predictions(capture: Capture, views: Views, fit: Fit) -> tuple[Array, Array, Array]:
+    """Of the fit to all photographs: fitted, height and even."""
+    even = fit.evenness(views.place)
+    fitted = even[:, None] * predicted(fit, views.to_lamp, views.to_eye)
+    height = np.stack([_heights(capture, views, to_lamp) for to_lamp in views.to_lamp])
+    return fitted, height, even
+
+
+def _heights(capture: Capture, views: Views, to_lamp: Array) -> Array:
+    assert capture.points is not None
+    camera = capture.photographs[0].camera
+    return height_over_horizon(capture.points, camera, (views.rows, views.columns), to_lamp)
+
+
+def _directions(to_lamp: Array) -> Array:
+    """(K, 3) mean directions of lamps (K, P, 3)."""
+    mean = to_lamp.mean(axis=1)
+    return mean / np.linalg.norm(mean, axis=1, keepdims=True)
+
+
+def _shadows(cases: Sequence[Case]) -> tuple[Shadows | None, float]:
+    """The horizon's offset and spread and the ambient light that predict best, and their gain."""
+    own = [case.own for case in cases]
+    before = _error(own, None)
+    best, error = None, before
+    for offset in OFFSETS:
+        for spread in SPREADS:
+            dark = Shadows(float(offset), float(spread), 0.0)
+            trial = replace(dark, ambient=_ambient(own, dark))
+            found = _error(own, trial)
+            if found < error:
+                best, error = trial, found
+    gain = 1.0 - error / max(before, 1e-300)
+    return (best, gain) if gain >= LEAST_GAIN else (None, 0.0)
+
+
+def _ambient(own: Sequence[Case], shadows: Shadows) -> float:
+    """The ambient light, 0 or more, that leaves least squares under these shadows."""
+    product = power = 0.0
+    for case in own:
+        body = np.where(case.trusted[:, None], case.even[:, None] * case.body, 0.0)
+        product += float(np.sum(body * (case.values - case.model(shadows)))) / case.power
+        power += float(np.sum(body**2)) / case.power
+    return max(product / max(power, 1e-300), 0.0)
+
+
+def _error(own: Sequence[Case], shadows: Shadows | None) -> float:
+    """Mean over the photographs left out of the squared error relative to the photograph."""
+    return float(np.mean([np.sum((case.even[:, None] * case.residuals(shadows)) ** 2) / case.power for case in own]))
+
+
+def _neighbours(cases: Sequence[Case], shadows: Shadows | None) -> tuple[Neighbours | None, float]:
+    """The kernel whose interpolated residuals predict best, and their gain."""
+    left = [case.residuals(shadows) for case in cases]
+    scale = [case.even[case.number] / np.sqrt(case.own.power) for case in cases]
+    before = sum(float(np.sum((one[case.number] * by) ** 2)) for case, one, by in zip(cases, left, scale, strict=True))
+    best, error = None, before
+    for reach in REACHES:
+        for nugget in NUGGETS:
+            trial, found = Neighbours(float(reach), nugget), 0.0
+            for case, one, by in zip(cases, left, scale, strict=True):
+                others = np.arange(len(one)) != case.number
+                weights = trial.weights(case.directions[others], case.directions[case.number])
+                off = one[case.number] - np.tensordot(weights, one[others], axes=1)
+                found += float(np.sum((np.where(case.trusted[case.number], off, 0.0) * by) ** 2))
+            if found < error:
+                best, error = trial, found
+    gain = 1.0 - error / max(before, 1e-300)
+    return (best, gain) if gain >= LEAST_GAIN else (None, 0.0)

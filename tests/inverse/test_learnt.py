@@ -1,0 +1,104 @@
+"""Learnt: what photographs teach of shadows and scattered light beyond their fit predicts one that was held out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.image.relight.learnt import Learnt, learn
+from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit, robust_lambert
+from hagoromo.measurement.normals.photometric_model import predicted
+from hagoromo.measurement.surface.horizon import height_over_horizon
+
+SIZE, PITCH = 47, 5e-4  # px, m
+LAMPS, TILT = 11, 48.0  # lamps, the largest tilt from the line of sight [°]
+NOISE = 1e-3  # of white
+
+
+def directions() -> np.ndarray:
+    k = np.arange(LAMPS) + 0.5
+    cosine = 1.0 - (1.0 - np.cos(np.radians(TILT))) * k / LAMPS
+    turn, sine = np.pi * (1.0 + np.sqrt(5.0)) * k, np.sqrt(1.0 - cosine**2)
+    return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
+
+
+def taken(depth_px: float, ambient: float) -> hg.Capture:
+    """Photographs of a Lambertian dome with a hollow of this depth; what is lit gets `ambient` times its body more."""
+    camera = hg.Camera(SIZE, SIZE, (1e5, 1e5), (SIZE / 2, SIZE / 2))
+    camera = camera.look_at((0.0, 0.0, 1e5 * PITCH), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
+    y, x = np.mgrid[:SIZE, :SIZE] + 0.5 - SIZE / 2
+    radius2 = x * x + y * y
+    height = 0.6 * np.sqrt(np.maximum(24.0**2 - radius2, 60.0)) - depth_px * np.exp(-0.5 * radius2 / 5.0**2)
+    down, across = np.gradient(height)
+    normals = np.stack([-across, down, np.ones_like(height)], axis=2)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    points = PITCH * np.stack([x, -y, height], axis=2)
+    mask = radius2 < 22.0**2
+    body, noise = np.array([0.7, 0.6, 0.5]) / np.pi, np.random.default_rng(4)
+    rows, columns = np.nonzero(mask)
+    photographs = []
+    for number, to_lamp in enumerate(directions()):
+        lit = np.zeros(mask.shape)
+        over = height_over_horizon(points, camera, (rows, columns), np.broadcast_to(to_lamp, (mask.sum(), 3)))
+        lit[rows, columns] = over > 0.0
+        shade = np.maximum(normals @ to_lamp, 0.0) * lit + ambient
+        values = np.pi * body * shade[..., None] + NOISE * noise.normal(size=(*mask.shape, 3))
+        lamp = hg.Lamp(to_lamp=tuple(to_lamp), intensity=np.pi)
+        photographs.append(
+            hg.Photograph(values, np.full_like(values, NOISE**2), mask, camera, (lamp,), f"lamp {number}")
+        )
+    return hg.Capture(tuple(photographs), "dome", points=np.where(mask[..., None], points, 0.0))
+
+
+def errors(capture: hg.Capture, held: int) -> tuple[float, float, Learnt]:
+    """Relative errors of the fit and of what was learnt, of the photograph `held`; and what was learnt."""
+    rest = replace(capture, photographs=tuple(p for k, p in enumerate(capture.photographs) if k != held))
+    views = hg.views_from_capture(rest)
+    normals, body = robust_lambert(views)
+    fit = replace(least_squares_fit(views), normals=normals, body=body)
+    solved = NormalMap(
+        views.image(normals),
+        views.image(np.zeros(len(normals))),
+        views.image(body.T),
+        views.image(fit.labels),
+        fit,
+        views,
+    )
+    learnt = learn(rest, solved)
+    assert learnt is not None
+    to_lamp = np.broadcast_to(directions()[held], (len(normals), 3))
+    own = predicted(fit, to_lamp[None], views.to_eye)[0]
+    true = (capture.photographs[held].values[views.rows, views.columns] / np.pi).T
+    scale = np.sqrt(np.mean(true**2))
+    fitted, found = (float(np.sqrt(np.mean((one - true) ** 2)) / scale) for one in (own, learnt.added(own, to_lamp)))
+    return fitted, found, learnt
+
+
+def test_shadows_and_scattered_light_are_learnt():
+    """A hollow whose shadows the fit does not have: the error falls to less than 0.4 of it, interpolated and
+    extrapolated; the horizon is known to less than 2°, as the shape is exact.
+    """
+    capture = taken(16.0, 0.04)
+    for held in (LAMPS - 3, LAMPS - 1):
+        fitted, found, learnt = errors(capture, held)
+        assert fitted > 0.03 and found < 0.4 * fitted
+        assert learnt.shadows is not None and learnt.shadows.spread < np.radians(2.0) and learnt.shadows.ambient > 0.0
+
+
+def test_where_the_fit_is_right_nothing_is_learnt():
+    """A dome without shadows: the prediction stays that of the fit, to a twentieth of its error."""
+    capture = taken(0.0, 0.0)
+    fitted, found, learnt = errors(capture, 4)
+    assert learnt.neighbours is None
+    assert found == pytest.approx(fitted, rel=0.05)
+
+
+def test_few_photographs_teach_nothing():
+    capture = taken(0.0, 0.0)
+    few = replace(capture, photographs=capture.photographs[:5])
+    views = hg.views_from_capture(few)
+    fit = least_squares_fit(views)
+    empty = np.zeros((SIZE, SIZE), np.float32)
+    solved = NormalMap(views.image(fit.normals), empty, empty, views.image(fit.labels), fit, views)
+    assert learn(few, solved) is None
