@@ -40,7 +40,6 @@ def json_schema(kind: str) -> dict[str, Any]:
 def write_schemas(folder: str | Path) -> tuple[Path, ...]:
     """Write the schema of every kind of file into an existing or new folder, as KIND.json; gives the paths."""
     home = Path(folder)
-    home.mkdir(parents=True, exist_ok=True)
     paths = tuple(home / f"{kind}.json" for kind in schema_names())
     for path in paths:
         write_json(path, json_schema(path.stem))

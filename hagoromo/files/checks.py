@@ -36,12 +36,21 @@ def check_name(path: str | Path) -> None:
             raise InputError(f"{path}: Windows keeps the name {part!r} for itself or changes it: choose another")
 
 
+def check_text(path: str | Path) -> None:
+    """Raise `InputError` for a path that is not in UTF-8: libraries that are given one raise, or end the process."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: a name in it is not in UTF-8: rename the file or the folder") from None
+
+
 def existing_file(path: str | Path) -> Path:
     """`path` as a `Path`; `InputError` when it is not an existing file, or a pipe, a socket or a device.
 
     Every reader asks it before it opens a file: reading a pipe may wait for ever, and a device may have no end.
     """
     file = Path(path)
+    check_text(path)
     try:
         mode = os.stat(file).st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -59,6 +68,7 @@ def existing_file(path: str | Path) -> Path:
 def existing_folder(path: str | Path) -> Path:
     """`path` as a `Path`; `InputError` when it is not an existing folder."""
     folder = Path(path)
+    check_text(path)
     if not folder.exists():
         raise InputError(f"{folder} does not exist: check the path")
     if not folder.is_dir():

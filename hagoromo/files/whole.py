@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import check_name
+from hagoromo.files.checks import check_name, check_text
 from hagoromo.files.exchange import exchange, move_new, sync, sync_one
 from hagoromo.files.leftovers import (
     COMMIT,
@@ -173,12 +173,15 @@ def put_folder(whole: Path, target: Path) -> None:
 
 
 def followed(path: str | Path) -> Path:
-    """`path` with all links followed; `InputError` for a link to nothing, or for a name that Windows keeps."""
+    """`path` with all links followed; `InputError` for a link to nothing, or for a name that Windows keeps
+    or that is not in UTF-8.
+    """
     check_name(path)
     given = Path(path)
     if given.is_symlink() and not given.exists():
         raise InputError(f"{given} is a link to what does not exist: remove the link, or give another name")
     target = Path(os.path.realpath(given))
+    check_text(target)
     if not target.name:
         raise InputError(f"{given} is the root of a disk: give the name of a file or folder on it")
     return target

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hagoromo as hg
 from hagoromo.app.info import KIND_READERS
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, inside, read_bytes
+from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.measurement.measured_surface import read_surface
 
@@ -178,3 +180,27 @@ def test_a_link_of_a_measurement_or_of_colmap_that_leads_outside_is_refused(refu
     with pytest.raises(InputError, match="leads outside"):
         read_surface(tmp_path / "home")
     assert "leads outside" in refused("info", tmp_path / "home")
+
+
+def test_names_that_are_not_in_utf8_are_refused(refused, tmp_path):
+    """OpenCV ended the process over them, OpenEXR and printing raised: as input, output, and folder above it."""
+    odd = os.fsdecode(b"\xff\xfe d\xe9")
+    (tmp_path / odd).mkdir()
+    picture = tmp_path / "a.exr"
+    write_exr(picture, {name: np.ones((3, 5)) for name in "RGB"})
+    for suffix in (".exr", ".png", ".json", ".toml", ".csv", ".yml"):
+        (tmp_path / odd / f"a{suffix}").touch()
+        assert "is not in UTF-8" in refused("info", tmp_path / odd / f"a{suffix}")
+    assert "is not in UTF-8" in refused("compare", picture, tmp_path / odd / "a.exr")
+    for out in (tmp_path / odd / "b.exr", tmp_path / f"{odd}.exr"):
+        assert "is not in UTF-8" in refused("expose", picture, "--out", out)
+    with pytest.raises(InputError, match="is not in UTF-8"):
+        write_exr(tmp_path / odd / "b.exr", {"R": np.ones((3, 5))})
+
+
+def test_a_question_mark_in_a_name_is_part_of_it(tmp_path):
+    """OpenCV takes what follows it for options, and opened another file."""
+    (tmp_path / "a?[b]").mkdir()
+    camera = hg.Camera(64, 48, (90.0, 91.0), (32.5, 24.0))
+    hg.write_views(tmp_path / "a?[b]" / "c?base64.yml", {"": camera}, "opencv")
+    assert hg.read_views(tmp_path / "a?[b]" / "c?base64.yml")[""].focal == camera.focal

@@ -7,7 +7,6 @@ points from the centre of the first pixel: the principal point moves by ½ px.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,11 +42,8 @@ def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[s
     source = sized_file(path, LARGEST, "a file of cameras")
     require(GROWTH * source.stat().st_size, str(source))
     try:
-        if sys.platform == "win32" and not str(path).isascii():  # OpenCV opens no such name there
-            text = source.read_text(encoding="utf-8")
-            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        else:
-            storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        text = source.read_text(encoding="utf-8")  # OpenCV takes what follows a question mark in a name for options
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         return _views(storage.root(), size, str(path))
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
         said = reason(error, 80)
