@@ -218,11 +218,24 @@ def json_value(text: bytes | str, where: str) -> Any:
     """The value of a JSON text that came from `where`; `InputError` as `read_json`."""
     try:
         text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
-        data = json.loads(text, parse_constant=_refuse)
+        data = json.loads(text, parse_constant=_refuse, object_pairs_hook=_table)
+    except _TwiceStated as error:
+        raise InputError(f"{where} states the key {str(error)!r} twice in one table: keep one of them") from None
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{where} is not valid JSON, it may be cut off: {_first_line(error)}") from error
     check_plain(data, where)
     return data
+
+
+class _TwiceStated(Exception):
+    """A key of a table of JSON that stands there twice: which value holds would be a guess."""
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        raise _TwiceStated(next(key for k, (key, _) in enumerate(pairs) if key in {name for name, _ in pairs[:k]}))
+    return table
 
 
 def check_plain(data: Any, where: str, most_bits: float = MOST_BITS) -> None:

@@ -109,6 +109,15 @@ def test_bad_json_is_refused(tmp_path, content):
         read_json(tmp_path / "a.json")
 
 
+def test_a_key_that_stands_twice_in_a_table_of_json_is_refused(tmp_path):
+    """The last one held without a word; TOML refuses it, too. In different tables it is another key."""
+    (tmp_path / "a.json").write_text('{"lamps": [{"iso": 1, "gain": 2, "gain": 3}], "iso": 4}')
+    with pytest.raises(InputError, match=r"a.json states the key 'gain' twice in one table: keep one"):
+        read_json(tmp_path / "a.json")
+    (tmp_path / "a.json").write_text('{"lamps": [{"iso": 1}, {"iso": 2}], "iso": 4}')
+    assert read_json(tmp_path / "a.json")["iso"] == 4
+
+
 def test_a_png_that_promises_more_than_memory_is_refused_before_allocation(tmp_path):
     write_png(tmp_path / "a.png", np.zeros((5, 7), np.uint8))
     data = bytearray((tmp_path / "a.png").read_bytes())
