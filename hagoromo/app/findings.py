@@ -9,6 +9,12 @@ from dataclasses import dataclass
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 SHARP, SOFT = math.radians(3.0), math.radians(12.0)  # half widths of highlights that are called sharp and soft
+SIGNIFICANT = 2.0  # standard errors from 0
+MOST_ALBEDO = 1.1  # of a body that is said in per cent: no body scatters more light than it receives, but for errors
+BODY_RELATIVE = (
+    "How much light its body scatters is not known, because the strength of the lamps is not: only ratios between "
+    "materials hold. A photograph that would tell: a white of known reflectance in place of the object."
+)
 # parameter: its name, why photographs do not determine it, and which photograph would
 MISSING = {
     "alpha": (
@@ -59,7 +65,8 @@ def findings(material: MaterialEstimate, pixels: int) -> Findings:
     """What was found about `material`, of an object of so many `pixels`."""
     share = 100.0 * material.pixels / max(pixels, 1)
     sentences = [f"It covers {material.pixels:,} pixels ({share:.0f} % of the object).".replace(",", "\u202f")]
-    sentences += [_body(material), *_variation(material), _highlight(material)]
+    absolute = math.pi * material.alpha <= MOST_ALBEDO
+    sentences += [*_body(material, absolute), *_variation(material), _highlight(material, absolute)]
     absent = [
         f"The {name} is not determined by these photographs: {why}. A photograph that would: {photograph}."
         for key, (name, why, photograph) in MISSING.items()
@@ -80,14 +87,20 @@ def missing(found: Sequence[Findings]) -> list[str]:
     ]
 
 
-def _body(material: MaterialEstimate) -> str:
+def _body(material: MaterialEstimate, absolute: bool) -> list[str]:
+    """How much light the body scatters, and whether by Lambert's law."""
     error = material.standard_error.get("alpha")
-    albedo = 100.0 * math.pi * material.alpha
     spread = "" if not isinstance(error, float) else f" ± {100.0 * math.pi * error:.2g}"
-    text = f"Its body scatters {albedo:.3g}{spread} % of the light, the mean of the channels"
-    if material.epsilon or material.sigma:
-        text += "; it departs from Lambert's law, as the table says"
-    return f"{text}."
+    share = (
+        f"Its body scatters {100.0 * math.pi * material.alpha:.3g}{spread} % of the light, the mean of the channels."
+    )
+    departs = any(
+        abs(getattr(material, key)) > SIGNIFICANT * (material.standard_error.get(key) or 0.0)
+        for key in ("epsilon", "sigma")
+        if getattr(material, key) != 0.0
+    )
+    law = ["Its body departs from Lambert's law, as the table says."] if departs else []
+    return [share if absolute else BODY_RELATIVE, *law]
 
 
 def _variation(material: MaterialEstimate) -> list[str]:
@@ -100,7 +113,7 @@ def _variation(material: MaterialEstimate) -> list[str]:
     return [f"Its {' and '.join(maps)} varies from place to place and is measured for every pixel."] if maps else []
 
 
-def _highlight(material: MaterialEstimate) -> str:
+def _highlight(material: MaterialEstimate, absolute: bool) -> str:
     if material.beta <= 0.0 or not material.identifiable.get("gamma", False):
         return "No highlight of it was measured: it is shown as these photographs allow."
     kind = "sharp" if material.gamma < SHARP else "soft" if material.gamma > SOFT else "satin"
@@ -109,7 +122,8 @@ def _highlight(material: MaterialEstimate) -> str:
     tails = "" if math.isinf(material.nu) else ", with a faint skirt around it"
     share = 100.0 * material.specular_albedo
     width = f"{math.degrees(material.gamma):.3g}{spread}° from its middle to half its height"
-    return f"Its highlight is {kind}: {width}{tails}; it reflects {share:.2g} % of light that comes straight on."
+    strength = f"; it reflects {share:.2g} % of light that comes straight on" if absolute else ""
+    return f"Its highlight is {kind}: {width}{tails}{strength}."
 
 
 def _beside_the_point(material: MaterialEstimate, key: str) -> bool:

@@ -18,6 +18,7 @@ def publish(
     measured: Positional[Path],
     out: Out,
     capture: Path | None = None,
+    title: str = "",
     lamps: Annotated[int | None, arg(help=f"how many lamps a box or scene is rendered under; default: {LAMPS}")] = None,
     force: Force = False,
 ) -> None:
@@ -29,6 +30,7 @@ def publish(
     Args:
         measured: folder that `measure` wrote, BOX.zarr, or SCENE.toml.
         capture: folder that was measured: photographs to compare with.
+        title: of the page; without one the name of the object.
     """
     boxes = measured.suffix.lower() in (".toml", ".zarr")
     if boxes and capture is not None:
@@ -38,8 +40,8 @@ def publish(
     with progress_bar("publish") as progress:
         if boxes:
             count = LAMPS if lamps is None else lamps
-            said = str(hg.publish_scene(measured, out, lamps=count, force=force, progress=progress))
+            said = str(hg.publish_scene(measured, out, lamps=count, title=title, force=force, progress=progress))
         else:
-            said = str(hg.publish(measured, out, capture=capture, force=force, progress=progress))
+            said = str(hg.publish(measured, out, capture=capture, title=title, force=force, progress=progress))
     say(said)
     wrote(out if out.suffix.lower() in (".html", ".htm") else out / "index.html")

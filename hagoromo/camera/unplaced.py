@@ -28,3 +28,13 @@ def unplaced_camera(width: int, height: int, focal_px: float | None) -> Camera:
     name = "orthographic" if focal_px is None else ""
     camera = Camera(width, height, (focal, focal), (width / 2, height / 2), name=name, orthographic=focal_px is None)
     return camera.with_pose(pose)
+
+
+def is_unplaced(camera: Camera) -> bool:
+    """Whether `camera` stands where `unplaced_camera` puts one: its lengths are no metres.
+
+    >>> is_unplaced(unplaced_camera(30, 20, 45.0)), is_unplaced(Camera(30, 20, (45.0, 45.0), (15.0, 10.0)))
+    (True, False)
+    """
+    expected = unplaced_camera(camera.width, camera.height, camera.focal[0])
+    return bool(np.allclose(camera.world_to_camera, expected.world_to_camera, rtol=1e-9, atol=1e-12))

@@ -5,15 +5,14 @@ Enters: a Measurement or its folder. Leaves: HTML that needs neither server nor 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
+from hagoromo.camera.unplaced import is_unplaced
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file, whole_folder
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.photographed import photographed
+from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
 from hagoromo.publication.document import document
@@ -23,7 +22,6 @@ from hagoromo.publication.surface_maps import surface_maps
 
 LIMIT_BYTES = 5_000_000  # of a page that is one file
 MOST_PHOTOGRAPHS = 8  # of a page
-ORTHOGRAPHIC = 19.9  # focal length over the longer side from which a view was assumed orthographic: it has no scale
 
 
 @dataclass(frozen=True)
@@ -51,6 +49,7 @@ def publish(
     out: str | Path,
     *,
     capture: Capture | str | Path | None = None,
+    title: str = "",
     limit: int = LIMIT_BYTES,
     force: bool = False,
     progress: Progress = silent,
@@ -59,7 +58,8 @@ def publish(
 
     measured: a `Measurement`, or its folder. out: NAME.html, one file of at most `limit` bytes, for which the picture
     is reduced where it must be; any other name is a folder with index.html and tiles at full resolution. capture: that
-    was measured, or its folder: photographs to compare with; a `Measurement` that was just made has its own.
+    was measured, or its folder: photographs to compare with; a `Measurement` that was just made has its own. title: of
+    the page; without one the name of the capture or of the folder.
 
     `InputError` for a measurement of version 0.2 without its capture, or one that does not fit to it.
     """
@@ -68,6 +68,8 @@ def publish(
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
     named = "" if isinstance(measured, Measurement) else Path(measured).resolve().name
     found = page_source(source, shots, named)
+    if title:
+        found = replace(found, maps=replace(found.maps, name=title))
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
         page = single_page(found, limit)
@@ -101,10 +103,20 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
             "the measurement does not say which camera and lamps it was made with: give its capture (--capture)"
         )
     camera = taken.camera
-    has_scale = np.mean(camera.focal) < ORTHOGRAPHIC * max(camera.width, camera.height)
     title = (shots.name if shots is not None else "") or name or "Measured object"
-    maps = surface_maps(measurement, camera, title, bool(has_scale))
+    maps = surface_maps(measurement, camera, title, has_scale(measurement, taken))
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
     assumed = measurement.assumptions.items()
     assumptions = tuple(f"{what.capitalize()}: {said.removesuffix('.')}." for what, said in assumed)
     return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions)
+
+
+def has_scale(measurement: Measurement, taken: Photographed) -> bool:
+    """Whether lengths are metres: a distance was given, or lamps and camera say where the object is."""
+    if measurement.settings.get("distance_m") is not None:
+        return True
+    if is_unplaced(taken.camera):
+        return False
+    far = all(one.position is None for one in taken.lamps)
+    solved = measurement.normal_variance is not None  # else the shape was given, with its lengths
+    return not (far and solved and not taken.camera.position.any())

@@ -54,6 +54,7 @@ def publish_scene(
     out: str | Path,
     *,
     lamps: int = LAMPS,
+    title: str = "",
     settings: Settings | None = None,
     limit: int = LIMIT_BYTES,
     force: bool = False,
@@ -67,6 +68,7 @@ def publish_scene(
 
     scene: a `Scene`, the path of a scene TOML, or a volume box or its path, which is seen from the front. Its own lamps
     give their spectra only. out: NAME.html, of at most `limit` bytes; the picture is reduced where it must be.
+    title: of the page; without one the name of the box or of the file.
 
     `InputError` for another name, a number of lamps that is too small or too large, or a page that cannot fit.
     """
@@ -85,7 +87,7 @@ def publish_scene(
     if not stack.known.any():
         raise InputError("the camera sees no matter: turn it towards the scene")
     colours = stack_colours(stack.colours, shown.camera.response, distinct([one.spectrum for one in shown.lamps]))
-    named = next((box.name for box in shown.boxes if box.name), file or "Volume box")
+    named = title or next((box.name for box in shown.boxes if box.name), file or "Volume box")
     page, packed = stack_page(stack, colours, named, limit)
     text = document(page.viewer)
     with whole_file(target, force) as partial:

@@ -1,6 +1,7 @@
 """A published page, driven in a real browser: its pixels are those of the reflectance, and it loads nothing."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.camera.response import Response
+from hagoromo.camera.unplaced import unplaced_camera
+from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.publication import object_page
 from hagoromo.publication.planes import pack_planes, unpack_planes
-from hagoromo.publication.publish import publish
+from hagoromo.publication.publish import has_scale, publish
 from tests.app.in_browser import Opened
 from tests.app.published_ball import RIDGE, ball, encoded, radiance, ridge
 
@@ -182,6 +186,19 @@ def test_a_page_keeps_its_limit_and_says_that_it_is_reduced(measured, tmp_path):
     assert whole.reduced == 1.0 and small.reduced > 1.0 and small.width < whole.width
     assert (tmp_path / "small.html").stat().st_size == small.size <= limit
     assert "reduced" in str(small) and "px of the photographs each" in (tmp_path / "small.html").read_text("utf-8")
+
+
+def test_lengths_are_millimetres_only_where_the_capture_has_a_scale():
+    """Far lamps and a camera that nobody placed say nothing of the size; a distance, or near lamps, do."""
+    _, measurement = ball()
+    placed = photographed(measurement.capture)
+    nowhere = unplaced_camera(placed.camera.width, placed.camera.height, placed.camera.focal[0])
+    far = Photographed(nowhere, (Lamp(to_lamp=(0, 0, 1)),))
+    assert has_scale(measurement, placed) and not has_scale(measurement, far)
+    assert has_scale(replace(measurement, settings={"distance_m": 0.6}), far)
+    at_origin = Photographed(replace(placed.camera, world_to_camera=np.eye(4)), far.lamps)
+    assert not has_scale(measurement, at_origin)
+    assert has_scale(replace(measurement, normal_variance=None), at_origin)  # of a given shape
 
 
 def test_planes_come_back(tmp_path):

@@ -104,6 +104,26 @@ def test_what_is_not_determined_says_why_and_which_photograph_would_help(tmp_pat
     assert "half its height" in " ".join(found[0].sentences) and "50 %" in found[0].sentences[0]
 
 
+def test_a_body_brighter_than_white_says_that_the_lamps_are_of_unknown_strength():
+    """No body scatters more than it gets: 1000 % is a statement about the lamps, and so is any share of light."""
+    dim, bright = (
+        " ".join(findings(replace(ball()[1].materials[0], alpha=alpha), 2000).sentences) for alpha in (0.3, 3.3)
+    )
+    assert "scatters 94" in dim and "of light that comes straight on" in dim and "strength of the lamps" not in dim
+    assert "because the strength of the lamps is not" in bright
+    assert "scatters 1" not in bright and "straight on" not in bright and "half its height" in bright
+
+
+def test_lambert_is_contradicted_only_beyond_the_error():
+    material = ball()[1].materials[0]
+    errors = {**material.standard_error, "epsilon": 0.003, "sigma": 0.003}
+    near, far = (
+        " ".join(findings(replace(material, epsilon=value, standard_error=errors), 2000).sentences)
+        for value in (0.002, 0.1)
+    )
+    assert "Lambert" in far and "Lambert" not in near
+
+
 def test_a_report_of_many_photographs_stays_small(tmp_path):
     """48 photographs of noise, which no JPEG likes, within 5 MB; one of them within what it takes."""
     capture, measured = ball()
