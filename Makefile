@@ -1,4 +1,4 @@
-# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | real | relit | lamps | near | spectra |
+# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | tutorials | real | relit | lamps | near | spectra |
 # coverage | merl | first-order | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery published schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -120,6 +120,11 @@ figures: $(READY)
 published: $(READY)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.published --out out/published --force
 	cp out/published/published.jpg docs/figures/
+
+# The pictures of the tutorials, by the commands of their pages (minutes).
+tutorials: $(READY)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.tutorial_pictures --out out/tutorials --force
+	cp out/tutorials/tutorial_dome.jpg out/tutorials/tutorial_skin.png docs/figures/
 
 # Every recipe close up, whole and under a moving lamp, and what it costs (a quarter of an hour): docs/gallery.md.
 gallery: $(READY)

@@ -34,10 +34,22 @@ def write_relight_report(path: Path, relighting: Relighting) -> None:
         name=capture.name,
         measured=len(capture.photographs),
         rim=RELIEF_RIM_PX,
+        found=[_found(one) for one in relighting.predictions],
         rows=[row for one in relighting.predictions for row in _rows(one)],
         photographs=[_photograph(one) for one in relighting.predictions],
         **page_viewer(report_viewer(relighting.measurement)),
     )
+
+
+def _found(one: Prediction) -> str:
+    """How near the prediction comes, in a sentence."""
+    boxes = one.compared["boxes"]
+    said = f"{one.name}: the volume boxes differ from the photograph by {100 * boxes.relative_rmse:.1f} % of its"
+    said += f" brightness (root mean square), a colour difference of {boxes.delta_e_2000:.1f} ΔE00 in the mean"
+    lambert = one.compared.get("lambert")
+    if lambert is None:
+        return f"{said}."
+    return f"{said}. Lambert's law, fitted to each pixel, is off by {100 * lambert.relative_rmse:.1f} %."
 
 
 def _rows(one: Prediction) -> list[list[str]]:

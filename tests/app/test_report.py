@@ -92,6 +92,7 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert_harmless(text)
     assert text.count("<img") == 1 + 3 * len(PREDICTIONS)
+    assert text.index("the volume boxes differ from the photograph by") < text.index("How it was compared")
 
 
 def test_what_is_not_determined_says_why_and_which_photograph_would_help(tmp_path):
