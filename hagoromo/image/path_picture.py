@@ -38,7 +38,7 @@ ALL_ORDERS = 2**32 - 1
 def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) -> Image:
     """The image of a scene by `settings.samples` walks through each pixel; see `render`.
 
-    `InputError` for a box whose matter would send on more light than it takes, or has texels.
+    `InputError` for a box whose matter would send on more light than it takes.
     """
     for box in scene.boxes:
         _check_matter(box)
@@ -61,8 +61,6 @@ def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) 
 
 def _check_matter(box: VolumeBox) -> None:
     """`InputError` for a box that paths cannot be drawn through."""
-    if box.texel is not None:
-        raise InputError(f"volume box {box.name!r} has texels: mode path takes boxes without; build it without texel")
     elements = sorted({material.element for material in box.materials} - {"sphere"})
     if box.extinction == "isotropic" and elements:
         raise InputError(

@@ -142,7 +142,8 @@ class Crossing:
         cell = jit.Array3i(dr.floor(place)) >> size
         face = dr.select(ahead, cell + 1 + reach, cell - reach) << size
         end, least = dr.min((jit.Array3f(face) - ray.origin) / ray.direction), begin + 2.0 * self.probe(ray, begin)
-        if textures := self.frames.textures:  # steps of a texel lie on one grid along the ray: what it cuts is random
+        textures = self.frames.textures if stored == CELL_BITS else None
+        if textures is not None:  # steps of a texel lie on one grid along the ray: what it cuts is random
             step = 2.0 * ray.probe
             behind = (dr.ceil(end / step + (self.phase - 0.5)) - self.phase) * step
             end = dr.select(textures.textured(ray.box), dr.select(empty, behind, least), end)

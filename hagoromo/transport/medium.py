@@ -249,15 +249,8 @@ class Medium:
 
     def _in_texel(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
         """Extinction of a step in a texel, that of its middle; the end behind matter-free space around it."""
-        textures, jit, ray = self.textures, arrays(), step.ray
-        assert textures is not None
-        share = self.voxels.density(jit.UInt(step.brick), step.place)
-        clearance = textures.clearance(ray.box, share)
-        density = dr.if_stmt(
-            (step,), clearance > 0.0,
-            lambda step: jit.Float(0),
-            lambda step: textures.density(textures.lattice(step.ray.box, step.ray.level), self._charted(step)[0]),
-        )  # fmt: skip
+        jit, ray = arrays(), step.ray
+        density, clearance = self._texel_density(step)
         step.depth = ray.tau * density * (step.end - step.begin)
         step.depth *= self._area(step, direction)
         step.growth = jit.Float(0)
@@ -267,6 +260,43 @@ class Medium:
         whole = 2.0 * ray.probe
         step.end += dr.fmax(dr.floor(CLEARANCE_SHARE * clearance / whole) - 1.0, 0.0) * whole
         return step
+
+    def _texel_density(self, step: Step) -> tuple[Float, Float]:
+        """Density of a texel at a sample, and the least distance from matter there, see `Textures.clearance` [m]."""
+        textures, jit = self.textures, arrays()
+        assert textures is not None
+        share = self.voxels.density(jit.UInt(step.brick), step.place)
+        clearance = textures.clearance(step.ray.box, share)
+        density = dr.if_stmt(
+            (step,), clearance > 0.0,
+            lambda step: jit.Float(0),
+            lambda step: textures.density(textures.lattice(step.ray.box, step.ray.level), self._charted(step)[0]),
+        )  # fmt: skip
+        return density, clearance
+
+    def extinction_at(self, step: Step, direction: Array3f) -> tuple[Float, Float]:
+        """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m]."""
+        free = arrays().Float(0)
+        if (textures := self.textures) is None:
+            sigma = self._cell_extinction(step)
+        else:
+            sigma, free = dr.if_stmt(
+                (step,), textures.textured(step.ray.box),
+                self._texel_extinction, lambda step: (self._cell_extinction(step), arrays().Float(0)),
+            )  # fmt: skip
+        if (flakes := self.flakes) is None:
+            return sigma, free
+        elements, _ = self._elements(step)
+        return sigma * sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements), free
+
+    def _cell_extinction(self, step: Step) -> Float:
+        around = self.voxels.densities_around(arrays().UInt(step.brick), step.place)
+        tau = dr.fmin(step.ray.tau, step.ray.densest / dr.fmax(functools.reduce(dr.fmax, around), 1e-30))
+        return tau * trilinear(around, step.place - dr.floor(step.place))
+
+    def _texel_extinction(self, step: Step) -> tuple[Float, Float]:
+        density, clearance = self._texel_density(step)
+        return step.ray.tau * density, CLEARANCE_SHARE * clearance
 
     def elements(self, step: Step, direction: Array3f) -> tuple[list[Element], TexelHit | None]:
         """Elements of a sample in a stored brick as a ray along `direction` sees them: shares are those of extinction.

@@ -32,14 +32,11 @@ AXIS, OTHER = np.array([0.36, -0.48, 0.8]), np.array([0.192, 0.744, -0.64])  # p
 LAMP, EYE = np.array([0.48, -0.64, 0.6]), np.array([-0.6, 0.0, 0.8])
 SIDE = 0.2  # of the homogeneous cube [m]
 STEP = hg.Spectrum((360, 549, 551, 830), (0.1, 0.1, 0.9, 0.9))
-MATTE: dict[str, Any] = {"beta": 0.0, "gamma": 0.2, "n": 1.5}
 SHINY: dict[str, Any] = {"beta": 0.4, "gamma": 0.3, "n": 1.5}
 
 
-def matter(element, alpha=0.18, colour=GREY, **interface):
-    return hg.Reflectance(
-        alpha=alpha, body_colour=colour, element=element, **({"beta": 0.0, "gamma": 0.2, "n": 1.5} | interface)
-    )
+def matter(element, alpha=0.18, colour=GREY, beta=0.0, gamma=0.2, n=1.5, **more: Any):
+    return hg.Reflectance(alpha, beta, gamma, n, colour, element=element, **more)
 
 
 def cube(material, depth, axis=AXIS, voxels=3):
@@ -338,7 +335,7 @@ def test_a_picture_of_all_orders_is_exposed_after_it_was_read_back(tmp_path):
     assert read.with_lamps(strength={0: 2.0}).variance is None
 
 
-def test_matter_that_gains_light_and_texels_are_refused():
+def test_matter_that_gains_light_is_refused():
     thread = replace(cube(matter("cylinder"), 4.0), extinction="isotropic", name="thread")
     with pytest.raises(hg.InputError, match="'thread' has isotropic extinction, by which a cylinder"):
         hg.render(scene_of([thread]), mode="path")

@@ -8,17 +8,17 @@ Selle & Jarosz 2014). Neither has an error but noise; extinction is that of `Med
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, clip
-from hagoromo.transport.crossing import BRICK_BITS, LAST_IN_CELL, Crossing, Ray, Step
+from hagoromo.transport.crossing import BRICK_BITS, LAST_IN_CELL, NUDGE, Crossing, Ray, Step, selected
+from hagoromo.transport.frames import DENSEST
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.path.majorants import Majorants
-from hagoromo.volume.voxels import BRICK, trilinear
+from hagoromo.volume.voxels import BRICK
 
 LEAST_PASSED = 0.1  # transmittance below which a shadow ray goes on by chance
 LAST_IN_BRICK = BRICK - 1.0 + LAST_IN_CELL  # [voxel] from the first voxel centre of a brick
@@ -60,21 +60,18 @@ class Matter:
         place = ray.inside(ray.at(at))
         return type(place)(*(clip(place[k], first[k], first[k] + LAST_IN_BRICK) for k in range(3)))
 
-    def extinction(self, ray: Ray, place: Array3f, brick: Int, direction: Array3f) -> Float:
-        """σ at a place in a stored brick, for light along the unit `direction` (world) [1/m]."""
-        medium, jit = self.medium, arrays()
-        around = medium.voxels.densities_around(jit.UInt(brick), place)
-        tau = dr.fmin(ray.tau, ray.densest / dr.fmax(functools.reduce(dr.fmax, around), 1e-30))
-        sigma = tau * trilinear(around, place - dr.floor(place))
-        if medium.flakes is None:
-            return sigma
-        element = medium.elements(self.step(ray, place, brick), direction)[0][0]
-        return sigma * medium.flakes.area(element.material, element.axis, direction)
-
-    def step(self, ray: Ray, place: Array3f, brick: Int) -> Step:
-        """A place as `Medium` takes it."""
+    def extinction(self, ray: Ray, place: Array3f, brick: Int, direction: Array3f) -> tuple[Float, Float]:
+        """σ at a place in a stored brick, for light along the unit `direction` (world) [1/m]; and how far from there it
+        meets no matter [m].
+        """
         nothing = arrays().Float(0)
-        return Step(arrays().UInt(0), ray, nothing, nothing, place, brick, nothing, nothing)
+        step = Step(arrays().UInt(0), ray, nothing, nothing, place, brick, nothing, nothing)
+        return self.medium.extinction_at(step, direction)
+
+    def ray(self, crossing: Crossing, box: UInt) -> Ray:
+        """The ray on the lattice of a box; in a texel, too, bricks are looked up a nudge ahead."""
+        ray = crossing.ray(box)
+        return replace(ray, probe=NUDGE * DENSEST / ray.densest)
 
 
 @dr.syntax
@@ -87,11 +84,11 @@ def first_collision(
     nowhere = dr.zeros(jit.Array3f, count), dr.zeros(jit.Int, count)
     found = Collision(dr.full(jit.Float, dr.inf, count), dr.zeros(jit.UInt, count), *nowhere)
     if dr.hint(matter.medium.frames.count == 1, mode="scalar"):
-        found, random = collision_in_box(matter, crossing, crossing.ray(jit.UInt(0)), direction, found, random)
+        found, random = collision_in_box(matter, crossing, matter.ray(crossing, jit.UInt(0)), direction, found, random)
     else:
         box = dr.zeros(jit.UInt, count)
         while box < matter.medium.frames.boxes:
-            found, random = collision_in_box(matter, crossing, crossing.ray(box), direction, found, random)
+            found, random = collision_in_box(matter, crossing, matter.ray(crossing, box), direction, found, random)
             box += 1
     return found, random
 
@@ -112,9 +109,9 @@ def collision_in_box(
         at = dr.select(tentative, stop, leaves)
         if tentative:
             place = matter.place(ray, at, first)
-            if chance < matter.extinction(ray, place, brick, direction):
-                found = Collision(ray.near + at, ray.box, place, brick)
-                at = end
+            sigma, free = matter.extinction(ray, place, brick, direction)
+            found = selected(chance < sigma, Collision(ray.near + at, ray.box, place, brick), found)
+            at = dr.select(chance < sigma, end, at + free)
     return found, random
 
 
@@ -127,11 +124,11 @@ def transmittance(
     crossing = matter.medium.cross(origin, direction, jit.Float(0), far)
     passed = dr.select(lit, jit.Float(1), 0.0)
     if dr.hint(matter.medium.frames.count == 1, mode="scalar"):
-        passed, random = passed_box(matter, crossing, crossing.ray(jit.UInt(0)), direction, passed, random)
+        passed, random = passed_box(matter, crossing, matter.ray(crossing, jit.UInt(0)), direction, passed, random)
     else:
         box = dr.zeros(jit.UInt, dr.width(direction))
         while (box < matter.medium.frames.boxes) & (passed > 0.0):
-            passed, random = passed_box(matter, crossing, crossing.ray(box), direction, passed, random)
+            passed, random = passed_box(matter, crossing, matter.ray(crossing, box), direction, passed, random)
             box += 1
     return passed, random
 
@@ -150,7 +147,8 @@ def passed_box(
         tentative = stop < leaves
         at = dr.select(tentative, stop, leaves)
         if tentative:
-            sigma = matter.extinction(ray, matter.place(ray, at, first), brick, direction)
+            sigma, free = matter.extinction(ray, matter.place(ray, at, first), brick, direction)
+            at += free
             passed *= dr.fmax(1.0 - sigma / majorant, 0.0)
             if passed < LEAST_PASSED:  # what is left goes on by chance, as much as before in the mean
                 passed = dr.select(chance < passed, LEAST_PASSED, 0.0)

@@ -13,6 +13,7 @@ from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.transport.crossing import Ray
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import BRICKS_AT_ONCE, Bricks
+from hagoromo.volume.texel import Texel
 from hagoromo.volume.voxels import PAIRS
 
 MARGIN = 1.0 + 1e-4  # above the largest density: rounding of an interpolated one
@@ -33,6 +34,8 @@ class Majorants:
             for box in boxes
         ]
         self.densest = lookup(arrays().Float, MARGIN * densest)
+        texels = [float(texel_density(box.texel)) if box.texel else 0.0 for box in boxes]
+        self.texels = lookup(arrays().Float, MARGIN * np.array(texels, np.float32)) if any(texels) else None
         self.areas = lookup(arrays().Float, np.array(areas, np.float32))
         dr.eval(self.densest, self.areas)
 
@@ -40,7 +43,16 @@ class Majorants:
         """Bound of the extinction of a ray in a stored brick [1/m]; see `Ray.densest`."""
         jit = arrays()
         density, area = dr.gather(jit.Float, self.densest, brick), dr.gather(jit.Float, self.areas, ray.box)
-        return dr.fmin(ray.tau * density, MARGIN * ray.densest) * area
+        bound = dr.fmin(ray.tau * density, MARGIN * ray.densest)
+        if self.texels is not None:
+            in_texel = dr.gather(jit.Float, self.texels, ray.box)
+            bound = dr.select(in_texel > 0.0, ray.tau * in_texel, bound)
+        return bound * area
+
+
+def texel_density(texel: Texel) -> np.float32:
+    """Largest density of all populations together at the finest level."""
+    return texel.levels[0].density.astype(np.float32).sum(axis=0).astype(np.float16).max().astype(np.float32)
 
 
 def largest_densities(bricks: Bricks) -> NDArray[np.float32]:

@@ -89,7 +89,7 @@ class Walks:
             return event, random
         found, random = first_collision(self.matter, origin, direction, far, random)
         inside = dr.isfinite(found.distance)
-        axis, material = self._element(found, direction, inside)
+        axis, material = self._element(found, direction, inside, random.next_float32())
         event = Event(
             event.there | inside,
             dr.select(inside, dr.fma(direction, dr.select(inside, found.distance, 0.0), origin), event.point),
@@ -103,18 +103,24 @@ class Walks:
             event.coefficients = self._with_voxel_colour(event.coefficients, found, inside)
         return event, random
 
-    def _element(self, found: Collision, direction: Array3f, inside: Bool) -> tuple[Array3f, UInt]:
+    def _element(self, found: Collision, direction: Array3f, inside: Bool, number: Float) -> tuple[Array3f, UInt]:
+        """Axis and material of what a ray collides with: of a texel's populations one, by its share of extinction."""
         assert self.matter is not None
         medium = self.matter.medium
 
-        def element(found: Collision, direction: Array3f) -> tuple[Array3f, UInt]:
+        def element(found: Collision, direction: Array3f, number: Float) -> tuple[Array3f, UInt]:
             place = medium.at(found.box, found.place, found.brick)
-            one = medium.elements(place, direction)[0][0]
-            return one.axis, one.material
+            first, *others = medium.elements(place, direction)[0]
+            axis, material, below = first.axis, first.material, first.share
+            for one in others:
+                here = (number >= below) & (one.share > 0.0)
+                axis, material = dr.select(here, one.axis, axis), dr.select(here, one.material, material)
+                below = below + one.share
+            return axis, material
 
         return dr.if_stmt(
-            (found, direction), inside, element,
-            lambda found, direction: (arrays().Array3f(0.0), arrays().UInt(0)),
+            (found, direction, number), inside, element,
+            lambda found, direction, number: (arrays().Array3f(0.0), arrays().UInt(0)),
         )  # fmt: skip
 
     def _with_voxel_colour(self, coefficients: list[Float], found: Collision, inside: Bool) -> list[Float]:
