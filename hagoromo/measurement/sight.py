@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 GRAZING_COSINE = 0.17  # cos 80°: there an error of 1° in the normal changes the cosine, and so the value, by 10 %
 FLAT_GAMMA = 1e6  # [rad] at which every facet density is 1
+MOST_KEPT = 1 << 20  # numbers, of values that are kept for a next call with the same n
 NO_LAMP = Cosines(-1.0, -1.0, 1.0, 1.0)  # fills the place of an absent lamp: its irradiance is 0
 
 
@@ -84,7 +85,8 @@ class Sight:
         All but the facet density are the package's one implementation of eq. (3), in double precision, with its
         forward-mode derivative. with_tail: whether the derivative by 1/ν is needed; else it is 0.
         """
-        flat, by_n = self._flat(log_n1)
+        different, row = np.unique(log_n1, return_inverse=True)
+        flat, by_n = (part[row] for part in self._flat(different))
         width, beyond = (np.asarray(row, np.float64)[:, None, None] for row in (log_gamma, tail))
         density = facet_density(self._angle2, width, beyond, with_tail)
         parts = (flat * density.value, flat * density.by_log_gamma, by_n * density.value)
@@ -97,13 +99,19 @@ class Sight:
         """(N, L) φ² [rad²]."""
         return np.arccos(np.clip(self.cosines.half, -1.0, 1.0)) ** 2
 
+    @cached_property
+    def _last_flat(self) -> dict[bytes, tuple[Array, Array]]:
+        """What `_flat` gave last, by its argument: steps of a fit that leave n where it is ask for it again."""
+        return {}
+
     def _flat(self, log_n1: Array) -> tuple[Array, Array]:
         """F G / cosθ_r over F₀ at K values of ln(n − 1), and its derivative by it: two (K, N, L), 0 where unlit."""
-        different, row = np.unique(log_n1, return_inverse=True)
-        k, shape = len(different), self.cosines.half.shape
+        if (known := self._last_flat.get(log_n1.tobytes())) is not None:
+            return known
+        k, shape = len(log_n1), self.cosines.half.shape
         real: Any = arrays().Float64
         cosines = Cosines(*(dr.tile(real(cosine.ravel()), k) for cosine in self.cosines))
-        log_index = dr.repeat(real(different), shape[0] * shape[1])
+        log_index = dr.repeat(real(log_n1), shape[0] * shape[1])
         dr.enable_grad(log_index)
         dr.set_grad(log_index, 1.0)
         n = 1.0 + dr.exp(log_index)
@@ -111,7 +119,10 @@ class Sight:
         slope = dr.forward_to(value)
         parts = [dr.detach(value), slope]
         dr.eval(parts)
-        flat, by_n = (np.asarray(part).reshape(k, *shape)[row] for part in parts)
+        flat, by_n = (np.array(part).reshape(k, *shape) for part in parts)
+        self._last_flat.clear()
+        if flat.size <= MOST_KEPT:
+            self._last_flat[log_n1.tobytes()] = flat, by_n
         return flat, by_n
 
     def _sum_of_lamps(self, weights: Array) -> Array:
