@@ -26,6 +26,7 @@ from hagoromo.volume.box import VolumeBox
 
 FEWEST_LAMPS, MOST_LAMPS = 8, 512
 COPIES = 3  # of the weights that are in memory at once
+SKETCH_SIDE = 96  # px of the picture that tells where there is matter
 FIELD = 1.06  # of view of `box_camera`, sizes of the matter
 AWAY, TOWARDS = 8.0, (0.25, -1.0, 0.3)  # sizes of the matter from it to that camera, and its direction
 
@@ -97,6 +98,25 @@ def box_camera(box: VolumeBox, pixels: int) -> Camera:
     across = (corners - middle) @ straight.world_to_camera[:2, :3].T
     focal = pixels * away / (FIELD * 2.0 * float(np.abs(across).max()))
     return replace(straight, focal=(focal, focal))
+
+
+def framed(scene: Scene, pixels: int) -> Camera:
+    """The camera of `scene`, its picture cut to what has matter in it, `pixels` px along the longer side."""
+    small = limited(scene.camera, SKETCH_SIDE)
+    seen = render(scene.with_camera(small), Settings(shadows="none")).alpha > 0.0
+    if not seen.any():
+        return limited(scene.camera, pixels)
+    (top, bottom), (left, right) = (
+        (int(np.flatnonzero(side)[0]) - 1, int(np.flatnonzero(side)[-1]) + 2) for side in (seen.any(1), seen.any(0))
+    )
+    times = pixels / max(bottom - top, right - left)
+    return replace(
+        small,
+        width=round((right - left) * times),
+        height=round((bottom - top) * times),
+        focal=(small.focal[0] * times, small.focal[1] * times),
+        principal=((small.principal[0] - left) * times, (small.principal[1] - top) * times),
+    )
 
 
 def limited(camera: Camera, longest: int) -> Camera:

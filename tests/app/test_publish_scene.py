@@ -11,7 +11,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.publication.export.lit import hemisphere, shown
 from hagoromo.publication.stack_basis import STORED_ERROR, packed_stack
 from hagoromo.publication.surface_maps import FLIP
-from hagoromo.publication.weight_stack import WeightStack
+from hagoromo.publication.weight_stack import WeightStack, box_camera, framed
 from tests.app.in_browser import Opened
 
 LAMPS, SIZE, CAMERA = 12, 31, "canon_eos_300d"
@@ -113,6 +113,18 @@ def test_smooth_light_is_stored_and_interpolated_nearly_exactly():
     packed = packed_stack(stack, np.array([[1.0, 0.2]] * 3), 0.4)
     assert packed.stored_error <= STORED_ERROR and packed.error_between < 1.5 * STORED_ERROR
     assert packed.scales["components"] < 20  # of 128
+
+
+def test_a_box_alone_fills_its_picture():
+    """The ball, seen from where no one placed a camera: to 3 px of a sketch of 96."""
+    (box,) = scene().boxes
+    view = Scene(box_camera(box, 60), scene().lamps, (box,))
+    camera = framed(view, 60)
+    seen = hg.render(view.with_camera(camera), hg.Settings(shadows="none")).alpha > 0
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    for found, size in ((rows, camera.height), (columns, camera.width)):
+        assert 0 < found[0] <= 0.08 * size and 0.92 * size <= found[-1] < size - 1
+    assert max(camera.width, camera.height) == 60
 
 
 def test_a_page_of_a_scene_is_refused_in_one_line(refused, box, tmp_path):
