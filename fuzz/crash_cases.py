@@ -269,6 +269,7 @@ CASES = (
         ("out",),
     ),
     Case("publish a page", _measured, ("publish", "measured"), ("out.html",)),
+    Case("publish a box", _box_scene, ("publish", "scene.toml", "--lamps", "8"), ("out.html",), slow=4),
     Case("publish a folder", _measured, ("publish", "measured"), ("out",)),
     Case("export", _measured, ("export", "measured", "--to", "png", "ply", "ptm"), ("out",)),
     Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
