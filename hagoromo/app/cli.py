@@ -260,6 +260,8 @@ def render(
     tolerance: float | None = None,
     samples: int | None = None,
     seed: int | None = None,
+    error: float | None = None,
+    time: float | None = None,
     separate_lamps: bool = False,
     scheduler: Scheduler = None,
     force: Force = False,
@@ -273,13 +275,15 @@ def render(
             0.04).
         samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).
         seed: seed of the random numbers (default: the scene's, or 0).
+        error: in mode path, noise at which to stop, root mean square over mean where there is matter, such as 0.01.
+        time: in mode path, for how long to go on, about [s].
         separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
     """
     replaceable_files((out, out.with_suffix(".png")), force)
     from hagoromo.image.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)
-    stated = {"tolerance": tolerance, "samples": samples, "seed": seed}
+    stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
     settings = replace(settings, **{key: value for key, value in stated.items() if value is not None})
     if separate_lamps:
         settings = replace(settings, separate_lamps=True)

@@ -6,6 +6,7 @@ Enters: a scene. Leaves: an `Image` whose palette has bands for light that was s
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -33,6 +34,8 @@ from hagoromo.volume.box import VolumeBox
 
 WALKS_AT_ONCE = 1 << 18  # of one launch; progress is reported, and an interrupt taken, between launches
 ALL_ORDERS = 2**32 - 1
+FIRST_WALKS = 16  # a pixel, from which the error is estimated first
+MOST_WALKS = 1 << 20  # a pixel
 
 
 def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) -> Image:
@@ -47,7 +50,7 @@ def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) 
     for number, batch in enumerate(batches):
         lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
         part = part_of(progress, number / len(batches), 1.0 / len(batches))
-        parts.append(_under_one_batch(lit, settings, cache, number, part))
+        parts.append(_under_one_batch(lit, settings, cache, number, 1.0 / len(batches), part))
     if len(parts) == 1:
         return parts[0]
     palette = parts[0].palette.with_lamps(scene.lamps, settings.separate_lamps)
@@ -69,7 +72,10 @@ def _check_matter(box: VolumeBox) -> None:
         )
 
 
-def _under_one_batch(scene: Scene, settings: Settings, cache: SceneCache, batch: int, progress: Progress) -> Image:
+def _under_one_batch(
+    scene: Scene, settings: Settings, cache: SceneCache, batch: int, share: float, progress: Progress
+) -> Image:
+    """`share`: of the time that the picture may take."""
     prepared = PreparedScene(scene, replace(settings, shadows="none"), cache)
     reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
     bands = bands_of(albedos(reflectances, [s for box in scene.boxes for s in box.basis]), prepared.palette.lamps)
@@ -79,11 +85,14 @@ def _under_one_batch(scene: Scene, settings: Settings, cache: SceneCache, batch:
     walks = Walks(matter, prepared.surfaces, prepared.first_on_surface, prepared.lighting, scattering, bands)
     sums = Sums(scene.camera.height, scene.camera.width, palette)
     stream = _Stream(prepared, walks, settings, batch)
-    for begin, end, sample, count in _launches(sums.pixels, settings.samples):
-        sums.add(begin, end, stream.walk(begin, end, sample, count))
-        progress(((sample * sums.pixels) + (end - begin) * count) / (sums.pixels * settings.samples))
-    record = metadata(scene, settings) | {"mode": "path", "bands_error": bands.error}
-    return Image(*sums.mean(settings.samples), palette, record, sums.variance(settings.samples))
+    stop, walks_so_far = Stop(settings, share), 0
+    while (wanted := stop.wanted(sums, walks_so_far)) > walks_so_far:
+        for begin, end, sample, count in _launches(sums.pixels, walks_so_far, wanted):
+            sums.add(begin, end, stream.walk(begin, end, sample, count))
+            progress(stop.progress(sample + count * end / sums.pixels))
+        walks_so_far = wanted
+    record = metadata(scene, settings) | {"mode": "path", "bands_error": bands.error, "walks": walks_so_far}
+    return Image(*sums.mean(walks_so_far), palette, record, sums.variance(walks_so_far))
 
 
 def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:
@@ -94,12 +103,14 @@ def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spec
     return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]
 
 
-def _launches(pixels: int, samples: int) -> list[tuple[int, int, int, int]]:
-    """Pixels begin … end − 1, first sample and number of samples of each launch of WALKS_AT_ONCE walks at most."""
-    together = min(max(WALKS_AT_ONCE // pixels, 1), samples)
+def _launches(pixels: int, first: int, samples: int) -> list[tuple[int, int, int, int]]:
+    """Pixels begin … end − 1, first sample and number of samples of each launch of WALKS_AT_ONCE walks at most, of the
+    samples `first` … `samples` − 1.
+    """
+    together = min(max(WALKS_AT_ONCE // pixels, 1), samples - first)
     return [
         (begin, min(begin + WALKS_AT_ONCE, pixels), sample, min(together, samples - sample))
-        for sample in range(0, samples, together)
+        for sample in range(first, samples, together)
         for begin in range(0, pixels, WALKS_AT_ONCE)
     ]
 
@@ -131,6 +142,37 @@ class _Stream:
         return values.reshape(end - begin, count, -1)
 
 
+class Stop:
+    """When to stop: after a number of walks a pixel, at an estimated error, or after a time."""
+
+    def __init__(self, settings: Settings, share: float) -> None:
+        """`share`: of `settings.seconds`."""
+        self.settings, self.begin, self.last = settings, time.monotonic(), settings.samples
+        self.seconds = math.inf if settings.seconds is None else share * settings.seconds
+
+    def wanted(self, sums: Sums, walks: int) -> int:
+        """Number of walks a pixel to go on to, after some: at most twice as many at a time."""
+        settings = self.settings
+        open_ended = settings.error is not None or settings.seconds is not None
+        if walks == 0 or not open_ended:
+            return max(settings.samples, FIRST_WALKS) if open_ended else settings.samples
+        wanted, seconds = float(MOST_WALKS), time.monotonic() - self.begin
+        if settings.error is not None:
+            wanted = walks * (sums.error(walks) / settings.error) ** 2
+            if wanted > MOST_WALKS and settings.seconds is None:
+                raise InputError(
+                    f"an error of {settings.error:g} takes about {wanted:.2g} walks a pixel, and {MOST_WALKS} are the "
+                    f"most: after {walks} it is {sums.error(walks):.2g}; give a larger error, or a time"
+                )
+        wanted = min(wanted, walks * self.seconds / max(seconds, 1e-9), MOST_WALKS)
+        self.last = max(math.ceil(wanted), walks)
+        return min(self.last, 2 * walks)
+
+    def progress(self, walks: float) -> float:
+        """Share that is done after some walks a pixel, 0…1."""
+        return min(walks / max(self.last, 1), 1.0)
+
+
 class Sums:
     """Sums over walks of the weights, the coverage, and the square of Y, of every pixel."""
 
@@ -157,6 +199,12 @@ class Sums:
         mean = self.values[:, :-1] @ self.luminance / samples
         spread = np.maximum(self.squares / samples - mean * mean, 0.0) / (samples - 1)
         return spread.astype(np.float32).reshape(self.size)
+
+    def error(self, samples: int) -> float:
+        """Noise of Y: root mean square over the mean, of the pixels that show matter; 0 where none does."""
+        variance, seen = self.variance(samples), self.values[:, -1] > 0.0
+        mean = float((self.values[seen, :-1] @ self.luminance).mean()) / samples if seen.any() else 0.0
+        return math.sqrt(float(variance.ravel()[seen].mean())) / mean if variance is not None and mean > 0.0 else 0.0
 
 
 def luminance(palette: Palette) -> NDArray[np.float64]:

@@ -73,11 +73,19 @@ def render(
 
         scene, settings = load_for_picture(scene, settings)
     settings = settings or Settings()
+    _check_mode(settings, mode)
     if mode == "path":
         from hagoromo.image.path_picture import path_picture  # the march does without
 
         return path_picture(scene, settings, progress)
     return picture(scene, settings, SceneCache(), pixel_points(settings.samples, settings.seed), progress=progress)
+
+
+def _check_mode(settings: Settings, mode: str) -> None:
+    """`InputError` for settings of random walks where there are none."""
+    given = [key for key in ("orders", "error", "seconds") if getattr(settings, key) is not None]
+    if given and mode == "march":
+        raise InputError(f"{given[0]} is for mode path, and the mode is march: leave it out, or render by path")
 
 
 def picture(

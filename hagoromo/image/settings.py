@@ -11,6 +11,7 @@ from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
 MOST_SAMPLES = 1 << 16  # rays a pixel: their noise is a 256th of that of one
 FINEST_SHADOWS = 16384  # texels a side of a shadow map
+LONGEST = 1e7  # time that a picture may take [s]
 SHADOWS = ("map", "march", "none")
 
 
@@ -22,8 +23,12 @@ class Settings:
     between eight voxel centres, or a part of it; how deep and long it may be, and where a march replaces shadow maps,
     follows the tolerance. separate_lamps: whether every lamp has weights of its own, so that its strength and colour
     can be changed afterwards (`Image.with_lamps`); otherwise lamps of one spectrum share them. Memory grows with the
-    number of lamps, and time a little. orders: events of a walk in mode path, at most: 1 is light that is scattered
-    once; None for all of them.
+    number of lamps, and time a little.
+
+    Of mode path only: orders are events of a walk at most, 1 being light that is scattered once; None: all of them.
+    error: walks go on until the noise of Y, root mean square over its mean where there is matter, is estimated to be
+    this. seconds: walks go on for about this time; how many it has is then not the same in every run. With either,
+    `samples` is the least number of walks a pixel.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'
@@ -40,6 +45,8 @@ class Settings:
     seed: int = 0
     separate_lamps: bool = False
     orders: int | None = None
+    error: float | None = None
+    seconds: float | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.samples <= MOST_SAMPLES:
@@ -50,6 +57,10 @@ class Settings:
             raise InputError(f"tolerance is {self.tolerance}: give a number from 1e-4 to 1")
         if self.orders is not None and self.orders < 1:
             raise InputError(f"orders is {self.orders}: give 1 or more, or leave it out for all orders of light")
+        if self.error is not None and not 1e-4 <= self.error <= 1:
+            raise InputError(f"error is {self.error}: give a number from 1e-4 to 1, such as 0.01")
+        if self.seconds is not None and not 0 < self.seconds <= LONGEST:
+            raise InputError(f"seconds is {self.seconds}: give a time above 0 and up to {LONGEST:g} s")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= FINEST_SHADOWS:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to {FINEST_SHADOWS} texels")
 

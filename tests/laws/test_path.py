@@ -343,3 +343,27 @@ def test_matter_that_gains_light_is_refused():
     hg.render(scene_of([grain]), hg.Settings(samples=1), mode="path")
     with pytest.raises(hg.InputError, match="orders is 0"):
         hg.Settings(orders=0)
+
+
+def test_walks_go_on_until_the_error_is_met():
+    """The stated error is that of the picture, and half of it takes four times the walks; an impossible one is refused.
+
+    A picture of ten times the walks is the truth; 25 %: 64 pixels, of which some show little.
+    """
+    scene = scene_of([cube(matter("sphere", 0.28), 6.0)])
+    wide, narrow = (hg.render(scene, hg.Settings(error=error, seed=1), mode="path") for error in (0.1, 0.05))
+    assert narrow.metadata["walks"] / wide.metadata["walks"] == pytest.approx(4.0, rel=0.25)
+    truth = hg.render(scene, hg.Settings(samples=10 * narrow.metadata["walks"], seed=2), mode="path").xyz()[..., 1]
+    seen = narrow.alpha > 0.0
+    off = np.sqrt(np.mean((narrow.xyz()[..., 1] - truth)[seen] ** 2)) / truth[seen].mean()
+    assert off == pytest.approx(0.05 * math.sqrt(1.1), rel=0.25)
+    with pytest.raises(hg.InputError, match=r"takes about .* walks a pixel"):
+        hg.render(scene, hg.Settings(error=1e-4), mode="path")
+    with pytest.raises(hg.InputError, match="error is for mode path"):
+        hg.render(scene, hg.Settings(error=0.01))
+
+
+def test_walks_go_on_for_a_time():
+    scene = scene_of([cube(matter("sphere", 0.28), 6.0)])
+    assert hg.render(scene, hg.Settings(seconds=1e-3), mode="path").metadata["walks"] == 16
+    assert hg.render(scene, hg.Settings(seconds=0.5, error=0.2), mode="path").metadata["walks"] >= 16
