@@ -68,7 +68,7 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
 def read_measurement(home: Path) -> Measurement:
     """The measurement in the folder `home`; see `Measurement.load`."""
     surface = read_surface(home)
-    stored = _read_maps(inside(home, "variance.exr"), VARIANCE_CHANNELS, surface)
+    stored = read_maps(inside(home, "variance.exr"), VARIANCE_CHANNELS, surface)
     variances = [np.where(one < UNKNOWN_VARIANCE, one, np.inf) for one in stored] if stored else [None, None]
     spectra = inside(home, "body_spectra.json")
     writer = decode(read_json(inside(home, "materials.json"))[0], MaterialRecord, "materials.json").hagoromo
@@ -134,7 +134,7 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
     known = (surface.body != 0.0).any(axis=2, keepdims=True)
     value = np.where(known, surface.body, np.nan).astype(np.float64)
     error = None if surface.body_error is None else np.where(known, surface.body_error, np.nan).astype(np.float64)
-    maps = _read_maps(inside(home, "gloss.exr"), GLOSS_CHANNELS, surface)
+    maps = read_maps(inside(home, "gloss.exr"), GLOSS_CHANNELS, surface)
     gloss = None
     if maps is not None:
         has_gloss = maps[0] > 0.0
@@ -161,7 +161,7 @@ def _read_separation(home: Path) -> Separation | None:
     return Separation(int(number), *parts)
 
 
-def _read_maps(path: Path, names: tuple[str, ...], surface: MeasuredSurface) -> tuple[NDArray[np.float32], ...] | None:
+def read_maps(path: Path, names: tuple[str, ...], surface: MeasuredSurface) -> tuple[NDArray[np.float32], ...] | None:
     """Channels of an EXR of the size of the surface; None where there is no such file."""
     if not path.is_file():
         return None

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.solid.gloss_classes import with_gloss_classes
 from hagoromo.matter.solid.relief import Relief
 from hagoromo.measurement.measured_surface import read_surface
+from hagoromo.measurement.measurement_files import GLOSS_CHANNELS, read_maps
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.reflectance import NEUTRAL, Reflectance
 
@@ -18,7 +21,9 @@ from hagoromo.reflectance.reflectance import NEUTRAL, Reflectance
 def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
     """The relief in the folder of a measurement, and its materials; see `read_surface` for the files.
 
-    Without body.exr each pixel has the colour of its material. `InputError` where the files do not go together.
+    Without body.exr each pixel has the colour of its material. Where gloss.exr has the gloss of each pixel, it is in
+    materials of its own (`gloss_classes`), after those of the measurement. `InputError` where the files do not go
+    together.
     """
     surface = read_surface(folder)
     if surface.points is None:
@@ -27,7 +32,11 @@ def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
     if body is None:
         colours = np.array([material.alpha * np.array(material.body_colour) for material in surface.materials])
         body = np.where((surface.labels >= 0)[..., None], colours[np.maximum(surface.labels, 0)], 0.0)
-    return Relief(surface.points, surface.normals, body, surface.labels), surface.materials
+    labels, materials = surface.labels, surface.materials
+    maps = read_maps(inside(folder, "gloss.exr"), GLOSS_CHANNELS[:2], surface)
+    if maps is not None:
+        labels, materials = with_gloss_classes(labels, materials, *maps)
+    return Relief(surface.points, surface.normals, body, labels, surface.labels), materials
 
 
 def surface_reflectances(

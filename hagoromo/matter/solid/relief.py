@@ -31,13 +31,15 @@ SHADOW_BIAS_VOXELS = 1.0
 @dataclass(frozen=True, eq=False)
 class Relief:
     """A measured surface: points (h, w, 3) [m], world, 0 where unknown; normals (h, w, 3) unit; body (h, w, j) α c_b
-    per pixel on a basis of j spectra; labels (h, w) of its materials, −1 unknown.
+    per pixel on a basis of j spectra; labels (h, w) of its materials, −1 unknown. surfaces: (h, w) labels of what is
+    alike in all but its gloss, between whose pixels normals and colours go over; None: the materials.
     """
 
     points: NDArray[np.floating]
     normals: NDArray[np.floating]
     body: NDArray[np.floating]
     labels: NDArray[np.integer]
+    surfaces: NDArray[np.integer] | None = None
 
     def known(self) -> NDArray[np.bool_]:
         """(h, w) pixels with point, normal and label; `InputError` without any."""
@@ -85,7 +87,8 @@ def relief_plan(
     colour = relief.body / alphas[np.maximum(relief.labels, 0)][..., None]
     places = np.zeros((*known.shape, 3))
     places[known] = local - low
-    field = ReliefField(known, places, facing, colour, relief.labels, Lattice(camera, low, voxel))
+    surfaces = relief.labels if relief.surfaces is None else relief.surfaces
+    field = ReliefField(known, places, facing, colour, (relief.labels, surfaces), Lattice(camera, low, voxel))
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel))
     header = BoxHeader(
         voxel,

@@ -46,7 +46,8 @@ class ReliefField:
     """A function of box coordinates [m] for `FieldBlocks`, from images (h, w, …) of the surface on the device.
 
     known: pixels of the surface. places: their points in box coordinates [m]. facing: normals in the camera's axes.
-    colour: body colours on the box's basis. labels: of the materials.
+    colour: body colours on the box's basis. labels: of the materials, and of the surfaces between whose pixels axes
+    and colours go over.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class ReliefField:
         places: Array,
         facing: Array,
         colour: Array,
-        labels: NDArray[np.integer],
+        labels: tuple[NDArray[np.integer], NDArray[np.integer]],
         lattice: Lattice,
     ) -> None:
         rows, columns = np.nonzero(known)
@@ -70,7 +71,7 @@ class ReliefField:
 
         (self.known,) = images(known[..., None])
         self.place, self.facing, self.colour = images(places), images(facing), images(colour)
-        self.labels = jit.UInt(np.maximum(labels[crop], 0).astype(np.uint32).ravel())
+        self.labels, self.surfaces = (jit.UInt(np.maximum(one[crop], 0).astype(np.uint32).ravel()) for one in labels)
         self.before = jit.UInt(_before(known[crop], places[crop], facing[crop], FOLD * self.voxel).ravel())
         self.levels = _levels(
             np.where(known, places[..., 2], np.inf)[crop], np.where(known, places[..., 2], -np.inf)[crop]
@@ -122,7 +123,8 @@ class ReliefField:
         place = jit.Array3f(*(dr.gather(jit.Float, part, at) for part in self.place))
         colour = [dr.gather(jit.Float, part, at) for part in self.colour]
         label = dr.gather(jit.UInt, self.labels, at)
-        weight, bent, *between = self._between(column, row, place, axis, label)
+        surface = dr.gather(jit.UInt, self.surfaces, at)
+        weight, bent, *between = self._between(column, row, place, axis, surface)
         bent = dr.select(inside & (weight < 1e-6), axis, bent)  # a pixel aside of its surface
         # what is beside the picture has no matter, but its colour is mixed into that of the outermost
         colour = [dr.select(inside & (weight >= 1e-6), new, old) for new, old in zip(between, colour, strict=True)]
@@ -162,9 +164,9 @@ class ReliefField:
             nearest = dr.select(nearer, arrays().UInt(arrays().Int(at) + down * self.columns + right), nearest)
         return off, nearest
 
-    def _between(self, column: Any, row: Any, place: Any, axis: Any, label: Any) -> tuple[Any, ...]:
-        """Axis and body colours between pixels of one label and one surface with the facet at `place` across `axis`;
-        before them the weight of these pixels, 0 where there is none.
+    def _between(self, column: Any, row: Any, place: Any, axis: Any, surface: Any) -> tuple[Any, ...]:
+        """Axis and body colours between pixels of one `surface`, and of one sheet with the facet at `place` across
+        `axis`; before them the weight of these pixels, 0 where there is none.
         """
         jit = arrays()
         left, top = dr.floor(column - 0.5), dr.floor(row - 0.5)
@@ -177,7 +179,7 @@ class ReliefField:
                 weight = (1.0 - dr.abs(column - 0.5 - left - right)) * (1.0 - dr.abs(row - 0.5 - top - down))
                 weight *= dr.gather(jit.Float, self.known, at)
                 together = dr.abs(dr.dot(axis, beside - place)) < FOLD * self.voxel
-                together &= dr.gather(jit.UInt, self.labels, at) == label
+                together &= dr.gather(jit.UInt, self.surfaces, at) == surface
                 weight = dr.select(together, weight, 0.0)
                 parts = zip((*self.facing, *self.colour, self.known), sums, strict=True)
                 sums = [dr.fma(weight, dr.gather(jit.Float, part, at), sum_) for part, sum_ in parts]

@@ -1,0 +1,60 @@
+"""Gloss classes: β and γ of every pixel as a few materials, as each voxel of a box has the number of one.
+
+Pixels of a material are cut in two by ln β or ln γ, whichever differs more, again and again, as Heckbert (1982) cuts
+colours. A class has the mean of its pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.volume.bricks import MATERIALS
+
+CLASSES = 32  # of a material, at most
+LEAST_SPREAD = 0.02  # standard deviation of ln β and of ln γ within a class that is not cut
+Array = NDArray[np.float64]
+
+
+def with_gloss_classes(
+    labels: NDArray[np.integer], materials: Sequence[MaterialEstimate], beta: NDArray, gamma: NDArray
+) -> tuple[NDArray[np.integer], tuple[MaterialEstimate, ...]]:
+    """Labels (h, w) and materials with those of the classes added; where β and γ (h, w) are not above 0, as they were.
+
+    No more than a box can have: MATERIALS.
+    """
+    known = (beta > 0.0) & (gamma > 0.0) & (labels >= 0)
+    varied = [number for number in range(len(materials)) if (known & (labels == number)).any()]
+    most = min(CLASSES, (MATERIALS - len(materials)) // max(len(varied), 1))
+    found, all_materials = labels.copy(), list(materials)
+    for number in varied:
+        mine = known & (labels == number)
+        gloss = np.log(np.stack([beta[mine], gamma[mine]], axis=1).astype(np.float64))
+        classes = gloss_classes(gloss, most)
+        found[mine] = len(all_materials) + classes
+        for one in range(int(classes.max(initial=-1)) + 1):
+            mean_beta, mean_gamma = np.exp(gloss[classes == one].mean(axis=0)).tolist()
+            name = f"{materials[number].name}, gloss {one + 1}"
+            all_materials.append(replace(materials[number], name=name, beta=mean_beta, gamma=mean_gamma))
+    return found, tuple(all_materials)
+
+
+def gloss_classes(gloss: Array, most: int) -> NDArray[np.intp]:
+    """(P,) classes 0, 1, … of rows (P, 2) of ln β and ln γ: `most` at most, fewer where all are narrow."""
+    classes = np.zeros(len(gloss), np.intp)
+    for new in range(1, most):
+        spreads = [len(part) * part.var(axis=0) for part in (gloss[classes == one] for one in range(new))]
+        wide = [
+            np.where(spread > np.count_nonzero(classes == one) * LEAST_SPREAD**2, spread, 0.0)
+            for one, spread in enumerate(spreads)
+        ]
+        cut, axis = np.unravel_index(int(np.argmax(wide)), (new, gloss.shape[1]))
+        if wide[int(cut)][axis] == 0.0:
+            break
+        column = gloss[:, axis]
+        classes[(classes == cut) & (column > column[classes == cut].mean())] = new
+    return classes
