@@ -256,7 +256,7 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force
 def render(
     scene: Positional[Path],
     out: Out,
-    mode: Literal["march", "path"] = "march",
+    mode: Literal["march", "full", "path"] = "march",
     tolerance: float | None = None,
     samples: int | None = None,
     seed: int | None = None,
@@ -270,7 +270,8 @@ def render(
 
     Args:
         scene: scene TOML.
-        mode: march computes single scattering, without noise; path estimates light of all orders, with noise.
+        mode: march computes single scattering, without noise; full solves light of all orders in volume boxes on
+            a coarse grid; path estimates it, with noise.
         tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
             0.04).
         samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).

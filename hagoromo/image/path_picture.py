@@ -44,7 +44,7 @@ def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) 
     `InputError` for a box whose matter would send on more light than it takes.
     """
     for box in scene.boxes:
-        _check_matter(box)
+        check_matter(box)
     batches = lamp_batches(scene.lamps)
     cache, parts = SceneCache(), []
     for number, batch in enumerate(batches):
@@ -62,8 +62,8 @@ def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) 
     return Image(total.values, parts[0].alpha, palette, record, variance)
 
 
-def _check_matter(box: VolumeBox) -> None:
-    """`InputError` for a box that paths cannot be drawn through."""
+def check_matter(box: VolumeBox) -> None:
+    """`InputError` for a box whose light of all orders is not computed."""
     elements = sorted({material.element for material in box.materials} - {"sphere"})
     if box.extinction == "isotropic" and elements:
         raise InputError(

@@ -30,7 +30,7 @@ from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
 from hagoromo.volume.box import VolumeBox
 
-MODES = ("march", "path")  # how light is computed
+MODES = ("march", "full", "path")  # how light is computed
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
 
 Value = TypeVar("Value")
@@ -48,7 +48,8 @@ def render(
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
     scheduler: address of a Dask scheduler, "local", or a number of processes, whose workers render the tiles of a scene
     file; the bits are the same. `InputError` for a file that describes no scene, and a scheduler that does not answer.
-    mode: of MODES. "march": light that is scattered once, without noise. "path": light of all orders, estimated without
+    mode: of MODES. "march": light that is scattered once, without noise. "full": light of all
+    orders in volume boxes, solved once on a coarse grid, without noise. "path": light of all orders, estimated without
     bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
@@ -78,6 +79,11 @@ def render(
         from hagoromo.image.path_picture import path_picture  # the march does without
 
         return path_picture(scene, settings, progress)
+    if mode == "full":
+        from hagoromo.image.full_picture import full_picture
+
+        points = pixel_points(settings.samples, settings.seed)
+        return full_picture(scene, settings, points, progress=progress)
     return picture(scene, settings, SceneCache(), pixel_points(settings.samples, settings.seed), progress=progress)
 
 
@@ -201,7 +207,7 @@ class PreparedScene:
         origin: counted from that of the scene, `self.origin`. width: of the rays there [m].
         """
         jit, far = arrays(), arrays().Float(dr.inf)
-        behind: list[Any] = [jit.Float(0)] * self.channels
+        behind: list[Any] = [jit.Float(0)] * self.lighting.channels
         if self.surfaces:
             far, point, normal, surface = self.surfaces.intersect(origin, direction)
             material = self.first_on_surface + surface

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
 import numpy as np
@@ -187,8 +187,20 @@ class LampRow(NamedTuple):
     emission: Emission | None
 
 
+class HigherOrders(Protocol):
+    """Light that was scattered before it arrives at a sample, see `hagoromo.transport.field`."""
+
+    channels: int
+
+    def scattered(
+        self, point: Array3f, to_eye: Array3f, elements: Sequence[Element], coefficients: Sequence[Sequence[Float]]
+    ) -> list[Float]:
+        """Radiance of every channel that it becomes towards the eye."""
+        ...
+
+
 class Lighting:
-    """Lamps as kernels read them, and the `attenuation` of their light on its way to a point."""
+    """Lamps as kernels read them, and the `attenuation` of their light on its way to a point; `field`, if solved."""
 
     def __init__(
         self,
@@ -207,6 +219,7 @@ class Lighting:
                 f"with them; give fewer, or add what parts of them give"
             )
         jit, self.materials, self.attenuation = arrays(), materials, attenuation
+        self.field: HigherOrders | None = None
         bodies = materials.palette.bodies
         self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
         self.lamps: list[LampRow] = []
@@ -221,6 +234,11 @@ class Lighting:
             near = lamp.position is not None
             self.lamps.append(LampRow(opaque_vector(place), intensity, near, group, emission_of(lamp)))
 
+    @property
+    def channels(self) -> int:
+        """Number of channels of the march: those of the palette, then those of the field."""
+        return self.materials.palette.channels + (self.field.channels if self.field else 0)
+
     def with_voxel_colour(self, coefficients: list[Float], box: UInt, colour: Array4f) -> list[Float]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""
         mixed = list(coefficients)
@@ -230,6 +248,17 @@ class Lighting:
                 value = colour[places.index(j)] if j in places else 0.0
                 mixed[j] = dr.select(here, value, mixed[j])
         return mixed
+
+    def arriving(self, lamp: int, point: Array3f) -> tuple[Array3f, Float, Float]:
+        """Unit direction to a lamp, the distance to it [m] and its irradiance at `point`, without shadows."""
+        where, intensity, near, _, emission = self.lamps[lamp]
+        to_lamp, distance, irradiance = where, math.inf, intensity
+        if near:
+            offset = where - point
+            squared = dr.squared_norm(offset)
+            inverse = dr.rsqrt(squared)
+            to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
+        return to_lamp, distance, irradiance if emission is None else irradiance * emission(to_lamp)
 
     def reflected_radiance(
         self,
@@ -250,15 +279,8 @@ class Lighting:
         light: list[Any] = []
         eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
         passed: list[Any] = []
-        for number, (where, intensity, near, _, emission) in enumerate(self.lamps):
-            to_lamp, distance, irradiance = where, math.inf, intensity
-            if near:
-                offset = where - point
-                squared = dr.squared_norm(offset)
-                inverse = dr.rsqrt(squared)
-                to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
-            if emission is not None:
-                irradiance = irradiance * emission(to_lamp)
+        for number, lamp in enumerate(self.lamps):
+            to_lamp, distance, irradiance = self.arriving(number, point)
             ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
             weights, lit = [], arrays().Bool(False)
             for element in elements:
@@ -270,7 +292,7 @@ class Lighting:
                         for light, factor in zip((body, interface), element.scales.at(*ways), strict=True)
                     )
                 weights.append((body * element.share, interface * element.share))
-            if emission is not None:
+            if lamp.emission is not None:
                 lit &= irradiance > 0.0
             origin = elements[0].shadow_origin(point, to_lamp)
             passed.append(arrays().Float(1))

@@ -44,6 +44,7 @@ class Sample:
     log_lamps: list[Float]  # ln of the transmittance from the lamps
     rates: list[Float]  # since the sample before; UNKNOWN_RATE for the first
     light: list[Float]  # its radiance
+    smooth: list[Float]  # that of higher orders, see `Lighting.field`
 
     @property
     def place(self) -> Float:
@@ -75,6 +76,10 @@ class Sample:
         """As `gains`, over the step and all behind it as if it went on, and for all boxes."""
         rates = self._rates([arrays().Float(UNKNOWN_RATE)] * len(self.rates))
         return [self._at_begin(rate) / (1.0 + dr.fmax(rate, 0.0)) for rate in rates]
+
+    def smooth_gain(self) -> Float:
+        """∫ σ exp(−D) over the step: of light that hardly changes along it."""
+        return dr.select(self.depth > 0.0, dr.exp(-self.before) * self.depth * mean_of_decay(self.total), 0.0)
 
     def mean_rate(self) -> Float:
         """Mean of the absolute rates of all lamps, whatever their strength; FIRST_RATE where they are not known."""
@@ -131,9 +136,9 @@ def march(
     jit, count = arrays(), dr.width(direction)
     crossing = medium.cross(origin, direction, near, far, phase, cone)
     state = crossing.start()
-    channels = [dr.zeros(jit.Float, count) for _ in range(lighting.materials.palette.channels)]
+    channels = [dr.zeros(jit.Float, count) for _ in range(lighting.channels)]
     intervals = [nothing_open(count) for _ in state.ends]
-    samples = [no_sample(count, len(lighting.lamps), len(lighting.materials.palette.colours)) for _ in state.ends]
+    samples = [no_sample(count, lighting) for _ in state.ends]
     depth = dr.zeros(jit.Float, count)
     cut = END_TRANSMITTANCE * medium.tolerance
     deepest = -dr.log(cut)
@@ -151,13 +156,14 @@ def march(
             lit = Step(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
             point = dr.fma(direction, distance + step.ray.near, origin)
             coloured = medium.sample(lit, dr.fma(share, end - begin, begin))
-            light, lamps = radiance_from_sample(
+            light, lamps, smooth = radiance_from_sample(
                 medium, lighting, medium.sample(lit, distance), coloured, point, direction
             )
             log_lamps = logarithms(lamps)
             rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
             channels = accumulated(lighting, channels, sample.gains(rates), sample.light)
-            new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light)
+            channels = with_smooth(channels, sample.smooth_gain(), sample.smooth)
+            new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light, smooth)
             samples = put(samples, step.slot, new)
         parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
         step = medium.extinction(step, direction, parts)
@@ -184,11 +190,12 @@ def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit
     return parts
 
 
-def no_sample(count: int, lamps: int, colours: int) -> Sample:
+def no_sample(count: int, lighting: Lighting) -> Sample:
     """The sample before the first."""
-    box, nothing = dr.zeros(arrays().UInt, count), dr.zeros(arrays().Float, count)
-    each, light = [nothing] * lamps, [nothing] * (lamps * colours)
-    return Sample(box, nothing, nothing, nothing, nothing, each, each, light)
+    box, nothing, lamps = dr.zeros(arrays().UInt, count), dr.zeros(arrays().Float, count), len(lighting.lamps)
+    each, light = [nothing] * lamps, [nothing] * (lamps * len(lighting.materials.palette.colours))
+    smooth = [nothing] * (lighting.channels - lighting.materials.palette.channels)
+    return Sample(box, nothing, nothing, nothing, nothing, each, each, light, smooth)
 
 
 def finished(
@@ -203,6 +210,8 @@ def finished(
         each = zip(sample.rest(), sample.gains(unknown), strict=True)
         gains = [dr.select(here, rest * share, gain) for rest, gain in each]
         channels = accumulated(lighting, channels, gains, sample.light)
+        gain = dr.select(here, dr.exp(-sample.before) * share, sample.smooth_gain())
+        channels = with_smooth(channels, gain, sample.smooth)
     return channels
 
 
@@ -210,7 +219,14 @@ def accumulated(lighting: Lighting, channels: list[Float], gains: list[Float], l
     """channels + gain · light, with a gain for every lamp (`dr.syntax` takes no comprehension over pairs)."""
     colours = len(lighting.materials.palette.colours)
     added = lighting.in_groups([gains[k // colours] * each for k, each in enumerate(light)])
+    added += [arrays().Float(0)] * (len(channels) - len(added))
     return [channel + new for channel, new in zip(channels, added, strict=True)]
+
+
+def with_smooth(channels: list[Float], gain: Float, smooth: list[Float]) -> list[Float]:
+    """channels + gain · smooth light, whose channels are the last."""
+    first = len(channels) - len(smooth)
+    return channels[:first] + [dr.fma(gain, new, old) for old, new in zip(channels[first:], smooth, strict=True)]
 
 
 def logarithms(transmittances: list[Float]) -> list[Float]:
@@ -220,9 +236,9 @@ def logarithms(transmittances: list[Float]) -> list[Float]:
 
 def radiance_from_sample(
     medium: Medium, lighting: Lighting, step: Step, coloured: Step, point: Array3f, direction: Array3f
-) -> tuple[list[Float], list[Float]]:
-    """Radiance that the matter at `point` sends back along the ray: its weights, of every lamp and colour; and the
-    transmittance from every lamp.
+) -> tuple[list[Float], list[Float], list[Float]]:
+    """Radiance that the matter at `point` sends back along the ray: its weights, of every lamp and colour; the
+    transmittance from every lamp; and the radiance of higher orders, where there is a field of them.
 
     coloured: the step at the place of its colour. Density times colour is interpolated, so that the middle of the step,
     without regard to where more of the matter is, stands for both together.
@@ -232,7 +248,9 @@ def radiance_from_sample(
     if lighting.voxel_bases:
         coefficients[0] = lighting.with_voxel_colour(coefficients[0], step.ray.box, medium.colour(coloured))
     extinction = step.depth / (step.end - step.begin)
-    return lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction)
+    light, lamps = lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction)
+    smooth = lighting.field.scattered(point, -direction, elements, coefficients) if lighting.field else []
+    return light, lamps, smooth
 
 
 @dr.syntax

@@ -31,7 +31,7 @@ from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, 
 from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Ray, Step
 from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
-from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frames
+from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frame, Frames
 from hagoromo.transport.textures import SeenAlong
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
@@ -155,7 +155,7 @@ class Medium:
         zero = arrays().Float(0)
         return Step(arrays().UInt(0), nowhere.ray(box), zero, zero, place, brick, zero, zero)
 
-    def brick_at(self, ray: Ray, inside: Array3f) -> Int:
+    def brick_at(self, ray: Ray | Frame, inside: Array3f) -> Int:
         """The brick at lattice coordinates inside [0, n − 1): see `Step`."""
         jit = arrays()
         cell = jit.Array3i(inside) >> 3

@@ -1,0 +1,121 @@
+"""Pictures of all orders of light without noise: the light of higher orders is solved once, then marched through.
+
+Enters: a scene. Leaves: an `Image` whose palette has bands for light that was scattered more than once. The solved
+field knows no camera: with the same `cache` another camera costs a march.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.image.image import Image
+from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
+from hagoromo.image.path_picture import albedos, check_matter
+from hagoromo.image.render import PreparedScene, SceneCache, metadata, shadow_casters
+from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.progress import Progress, part_of, silent
+from hagoromo.transport.field.band_colours import BandColours
+from hagoromo.transport.field.cell_size import cell_size
+from hagoromo.transport.field.field import Field
+from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.solve import Solver
+from hagoromo.transport.film import Film
+from hagoromo.transport.lighting import Palette
+from hagoromo.transport.path.bands import Bands, bands_of
+
+BANDS_TOLERANCE = 0.01  # of the light of a camera's channel: the field itself is no nearer
+SOLVING = 0.5  # share of the time of a batch, as progress counts it
+
+
+def full_picture(
+    scene: Scene,
+    settings: Settings,
+    points: NDArray[np.float64],
+    cache: SceneCache | None = None,
+    progress: Progress = silent,
+) -> Image:
+    """The image of a scene by rays through `points` of every pixel; see `render`.
+
+    `InputError` for surfaces, and for a box whose matter would send on more light than it takes, or has texels.
+    """
+    if scene.surfaces:
+        raise InputError(f"the scene has surfaces ({len(scene.surfaces)}): mode full takes volume boxes only as yet")
+    for box in scene.boxes:
+        check_matter(box)
+        if box.texel is not None:
+            raise InputError(
+                f"volume box {box.name!r} has texels: mode full takes boxes without; use mode march or path"
+            )
+    cache, batches = cache or SceneCache(), lamp_batches(scene.lamps)
+    total: WeightsOfLamps | None = None
+    for number, batch in enumerate(batches):
+        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
+        image = _under_one_batch(
+            lit, settings, points, cache, part_of(progress, number / len(batches), 1 / len(batches))
+        )
+        if len(batches) == 1:
+            return image
+        if total is None:
+            total = WeightsOfLamps(image.palette.with_lamps(scene.lamps, settings.separate_lamps), image.alpha.shape)
+        total.add(batch, image.palette, image.weights)
+    assert total is not None
+    return Image(total.values, image.alpha, total.palette, image.metadata | metadata(scene, settings))
+
+
+def _under_one_batch(
+    scene: Scene, settings: Settings, points: NDArray[np.float64], cache: SceneCache, progress: Progress
+) -> Image:
+    prepared = PreparedScene(scene, settings, cache)
+    bands = bands_of_scene(scene, prepared.palette.lamps)
+    field = field_of(scene, prepared, settings, bands, cache)
+    prepared.lighting.field = field
+    progress(SOLVING)
+    film = Film(prepared.camera, prepared.lighting.channels, 1, prepared.ahead)
+    for sample, point in enumerate(points):
+        share = (1.0 - SOLVING) / len(points)
+        film.add(prepared.camera_radiance, point, part_of(progress, SOLVING + sample * share, share))
+    weights, alpha = film.mean()
+    record = metadata(scene, settings) | {"mode": "full", "bands_error": bands.error, "field": field.record()}
+    palette = replace(prepared.palette, bands=bands.spectra)
+    return Image(in_groups(weights, prepared.palette, bands.count), alpha, palette, record)
+
+
+def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:
+    """The bands of a scene; one where all that its matter sends on is the same at every wavelength."""
+    colours = albedos([m for box in scene.boxes for m in box.materials], [s for box in scene.boxes for s in box.basis])
+    bands = bands_of(colours, lamps, BANDS_TOLERANCE)
+    grey = bool((np.ptp(bands.of(colours), axis=1) == 0.0).all())
+    return Bands(bands.wavelengths[:1], 0.0) if grey else bands
+
+
+def field_of(scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands, cache: SceneCache) -> Field:
+    """The light of higher orders in a prepared scene, solved unless `cache` holds it."""
+    assert prepared.medium is not None
+    lamps = tuple((lamp.intensity, id(lamp.profile), str(lamp.axis), lamp.axis_power) for lamp in scene.lamps)
+    materials = tuple(material for box in scene.boxes for material in box.materials)
+    figures = materials, lamps, prepared.palette.lamp_groups, settings.seed, settings.orders, prepared.origin.tobytes()
+    channels = len(prepared.palette.lamps) * bands.count
+    size = cell_size(prepared.medium.boxes, channels)
+
+    def build() -> Field:
+        assert prepared.medium is not None
+        colours = BandColours(bands, prepared.palette)
+        solver = Solver(prepared.medium, prepared.lighting, colours, Scattering(materials), size)
+        return Field(solver, solver.solved(settings.seed, settings.orders), colours)
+
+    return cache.get("field", (shadow_casters(scene, settings), figures), build)
+
+
+def in_groups(weights: NDArray[np.float32], palette: Palette, bands: int) -> NDArray[np.float32]:
+    """Channels of the march, (…, colours of every group of lamps, then bands of every one), group after group."""
+    groups, colours = len(palette.lamps), len(palette.colours)
+    first = weights[..., : groups * colours].reshape(*weights.shape[:-1], groups, colours)
+    higher = weights[..., groups * colours :].reshape(*weights.shape[:-1], groups, bands)
+    return np.concatenate([first, higher], axis=-1).reshape(*weights.shape[:-1], -1)

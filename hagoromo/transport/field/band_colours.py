@@ -1,0 +1,29 @@
+"""Band colours: the colours of a palette at the wavelengths of the bands that light of higher orders is solved in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import Float, arrays, lookup
+from hagoromo.transport.lighting import Palette
+from hagoromo.transport.path.bands import Bands
+
+
+class BandColours:
+    """Colours of elements in every band, from their coefficients on a palette."""
+
+    def __init__(self, bands: Bands, palette: Palette) -> None:
+        self.count, self.bodies, self.colours = bands.count, len(palette.bodies), len(palette.colours)
+        self.values = lookup(arrays().Float, bands.of(palette.colours).astype(np.float32))
+
+    def of(self, coefficients: Sequence[Float]) -> list[Float]:
+        """Body colour in every band, then interface colour in every band."""
+        parts = range(self.bodies), range(self.bodies, self.colours)
+        return [sum(coefficients[j] * self._value(j, k) for j in part) for part in parts for k in range(self.count)]
+
+    def _value(self, colour: int, band: int) -> Float:
+        jit = arrays()
+        return dr.gather(jit.Float, self.values, jit.UInt(colour * self.count + band))

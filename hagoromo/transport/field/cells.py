@@ -1,0 +1,145 @@
+"""Cells: the coarse sparse grid on which light of higher orders is solved. Its axes are those of the world.
+
+Stored are the cells that hold matter, then those around them, in which light is known, too, so that it can be
+interpolated at every sample. A table over all cells of the grid says which is which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, distance_transform_cdt
+
+from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, lookup, opaque_vector
+from hagoromo.errors import InputError
+from hagoromo.files.memory import require
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.voxels import BRICK
+
+MOST_PLACES = 1 << 27  # cells of the grid, stored or not
+MARGIN = 2  # cells around all matter
+
+
+class Cells:
+    """Cubes of edge `size` [m] from the corner `low` (3,) on, in the coordinates of the boxes.
+
+    places: (count, 3) of the stored cells, x, y, z; the first `filled` hold matter.
+    """
+
+    def __init__(
+        self, low: NDArray[np.float64], size: float, filled: NDArray[np.bool_], centroids: NDArray[np.float64]
+    ) -> None:
+        """`filled`: (nz, ny, nx), whether a cell holds matter; none at the sides of the grid. centroids: (filled, 3) of
+        the matter, in the coordinates of the boxes.
+        """
+        jit = arrays()
+        stored: NDArray[np.bool_] = np.asarray(binary_dilation(filled, np.ones((3, 3, 3), bool)), bool)
+        matter, around = (np.argwhere(which)[:, ::-1] for which in (filled, stored & ~filled))
+        self.places = np.concatenate([matter, around])
+        self.filled, self.count, self.size, self.low = len(matter), len(self.places), size, low
+        distance = -np.asarray(distance_transform_cdt(~stored, metric="chessboard"), np.int32)
+        distance[tuple(self.places.T[::-1])] = np.arange(self.count)
+        self.table = lookup(jit.Int, distance)
+        self.shape = filled.shape[::-1]
+        self.last, self.row, self.layer = (
+            opaque_vector(np.array(self.shape) - 1.0),
+            dr.opaque(jit.Int, self.shape[0]),
+            dr.opaque(jit.Int, self.shape[0] * self.shape[1]),
+        )
+        self.corner, self.per_metre = opaque_vector(low), dr.opaque(jit.Float, 1.0 / size)
+        self.matter, self.matter_count = dr.opaque(jit.Int, self.filled), dr.opaque(jit.UInt, self.filled)
+        self.middles = lookup(jit.Float, np.pad(self.places + 0.5, ((0, 0), (0, 1))).astype(np.float32))
+        self.edge = dr.opaque(jit.Float, size)
+        self.centroids = lookup(jit.Float, np.pad((centroids - low) / size, ((0, 0), (0, 1))).astype(np.float32))
+        dr.eval(self.table)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the table [byte]."""
+        return 4 * dr.width(self.table)
+
+    def place(self, point: Array3f) -> Array3f:
+        """Coordinates on the grid, whole at the corners of cells."""
+        return (point - self.corner) * self.per_metre
+
+    def without(self, unknown: Bool) -> None:
+        """Take stored cells out of the table."""
+        jit = arrays()
+        cell = jit.Array3i(self.centre(dr.arange(jit.UInt, self.count)))
+        dr.scatter(self.table, jit.Int(-1), cell.z * self.layer + cell.y * self.row + cell.x, unknown)
+        dr.eval(self.table)
+
+    def centre(self, number: UInt) -> Array3f:
+        """Places of the middles of stored cells, on the grid."""
+        x, y, z, _ = dr.gather(arrays().Array4f, self.middles, number)
+        return arrays().Array3f(x, y, z)
+
+    def centroid(self, number: UInt) -> Array3f:
+        """Places of the centroids of the matter in filled cells, on the grid."""
+        x, y, z, _ = dr.gather(arrays().Array4f, self.centroids, number)
+        return arrays().Array3f(x, y, z)
+
+    def find(self, cell: Int, active: Bool = True) -> Int:
+        """Number of the stored cell at `cell` (Array3i), or the distance [cells] to the next one, below 0."""
+        return dr.gather(arrays().Int, self.table, cell.z * self.layer + cell.y * self.row + cell.x, active)
+
+    def holds(self, number: Int) -> Bool:
+        """Whether a cell holds matter."""
+        return (number >= 0) & (number < self.matter)
+
+    def inside(self, cell: Int) -> Bool:
+        """Whether there is a cell at `cell` (Array3i)."""
+        return dr.all((cell >= 0) & (cell <= arrays().Array3i(self.last)))
+
+    def around(self, place: Array3f) -> tuple[list[Int], list[Float]]:
+        """The eight stored cells whose middles stand around a place on the grid, and their weights; below 0 where there
+        is none.
+        """
+        jit, place = arrays(), place - 0.5
+        first = jit.Array3i(dr.floor(place))
+        share = place - jit.Array3f(first)
+        last = jit.Array3i(self.last)
+        cells, weights = [], []
+        for z in (0, 1):
+            for y in (0, 1):
+                for x in (0, 1):
+                    cell = dr.minimum(dr.maximum(first + jit.Array3i(x, y, z), 0), last)
+                    cells.append(self.find(cell))
+                    each = [share[k] if on else 1.0 - share[k] for k, on in enumerate((x, y, z))]
+                    weights.append(each[0] * each[1] * each[2])
+        return cells, weights
+
+
+def grid_over(boxes: Sequence[VolumeBox], size: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Corner of a grid of cells of edge `size` [m], and which of them a brick with matter touches: (nz, ny, nx).
+
+    `InputError` for boxes that stand so far apart that the grid has more than MOST_PLACES cells.
+    """
+    bounds = [brick_bounds(box) for box in boxes]
+    low = np.min([low.min(axis=0) for low, _ in bounds], axis=0) - MARGIN * size
+    high = np.max([high.max(axis=0) for _, high in bounds], axis=0) + MARGIN * size
+    shape = np.ceil((high - low) / size).astype(int)
+    if shape.prod(dtype=float) > MOST_PLACES:
+        raise InputError(
+            f"the boxes stand {np.linalg.norm(high - low):.3g} m apart, too far for one grid of light in cells of "
+            f"{size:.2g} m: render them in mode march, or apart"
+        )
+    require(float(9 * shape.prod()), "the grid of light")
+    touched = np.zeros(tuple(shape[::-1]), bool)
+    for begin, end in bounds:
+        first, last = (((corner - low) / size).astype(int) for corner in (begin, end))
+        for (x, y, z), (u, v, w) in zip(first, last + 1, strict=True):
+            touched[z:w, y:v, x:u] = True
+    return low, touched
+
+
+def brick_bounds(box: VolumeBox) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners, in the coordinates of the box's pose [m], between which each stored brick lies: (bricks, 3) each."""
+    edge = box.voxel_size * BRICK
+    middle = (box.bricks.places[:, ::-1] + 0.5) * edge + 0.5 * box.voxel_size
+    reach = np.abs(box.pose[:3, :3]).sum(axis=1) * (0.5 * edge + 0.5 * box.voxel_size)
+    middle = middle @ box.pose[:3, :3].T + box.pose[:3, 3]
+    return middle - reach, middle + reach

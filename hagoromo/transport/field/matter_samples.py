@@ -1,0 +1,164 @@
+"""Samples of the matter in cells: how much there is, along which axis, of which colour; and the light of the lamps.
+
+Each cell is asked at `side`³ places. Those with matter are kept, cell after cell.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
+from hagoromo.errors import InputError
+from hagoromo.reflectance.element import ELEMENTS, projected_area
+from hagoromo.transport.crossing import LATTICE_MARGIN, Step
+from hagoromo.transport.field.band_colours import BandColours
+from hagoromo.transport.field.cells import Cells
+from hagoromo.transport.frames import DENSEST
+from hagoromo.transport.lighting import Lighting, Materials
+from hagoromo.transport.medium import Medium
+from hagoromo.volume.voxels import trilinear
+
+SAMPLES_AT_ONCE = 1 << 21
+
+
+@dataclass
+class Sample:
+    """One sample of matter. share: what it adds to the surface density τρ of its cell [1/m], see `MatterSamples`.
+
+    colours: of body and interface in every band. light: irradiance from every lamp, with shadows.
+    """
+
+    material: UInt
+    share: Float
+    axis: Array3f
+    point: Array3f
+    colours: list[Float]
+    light: list[Float]
+
+
+class MatterSamples:
+    """Samples of all cells: σ(ω) = Σ share · A(a·ω). Those of cell k are numbered first[k] … first[k + 1] − 1.
+
+    A plain object: loops do not take its arrays into their state.
+    """
+
+    def __init__(self, first: UInt, columns: list[Float], colours: int, materials: Materials) -> None:
+        self.first, self.columns, self.colours, self.materials = first, columns, colours, materials
+
+    def of_cell(self, cell: UInt) -> tuple[UInt, UInt]:
+        """The first sample of a cell, and the one behind its last."""
+        first, end = (dr.gather(arrays().UInt, self.first, cell + j) for j in (0, 1))
+        return first, end
+
+    def at(self, number: UInt) -> Sample:
+        """Sample of a number."""
+        vector = arrays().Array3f
+        material, share, *rest = (dr.gather(type(column), column, number) for column in self.columns)
+        colours, light = rest[6 : 6 + self.colours], rest[6 + self.colours :]
+        return Sample(material, share, vector(*rest[:3]), vector(*rest[3:6]), colours, light)
+
+    def extinction(self, number: UInt, way: Array3f) -> Float:
+        """What a sample adds to σ along a direction [1/m]."""
+        material, share, x, y, z = (dr.gather(type(c), c, number) for c in self.columns[:5])
+        return share * self.area(material, arrays().Array3f(x, y, z), way)
+
+    def area(self, material: UInt, axis: Array3f, way: Array3f) -> Float:
+        """Projected area of the element of a material."""
+        cosine, area = dr.dot(axis, way), arrays().Float(0)
+        element = self.materials.read(material, 4)
+        for name in self.materials.elements:
+            area = dr.select(element == ELEMENTS.index(name), projected_area(name, cosine), area)
+        return area
+
+
+def sampled(
+    medium: Medium, lighting: Lighting, low: NDArray, size: float, touched: NDArray, side: int, bands: BandColours
+) -> tuple[Cells, MatterSamples]:
+    """The cells that hold matter among those that may, `touched` (nz, ny, nx), and their samples, `side`³ each."""
+    jit = arrays()
+    candidates = np.argwhere(touched)[:, ::-1]
+    each = max(SAMPLES_AT_ONCE // side**3, 1)
+    parts, owners = [], []
+    for begin in range(0, len(candidates), each):
+        point = _points(low, size, candidates[begin : begin + each], side)
+        for number, box in enumerate(medium.boxes):
+            step, density = matter_at(medium, number, point)
+            kept = dr.compress(density > 0.0)
+            if dr.width(kept) > 0:
+                twice = 1.0 if box.extinction == "projected" else 2.0  # for the area ½ of a sphere
+                parts.append(_kept(medium, lighting, bands, kept, (step, density * (twice / side**3), point)))
+                owners.append(begin + np.array(kept).astype(np.int64) // side**3)
+    if not parts:
+        raise InputError("no volume box holds matter: render in mode march")
+    owner = np.concatenate(owners)
+    index = jit.UInt(np.argsort(owner, kind="stable").astype(np.uint32))
+    columns = [dr.gather(type(c[0]), dr.concat(list(c)), index) for c in zip(*parts, strict=True)]
+    dr.eval(columns)
+    held, counts = np.unique(owner, return_counts=True)
+    filled = np.zeros(touched.shape, bool)
+    filled[tuple(candidates[held].T[::-1])] = True
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    first, weight = lookup(jit.UInt, starts.astype(np.uint32)), np.array(columns[1], np.float64)
+    moments = [np.add.reduceat(weight * np.array(column), starts[:-1]) for column in columns[5:8]]
+    centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
+    return Cells(low, size, filled, centroids), MatterSamples(first, columns, 2 * bands.count, lighting.materials)
+
+
+def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:
+    """A place in box `number` as a step without length, and τρ there [1/m]; 0 outside."""
+    jit, box = arrays(), medium.boxes[number]
+    number = dr.opaque(jit.UInt, number)
+    frame = medium.frames.frame(number)
+    (x, y, z), (low, high) = frame.columns, frame.bounds
+    place = point.x * x + point.y * y + point.z * z + frame.shift
+    inside = dr.all((place >= low) & (place <= high))
+    place = jit.Array3f(*(clip(place[k], 0.0, frame.last[k] - LATTICE_MARGIN) for k in range(3)))
+    brick = medium.brick_at(frame, place)
+    densest = dr.opaque(jit.Float, DENSEST / box.voxel_size)
+    step = medium.at(number, place, brick)
+
+    def density(step: Step) -> Float:
+        around = medium.voxels.densities_around(jit.UInt(step.brick), step.place)
+        tau = dr.fmin(frame.tau, densest / dr.fmax(functools.reduce(dr.fmax, around), 1e-30))
+        return tau * trilinear(around, step.place - dr.floor(step.place))
+
+    return step, dr.if_stmt((step,), inside & (brick >= 0), density, lambda step: jit.Float(0))
+
+
+def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, where: tuple) -> list[Float]:
+    """Columns of the samples that are `kept` of those at `where`: step, density share and point."""
+    step, density, point = where
+    place, point, share = (dr.gather(type(each), each, kept) for each in (step.place, point, density))
+    brick = dr.gather(arrays().Int, step.brick, kept)
+    step = replace(step, place=place, brick=brick)
+    (element, *_), _ = medium.elements(step, point)
+    coefficients = lighting.materials.coefficients(element.material)
+    if lighting.voxel_bases:
+        coefficients = lighting.with_voxel_colour(coefficients, step.ray.box, medium.colour(step))
+    light = []
+    for lamp in range(len(lighting.lamps)):
+        to_lamp, distance, irradiance = lighting.arriving(lamp, point)
+        if lighting.attenuation is not None:
+            origin = element.shadow_origin(point, to_lamp)
+            irradiance = irradiance * lighting.attenuation(lamp, origin, to_lamp, distance, 0.5 * share, None)
+        light.append(irradiance)
+    count, columns = dr.width(kept), [share, *element.axis, *point, *bands.of(coefficients), *light]
+    columns = [
+        element.material + dr.zeros(arrays().UInt, count),
+        *(c + dr.zeros(arrays().Float, count) for c in columns),
+    ]
+    dr.eval(columns)
+    return columns
+
+
+def _points(low: NDArray, size: float, cells: NDArray, side: int) -> Array3f:
+    """The middles of `side`³ equal parts of every cell, cell after cell."""
+    jit = arrays()
+    inner = (np.indices((side, side, side)).reshape(3, -1).T + 0.5) / side
+    points = (low + size * (cells[:, None] + inner)).reshape(-1, 3).astype(np.float32)
+    return jit.Array3f(*(lookup(jit.Float, points[:, k]) for k in range(3)))

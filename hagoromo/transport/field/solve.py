@@ -1,0 +1,193 @@
+"""Solve: the light of all orders in the cells, sweep by sweep, accelerated.
+
+x = T (K x + s), with x the incident light of orders ≥ 1, s the light of the lamps that is scattered once, K scattering
+and T a sweep. What light a cell gets back from itself is solved for at once (accelerated lambda iteration, Olson, Auer
+& Buchler 1986), and the steps of the last sweeps are combined so that the residual is least (Anderson 1965).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.transport.field.band_colours import BandColours
+from hagoromo.transport.field.cells import Cells, grid_over
+from hagoromo.transport.field.directions import few_directions, many_directions, turn
+from hagoromo.transport.field.fit import FINER, averaged, fitted
+from hagoromo.transport.field.matter_samples import MatterSamples, sampled
+from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.second_order import NUMBERS
+from hagoromo.transport.field.sent_light import Numbers, nothing, sent_again, sent_from_lamps
+from hagoromo.transport.field.sweep import Ways, sweep
+from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.medium import Medium
+
+RESIDUAL = 2e-3  # largest change of the light by a sweep at the end, root mean square over all light
+MOST_SWEEPS = 60
+HISTORY = 6  # sweeps that are combined
+LARGEST_OWN = 1.0 - 1e-5  # share of its own light that a cell is taken to get back at most
+MOST_SIDE = 4  # samples of matter along the edge of a cell: one a voxel up to here
+Directions = Callable[[], tuple[NDArray[np.float64], NDArray[np.float64]]]
+REGULAR = 1e-10  # of the normal equations of the combined sweeps
+
+
+class Solver:
+    """Sweeps over the cells of a medium, of `bands` in every group of lamps.
+
+    Light of the lamps that is scattered once falls off within a mean free path of the surface, so it is sent by cells
+    of a finer grid; light of higher orders is smooth.
+    """
+
+    def __init__(
+        self, medium: Medium, lighting: Lighting, colours: BandColours, scattering: Scattering, size: float
+    ) -> None:
+        """`size`: edge of a cell [m]. `scattering`: of the materials of all boxes, in order."""
+        self.scattering, self.bands = scattering, colours.count
+        low, touched = grid_over(medium.boxes, size)
+        voxel = min(box.voxel_size for box in medium.boxes)
+
+        def grid(parts: int) -> tuple[Cells, MatterSamples]:
+            fine, finer = size / parts, touched
+            for axis in range(3):
+                finer = np.repeat(finer, parts, axis)
+            side = min(math.ceil(fine / voxel - 1e-6), MOST_SIDE)
+            return sampled(medium, lighting, low, fine, finer, side, colours)
+
+        self.cells, self.samples = grid(1)
+        self.fine_cells, self.fine_samples = grid(FINER)
+        self.single = sent_from_lamps(self.fine_samples, scattering, lighting, self.bands, self.fine_cells.filled)
+
+    def again(self, incident: Numbers) -> Numbers:
+        """What filled cells send on of incident light."""
+        return sent_again(self.samples, self.scattering, incident, self.bands, self.cells.filled)
+
+    def ways(self, random: np.random.Generator, directions: Directions = few_directions) -> tuple[Ways, Ways]:
+        """The directions of a sweep, turned at random, through the cells and the finer ones."""
+        towards, weights = directions()
+        turned = towards @ turn(random).T
+        grids = (self.samples, self.cells), (self.fine_samples, self.fine_cells)
+        return tuple(Ways(*grid, turned, weights) for grid in grids)  # type: ignore[return-value]
+
+    def solved(self, seed: int, orders: int | None) -> Solution:
+        """The light of orders 1 … `orders` − 1 (None: of all) that arrives in every stored cell."""
+        random, residual, sweeps, cells, fine = np.random.default_rng(seed), 0.0, 0, self.cells, self.fine_cells
+        if orders == 1:
+            return Solution(nothing(len(self.single), cells.count), 0.0, 0)
+        incident: Numbers | None = None
+        if orders is None:
+            incident, residual, sweeps = self.accelerated(*self.ways(random, many_directions))
+        for _ in range((orders or 2) - 2):
+            light = self.swept(*self.ways(random), incident, fine)
+            incident, sweeps = averaged(cells, fine, light), sweeps + 1
+        light, known = fitted(cells, fine, self.gathered_finely(random, incident))
+        cells.without(~known)
+        return Solution(light, residual, sweeps + 1)
+
+    def gathered_finely(self, random: np.random.Generator, incident: Numbers | None) -> Numbers:
+        """Light that arrives in the filled fine cells. The eight of a cell have other directions each."""
+        parts = self.fine_cells.places[: self.fine_cells.filled] % FINER
+        groups = [np.flatnonzero((parts == part).all(axis=1)) for part in np.indices((FINER,) * 3).reshape(3, -1).T]
+        numbers = [lookup(arrays().UInt, group.astype(np.uint32)) for group in groups if group.size]
+        each = [self.swept(*self.ways(random), incident, self.fine_cells, group) for group in numbers]
+        order = lookup(arrays().UInt, np.argsort(np.concatenate(groups)).astype(np.uint32))
+        return [[_joined(columns, order) for columns in zip(*c, strict=True)] for c in zip(*each, strict=True)]
+
+    def swept(
+        self, ways: Ways, fine_ways: Ways, incident: Numbers | None, where: Cells, places: UInt | None = None
+    ) -> Numbers:
+        """Light that arrives of that which was scattered once, and of `incident` light, scattered again."""
+        once = sweep(self.fine_cells, self.single, fine_ways, where, places)[0]
+        if incident is None:
+            return once
+        return added(once, sweep(self.cells, self.again(incident), ways, where, places)[0])
+
+    def accelerated(self, ways: Ways, fine_ways: Ways) -> tuple[Numbers, float, int]:
+        """Incident light of all orders in filled cells, its residual, and the number of sweeps."""
+        once = light = averaged(self.cells, self.fine_cells, self.swept(ways, fine_ways, None, self.fine_cells))
+        new, own = sweep(self.cells, self.again(light), ways, self.cells)
+        gain, steps = self._own_gain(own, ways), [Anderson() for _ in light]
+        residual, count = 1.0, 2
+        while count < MOST_SWEEPS:
+            new = added(once, new)
+            change = [[a - b for a, b in zip(one, other, strict=True)] for one, other in zip(new, light, strict=True)]
+            change = [[g * c[0], *c[1:]] for g, c in zip(gain, change, strict=True)]
+            residual = max(norm(c) / max(norm(x), 1e-30) for c, x in zip(change, new, strict=True))
+            light = [step(x, c) for step, x, c in zip(steps, light, change, strict=True)]
+            dr.eval(light)
+            if residual <= RESIDUAL:
+                break
+            new, _ = sweep(self.cells, self.again(light), ways, self.cells)
+            count += 1
+        return light, residual, count
+
+    def _own_gain(self, own: Float, ways: Ways) -> list[Float]:
+        """1 / (1 − albedo · own) of every channel: what a unit of light becomes with what it gets back from itself."""
+        unit = nothing(len(self.single), self.cells.filled)
+        for numbers in unit:
+            numbers[0] = dr.full(arrays().Float, 1.0, self.cells.filled)
+        sigma = ways.mean_sigma()
+        return [dr.rcp(1.0 - dr.fmin(s[0] / sigma, 1.0) * dr.fmin(own, LARGEST_OWN)) for s in self.again(unit)]
+
+
+@dataclass
+class Solution:
+    """incident: nine numbers of every channel and stored cell. residual: of the last accelerated sweep. sweeps: all."""
+
+    incident: Numbers
+    residual: float
+    sweeps: int
+
+
+class Anderson:
+    """Steps of one channel."""
+
+    def __init__(self) -> None:
+        self.lights: list[Float] = []
+        self.changes: list[Float] = []
+
+    def __call__(self, light: list[Float], change: list[Float]) -> list[Float]:
+        """The next light from the last one and its change by a sweep."""
+        self.lights, self.changes = (
+            [*old, dr.concat(list(new))][-HISTORY:] for old, new in ((self.lights, light), (self.changes, change))
+        )
+        dr.eval(self.lights, self.changes)
+        shares = self._shares()
+        mixed = sum(float(w) * (x + c) for w, x, c in zip(shares, self.lights, self.changes, strict=True))
+        cells = dr.width(mixed) // NUMBERS
+        lane = dr.arange(arrays().UInt, cells)
+        return [dr.gather(type(mixed), mixed, lane + dr.opaque(arrays().UInt, k * cells)) for k in range(NUMBERS)]
+
+    def _shares(self) -> np.ndarray:
+        """Shares, whose sum is 1, of the last changes that together are least."""
+        count = len(self.changes)
+        gram = np.array([[_dot(a, b) for b in self.changes] for a in self.changes])
+        size = np.trace(gram)
+        if not size > 0.0:
+            return np.eye(count)[-1]
+        raw = np.linalg.solve(gram / size + REGULAR * np.eye(count), np.ones(count))
+        return raw / raw.sum()
+
+
+def _joined(parts: Sequence[Float], order: UInt) -> Float:
+    """The parts one after the other, in `order`."""
+    return dr.gather(arrays().Float, dr.concat(list(parts)), order)
+
+
+def added(one: Numbers, other: Numbers) -> Numbers:
+    """The sum."""
+    return [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(one, other, strict=True)]
+
+
+def norm(numbers: list[Float]) -> float:
+    """Root of the sum of squares of the mean light."""
+    return float(np.sqrt(_dot(numbers[0], numbers[0])))
+
+
+def _dot(a: Float, b: Float) -> float:
+    return float(np.dot(np.asarray(a, np.float64), np.asarray(b, np.float64)))

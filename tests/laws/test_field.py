@@ -1,0 +1,255 @@
+"""Laws of mode full: light of all orders in volume boxes, solved on a coarse grid (`transport/field`).
+
+The oracles are NumPy, written from the equations: quadrature over directions and ways, and the energy that must leave
+white matter.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo.image.full_picture as full
+from hagoromo.backend import arrays
+from hagoromo.camera.camera import Camera
+from hagoromo.errors import InputError
+from hagoromo.image.render import PreparedScene, SceneCache, pixel_points, render
+from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
+from hagoromo.image.surface import Surface
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.element import element_weights, projected_area
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.field.directions import few_directions, many_directions, turn
+from hagoromo.transport.field.scattering import Scattering, scattered
+from hagoromo.transport.field.second_order import projected, second_order
+from hagoromo.volume.box import VolumeBox
+
+WHITE = Spectrum.constant(1.0)
+GLOSSY = {e: Reflectance(0.15, 0.5, 0.35, 1.5, WHITE, element=e) for e in ("plane", "cylinder", "sphere")}
+TO_LAMP = np.array([0.48, -0.6, 0.64])
+SIDE = 12  # voxels along an edge of a box of 1 m
+
+
+def matter(element="sphere", albedo=1.0, beta=0.0, colour=WHITE):
+    return Reflectance(albedo / math.pi, beta, 0.3, 1.5, colour, element=element)
+
+
+def cube(material, depth, side=SIDE, axis=(0.36, -0.48, 0.8)):
+    """A full box of 1 m, `depth` mean free paths of mean extinction along an edge."""
+    axes = np.broadcast_to(axis, (side, side, side, 3))
+    return VolumeBox.from_arrays(
+        np.ones(axes.shape[:3]), axes, 1 / side, 2.0 * depth, [material], extinction="projected"
+    )
+
+
+def scene_of(*boxes, lamps=(TO_LAMP,), size=12, eye=(1.7, -2.2, 1.6)):
+    camera = Camera(size, size, (1.6 * size, 1.6 * size), (size / 2, size / 2)).look_at(eye, (0.5, 0.5, 0.5))
+    return Scene(camera, tuple(Lamp(to_lamp=tuple(way)) for way in lamps), boxes)
+
+
+def light_along(scene, origins, ways, **settings):
+    """First order and higher orders of a grey scene along rays: (rays,) each."""
+    settings = Settings(**{"tolerance": 0.01} | settings)
+    prepared = PreparedScene(scene, settings)
+    bands = full.bands_of_scene(scene, prepared.palette.lamps)
+    prepared.lighting.field = full.field_of(scene, prepared, settings, bands, SceneCache())
+    channels, _ = prepared.radiance(vectors(origins), vectors(ways))
+    body, _, higher = (np.array(channel, float) for channel in channels)
+    return body, higher
+
+
+def spiral(count):
+    """Unit directions of a golden spiral, all of one weight."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, math.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=-1)
+
+
+def phase(cosine):
+    """f of a Lambertian sphere of albedo 1 [1/sr]."""
+    chi = np.arccos(np.clip(cosine, -1, 1))
+    return 2 / (3 * math.pi**2) * (np.sin(chi) + (math.pi - chi) * np.cos(chi))
+
+
+def way_out(points, ways):
+    """Length from points in the unit cube along ways to its faces."""
+    with np.errstate(divide="ignore"):
+        return np.where(ways > 0, (1 - points) / ways, np.where(ways < 0, -points / ways, np.inf)).min(axis=-1)
+
+
+def two_orders(origin, way, sigma, albedo):
+    """Light of the second order along a ray that enters the unit cube, by quadrature over both ways and directions."""
+    x, w = (0.5 + 0.5 * np.polynomial.legendre.leggauss(14)[0], 0.5 * np.polynomial.legendre.leggauss(14)[1])
+    enter = np.where(way > 0, -origin / way, (1 - origin) / way).max()
+    begin = origin + enter * way
+    span = way_out(begin + 1e-9 * way, way)
+    points = begin + np.outer(x * span, way)
+    seen = w * span * sigma * np.exp(-sigma * x * span)
+    to_light = spiral(1500)
+    length = way_out(points[:, None], np.broadcast_to(to_light, (len(x), *to_light.shape)))
+    places = points[:, None, None] + (length[..., None] * x)[..., None] * to_light[None, :, None]
+    through = np.exp(-sigma * (length[..., None] * x + way_out(places, np.broadcast_to(TO_LAMP, places.shape))))
+    arriving = sigma * (length * (through @ w)) * phase(-to_light @ TO_LAMP)
+    return albedo**2 * seen @ (arriving @ phase(-to_light @ way)) * 4 * math.pi / len(to_light)
+
+
+def rays_into_the_cube():
+    """Origins and ways of rays that miss the edges."""
+    random = np.random.default_rng(3)
+    ways = spiral(8)
+    return 0.5 + 0.25 * random.normal(size=ways.shape).clip(-1, 1) * np.abs(np.cross(ways, [0, 0, 1])).clip(
+        0.3
+    ) - 2 * ways, ways
+
+
+@pytest.fixture(autouse=True)
+def small_cells(monkeypatch):
+    """Cells of two voxels, of which each holds half a mean free path at a depth of 3."""
+    monkeypatch.setattr(full, "cell_size", lambda boxes, channels: 2 * boxes[0].voxel_size)
+
+
+def vectors(v):
+    return arrays().Array3f(*(arrays().Float(np.ascontiguousarray(v[:, k], np.float32)) for k in range(3)))
+
+
+@pytest.mark.parametrize("element", ["plane", "cylinder", "sphere"])
+def test_smooth_light_is_scattered_as_by_quadrature_over_all_directions(element):
+    """∫ f L dω of light of the second order, and what of A(V) ∫ f L dω is of the second order.
+
+    5e-3 of the largest: tables of 65 angles; not along a plane's edge, where its highlight is narrower than that.
+    """
+    jit, count, numbers = arrays(), 3000, np.random.default_rng(1).normal(size=9)
+    axis, ways = np.array([0.36, -0.48, 0.8]), spiral(count)
+    axes, each, scattering = jit.Array3f(*map(float, axis)), 4 * math.pi / count, Scattering([GLOSSY[element]])
+    light = np.array(second_order([jit.Float(float(x)) for x in numbers]).at(vectors(ways)), float)
+    eyes = ways[:: count // 25][np.abs(ways[:: count // 25] @ axis) > 0.25]
+    pairs = vectors(np.tile(ways, (len(eyes), 1))), vectors(np.repeat(eyes, count, axis=0))
+    weights = element_weights(element, axes, *pairs, 0.15, 0.5, 0.35, 1.5)
+    for part, f in enumerate(weights):
+        seen = np.array(f, float).reshape(len(eyes), count) @ light * each
+        table = radiance(scattering, part, axes, eyes, numbers)
+        assert np.abs(table - seen).max() < 5e-3 * np.abs(seen).max()
+        leaving = radiance(scattering, part, axes, ways, numbers) * projected_area(element, jit.Float(ways @ axis))
+        oracle = np.array([np.sum(np.array(p) * leaving) * each for p in projected(vectors(ways))])
+        blocks = scattering.blocks(jit.UInt(0), part)
+        sent = scattered(blocks, axes, second_order([jit.Float(float(x)) for x in numbers])).numbers()
+        assert np.abs(np.array([np.array(x).item() for x in sent]) - oracle).max() < 5e-3 * np.abs(oracle).max()
+
+
+def radiance(scattering, part, axis, eyes, numbers):
+    """∫ f L dω of incident light of nine numbers, towards eyes (n, 3)."""
+    factors = scattering.towards(arrays().UInt(0), part, axis, vectors(eyes))
+    return sum(np.array(factor, float) * x for factor, x in zip(factors, numbers, strict=True))
+
+
+@pytest.mark.parametrize(("of", "degree"), [(few_directions, 5), (many_directions, 9)])
+def test_directions_integrate_polynomials_however_they_are_turned(of, degree):
+    """The mean of x^2a y^2b z^2c is (2a − 1)!! (2b − 1)!! (2c − 1)!! / (2a + 2b + 2c + 1)!!, else 0; one is not."""
+    ways, weights = of()
+    ways = ways @ turn(np.random.default_rng(4)).T
+    odd = lambda n: math.prod(range(n, 0, -2))  # noqa: E731
+    for powers in (p for p in np.ndindex(11, 11, 11) if sum(p) <= degree):
+        mean = 0.0 if any(k % 2 for k in powers) else math.prod(odd(k - 1) for k in powers) / odd(sum(powers) + 1)
+        assert weights @ np.prod(ways**powers, axis=1) / (4 * math.pi) == pytest.approx(mean, abs=1e-12)
+    assert weights @ ways[:, 0] ** (degree + 1) / (4 * math.pi) != pytest.approx(1 / (degree + 2), abs=1e-4)
+
+
+def test_one_sweep_is_the_second_order_and_finer_cells_come_nearer(monkeypatch):
+    """Against quadrature along single rays: 2 % with cells of a quarter mean free path."""
+    origins, ways = rays_into_the_cube()
+    oracle = np.array([two_orders(o, w, 3.0, 0.8) for o, w in zip(origins, ways, strict=True)])
+    errors = []
+    for size in (0.25, 1 / 12):
+        monkeypatch.setattr(full, "cell_size", lambda boxes, channels, size=size: size)
+        _, higher = light_along(scene_of(cube(matter(albedo=0.8), 3.0)), origins, ways, orders=2)
+        errors.append(np.sqrt(np.mean((higher - oracle) ** 2)) / oracle.mean())
+    assert errors[1] < 0.02 and errors[1] < 0.5 * errors[0]
+
+
+def lit_plane(way, count=20):
+    """Points of the plane across `way` through the middle of the unit cube that cover it, and the area of each."""
+    along = ((np.arange(count) + 0.5) / count - 0.5) * math.sqrt(3.0)
+    a, b = (grid.reshape(-1, 1) for grid in np.meshgrid(along, along))
+    one = np.cross(way, [0.31, 0.2, 0.93])
+    one /= np.linalg.norm(one)
+    return 0.5 + a * one + b * np.cross(way, one), 3.0 / count**2
+
+
+@pytest.mark.parametrize("element", ["sphere", "cylinder"])
+def test_what_enters_white_matter_leaves_it(element):
+    """∫ of all light that leaves, over directions and the plane across each, is what the lamp brings and matter takes.
+
+    2.5 %, at half a mean free path a cell; more than half of it was scattered again.
+    """
+    scene, ways = scene_of(cube(matter(element), 3.0)), spiral(30)
+    origins = np.concatenate([lit_plane(way)[0] + 2 * way for way in ways])
+    first, higher = light_along(scene, origins, np.repeat(-ways, len(origins) // len(ways), axis=0))
+    starts, area = lit_plane(TO_LAMP, 100)
+    chord = np.maximum(way_out(starts, TO_LAMP[None]) + way_out(starts, -TO_LAMP[None]), 0)
+    sigma = 6.0 * projected_area(element, float(TO_LAMP @ (0.36, -0.48, 0.8)))
+    enters = (1 - np.exp(-sigma * chord)).sum() * area
+    leaves = [order.sum() * lit_plane(TO_LAMP)[1] * 4 * math.pi / len(ways) for order in (first, higher)]
+    assert sum(leaves) == pytest.approx(enters, rel=0.025) and leaves[1] > 0.35 * enters
+
+
+@pytest.mark.parametrize("depth", [1e3, 1e5])
+def test_light_in_very_dense_white_matter_is_solved(depth):
+    """Albedo 0.999, hundreds of mean free paths a cell and more: finite, not below 0, and less than the lamp's."""
+    image = render(scene_of(cube(matter(albedo=0.999), depth)), mode="full")
+    assert np.isfinite(image.weights).all() and image.weights.min() >= 0.0
+    assert image.metadata["field"]["residual"] < 0.01
+    assert 0.0 < image.weights[..., 2].max() < 1 / math.pi
+
+
+def test_mirrored_lamps_give_mirrored_light():
+    """About the middle of a box across x; 3 %: directions are turned at random."""
+    ways = spiral(30)
+    origins = 0.5 + 0.2 * np.random.default_rng(5).uniform(-1, 1, ways.shape) - 2 * ways
+    mirror = np.array([-1.0, 1.0, 1.0])
+    box = cube(matter(albedo=0.9), 3.0)
+    _, one = light_along(scene_of(box), origins, ways)
+    _, other = light_along(
+        scene_of(box, lamps=(TO_LAMP * mirror,)), np.array([1.0, 0, 0]) + origins * mirror, ways * mirror
+    )
+    assert np.sqrt(np.mean((one - other) ** 2)) < 0.03 * one.mean()
+
+
+def test_another_camera_costs_a_march_and_light_of_a_seed_has_the_same_bits(monkeypatch):
+    scene, cache, points = scene_of(cube(matter(), 3.0)), SceneCache(), pixel_points(1, 0)
+    first = full.full_picture(scene, Settings(), points, cache)
+    assert np.array_equal(first.weights, render(scene, mode="full").weights)
+    monkeypatch.setattr(full.Solver, "solved", lambda *_: pytest.fail("it was solved again"))
+    turned = scene.with_camera(scene_of(scene.boxes[0], eye=(-1.5, -2, 1)).camera)
+    second = full.full_picture(turned, Settings(), points, cache)
+    assert second.weights[..., 2].sum() > 0 and not np.array_equal(first.weights, second.weights)
+    with pytest.raises(pytest.fail.Exception, match="solved again"):
+        full.full_picture(turned.with_lamps(Lamp(to_lamp=(0, 0, 1))), Settings(), points, cache)
+
+
+def test_each_band_is_the_light_of_its_colour():
+    """A body of two albedos at the ends of the spectrum, against grey bodies of these: rounding of halves.
+
+    A grey scene has one band.
+    """
+    dull, bright = 0.3, 0.6
+    sloped = matter(colour=Spectrum([360, 400, 700, 830], [dull, dull, bright, bright]))
+    bands = render(scene_of(cube(sloped, 3.0)), mode="full")
+    assert 3 <= len(bands.palette.bands) <= 5
+    for albedo, band in ((dull, 2), (bright, -1)):
+        grey = render(scene_of(cube(matter(albedo=albedo), 3.0)), mode="full")
+        assert len(grey.palette.bands) == 1
+        one, most = grey.weights[..., 2], grey.weights[..., 2].max()
+        assert np.abs(bands.weights[..., band] - one).max() < 5e-3 * most
+
+
+def test_what_mode_full_cannot_do_is_said_in_one_line():
+    box = cube(matter("cylinder"), 3.0)
+    with pytest.raises(InputError, match=r'isotropic extinction.*set extinction = "projected"'):
+        render(scene_of(replace(box, extinction="isotropic")), mode="full")
+    floor = Surface.floor(0.0, 1.0, matter("plane"))
+    with pytest.raises(InputError, match="mode full takes volume boxes only"):
+        render(replace(scene_of(box), surfaces=(floor,)), mode="full")
