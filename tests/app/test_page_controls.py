@@ -121,6 +121,7 @@ def test_a_photograph_with_cast_shadows_looks_like_the_object_beside_it(browser,
 
     angle = np.radians(50.0)
     measurement = ridge()
+    assert measurement.capture is not None
     columns, high = RIDGE
     row = np.full(113, 0.2 * np.cos(angle))
     dark = slice(columns.stop, columns.stop + round(high * np.tan(angle)))
@@ -134,8 +135,8 @@ def test_a_photograph_with_cast_shadows_looks_like_the_object_beside_it(browser,
     opened = Opened(browser, tmp_path / "page.html", 1100, 700)
     opened.page.keyboard.press("p")
     opened.page.keyboard.press("1")
-    opened.page.wait_for_timeout(400)
-    url = opened.page.evaluate("() => document.getElementById('hv-canvas').toDataURL()")
+    opened.page.wait_for_function("() => hagoromo.compared()")
+    url = opened.page.evaluate("() => hagoromo.picture()")
     picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGB"), float)
     height, width = picture.shape[:2]
     half, middle = width // 2, height // 2

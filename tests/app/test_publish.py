@@ -190,8 +190,8 @@ def test_a_page_keeps_its_limit_and_says_that_it_is_reduced(measured, tmp_path):
 
 def test_lengths_are_millimetres_only_where_the_capture_has_a_scale():
     """Far lamps and a camera that nobody placed say nothing of the size; a distance, or near lamps, do."""
-    _, measurement = ball()
-    placed = photographed(measurement.capture)
+    capture, measurement = ball()
+    placed = photographed(capture)
     nowhere = unplaced_camera(placed.camera.width, placed.camera.height, placed.camera.focal[0])
     far = Photographed(nowhere, (Lamp(to_lamp=(0, 0, 1)),))
     assert has_scale(measurement, placed) and not has_scale(measurement, far)

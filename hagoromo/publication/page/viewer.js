@@ -801,4 +801,6 @@ async function start() {
 
 const ready = start().catch((error) => { message.hidden = false; message.textContent = error.message; throw error; });
 canvas.addEventListener("webglcontextlost", () => { message.hidden = false; message.textContent = "The graphics processor was reset: load the page again."; });
-window.hagoromo = { ready, state, pixels, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
+const compared = () => state.photograph in photographTextures;  // whether the photograph has been decoded
+const picture = () => { draw(); return canvas.toDataURL(); };  // all that the page shows now, as a PNG
+window.hagoromo = { ready, state, pixels, picture, compared, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
