@@ -74,9 +74,11 @@ $(PEERS): $(READY)
 real: $(READY)
 	$(BIN)/python -m studies.real ../shared/data/uw_psm --out out/real --force
 
-# The same objects as volume boxes under lamps that were held out, beside the photographs; a page each.
+# The same objects as volume boxes under lamps that were held out, beside the photographs; a page each. Then what limits
+# the predictions: the table of docs/relighting.md.
 relit: $(READY)
 	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit --force
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.relit_limits ../shared/data/uw_psm --shrink 4 --out out/relit_limits --force
 
 # How far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves.
 lamps: $(READY)

@@ -19,13 +19,18 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.image.relight.prediction import PREDICTIONS
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
 HELD = (0, 4, 8)  # numbers of the held-out lamps
 EVERY = (*OBJECTS, *GLOSSY)
+PREDICTIONS = {
+    "boxes": "volume boxes, rendered",
+    "normals": "reflectance on the normals, no shadows",
+    "learnt": "the same, with shadows and misfit learnt from the photographs measured",
+    "lambert": "least-squares Lambert, a yardstick",
+}
 COMPARED = ("boxes", "normals", "learnt")  # with least-squares Lambert
 TITLES = ["object", "boxes", "own forecast", "learnt", "Lambert", *(f"{key} better by" for key in COMPARED), "covered"]
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")

@@ -3,7 +3,11 @@
 import ast
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import hagoromo as hg
+from studies.relit_limits import COLUMNS, page, shrunk
 
 STUDIES = Path(__file__).parents[2] / "studies"
 FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
@@ -28,6 +32,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.lamps.uncalibrated",
         "calibration.lamps.uncalibrated.refined",
     },
+    # what relight learns, part by part, and its yardstick
+    "relit_limits.py": {"image.relight.learnt", "measurement.normals.normals"},
     # a prior without the camera that is tested
     "response_study.py": {
         "calibration.response.calibrate_response",
@@ -80,3 +86,25 @@ def test_a_study_imports_public_names_only(name):
 
 def test_every_exception_is_a_study():
     assert set(INSIDE) <= set(FILES)
+
+
+def test_photographs_are_averaged_over_squares_that_are_valid_throughout():
+    """Of 7 × 5 pixels 3 × 2 squares are left; the variance of a mean is that of a value over their number."""
+    camera = hg.Camera(5, 7, (100.0, 100.0), (2.5, 3.5))
+    values = np.arange(105.0).reshape(7, 5, 3)
+    mask = np.ones((7, 5), bool)
+    mask[0, 3] = False
+    photograph = hg.Photograph(
+        values, np.full_like(values, 0.4), mask, camera, (hg.Lamp(to_lamp=(0.0, 0.0, 1.0)),), "a"
+    )
+    (small,) = shrunk(hg.Capture((photograph,), "of one"), 2).photographs
+    assert small.mask.tolist() == [[True, False], [True, True], [True, True]]
+    np.testing.assert_allclose(small.values[1, 0], values[2:4, :2].mean(axis=(0, 1)))
+    np.testing.assert_allclose(small.variance[small.mask], 0.1)
+    assert (small.camera.width, small.camera.height, small.camera.focal) == (2, 3, (50.0, 50.0))
+
+
+def test_the_table_of_limits_has_less_error_than_lambert_in_brackets():
+    errors = {key: [0.05, 0.07] for key in COLUMNS} | {"lambert": [0.10, 0.14], "lambert_rig": [0.08, 0.08]}
+    row = page({"vase": errors}, 4).splitlines()[-1]
+    assert row.split(" | ")[1:3] == ["12.0", "6.0 (+50)"] and "8.0 (+33)" in row and "6.0 (+25)" in row

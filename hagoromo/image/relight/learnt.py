@@ -71,7 +71,7 @@ class Learnt:
     """What was learnt from the photographs of `capture`, whose fit is `solved`.
 
     shadows and neighbours: None where they do not predict better. gains: share of the squared error of photographs
-    left out that each takes off. residuals: (K, C, P) of the views' values, under the lamps in directions (K, 3).
+    left out that each takes off. residuals: (K, C, P) of the views' values, under even lamps.
     """
 
     solved: NormalMap
@@ -79,7 +79,7 @@ class Learnt:
     shadows: Shadows | None
     neighbours: Neighbours | None
     gains: tuple[float, float]
-    residuals: Array | None
+    residuals: NDArray[np.float32] | None
 
     def added(self, fitted: Array, to_lamp: Array) -> Array:
         """(C, P) values per irradiance under a lamp in directions `to_lamp` (P, 3), of which the fit has `fitted`."""
@@ -106,7 +106,7 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0) -> Learnt | None:
     residuals = None
     if neighbours is not None:
         whole = Case(-1, *_known(capture, views), *_predictions(capture, views, fit), fit.body)
-        residuals = whole.residuals(shadows)
+        residuals = whole.residuals(shadows).astype(np.float32)
     return Learnt(solved, capture, shadows, neighbours, (first, second), residuals)
 
 
@@ -147,8 +147,8 @@ class Case:
 
     @property
     def power(self) -> float:
-        """Sum of the squares of the valid values."""
-        return float(np.sum(np.where(self.trusted[:, None], self.values, 0.0) ** 2))
+        """Sum of the squares of the valid values; above 0, also of a photograph that is black."""
+        return max(float(np.sum(np.where(self.trusted[:, None], self.values, 0.0) ** 2)), 1e-30)
 
 
 def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp]) -> list[Case]:
