@@ -48,6 +48,7 @@ def calibrate_camera(
         window: half side [px] of the search window of a corner (default: the largest without other edges).
     """
     from hagoromo.app.calibration_plot import residual_plot
+    from hagoromo.calibration.camera.board import OWN_WINDOWS
 
     plot = out.with_suffix(".png")
     if plot == out:
@@ -63,6 +64,10 @@ def calibrate_camera(
     )
     for axis, value in zip("xy", calibration.camera.focal, strict=True):
         print(f"focal length {axis} {value:.2f} ± {calibration.standard_deviation[f'fl_{axis}']:.2f} px")
+    windows = calibration.settings["windows"]
+    if windows != OWN_WINDOWS:
+        rms = ", ".join(f"{name} {figure:.3f} px" for name, figure in calibration.settings["left_out_rms_px"].items())
+        say(f"corners by {windows}: photographs left out of the fit have rms {rms}")
     for name in calibration.outliers:
         say(f"{name}: rms {calibration.boards[name]:.3f} px, far above the others: check it, or leave it out")
     wrote(out, plot)

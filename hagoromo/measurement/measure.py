@@ -19,7 +19,7 @@ from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
-from hagoromo.measurement.linearity import NOT_TESTED, linearity_of
+from hagoromo.measurement.linearity import linearity_of, why_not_tested
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
@@ -198,7 +198,7 @@ def _assumed(measurement: Measurement) -> Measurement:
     if capture is None:
         return measurement
     found = linearity_of(capture)
-    said = NOT_TESTED if found is None else found.sentence
+    said = why_not_tested(capture) if found is None else found.sentence
     if found is not None and found.bent:
         stated = capture.assumptions.get("transfer")
         warnings.warn(

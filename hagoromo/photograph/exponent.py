@@ -77,14 +77,15 @@ class Exponent:
 
 
 def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
-    """The exponent of values (K, P) over the irradiance that faces their lamp, under far lamps to_lamp (K, 3), unit.
+    """The exponent of values (K, P) over the irradiance that faces their lamp; to_lamp: (K, 3), unit, or (K, P, 3).
 
     Values that are not finite or not above 0 are not used. None where the photographs do not determine it: fewer than
     six lamps, or 60 pixels that five of them light.
     """
     if len(values) < FEWEST_LAMPS:
         return None
-    scaled, usable = _chosen(values, to_lamp)
+    to_lamp = np.broadcast_to(to_lamp[:, None] if to_lamp.ndim == 2 else to_lamp, (*values.shape, 3))
+    scaled, usable, to_lamp = _chosen(values, to_lamp)
     if scaled.shape[1] < FEWEST_PIXELS:
         return None
     misfit = _profile(scaled, usable, to_lamp)
@@ -95,24 +96,24 @@ def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
     for k in range(LAMP_GROUPS):
         kept = usable & (np.arange(len(values)) % LAMP_GROUPS != k)[:, None]
         still = kept.sum(axis=0) >= FEWEST_AT_A_PIXEL - 1
-        by_lamps.append(_least(_profile(scaled[:, still], kept[:, still], to_lamp).sum(axis=1)))
+        by_lamps.append(_least(_profile(scaled[:, still], kept[:, still], to_lamp[:, still]).sum(axis=1)))
     return Exponent(float(np.exp(_least(total))), float(np.hypot(_jackknife(by_pixels), _jackknife(by_lamps))))
 
 
-def _chosen(values: Array, to_lamp: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Values over the largest of their pixel, and whether they count, of up to MOST_PIXELS pixels that enough lamps
-    light.
+def _chosen(values: Array, to_lamp: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Values over the largest of their pixel, whether they count, and the directions (K, P, 3), of up to MOST_PIXELS
+    pixels that enough lamps light.
     """
     light = np.where(np.isfinite(values), values, 0.0)
     largest = light.max(axis=0)
     usable = light > DARK * largest
     pixels = np.flatnonzero(usable.sum(axis=0) >= FEWEST_AT_A_PIXEL)
     pixels = pixels[:: max(-(-len(pixels) // MOST_PIXELS), 1)]
-    usable = usable[:, pixels]
+    usable, to_lamp = usable[:, pixels], to_lamp[:, pixels]
     scaled = np.where(usable, light[:, pixels], largest[pixels]) / largest[pixels]
     usable &= _lit(scaled, usable, to_lamp)
     still = usable.sum(axis=0) >= FEWEST_AT_A_PIXEL
-    return scaled[:, still], usable[:, still]
+    return scaled[:, still], usable[:, still], to_lamp[:, still]
 
 
 def _jackknife(estimates: Sequence[float]) -> float:
@@ -130,7 +131,7 @@ def _lit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> NDArray[np
     changes.
     """
     _, g = _fit(values, usable, to_lamp, 1.0)
-    return to_lamp @ g.T > LIT * np.linalg.norm(g, axis=1)
+    return np.einsum("kpi,pi->kp", to_lamp, g) > LIT * np.linalg.norm(g, axis=1)
 
 
 def _misfit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> Array:
@@ -147,11 +148,11 @@ def _fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> 
     robust, scaled, g = np.ones_like(values), np.zeros_like(values), np.zeros((values.shape[1], 3))
     for _ in range(ROUNDS):
         w2 = (weight * robust) ** 2
-        normal = np.einsum("kp,ki,kj->pij", w2, to_lamp, to_lamp)
+        normal = np.einsum("kp,kpi,kpj->pij", w2, to_lamp, to_lamp, optimize=True)
         normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
-        right = np.einsum("kp,kp,ki->pi", w2, power, to_lamp)
+        right = np.einsum("kp,kpi->pi", w2 * power, to_lamp)
         g = np.linalg.solve(normal, right[..., None])[..., 0]
-        predicted = np.maximum(to_lamp @ g.T, 0.0) ** (1.0 / p)
+        predicted = np.maximum(np.einsum("kpi,pi->kp", to_lamp, g), 0.0) ** (1.0 / p)
         scaled = np.where(usable, np.abs(values - predicted) / np.hypot(RELATIVE * values, FLOOR), 0.0)
         robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(scaled, 1e-12)))
     return scaled, g

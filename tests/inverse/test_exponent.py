@@ -1,11 +1,14 @@
 """Whether values are linear in light, by the shading of the object, with both errors of transfer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.files.png import read_png
-from hagoromo.measurement.linearity import linearity_of
+from hagoromo.measurement.linearity import linearity_of, why_not_tested
 from hagoromo.photograph.exponent import Exponent, exponent_of
 from tests.data import DATA, real_data
 
@@ -56,7 +59,40 @@ def test_what_cannot_tell_says_nothing():
     grey = np.full((3, 5, 3), 0.2, np.float32)
     camera = hg.Camera(5, 3, (10, 10), (2.5, 1.5))
     shot = hg.Photograph(grey, np.float32(0.01) * grey, np.ones((3, 5), bool), camera, (near,))
-    assert linearity_of(hg.Capture((shot,) * 8)) is None
+    for capture, said in [
+        (hg.Capture((shot,) * 8), "near lamps, and no points of the surface"),
+        (hg.Capture((shot,) * 5), "5 photographs, and the shading tells from 6 on"),
+        (hg.Capture((shot,) * 8, points=np.ones((3, 5, 3))), "too few pixels"),
+        (hg.Capture((replace(shot, lamps=(near, near)),) * 8), "photographs under several lamps"),
+    ]:
+        assert linearity_of(capture) is None and why_not_tested(capture).startswith("not tested: " + said)
+
+
+def test_near_lamps_are_tested_at_the_points_of_the_surface():
+    """Lamps at 3 radii of a ball, whose light falls off 4-fold over it: taken for far they give 0.75 to 1.5."""
+    y, x = (np.mgrid[:SIDE, :SIDE] + 0.5) / SIDE * 2.1 - 1.05
+    on = x**2 + y**2 < 0.97
+    points = np.stack([x, -y, np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))], axis=2)
+    random, camera = np.random.default_rng(3), unplaced_camera(SIDE, SIDE, None)
+    albedo = random.uniform(0.4, 0.85, on.shape)
+    light, near = [], [hg.Lamp(position=3.0 * place, intensity=20.0) for place in lamps(8, 30.0, 75.0)]
+    for lamp in near:
+        towards, irradiance = lamp.direction_and_irradiance(points)
+        cosine = np.maximum(np.sum(points * towards, axis=2), 0.0)
+        light.append(albedo * cosine * np.asarray(irradiance) / np.pi + random.normal(0.0, 0.003, on.shape))
+    white = max(one[on].max() for one in light)
+    found = {}
+    for name in ("right", "encoded"):
+        shots = []
+        for one, lamp in zip(light, near, strict=True):
+            share = np.clip(one / white, 0.0, 1.0)
+            shown = share if name == "right" else hg.srgb_encode(share) / 255.0
+            values = np.repeat(shown[..., None], 3, axis=2).astype(np.float32)
+            shots.append(hg.Photograph(values, np.full_like(values, 1e-5), on, camera, (lamp,)))
+        found[name] = linearity_of(hg.Capture(tuple(shots), points=np.where(on[..., None], points, np.nan)))
+    right, encoded = found["right"], found["encoded"]
+    assert right is not None and 0.9 < right.value < 1.1 and not right.bent
+    assert encoded is not None and encoded.bent
 
 
 @real_data("uw_psm")

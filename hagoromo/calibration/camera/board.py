@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from hagoromo.calibration.camera.corner_window import corner_windows
 from hagoromo.errors import InputError
 
+OWN_WINDOWS = "windows without other edges"
+OTHER_WINDOWS = (11, 5)  # [px] half sides: those of OpenCV's examples, and of its usual advice for small boards
 CORNER_STEPS = (30, 1e-4)  # sub-pixel search ends after 30 steps or at 1e-4 px
 WHITE_QUANTILE = 0.995  # quantile of a linear photograph that becomes white in 8 bits
 FEWEST_CORNERS = 8  # least number of corners of a partly visible ChArUco board: a pose needs 4
@@ -66,27 +68,47 @@ class Board:
 
     def find(self, photograph: NDArray) -> Corners | None:
         """The board's corners in a photograph (height, width[, 3]), 8 or 16 bits or float; None if none is detected."""
+        found = self.find_by_windows(photograph)
+        return None if found is None else next(iter(found.values()))
+
+    def find_by_windows(self, photograph: NDArray) -> dict[str, Corners] | None:
+        """The corners by each of several windows of the sub-pixel search, `corner_windows` first; None as `find`.
+
+        A ChArUco board and a board with a stated window have one set.
+        """
         import cv2
 
         photograph = _as_shown(photograph)
         grey = np.asarray(photograph if photograph.ndim == 2 else cv2.cvtColor(photograph[..., :3], cv2.COLOR_RGB2GRAY))
-        return self._find_markers(grey) if self.marker else self._find_squares(grey)
+        if not self.marker:
+            return self._find_squares(grey)
+        found = self._find_markers(grey)
+        return None if found is None else {OWN_WINDOWS: found}
 
     def __str__(self) -> str:
         """The board in words."""
         return f"{'ChArUco ' if self.marker else ''}board of {self.columns}x{self.rows} inner corners"
 
-    def _find_squares(self, grey: NDArray) -> Corners | None:
+    def _find_squares(self, grey: NDArray) -> dict[str, Corners] | None:
         import cv2
 
         complete, corners = cv2.findChessboardCorners(grey, (self.columns, self.rows))
         if not complete:
             return None
-        windows = corner_windows(corners.reshape(self.rows, self.columns, 2)).ravel()
+        start = np.array(corners, np.float32).reshape(-1, 1, 2)
+        own = corner_windows(start.reshape(self.rows, self.columns, 2)).ravel()
         if self.window:
-            windows[:] = self.window
-        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, *CORNER_STEPS)
-        image = np.array(corners, np.float32).reshape(-1, 1, 2)
+            return {OWN_WINDOWS: self._sought(grey, start, np.full_like(own, self.window))}
+        found = {OWN_WINDOWS: self._sought(grey, start, own)}
+        for half in OTHER_WINDOWS:
+            found[f"{half} px"] = self._sought(grey, start, np.full_like(own, half))
+        return found
+
+    def _sought(self, grey: NDArray, start: NDArray[np.float32], windows: NDArray[np.intp]) -> Corners:
+        """The corners sought from `start` (n, 1, 2) in windows of these half sides [px]."""
+        import cv2
+
+        criteria, image = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, *CORNER_STEPS), start.copy()
         for half in map(int, np.unique(windows)):
             image[windows == half] = cv2.cornerSubPix(grey, image[windows == half], (half, half), (-1, -1), criteria)
         row, column = np.mgrid[: self.rows, : self.columns]

@@ -14,7 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.camera.board import Board, Corners
+from hagoromo.calibration.camera.board import OWN_WINDOWS, Board, Corners
+from hagoromo.calibration.camera.corner_choice import Chosen, Lens, chosen_corners, residual
 from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import CameraRecord, read_camera
@@ -41,7 +42,8 @@ class CameraCalibration:
     length of the corners' residuals [px]. boards: rms per used photograph [px]. skipped: photographs in which no board
     was detected. outliers: used photographs that fit much worse than the others. corners, residuals: per used
     photograph, (n, 2) image points (x, y), and measured minus predicted points [px].
-    settings: those of `calibrate_camera`.
+    settings: those of `calibrate_camera`; with `windows`, in which corners were sought, and `left_out_rms_px`, by which
+    these were chosen: of photographs left out of the fit.
     """
 
     camera: Camera
@@ -112,12 +114,12 @@ def calibrate_camera(
     if not isinstance(photographs, Mapping):
         photographs = {name: read_picture(path) for name, path in by_name([Path(p) for p in photographs]).items()}
     _check(photographs)
-    corners: dict[str, Corners] = {}
+    sets: dict[str, dict[str, Corners]] = {}
     for count, (name, photograph) in enumerate(photographs.items()):
         progress(count / len(photographs), name)
-        board_corners = board.find(photograph)
-        if board_corners is not None:
-            corners[name] = board_corners
+        for windows, board_corners in (board.find_by_windows(photograph) or {}).items():
+            sets.setdefault(windows, {})[name] = board_corners
+    corners = sets.get(OWN_WINDOWS, {})
     skipped = tuple(name for name in photographs if name not in corners)
     if len(corners) < FEWEST_BOARDS:
         raise InputError(
@@ -125,9 +127,14 @@ def calibrate_camera(
             "check board (--board), or take more photographs"
         )
     height, width = next(iter(photographs.values())).shape[:2]
+    size, flags = (width, height), _flags(coefficients, square_pixels)
     with one_thread():
-        calibration = _fit(corners, skipped, (width, height), _flags(coefficients, square_pixels))
-    stated = {"board": asdict(board), "coefficients": coefficients, "square_pixels": square_pixels}
+        chosen = _chosen(sets, size, flags) if len(sets) > 1 else Chosen(corners, OWN_WINDOWS, {})
+        calibration = _fit(chosen.corners, skipped, size, flags)
+    stated = {
+        "board": asdict(board), "coefficients": coefficients, "square_pixels": square_pixels,
+        "windows": chosen.windows, "left_out_rms_px": chosen.left_out,
+    }  # fmt: skip
     return replace(calibration, settings=stated)
 
 
@@ -204,6 +211,23 @@ def _fit(
             for (name, one), expected in zip(corners.items(), predicted, strict=True)
         },
     )
+
+
+def _chosen(sets: Mapping[str, Mapping[str, Corners]], size: tuple[int, int], flags: int) -> Chosen:
+    """The corners by the windows that suit the photographs best."""
+    import cv2
+
+    def lens(corners: Sequence[Corners]) -> Lens:
+        points, image = ([getattr(one, what) for one in corners] for what in ("points", "image"))
+        fitted = cv2.calibrateCamera(points, image, size, np.eye(3), np.zeros(8), flags=flags)
+        return np.asarray(fitted[1], np.float64), np.asarray(fitted[2], np.float64)
+
+    def odd(corners: Mapping[str, Corners]) -> tuple[str, ...]:
+        found = lens(list(corners.values()))
+        rms = {name: residual(one, found) for name, one in corners.items()}
+        return _outliers(rms, np.array([len(one.image) for one in corners.values()]))
+
+    return chosen_corners(sets, lens, odd)
 
 
 def _rms_at(factor: float, points: list, image: list, size: tuple[int, int], matrix: NDArray) -> float:

@@ -7,8 +7,7 @@ small bright image of a lamp, in another place under another lamp.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball, fit_ball, grey
 from hagoromo.calibration.lamps.highlight import LARGEST_SHARE, lamp_speck
 from hagoromo.calibration.lamps.outline import refined
+from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.progress import Progress, silent
@@ -58,7 +58,7 @@ def search_balls(
             f"a chrome ball is found by {FEWEST_LAMPS} lamps or more, and {len(photographs)} are given: {PAINT}"
         )
     small, large, shape = _reduced(photographs, camera, progress)
-    with _one_thread():
+    with one_thread():
         proposed = _proposed(small)
     found: list[Ball] = []
     doubtful: list[Ball] = []
@@ -194,16 +194,3 @@ def _reduced_camera(camera: Camera, scale: float, shape: tuple[int, ...]) -> Cam
     return replace(
         camera, width=shape[1], height=shape[0], focal=(fx * scale, fy * scale), principal=(cx * scale, cy * scale)
     )
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """OpenCV with one thread, so that circles with equal votes keep their order."""
-    import cv2
-
-    count = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(count)

@@ -191,11 +191,11 @@ class _Core(NamedTuple):
 
 def _tip(light: Array, brightest: float) -> _Core | None:
     """The brightest pixels, where they are as compact as a disc seen at a slant: glare below them is left out."""
-    centres, points, weights = [], np.zeros((0, 2)), np.zeros(0)
+    centres: list[Array] = []
+    points: Array = np.zeros((0, 2))
     for level in TIP_LEVELS:
         speck, _ = _brightest_speck(light, level * brightest)
-        rows, columns = np.nonzero(speck)
-        points, weights = np.stack([columns, rows], axis=1) + 0.5, np.ones(len(rows))
+        points = np.argwhere(speck)[:, ::-1].astype(np.float64) + 0.5
         if len(points) < FEWEST_IN_TIP:
             return None
         small, large = np.linalg.eigvalsh(np.cov(points.T) + np.eye(2) / 12.0)
@@ -203,7 +203,7 @@ def _tip(light: Array, brightest: float) -> _Core | None:
         if small < SLANT**2 * large or len(points) < FILLED * 4.0 * np.pi * np.sqrt(small * large):
             return None
         centres.append(points.mean(axis=0))
-    return _Core(centres[-1], float(np.std(centres, axis=0).max()), points, weights)
+    return _Core(centres[-1], float(np.std(centres, axis=0).max()), points, np.ones(len(points)))
 
 
 def _core(light: Array) -> _Core:
