@@ -40,11 +40,6 @@ class DirectionFunctions:
     length: float
     values: NDArray[np.float32]
 
-    def at(self, to_lamp: Array) -> Array:
-        """(P, K) at one unit direction."""
-        near = matern(np.linalg.norm(self.directions - to_lamp, axis=1), self.length)
-        return np.tensordot(np.append(near, 1.0), self.values.astype(np.float64), axes=1)
-
 
 @dataclass(frozen=True, eq=False)
 class PackedStack:
@@ -74,7 +69,9 @@ def packed_stack(stack: WeightStack, to_display: Array, exposure: float) -> Pack
     tested = _Display(weights[chosen], level[chosen, None, None] / scale, exposure * to_display)
     step = _coarsest_step(components[chosen], vectors, tested)
     whole = np.rint(components / step)
-    used = np.flatnonzero((whole != 0).any(axis=0))[:MOST_COMPONENTS]
+    some = (whole != 0).any(axis=0)
+    some[0] = True  # of a picture that is black, too
+    used = np.flatnonzero(some)[:MOST_COMPONENTS]
     shape = (*stack.directions.shape[:1], len(scale), len(used))
     functions, held_out = _interpolated(
         stack.directions, (vectors[:, used] * step).reshape(shape), np.sqrt((whole[:, used] ** 2).mean(axis=0))
@@ -109,8 +106,8 @@ class _Display:
 
     def error(self, even: Array) -> float:
         """Root mean square [of 255] of weights that are divided by their level and scale."""
-        shown = self._shown(np.reshape(even, self.shape) * self.back)
-        return float(np.sqrt(np.mean((shown - self.truth) ** 2)))
+        off = self._shown(np.reshape(even, self.shape) * self.back) - self.truth
+        return float(np.sqrt(np.mean(off**2)))
 
     def _shown(self, weights: NDArray[Any]) -> Array:
         return 255.0 * shown(np.asarray(weights, np.float64) @ self.to_display.T, 1.0)

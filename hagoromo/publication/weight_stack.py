@@ -25,7 +25,7 @@ from hagoromo.publication.surface_maps import FLIP
 from hagoromo.volume.box import VolumeBox
 
 FEWEST_LAMPS, MOST_LAMPS = 8, 512
-COPIES = 3  # of the weights that are in memory at once
+COPIES = 5  # of the weights that are in memory at once
 SKETCH_SIDE = 96  # px of the picture that tells where there is matter
 FIELD = 1.06  # of view of `box_camera`, sizes of the matter
 AWAY, TOWARDS = 8.0, (0.25, -1.0, 0.3)  # sizes of the matter from it to that camera, and its direction

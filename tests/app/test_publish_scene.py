@@ -1,6 +1,7 @@
 """The page of a volume box: its pixels are those of `render` under stored and other lamps, to what it states."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,6 +114,8 @@ def test_smooth_light_is_stored_and_interpolated_nearly_exactly():
     packed = packed_stack(stack, np.array([[1.0, 0.2]] * 3), 0.4)
     assert packed.stored_error <= STORED_ERROR and packed.error_between < 1.5 * STORED_ERROR
     assert packed.scales["components"] < 20  # of 128
+    black = packed_stack(replace(stack, weights=0.0 * weights), np.ones((3, 2)), 1.0)
+    assert black.stored_error == black.error_between == 0.0 and black.scales["components"] == 1
 
 
 def test_a_box_alone_fills_its_picture():
