@@ -367,3 +367,41 @@ def test_walks_go_on_for_a_time():
     scene = scene_of([cube(matter("sphere", 0.28), 6.0)])
     assert hg.render(scene, hg.Settings(seconds=1e-3), mode="path").metadata["walks"] == 16
     assert hg.render(scene, hg.Settings(seconds=0.5, error=0.2), mode="path").metadata["walks"] >= 16
+
+
+def test_a_closed_sphere_lights_itself_by_the_closed_form():
+    """A lamp amid a Lambert sphere of albedo ρ = 0.8: L of the orders above one is ρ/(1 − ρ) times that of the first.
+
+    The first event needs no draw: it is I ρ/(π r²) on every ray.
+    """
+    matte = hg.Reflectance(0.8 / math.pi, 0.0, 0.2, 1.5, GREY)
+    sphere = hg.Surface.sphere((0.0, 0.0, 0.0), 0.5, matte)
+    camera = hg.Camera(8, 8, (20.0, 20.0), (4.0, 4.0)).look_at((0.0, -0.2, 0.1), (0.0, 0.3, 0.0))
+    scene = hg.Scene(camera, (hg.Lamp(position=(0.0, 0.0, 0.0), intensity=2.0),), surfaces=(sphere,))
+    towards = everywhere(500, 20)
+    light = light_along(scene, np.broadcast_to([0.1, -0.2, 0.15], towards.shape), towards, 40)
+    assert light[..., 0] == pytest.approx(np.full((500, 40), 2.0 * 0.8 / (math.pi * 0.25)), rel=2e-3)  # shadow bias
+    ratio = light[..., 2] / light[..., 0]
+    error = ratio.std() / math.sqrt(ratio.size)
+    assert abs(ratio.mean() - 4.0) < 3.3 * error + 0.01 and error < 0.04
+
+
+def test_lamps_are_drawn_by_what_they_give():
+    """A far lamp, a spot and a profile on a ball and a floor, first event: the mean over draws is the march's sum."""
+    spot = hg.Lamp(position=(0.5, -0.5, 0.6), axis=(-0.5, 0.5, -0.6), axis_power=20.0, spectrum=BLUE)
+    profile = hg.LampProfile([0], [0, 20, 60], [[1, 0.4, 0]])
+    tube = hg.Lamp(position=(-0.4, -0.3, 0.8), intensity=0.7, axis=(0.4, 0.3, -0.8), profile=profile)
+    matter_of = hg.Reflectance(0.2, 0.3, 0.3, 1.5, RED)
+    surfaces = hg.Surface.sphere((0.0, 0.0, 0.1), 0.1, matter_of), hg.Surface.floor(0.0, 0.5, matter_of)
+    camera = hg.Camera(8, 8, (20.0, 20.0), (4.0, 4.0)).look_at((0.0, -1.0, 0.5), (0.0, 0.0, 0.0))
+    scene = hg.Scene(camera, (hg.Lamp(to_lamp=LAMP), spot, tube), surfaces=surfaces)
+    offset = np.random.default_rng(21).uniform(-0.2, 0.2, (60, 2))
+    origin = np.broadcast_to(camera.position, (60, 3))
+    along = np.concatenate([offset, np.zeros((60, 1))], axis=1) - origin
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    marched = hg.RayMarch(scene)(origin, along).weights.reshape(60, -1, 2)  # group of lamps, colour
+    light = light_along(scene, origin, along, 400, orders=1).reshape(60, 400, -1, 3)
+    error = light.std(axis=1)[..., :2] / math.sqrt(400)
+    off = np.abs(light.mean(axis=1)[..., :2] - marched)
+    assert (error > 0.0).sum() > 100
+    assert (off < 4.2 * error + 1e-4 * marched.max()).all()  # of 240 figures
