@@ -82,16 +82,20 @@ def light_along(scene, origin, direction, walks, seed=1, orders=path_picture.ALL
     return np.stack([np.array(channel) for channel in channels], axis=-1).reshape(len(origin), walks, -1)
 
 
-def disc(towards, count, seed):
+def disc(towards, count, seed=None):
     """Rays from everywhere on a disc around the cube that faces `towards` (3,) or (count, 3): origins (count, 3), and
-    its area [m²].
+    its area [m²]. They are drawn by a seed, or without one evenly spread (a sunflower's spiral).
     """
-    random, radius = np.random.default_rng(seed), 0.5 * math.sqrt(3.0) * SIDE
+    radius = 0.5 * math.sqrt(3.0) * SIDE
     towards = np.broadcast_to(towards, (count, 3))
     one = np.cross(towards, [0.31, 0.2, 0.93])
     one /= np.linalg.norm(one, axis=1, keepdims=True)
     other = np.cross(towards, one)
-    r, turn = radius * np.sqrt(random.random(count)), 2.0 * math.pi * random.random(count)
+    even = np.arange(count) + 0.5
+    drawn = [even / count, even * (0.5 * (math.sqrt(5.0) - 1.0)) % 1.0]
+    if seed is not None:
+        drawn = np.random.default_rng(seed).random((2, count))
+    r, turn = radius * np.sqrt(drawn[0]), 2.0 * math.pi * drawn[1]
     places = (r * np.cos(turn))[:, None] * one + (r * np.sin(turn))[:, None] * other + towards
     return places, math.pi * radius**2
 
@@ -152,11 +156,13 @@ def test_white_matter_sends_out_all_the_light_that_it_takes(element, walks, prec
     """Energy of all orders, α = 1/π: ∫∫ L dA dV = ∫ (1 − exp(−σ s)) dA. A plane's back is black: see the photons."""
     white, depth = matter(element, 1.0 / math.pi), 6.0
     ours = 4.0 * math.pi * flux([cube(white, depth)], LAMP, everywhere(walks, 7), walks, 8).sum(axis=1)
-    origin, across = disc(LAMP, 1_000_000, 9)
+    origin, across = disc(LAMP, 250_000)
     enter, leave = span(origin, np.broadcast_to(-LAMP, origin.shape), SIDE)
     sigma = depth / SIDE * area(element, np.array([AXIS @ LAMP]))[0]
-    taken = across * (1.0 - np.exp(-sigma * np.maximum(leave - enter, 0.0)))
-    assert same(ours, taken, precision)
+    taken = across * np.mean(1.0 - np.exp(-sigma * np.maximum(leave - enter, 0.0)))
+    error = ours.std() / math.sqrt(walks)
+    assert error < precision * taken
+    assert abs(ours.mean(dtype=float) - taken) < 3.3 * error + 1e-4 * taken  # of the grid on the disc
 
 
 def test_lamp_and_eye_may_change_places():
@@ -237,7 +243,7 @@ def test_draws_follow_what_the_element_sends_there(element):
     glossy = matter(element, 0.1, beta=0.3, gamma=0.35, n=1.6, nu=3.0, **coat)
     eye = np.array([0.1, 0.5, 0.86]) / np.linalg.norm([0.1, 0.5, 0.86])
     for material, tailed in ((matte, False), (glossy, True)):
-        drawn, body, interface = _drawn(material, eye, 120_000)
+        drawn, body, interface = _drawn(material, eye, 60_000)
         cell = _cell(drawn)
         expected, first = _expected(material, eye), np.bincount(cell, minlength=CELLS)
         if not tailed:
@@ -293,7 +299,7 @@ def _drawn(material, eye, count):
 
 def test_pictures_have_the_bits_of_their_seed_however_walks_are_launched(monkeypatch):
     scene = scene_of([cube(matter("sphere", 0.28, BLUE), 6.0)])
-    settings = hg.Settings(samples=6, seed=4)
+    settings = hg.Settings(samples=3, seed=4)
     picture = hg.render(scene, settings, mode="path")
     assert np.array_equal(picture.weights, hg.render(scene, settings, mode="path").weights)
     assert not np.array_equal(picture.weights, hg.render(scene, replace(settings, seed=5), mode="path").weights)
