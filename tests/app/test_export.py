@@ -271,5 +271,6 @@ def test_the_verb_writes_all_or_nothing_and_says_what_is_lost(tmp_path, capsys):
     assert main(["export", str(tmp_path / "measured"), "--to", "ply", "materialx", "--out", str(out)]) == 0
     assert "holes" in capsys.readouterr().out
     assert {path.name for path in out.iterdir()} >= {"object.ply", "materials.mtlx", "export.json"}
+    assert json.loads((out / "export.json").read_text())["lengths"] == "m"
     assert main(["export", str(tmp_path / "measured"), "--to", "ply", "--out", str(out)]) == 2
     assert main(["export", str(tmp_path / "measured"), "--to", "ply", "--out", str(out), "--force"]) == 0

@@ -81,7 +81,12 @@ def export(
         relightable = [name for name in formats if name in WRITERS]
         if relightable:
             losses |= _write_relightable(home, relightable, maps, progress)
-        record = {"formats": losses, "axes": "x right, y up, z to the camera", "hagoromo": written_by()}
+        record = {
+            "formats": losses,
+            "axes": "x right, y up, z to the camera",
+            "lengths": "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres",
+            "hagoromo": written_by(),
+        }
         write_json(home / "export.json", record)
     return record
 

@@ -699,7 +699,7 @@ function connectCanvas() {
     canvas.focus({ preventScroll: true });
     const p = at(happened);
     pointers.set(happened.pointerId, p);
-    if (pointers.size === 2 && start && Math.hypot(last[0] - start.p[0], last[1] - start.p[1]) < 12) takeBack();
+    if (pointers.size === 2 && start && Math.hypot(last[0] - start.p[0], last[1] - start.p[1]) < 12 * (window.devicePixelRatio || 1)) takeBack();
     if (pointers.size === 1) start = { p, lamp: { ...current() }, ruler };
     action = pointers.size > 1 ? "pinch" : happened.button > 0 || space ? "move" : state.tool;
     spread = apart();
