@@ -209,6 +209,7 @@ def measure(
     distance: float | None = None,
     facets: Literal["auto", "gaussian", "student-t"] = "auto",
     interface: Literal["auto", "neutral", "coloured"] = "auto",
+    own_light: Literal["report", "subtract"] = "report",
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
@@ -220,11 +221,12 @@ def measure(
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
         facets: Gaussian, with tails (student-t), or by evidence (auto).
         interface: in the colour of the lamp (neutral), coloured, or by evidence (auto).
+        own_light: the light that an object of unknown shape sends to itself: report it, or subtract it and solve again.
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(
-            capture, n=n, distance=distance, facets=facets, interface=interface, scratch=home, progress=progress,
-            scheduler=scheduler,
+            capture, n=n, distance=distance, facets=facets, interface=interface, own_light=own_light,
+            scratch=home, progress=progress, scheduler=scheduler,
         )  # fmt: skip
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)

@@ -11,6 +11,7 @@ import tempfile
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,10 @@ from hagoromo.measurement.material.model_choice import Facets, Interface, check_
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
-from hagoromo.measurement.normals.normals import NormalMap, solve_normals
-from hagoromo.measurement.surface.depth import Surface, surface_from_normals
+from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.surface.depth import Surface
 from hagoromo.measurement.surface.large_capture import large_source, solve_large
-from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
+from hagoromo.measurement.surface.solved_surface import OwnLightUse, solve_surface
 from hagoromo.measurement.surface.tile_store import FolderSource
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
@@ -48,6 +49,7 @@ def measure(
     colour_from_highlights: bool = False,
     facets: Facets = "auto",
     interface: Interface = "auto",
+    own_light: OwnLightUse = "report",
     scratch: str | Path | None = None,
     progress: Progress = silent,
     scheduler: str | int | None = None,
@@ -64,10 +66,11 @@ def measure(
     under near lamps it is a first guess. labels: (h, w) materials
     0, 1, …, −1 unknown, and colour_from_highlights: whether to measure the colour of the lamps; both of a capture with
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
-    there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". scratch: folder for
-    the temporary files of tiles (default: the system's). progress: called with the share of the work done (0 … 1) and
-    the name of the step. scheduler: see `render`; its workers solve the tiles, in a scratch folder that all must see,
-    with the same bits; what is solved as one is solved here.
+    there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". own_light: what to
+    do with the light that an object of unknown shape sends to itself: "report" it, or "subtract" it and solve again.
+    scratch: folder for the temporary files of tiles (default: the system's). progress: called with the share of the
+    work done (0 … 1) and the name of the step. scheduler: see `render`; its workers solve the tiles, in a scratch
+    folder that all must see, with the same bits; what is solved as one is solved here.
 
     Warns of photographs that moved, and where the shading shows that their values are not linear in light. Raises
     `InputError` for a capture that can be measured in no way.
@@ -75,7 +78,10 @@ def measure(
     check_model(facets, interface)
     settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
     settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
-    wanted = Wanted(n, labels, colour_from_highlights, facets, interface)
+    settings |= {"own_light": own_light} if own_light != "report" else {}
+    if own_light not in get_args(OwnLightUse):
+        raise InputError(f"own_light is {own_light!r}: it is 'report' or 'subtract'")
+    wanted = Wanted(n, labels, colour_from_highlights, facets, interface, own_light)
     measurement = _assumed(_measured(capture, wanted, distance, scratch, progress, scheduler))
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
@@ -90,6 +96,7 @@ class Wanted:
     colour_from_highlights: bool
     facets: Facets
     interface: Interface
+    own_light: OwnLightUse = "report"
 
     @property
     def model(self) -> GlossModel:
@@ -141,8 +148,8 @@ def _measured(
         measurement = replace(measurement, points=capture.points, capture=capture)
     else:
         away = _distance(capture.photographs[0], distance, wanted)
-        normals, surface = _solve(capture, away, progress, wanted.model)
-        measurement = with_solved_shape(capture, normals, surface)
+        solved = solve_surface(capture, away, progress, wanted.model, wanted.own_light)
+        measurement = solved.described(with_solved_shape(capture, solved.normal_map, solved.surface))
         assert measurement.capture is not None
         measurement = with_separation(measurement.capture, measurement)
     return replace(measurement, body_spectra=body_spectra(capture, measurement.materials))
@@ -160,16 +167,6 @@ def _measure_tiles(
     measurement = with_solved_shape(coarse.capture, coarse.normal_map, coarse.surface)
     materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
-
-
-def _solve(capture: Capture, distance: float, progress: Progress, model: GlossModel) -> tuple[NormalMap, Surface]:
-    """Normals and points of a capture of unknown shape."""
-    if has_near_lamps(capture):
-        shape = solve_shape(capture, distance, progress=progress, model=model)
-        return shape.normal_map, shape.surface
-    normals = solve_normals(capture, progress=progress, model=model)
-    camera = capture.photographs[0].camera
-    return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)
 
 
 def with_solved_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measurement:

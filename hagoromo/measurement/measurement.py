@@ -26,6 +26,7 @@ from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 if TYPE_CHECKING:
     from hagoromo.measurement.material.lamp_colour import LampColour
     from hagoromo.measurement.normals.normals import NormalMap
+    from hagoromo.measurement.surface.own_light import OwnLight
     from hagoromo.measurement.surface.tiles import Fine
 
 NAMES_SHOWN, LONGEST_SHOWN_NAME = 4, 24  # materials, and characters of each name, that `repr` shows
@@ -51,9 +52,10 @@ class Measurement:
     shape that was solved.
     settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
+    own_light: the light that a solved surface sends to itself; None where the shape was given.
     photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
-    A measurement that `load` read has no lamp_colour, capture, fine and normal_map (None), and no predicted and
-    residuals (empty).
+    A measurement that `load` read has no lamp_colour, capture, fine, normal_map and own_light (None), and no predicted
+    and residuals (empty).
     """
 
     materials: tuple[MaterialEstimate, ...]
@@ -76,6 +78,7 @@ class Measurement:
     assumptions: Mapping[str, str] = field(default_factory=dict)
     linearity: Exponent | None = None
     photographed: Photographed | None = None
+    own_light: OwnLight | None = None
 
     @property
     def gloss(self) -> GlossMap | None:
@@ -107,6 +110,7 @@ class Measurement:
         errors) where gloss varies; variance.exr (normal, distance) where the shape was solved; body_spectra.json where
         lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
         noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown;
+        own_light.exr and own_light.json: the share of the light that a solved surface sends to itself;
         camera.json, response.csv and lamps.json: what the photographs were taken with.
         """
         from hagoromo.measurement.measurement_files import write_measurement

@@ -54,6 +54,9 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         if measurement.fine is not None:
             maps = maps.of_size(*measurement.fine.labels.shape)
         write_exr(home / "gloss.exr", maps.channels())
+    if measurement.own_light is not None:
+        write_exr(home / "own_light.exr", {"share": measurement.own_light.share, "most": measurement.own_light.most})
+        write_json(home / "own_light.json", {"hagoromo": written_by(), "own_light": measurement.own_light.record()})
     if measurement.separation is not None:
         write_separation(measurement.separation, default_channels(channels), home)
     for i, residual in enumerate(measurement.residuals):

@@ -28,6 +28,7 @@ from hagoromo.measurement.normals.views import Array, Views
 SOLVED_GLOSS_PIXELS = 1000  # of a material, at most, from which the law is estimated
 FEWEST_PIXELS, FEWEST_LAMPS = 100, 6
 ROUNDS = 3  # of law and estimates, which depend on each other
+LARGEST_SHARED_ERROR = 0.25  # of ln β and ln γ of one gloss: a faint highlight shows no variation
 FOLDS = 3  # parts of the lamps, each left out once
 TILES = 4.0  # in a radius of the object: means over them are taken for independent
 FEWEST_TILES = 8
@@ -74,6 +75,8 @@ def _spread(views: Views, fit: Fit, number: int, random: np.random.Generator) ->
     """The variation of the gloss of a material; None where it has no highlight, or too few pixels or lamps show it."""
     pixels, shared = np.flatnonzero(fit.labels == number), fit.gloss.rows[number, :2]
     if len(pixels) < FEWEST_PIXELS or len(views.values) < FEWEST_LAMPS or not np.exp(shared[0]) > 0.0:
+        return None
+    if not np.all(np.diag(fit.covariance[number])[:2] <= LARGEST_SHARED_ERROR**2):
         return None
     some = np.sort(random.choice(pixels, min(SOLVED_GLOSS_PIXELS, len(pixels)), replace=False))
     data, part = data_of(views, fit, number, some), fit.pixels(some)

@@ -1,0 +1,170 @@
+"""Own light: the light that a solved surface receives from itself (interreflection), and photographs without it.
+
+Enters: a capture with its solved normals, points and body colours. Leaves: per photograph and pixel the value that the
+object's own light adds, α c_b E, with E from the values themselves (`exchange`): all bounces of light between what
+the camera sees are in them. A cavity that lights itself looks flatter and brighter than it is; so solving, and
+subtracting what follows from the solution, are repeated (Nayar, Ikeuchi & Kanade 1991).
+
+Body colours are those of the object only if lamps and photographs have one unit. In the shadow of the object itself its
+own light is alone, and the ratio of what is there to what is expected gives that unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.normals.photometric_model import predicted
+from hagoromo.measurement.normals.views import Array
+from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.exchange import Exchange, exchange
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+
+Values = NDArray[np.floating]
+SHADOW_COSINE = -0.05  # of normal and lamp: below, a pixel turns away from the lamp although the normal is a bit off
+TILES = 4  # across the image: the light in shadows is compared over independent parts of it
+FEWEST_TILES = 4
+LARGEST_UNIT_ERROR = 0.25  # relative, of the unit, for it to count as measured
+NOTABLE = 0.02  # share of the light: with less, nothing is said and nothing is subtracted
+LARGE_SHARE = 99.0  # percentile of the pixels that "up to" means
+LIT = 0.25  # of the median value of a photograph: darker pixels are in shadow
+WHITEST = 1.05  # largest albedo of a body: above, lamps and photographs have different units
+
+
+@dataclass(frozen=True, eq=False)
+class OwnLight:
+    """share: (h, w) of the light of each pixel, all photographs together, that comes from the object; most: (h, w) the
+    largest over the photographs that light it. Both are 0 where unknown.
+
+    unit: ratio of the light found in shadows to the light expected there, and its standard error; 1 and inf where no
+    shadow shows it. albedo: of the body, in its brightest channel and in that unit. subtracted: whether normals and
+    body colours are without it.
+    """
+
+    share: NDArray[np.float32]
+    most: NDArray[np.float32]
+    unit: float
+    unit_error: float
+    albedo: float = 0.0
+    subtracted: bool = False
+
+    @property
+    def known(self) -> bool:
+        """Whether the unit was measured."""
+        return self.unit_error < LARGEST_UNIT_ERROR * self.unit
+
+    @property
+    def possible(self) -> bool:
+        """Whether a body can be that bright."""
+        return self.albedo <= WHITEST
+
+    @property
+    def up_to(self) -> float:
+        """Share of the light in the pixels that receive most of it."""
+        pixels = self.share[self.share > 0.0]
+        return float(np.percentile(pixels, LARGE_SHARE)) if len(pixels) else 0.0
+
+    def record(self) -> dict[str, Any]:
+        """The entry `own_light` of own_light.json."""
+        pixels = self.share[self.share > 0.0]
+        return {
+            "up_to": self.up_to,
+            "mean": float(pixels.mean()) if len(pixels) else 0.0,
+            "unit": {"value": self.unit, "standard_error": self.unit_error if np.isfinite(self.unit_error) else None},
+            "albedo": self.albedo,
+            "subtracted": self.subtracted,
+        }
+
+    def remark(self, here: NDArray[np.bool_]) -> str | None:
+        """One line about the pixels `here` (h, w); None where little of their light is the object's own."""
+        pixels = self.share[here & (self.share > 0.0)]
+        if not len(pixels) or np.percentile(pixels, LARGE_SHARE) < NOTABLE:
+            return None
+        share = 100.0 * float(np.percentile(pixels, LARGE_SHARE))
+        text = (
+            f"up to {share:.0f} % of the light in its pixels comes from the object itself ({100 * pixels.mean():.1f} % "
+        )
+        text += "in the mean)"
+        if self.subtracted:
+            shown = f"the strength that shadows show, {self.unit:.2g} ± {self.unit_error:.1g}"
+            return (
+                f"{text}: it was subtracted, in {shown if self.known else 'the unit of the lamps, which is not tested'}"
+            )
+        if self.known and self.possible:
+            shown = f"shadows show its strength, {self.unit:.2g} ± {self.unit_error:.1g} of what the lamps' unit gives"
+            return f"{text}: {shown}; it was not subtracted (--own-light subtract does), see own_light.exr"
+        why = "no shadow shows how strong it is" if not self.known else "shadows hold more light than it can be"
+        return f"{text} if lamps and photographs have one unit: {why}; it was not subtracted, see own_light.exr"
+
+
+def own_light(capture: Capture, normal_map: NormalMap, surface: Surface) -> tuple[OwnLight, list[Values]]:
+    """The own light in `capture` of a surface solved from it, and what it adds to each photograph (h, w, C)."""
+    net, parts = exchange(surface.points, normal_map.normals, capture.photographs[0].camera), []
+    for photograph, interface in zip(capture.photographs, _interfaces(normal_map), strict=True):
+        parts.append(_added(photograph, net, normal_map, interface))
+    unit, error = _unit(capture, normal_map, parts)
+    factor = unit if error < LARGEST_UNIT_ERROR * unit else 1.0
+    parts = [np.float32(factor) * part for part in parts]
+    whitest = float(np.pi * factor * np.median(normal_map.fit.body.max(axis=0)))
+    total, own, most = np.zeros(net.known.shape), np.zeros(net.known.shape), np.zeros(net.known.shape)
+    for photograph, part in zip(capture.photographs, parts, strict=True):
+        value = np.where(photograph.mask, photograph.values.mean(axis=2), 0.0)
+        grey = np.where(photograph.mask, part.mean(axis=2), 0.0)
+        lit = value > LIT * np.median(value[net.known])
+        most = np.maximum(most, np.where(lit, grey / np.maximum(value, 1e-30), 0.0))
+        total, own = total + np.maximum(value, 0.0), own + grey
+    share = np.where(net.known & (total > 0.0), own / np.maximum(total, 1e-30), 0.0)
+    most = np.where(net.known, most, 0.0)
+    return OwnLight(share.astype(np.float32), most.astype(np.float32), unit, error, whitest), parts
+
+
+def without(capture: Capture, parts: list[Values]) -> Capture:
+    """`capture` with photographs from which `parts` (h, w, C) are taken away."""
+    photographs = [
+        replace(photograph, values=(photograph.values - part).astype(photograph.values.dtype))
+        for photograph, part in zip(capture.photographs, parts, strict=True)
+    ]
+    return replace(capture, photographs=tuple(photographs))
+
+
+def _interfaces(normal_map: NormalMap) -> Iterator[Array]:
+    """Of each photograph the interface (h, w, C), which goes one way and not to all sides."""
+    fit, views = normal_map.fit, normal_map.views
+    even, bare = fit.evenness(views.place), replace(fit, body=np.zeros_like(fit.body))
+    for k in range(len(views.values)):
+        value = predicted(bare, views.to_lamp[k : k + 1], views.to_eye)[0] * even[k] * views.light[k]
+        yield views.image(value.T)
+
+
+def _added(photograph: Photograph, net: Exchange, normal_map: NormalMap, interface: Array) -> Values:
+    """(h, w, C) value that the light of the object adds to a photograph, for photographs in the unit of the lamps."""
+    values = np.where(np.isfinite(photograph.values), photograph.values, 0.0)
+    leaving = net.patches(np.maximum(values - interface, 0.0))
+    return normal_map.body * net.pixels(net.matrix @ leaving).astype(np.float32)
+
+
+def _unit(capture: Capture, normal_map: NormalMap, parts: list[Values]) -> tuple[float, float]:
+    """Ratio of the light in shadows that the object throws on itself to what is expected there, and its error."""
+    views, fit = normal_map.views, normal_map.fit
+    incidence = np.einsum("kpi,pi->kp", views.to_lamp, fit.normals)
+    tile = (views.rows * TILES // views.shape[0]) * TILES + views.columns * TILES // views.shape[1]
+    both, square = np.zeros(TILES**2), np.zeros(TILES**2)
+    for k, (photograph, part) in enumerate(zip(capture.photographs, parts, strict=True)):
+        place = views.rows, views.columns
+        dark = (incidence[k] < SHADOW_COSINE) & photograph.mask[place]
+        expected, value = part[place][dark].mean(axis=1), photograph.values[place][dark].mean(axis=1)
+        weight = 1.0 / photograph.variance[place][dark].mean(axis=1)
+        both += np.bincount(tile[dark], weight * expected * value, TILES**2)
+        square += np.bincount(tile[dark], weight * expected**2, TILES**2)
+    shown = square > 1e-3 * square.max(initial=0.0)
+    if shown.sum() < FEWEST_TILES or not square.sum() > 0.0:
+        return 1.0, np.inf
+    unit = float(both.sum() / square.sum())
+    off = (both - unit * square)[shown]
+    return unit, float(np.sqrt(np.sum(off**2) * len(off) / (len(off) - 1)) / square.sum())

@@ -1,0 +1,125 @@
+"""Light that an object sends to itself: estimated, said, and subtracted where it is asked for. Oracle: a bowl."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.files.exr import read_exr
+from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
+from hagoromo.measurement.surface import own_light, solved_surface
+from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.exchange import exchange
+from tests.inverse.simulated_bowl import FOCAL, OPENING, PIXEL, bowl
+
+ALBEDO, SIZE = np.array([0.6, 0.5, 0.4]), 23
+DISTANCE = FOCAL * PIXEL
+
+
+def degrees_off(measurement, normals):
+    """Rms angle [°] of the normals that are known to the true ones."""
+    known = np.isfinite(measurement.normal_variance) & (np.linalg.norm(normals, axis=2) > 0.5)
+    cosine = np.clip((measurement.normals * normals).sum(axis=2)[known], -1, 1)
+    return float(np.degrees(np.sqrt(np.mean(np.arccos(cosine) ** 2))))
+
+
+def measured(capture, use):
+    return hg.measure(capture, distance=DISTANCE, facets="gaussian", interface="neutral", own_light=use)
+
+
+@pytest.fixture(scope="module")
+def both():
+    """A bowl whose photographs are in 0.7 of the unit of the lamps, as `report` and `subtract` measure it."""
+    capture, normals, share = bowl(ALBEDO, SIZE, unit=0.7)
+    return normals, share, [measured(capture, use) for use in ("report", "subtract")]
+
+
+def test_a_bowl_sends_every_patch_the_same_light():
+    """Of unit light leaving everywhere, E = π f: exact in a sphere, whatever the patch; patches leave 3 %."""
+    capture, normals, _ = bowl(ALBEDO, 41)
+    radius = 0.47 * 41 * PIXEL / np.sin(OPENING)
+    points = np.where(np.linalg.norm(normals, axis=2, keepdims=True) > 0.5, -radius * normals, 0.0)
+    net = exchange(points, normals.astype(np.float32), capture.photographs[0].camera)
+    light = net.pixels(net.matrix.sum(axis=1, keepdims=True))[..., 0][net.known]
+    truth = np.pi * 0.5 * (1.0 - np.cos(OPENING))
+    assert np.mean(light) == pytest.approx(truth, rel=0.03) and np.std(light) < 0.05 * truth
+
+
+def test_a_ball_sends_itself_nothing():
+    """Seen from outside, no patch faces another one."""
+    capture, normals, _ = bowl(ALBEDO, 31)
+    outward = normals * (-1.0, -1.0, 1.0)
+    net = exchange(0.005 * outward, outward.astype(np.float32), capture.photographs[0].camera)
+    assert net.matrix.max() == 0.0
+
+
+def test_what_is_in_the_way_takes_the_light():
+    """Two walls that face each other across a ridge as high as they are."""
+    camera = hg.Camera(32, 8, (FOCAL, FOCAL), (16.0, 4.0)).look_at((0.0, 0.0, DISTANCE), (0, 0, 0), up=(0.0, 1.0, 0.0))
+    columns = np.arange(32) - 15.5
+    sums = []
+    for ridge in (0.0, 14.0):
+        height = np.where(np.abs(columns) > 8, np.abs(columns) - 8, np.where(np.abs(columns) < 2, ridge, 0.0))
+        slope = np.where(np.abs(columns) > 8, np.sign(columns), 0.0)
+        x, y = np.meshgrid(columns * PIXEL, (3.5 - np.arange(8)) * PIXEL)
+        points = np.stack([x, y, np.broadcast_to(height * PIXEL, x.shape)], axis=2)
+        normals = np.stack([-slope, 0 * slope, np.ones(32)], axis=1) / np.sqrt(1 + slope[:, None] ** 2)
+        net = exchange(points, np.broadcast_to(normals, (8, 32, 3)).astype(np.float32), camera)
+        left, right = (net.places[1] < 8), (net.places[1] > 23)
+        sums.append(net.matrix[np.ix_(left, right)].sum())
+    assert sums[0] > 0.0 and sums[1] < 0.02 * sums[0]
+
+
+def test_own_light_is_estimated_and_said(both, tmp_path):
+    """Its share of all light to a tenth, in what it adds; the files and the remark have it."""
+    _, share, (found, _) = both
+    own = found.own_light
+    assert own is not None and own.known and not own.subtracted
+    values = [p.values.mean(axis=2) for p in found.capture.photographs]
+    truth = sum(s * v for s, v in zip(share, values, strict=True)) / np.maximum(sum(values), 1e-30)
+    known = found.labels >= 0
+    assert np.mean(own.share[known]) == pytest.approx(np.mean(truth[known]), rel=0.15)
+    assert any("comes from the object itself" in remark for remark in found.materials[0].remarks)
+    home = found.save(tmp_path / "out")
+    channels, _ = read_exr(home / "own_light.exr")
+    np.testing.assert_allclose(channels["share"], own.share, atol=1e-3)
+    record = json.loads((home / "own_light.json").read_text())["own_light"]
+    assert record["up_to"] == pytest.approx(own.up_to) and record["subtracted"] is False
+
+
+def test_subtracting_it_mends_normals_and_body_colour(both):
+    """Normals 3.8° off with it: 0.5° at most without. Albedo, in the unit that shadows show: within 5 %."""
+    normals, _, (before, after) = both
+    assert degrees_off(before, normals) > 3.0 and degrees_off(after, normals) < 0.5
+    assert after.own_light.subtracted and any("was subtracted" in remark for remark in after.materials[0].remarks)
+    assert after.own_light.unit == pytest.approx(1 / 0.7, rel=0.05)
+    body = np.pi * after.own_light.unit * np.median(after.body.value[after.labels >= 0], axis=0)
+    np.testing.assert_allclose(body, ALBEDO, rtol=0.05)
+    worst = max(np.nanmedian(np.abs(p - c.values)[c.mask]) / c.values[c.mask].mean()
+                for p, c in zip(after.predicted, after.capture.photographs, strict=True))  # fmt: skip
+    assert worst < 0.02
+
+
+def test_a_unit_in_which_no_body_can_be_so_bright_is_not_subtracted(both, monkeypatch):
+    """Nothing is solved again then: `_solve` gives what was found before, with bodies of four times the albedo."""
+    found = both[2][0]
+    assert found.capture is not None
+    capture = replace(found.capture, points=None, normals=None)
+    views = hg.views_from_capture(capture)
+    normals = found.normals[views.rows, views.columns].astype(np.float64)
+    fit = replace(least_squares_fit(views), normals=normals)
+    bright = replace(fit, body=4.0 * fit.body, variance=np.full(len(normals), 1e-4))
+    maps = found.normals, found.normal_variance, views.image(bright.body.T.astype(np.float32))
+    surface = Surface(found.points, found.distance_variance)
+    solved = NormalMap(maps[0], maps[1], maps[2], found.labels, bright, views), surface
+    monkeypatch.setattr(solved_surface, "_solve", lambda *_: solved)
+    monkeypatch.setattr(own_light, "_unit", lambda *_: (1.0, np.inf))
+    with pytest.warns(UserWarning, match="different units"):
+        assert not solved_surface.solve_surface(capture, DISTANCE, use="subtract").own_light.subtracted
+
+
+def test_another_word_is_refused():
+    with pytest.raises(hg.InputError, match="own_light is 'remove'"):
+        hg.measure(bowl(ALBEDO, 11)[0], distance=DISTANCE, own_light="remove")  # type: ignore[arg-type]
