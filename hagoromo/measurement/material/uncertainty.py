@@ -157,7 +157,10 @@ def values_at(theta: Array) -> dict[str, Any]:
     body, beta, gamma, n, nu, colour = unpack_theta(theta)
     mean = float(body.mean())
     if not mean > 0.0:
-        raise InputError(f"its body reflects nothing (α = {mean:.2g}): there is no body colour to measure")
+        raise InputError(
+            f"its body reflects nothing (α = {mean:.2g}): the highlight hides it in these photographs; add one whose "
+            "lamp stands farther from where its mirror image is seen"
+        )
     return {
         "body_colour": tuple((body / mean).tolist()),
         "alpha": mean,
