@@ -196,6 +196,17 @@ def test_what_enters_white_matter_leaves_it(element):
     assert sum(leaves) == pytest.approx(enters, rel=0.025) and leaves[1] > 0.35 * enters
 
 
+@pytest.mark.parametrize("element", ["sphere", "cylinder"])
+def test_higher_orders_agree_with_random_walks(element):
+    """With an interface, in the whole picture: 1 % of all light, of which they are a fifth."""
+    glossy = Reflectance(0.22, 0.35, 0.3, 1.5, WHITE, element=element)
+    scene = scene_of(cube(glossy, 3.0), size=10)
+    solved, walked = (render(scene, Settings(samples=n), mode=mode) for n, mode in ((8, "full"), (600, "path")))
+    higher = walked.weights[..., 2:].mean(axis=-1).sum()  # of a grey scene each band has all of it
+    everything = walked.weights[..., :2].sum() + higher
+    assert abs(solved.weights[..., 2].sum() - higher) < 0.01 * everything and higher > 0.15 * everything
+
+
 @pytest.mark.parametrize("depth", [1e3, 1e5])
 def test_light_in_very_dense_white_matter_is_solved(depth):
     """Albedo 0.999, hundreds of mean free paths a cell and more: finite, not below 0, and less than the lamp's."""
