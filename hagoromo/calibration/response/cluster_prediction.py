@@ -31,7 +31,7 @@ def best_predicting(equations: Equations, best: Found, priors: Sequence[CurvePri
     """`best`, the fit by evidence; or, if that predicts clusters of spectra badly, the prior and noise that do better.
 
     Of the noises that predict as well as the best one, within a standard error, the largest is taken, as the errors are
-    fewer than the readings. Hastie, Tibshirani and Friedman 2009, §7.10 (the rule of one standard error).
+    fewer than the readings. Hastie et al. 2009, §7.10 (the rule of one standard error).
     """
     count = len(equations.readings)
     clusters = _clusters(equations.matrix) if count >= FEWEST_CLUSTERED else []
