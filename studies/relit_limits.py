@@ -25,7 +25,7 @@ from studies.predicted_photograph import forecast
 from studies.relit_objects import HELD
 from studies.rig import evened, flat_field, unevenness
 from studies.table import print_table
-from studies.uw_psm import OBJECTS, read_lamps, read_object
+from studies.uw_psm import OBJECTS, read_lamps, read_object, shrunk
 
 Array = NDArray[np.float64]
 COLUMNS = {
@@ -66,25 +66,6 @@ def relit_limits(
         results[name]["seen"] = [_seen(capture, whole[name], number) for number in HELD]
     progress(1.0, "")
     return results
-
-
-def shrunk(capture: hg.Capture, times: int) -> hg.Capture:
-    """The capture with photographs of means over squares of `times` pixels that are valid throughout."""
-
-    def blocks(image: NDArray) -> NDArray:
-        rows, columns = (length // times for length in image.shape[:2])
-        return image[: rows * times, : columns * times].reshape(rows, times, columns, times, *image.shape[2:])
-
-    photographs = []
-    for one in capture.photographs:
-        camera, mask = one.camera, blocks(one.mask).all(axis=(1, 3))
-        (ax, ay), (x0, y0) = camera.focal, camera.principal
-        camera = replace(camera, focal=(ax / times, ay / times), principal=(x0 / times, y0 / times))
-        camera = replace(camera, width=camera.width // times, height=camera.height // times)
-        values = blocks(np.where(one.mask[..., None], one.values, 0.0)).mean(axis=(1, 3))
-        variance = blocks(np.where(one.mask[..., None], one.variance, 1.0)).mean(axis=(1, 3)) / times**2
-        photographs.append(replace(one, values=values, variance=variance, mask=mask, camera=camera))
-    return replace(capture, photographs=tuple(photographs))
 
 
 def _errors(capture: hg.Capture) -> dict[str, list[float]]:

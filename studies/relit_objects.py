@@ -21,7 +21,7 @@ from tyro.conf import Positional
 import hagoromo as hg
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table
-from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
+from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object, shrunk
 
 HELD = (0, 4, 8)  # numbers of the held-out lamps
 EVERY = (*OBJECTS, *GLOSSY)
@@ -43,10 +43,12 @@ def relit_objects(
     force: bool = False,
     progress: hg.Progress = hg.silent,
     seed: int = 0,
+    shrink: int = 1,
 ) -> dict[str, tuple[hg.Prediction, ...]]:
     """Relight each of `objects`, write everything to the folder `out`, and give the predictions of each.
 
-    folder: of uw_psm, for its objects alone. seed: of the simulated ones.
+    folder: of uw_psm, for its objects alone, whose photographs are means over squares of `shrink` pixels. seed: of the
+    simulated ones.
     """
     results: dict[str, tuple[hg.Prediction, ...]] = {}
     with hg.whole_folder(out, force) as home:
@@ -54,7 +56,9 @@ def relit_objects(
             progress(i / len(objects), name)
             (home / name).mkdir()
             capture = (
-                glossy_object(name, seed)[0] if name in GLOSSY else read_object(folder, name, read_lamps(folder)[1])
+                glossy_object(name, seed)[0]
+                if name in GLOSSY
+                else shrunk(read_object(folder, name, read_lamps(folder)[1]), shrink)
             )
             hg.save_capture(capture, home / name / "capture")
             held = [f"{name} {k}" for k in HELD]
@@ -110,7 +114,12 @@ def _write_index(path: Path, results: dict[str, tuple[hg.Prediction, ...]]) -> N
 
 
 def main(
-    folder: Positional[Path], out: Path, objects: tuple[str, ...] = EVERY, force: bool = False, seed: int = 0
+    folder: Positional[Path],
+    out: Path,
+    objects: tuple[str, ...] = EVERY,
+    force: bool = False,
+    seed: int = 0,
+    shrink: int = 1,
 ) -> None:
     """Relight the objects of the set.
 
@@ -120,9 +129,10 @@ def main(
         objects: which of them.
         force: replace an existing folder.
         seed: of the simulated glossy objects.
+        shrink: pixels of a side of the squares over which real photographs are averaged.
     """
     with hg.progress_bar("relit objects") as progress:
-        relit_objects(folder, out, objects, force, progress, seed)
+        relit_objects(folder, out, objects, force, progress, seed, shrink)
     print(f"wrote {out / 'index.html'}")
 
 

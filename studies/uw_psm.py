@@ -7,6 +7,7 @@ albedo ASSUMED_ALBEDO that faces a lamp. World axes: x right, y up, z to the cam
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,26 @@ def read_object(folder: str | Path, name: str, lamps: tuple[hg.LampReading, ...]
         mask = on_object & developed.valid
         photographs.append(hg.Photograph(developed.values, developed.variance, mask, camera, (light,), f"{name} {k}"))
     return hg.Capture(tuple(photographs), name, Path(folder))
+
+
+def shrunk(capture: hg.Capture, times: int) -> hg.Capture:
+    """The capture with photographs of means over squares of `times` pixels that are valid throughout."""
+
+    def blocks(image: NDArray) -> NDArray:
+        rows, columns = (length // times for length in image.shape[:2])
+        return image[: rows * times, : columns * times].reshape(rows, times, columns, times, *image.shape[2:])
+
+    photographs = []
+    for one in capture.photographs:
+        camera, mask = one.camera, blocks(one.mask).all(axis=(1, 3))
+        (ax, ay), (x0, y0) = camera.focal, camera.principal
+        camera = replace(camera, focal=(ax / times, ay / times), principal=(x0 / times, y0 / times))
+        camera = replace(camera, width=camera.width // times, height=camera.height // times)
+        values = blocks(np.where(one.mask[..., None], one.values, 0.0)).mean(axis=(1, 3))
+        variance = blocks(np.where(one.mask[..., None], one.variance, 1.0)).mean(axis=(1, 3)) / times**2
+        values, variance = values.astype(np.float32), variance.astype(np.float32)
+        photographs.append(replace(one, values=values, variance=variance, mask=mask, camera=camera))
+    return replace(capture, photographs=tuple(photographs))
 
 
 def sphere_normals(folder: str | Path, name: str = "gray") -> Array:

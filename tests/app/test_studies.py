@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from studies.relit_limits import COLUMNS, page, shrunk
+from studies.relit_limits import COLUMNS, page
+from studies.uw_psm import shrunk
 
 STUDIES = Path(__file__).parents[2] / "studies"
 FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
@@ -91,7 +92,7 @@ def test_every_exception_is_a_study():
 def test_photographs_are_averaged_over_squares_that_are_valid_throughout():
     """Of 7 × 5 pixels 3 × 2 squares are left; the variance of a mean is that of a value over their number."""
     camera = hg.Camera(5, 7, (100.0, 100.0), (2.5, 3.5))
-    values = np.arange(105.0).reshape(7, 5, 3)
+    values = np.arange(105, dtype=np.float32).reshape(7, 5, 3)
     mask = np.ones((7, 5), bool)
     mask[0, 3] = False
     photograph = hg.Photograph(
@@ -99,8 +100,8 @@ def test_photographs_are_averaged_over_squares_that_are_valid_throughout():
     )
     (small,) = shrunk(hg.Capture((photograph,), "of one"), 2).photographs
     assert small.mask.tolist() == [[True, False], [True, True], [True, True]]
-    np.testing.assert_allclose(small.values[1, 0], values[2:4, :2].mean(axis=(0, 1)))
-    np.testing.assert_allclose(small.variance[small.mask], 0.1)
+    np.testing.assert_allclose(small.values[1, 0], values[2:4, :2].mean(axis=(0, 1)), rtol=1e-6)
+    np.testing.assert_allclose(small.variance[small.mask], 0.1, rtol=1e-6)
     assert (small.camera.width, small.camera.height, small.camera.focal) == (2, 3, (50.0, 50.0))
 
 
