@@ -13,12 +13,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import psutil
+
 from fuzz.judge import FAULT, READ, REFUSED
 from fuzz.readers import READERS
 from fuzz.worker import GOOD, Job
 
 COUNT = 60  # mutations of a reader at a time
-HANG_S = 120.0  # a single file that takes longer is called a hang
+HANG_S = 120.0  # of computing: a single file that takes longer is called a hang
+WAIT_S = 20 * HANG_S  # that a file may take by the clock, on a machine that has much else to do
 ROOT = Path(__file__).resolve().parents[1]
 Try = dict[str, Any]  # reader, seed, outcome, kind, text
 
@@ -80,16 +83,18 @@ def _watched(command: list[str], results: Path) -> str:
     now = results.with_suffix(".now")
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, stdout=said, stderr=said, cwd=ROOT)
-        seen, since = "", time.monotonic()
+        watched = psutil.Process(process.pid)
+        seen, since, used = "", time.monotonic(), 0.0
         while True:
             try:
                 process.wait(1.0)
                 break
             except subprocess.TimeoutExpired:
                 at = now.read_text() if now.exists() else ""
+                computed = sum(watched.cpu_times()[:2])
                 if at != seen:
-                    seen, since = at, time.monotonic()
-                elif time.monotonic() - since > HANG_S:
+                    seen, since, used = at, time.monotonic(), computed
+                elif computed - used > HANG_S or time.monotonic() - since > WAIT_S:
                     process.kill()
                     process.wait()
                     return f"hang of {HANG_S:.0f} s"

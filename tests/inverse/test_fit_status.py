@@ -11,7 +11,7 @@ from hagoromo.calibration.lamps.ball import fit_ball
 from hagoromo.calibration.lamps.regression import robust_regression
 from hagoromo.calibration.lamps.uncalibrated import bas_relief, integrability, low_rank, refined, self_calibrate
 from hagoromo.calibration.response import calibrate_response as response
-from hagoromo.calibration.response import positive_curve
+from hagoromo.calibration.response import curve_evidence
 from hagoromo.errors import InputError
 from hagoromo.least_squares import Status
 from hagoromo.measurement.gloss import gloss_law, gloss_spread, pixel_gloss
@@ -158,7 +158,7 @@ def test_a_response_whose_smoothness_is_not_settled_says_so(monkeypatch):
     matrix = np.random.default_rng(0).random((20, len(wavelengths)))
     readings = {"R": matrix @ np.exp(-0.5 * ((wavelengths - 550.0) / 40.0) ** 2)}
     assert not response.solve_response(wavelengths, matrix, readings).remarks()
-    monkeypatch.setattr(positive_curve, "EVIDENCE_STEPS", 5)
+    monkeypatch.setattr(curve_evidence, "EVIDENCE_STEPS", 5)
     found = response.solve_response(wavelengths, matrix, readings)
     assert found.statuses[0].status == Status.OUT_OF_STEPS
     assert "the fit of channel R did not converge" in found.remarks()[0]
