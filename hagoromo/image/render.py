@@ -63,6 +63,8 @@ def render(
     """
     if mode not in MODES:
         raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
+    if settings is not None:
+        _check_mode(settings, mode)
     if scheduler is not None:
         if mode != "march":
             raise InputError(f"mode is {mode!r} with a scheduler: only march is rendered by many processes")
@@ -70,11 +72,12 @@ def render(
 
         return render_on(scheduler, scene, settings, progress)
     if not isinstance(scene, Scene):
-        from hagoromo.image.scene_file import load_for_picture  # only a file needs the readers of boxes and cameras
+        # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
+        from hagoromo.image.scene_file import load_for_picture, load_scene
 
-        scene, settings = load_for_picture(scene, settings)
+        loaded, stated = load_for_picture(scene, settings) if mode == "march" else load_scene(scene)
+        scene, settings = loaded, settings or stated
     settings = settings or Settings()
-    _check_mode(settings, mode)
     if mode == "path":
         from hagoromo.image.path_picture import path_picture  # the march does without
 
@@ -88,10 +91,11 @@ def render(
 
 
 def _check_mode(settings: Settings, mode: str) -> None:
-    """`InputError` for settings of random walks where there are none."""
-    given = [key for key in ("orders", "error", "seconds") if getattr(settings, key) is not None]
-    if given and mode == "march":
-        raise InputError(f"{given[0]} is for mode path, and the mode is march: leave it out, or render by path")
+    """`InputError` for settings that the mode does not heed."""
+    heeded = {"march": (), "full": ("orders",), "path": ("orders", "error", "seconds")}[mode]
+    given = [key for key in ("orders", "error", "seconds") if getattr(settings, key) is not None and key not in heeded]
+    if given:
+        raise InputError(f"{given[0]} is for mode path, and the mode is {mode}: leave it out, or render by path")
 
 
 def picture(

@@ -25,10 +25,10 @@ class Settings:
     can be changed afterwards (`Image.with_lamps`); otherwise lamps of one spectrum share them. Memory grows with the
     number of lamps, and time a little.
 
-    Of mode path only: orders are events of a walk at most, 1 being light that is scattered once; None: all of them.
-    error: walks go on until the noise of Y, root mean square over its mean where there is matter, is estimated to be
-    this. seconds: walks go on for about this time; how many it has is then not the same in every run. With either,
-    `samples` is the least number of walks a pixel.
+    Of modes path and full: orders are those of light at most, 1 being light that is scattered once; None: all of them.
+    Of mode path: error is where to stop, the noise of Y, root mean square over its mean where there is matter; seconds
+    is for how long to go on, about: how many walks those are differs from run to run. With either, `samples` is the
+    least number of walks a pixel.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'

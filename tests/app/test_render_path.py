@@ -1,0 +1,28 @@
+"""`render --mode path` on the command line, and what it refuses."""
+
+import numpy as np
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+
+
+def test_a_scene_is_rendered_in_all_orders_and_exposed_again(scene, tmp_path):
+    picture, warm = tmp_path / "a.exr", tmp_path / "b.exr"
+    command = ["render", str(scene()), "--mode", "path", "--samples", "4", "--seed", "3", "--separate-lamps"]
+    assert main([*command, "--out", str(picture)]) == 0
+    image = hg.read_image(picture)
+    assert image.metadata["mode"] == "path" and image.metadata["walks"] == 4 and len(image.palette.bands) >= 3
+    assert image.variance is not None and np.isfinite(image.variance).all()
+    assert main(["expose", str(picture), "--spectrum", "key=A", "--out", str(warm)]) == 0
+    assert not np.allclose(hg.read_image(warm).linear_srgb(), image.linear_srgb())
+
+
+def test_settings_of_walks_are_refused_where_there_are_none(refused, scene, tmp_path):
+    for more in (("--error", 0.05), ("--time", 3)):
+        assert "is for mode path" in refused("render", scene(), "--out", tmp_path / "a.exr", *more)
+    assert "error is 2" in refused("render", scene(), "--out", tmp_path / "a.exr", "--mode", "path", "--error", 2)
+
+
+def test_a_box_that_gains_light_is_refused_by_what_it_is_and_what_to_do(refused, scene, box, tmp_path):
+    said = refused("render", scene(more='[[box]]\nfile = "slab.zarr"\n'), "--mode", "path", "--out", tmp_path / "a.exr")
+    assert "'slab' has isotropic extinction" in said and 'set extinction = "projected"' in said
