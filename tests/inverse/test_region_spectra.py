@@ -12,9 +12,9 @@ import pytest
 import hagoromo as hg
 from hagoromo.app import spectra_verb
 from hagoromo.app.cli import main
-from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.calibration.response.chart import read_chart
 from hagoromo.files.picture import read_picture
+from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.reflectance.spectra.bounded_spectra import within_bounds
 from hagoromo.reflectance.spectra.prior_families import family
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, apart, surfaces

@@ -19,7 +19,10 @@ BAND, LINE, TRUTH = "#9fb4cc", "#1a1a1a", "#c00000"
 def spectra_plot(
     estimates: Mapping[str, SpectrumEstimate], form: str = "png", truth: Mapping[str, Sequence[float]] | None = None
 ) -> bytes:
-    """Picture ("png" or "svg") of the first spectra with their 95 % bands, a panel each, in one scale; with colours under D65."""
+    """Picture ("png" or "svg") of the first spectra with their 95 % bands, a panel each, in one scale.
+
+    Panels have the spectrum's colour under D65.
+    """
     picture = io.BytesIO()
     metadata = {"Software": None} if form == "png" else {"Date": None}
     spectra_figure(estimates, truth).savefig(picture, format=form, metadata=metadata)
