@@ -3,6 +3,8 @@
 The spectra here are of the prior's own set, kept out of it by turns: nothing is tested that was learnt.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from hagoromo.reflectance.spectra.spectrum_estimate import (
     reading_matrix,
     reflectance_spectrum,
 )
+from hagoromo.reflectance.spectra.spectrum_map import estimate_spectra
 
 NOISE = 0.003
 DAYLIGHT, TUNGSTEN = Spectrum.named("D65"), Spectrum.named("A")
@@ -86,6 +89,21 @@ def test_the_class_is_chosen_by_evidence():
     assert grey.probability["greys"] > 0.9
     assert reflectance_spectrum([_reading(red, DAYLIGHT, camera)], priors).probability["surfaces"] > 0.999
     assert sum(grey.probability.values()) == pytest.approx(1.0)
+
+
+def test_a_class_weighs_as_its_odds_before_the_readings():
+    """A grey, alone and in a picture: the ratio of the probabilities of two classes rises by their odds."""
+    priors = [ReflectancePrior.load(name) for name in ("smooth", "skin")]
+    matrix = reading_matrix(DAYLIGHT, Response.load("canon_eos_300d"))
+    values, errors = matrix @ np.full(31, 0.4), np.full(3, 0.01)
+    ratios = []
+    for odds in (1.0, 7.0):
+        classes = [replace(priors[0], odds=odds), priors[1]]
+        one = estimate_spectrum(matrix, values, np.diag(errors**2), classes)
+        many = estimate_spectra(matrix, values[None], errors, classes).probability[0]
+        ratios.append(one.probability["smooth"] / one.probability["skin"])
+        np.testing.assert_allclose(many, list(one.probability.values()), atol=1e-3)
+    assert ratios[1] == pytest.approx(7.0 * ratios[0], rel=1e-6)
 
 
 def test_spectra_stay_within_their_bounds():

@@ -100,7 +100,7 @@ def spectra(
     image = _image(pictures, whites, matrix, chosen, upper) if whole_image else None
     assumed += [
         f"the light on a region is that on the white to {100 * illumination:g} %",
-        f"priors {', '.join(prior.name for prior in chosen)}, equally probable before the readings",
+        f"priors {', '.join(f'{prior.name} ({prior.odds:.2g})' for prior in chosen)}: odds before the readings",
         f"spectra lie within 0 and {upper:g} of a perfect white",
     ]
     counts = {name: int(mask.sum()) for name, mask in regions.items()}

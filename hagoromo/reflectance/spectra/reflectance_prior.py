@@ -22,9 +22,11 @@ NEIGHBOURS = 20
 SPREAD = 0.5  # variance of a Gaussian, in units of its neighbours' mean squared distance along each direction
 COMMON = 0.03  # share of it along the principal directions of all spectra
 FINE = 0.002  # standard deviation of white detail that no neighbour has, of a spectrum of mean 1
+# How likely it is before the readings that a surface is of one drawn family, or smooth and no more, over measured ones.
+ODDS_OF_DRAWN = 1.0 / 6.0
 # Of the narrow and the wide Gaussian about a spectrum: factor of `SPREAD`, and standard deviations of the ends of the
 # spectrum, where few cameras look and dyes open up, and of smooth detail that no neighbour has.
-PARTS = ((1.0, 0.0, 0.0), (3.0, 1.0, 0.05))
+PARTS = ((1.0, 0.0, 0.0), (3.0, 1.0, 0.1))
 UNLIKE_CLASS, UNLIKE_SURFACES = 0.15, 0.3  # weight of the wide Gaussians: of one class of surfaces, of all surfaces
 RED_END, VIOLET_END = (700.0, 25.0), (400.0, 15.0)  # centre and width of the ends [nm]
 VIOLET_SHARE = 0.1  # of the variance of the red end
@@ -40,13 +42,14 @@ class ReflectancePrior:
     """A mixture over the shape of a spectrum on `WAVELENGTHS`.
 
     centres: (parts, wavelengths), of mean 1. covariances: (parts, wavelengths, wavelengths), positive definite.
-    weights: (parts,), of sum 1; None: all alike.
+    weights: (parts,), of sum 1; None: all alike. odds: how likely the class is before the readings, over another of 1.
     """
 
     name: str
     centres: NDArray[np.float64]
     covariances: NDArray[np.float64]
     weights: NDArray[np.float64] | None = None
+    odds: float = 1.0
 
     @property
     def log_weights(self) -> NDArray[np.float64]:
@@ -56,13 +59,13 @@ class ReflectancePrior:
 
     @staticmethod
     def from_spectra(
-        name: str, spectra: ArrayLike, unlike: float = UNLIKE_CLASS, model_error: float = 0.0
+        name: str, spectra: ArrayLike, unlike: float = UNLIKE_CLASS, model_error: float = 0.0, odds: float = 1.0
     ) -> ReflectancePrior:
         """Learnt from `spectra` (n, wavelengths) on `WAVELENGTHS`, four or more, none of them black.
 
         unlike: weight of surfaces that are less like the spectra than these are like each other, 0…1: larger where they
         are a sample of many classes. model_error: standard deviation of smooth detail that the spectra lack, of mean 1;
-        0 for measured ones.
+        0 for measured ones. odds: see the class.
         """
         measured = np.asarray(spectra, np.float64)
         if measured.ndim != 2 or measured.shape[1] != len(WAVELENGTHS) or len(measured) < FEWEST:
@@ -78,7 +81,7 @@ class ReflectancePrior:
         spread = SPREAD * ((1.0 - COMMON) * local + COMMON * np.cov(centres.T))
         parts = [wide * spread + _unshared(ends, np.hypot(detail, model_error)) for wide, ends, detail in PARTS]
         weights = np.repeat([(1.0 - unlike) / len(centres), unlike / len(centres)], len(centres))
-        return ReflectancePrior(name, np.concatenate([centres] * len(PARTS)), np.concatenate(parts), weights)
+        return ReflectancePrior(name, np.concatenate([centres] * len(PARTS)), np.concatenate(parts), weights, odds)
 
     @staticmethod
     def load(source: str | Path) -> ReflectancePrior:
@@ -104,7 +107,7 @@ PRIORS = ("surfaces", "smooth", *FAMILIES)  # names that `ReflectancePrior.load`
 
 @cache
 def _family(name: str) -> ReflectancePrior:
-    return ReflectancePrior.from_spectra(name, family(name), UNLIKE_SURFACES, MODEL_ERROR)
+    return ReflectancePrior.from_spectra(name, family(name), UNLIKE_SURFACES, MODEL_ERROR, ODDS_OF_DRAWN)
 
 
 def _unshared(ends: float, detail: float) -> NDArray[np.float64]:
@@ -124,5 +127,8 @@ def _surfaces() -> ReflectancePrior:
 def _smooth() -> ReflectancePrior:
     off = WAVELENGTHS[:, None] - WAVELENGTHS
     kernels = [h**2 * np.exp(-0.5 * (off / width) ** 2) for h in SMOOTH_HEIGHTS for width in SMOOTH_WIDTHS]
-    covariances = np.array(kernels) + FINE**2 * np.eye(len(WAVELENGTHS))
-    return ReflectancePrior("smooth", np.ones((len(kernels), len(WAVELENGTHS))), covariances)
+    narrow = np.array(kernels) + FINE**2 * np.eye(len(WAVELENGTHS))
+    wide = np.array(kernels) + _unshared(PARTS[-1][1], 0.0)  # dyes open up at the red end
+    weights = np.repeat([(1.0 - UNLIKE_SURFACES) / len(kernels), UNLIKE_SURFACES / len(kernels)], len(kernels))
+    centres = np.ones((2 * len(kernels), len(WAVELENGTHS)))
+    return ReflectancePrior("smooth", centres, np.concatenate([narrow, wide]), weights, ODDS_OF_DRAWN)

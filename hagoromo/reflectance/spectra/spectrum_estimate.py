@@ -63,7 +63,8 @@ class SpectrumEstimate:
     wavelengths: (n,) [nm]. values: (n,), the posterior mean, within the bounds. covariance:
     (n, n). log_evidence: prior → log p(readings | prior), up to a constant. probability: prior → its weight.
     chi_square: of the readings from the nearest part of the priors, in their joint covariance; readings: their number;
-    NaN and 0 where not known. over: how far the mean without bounds lies above `upper`, at most. limit_cost: by how
+    NaN and 0 where not known. over: how far the mean without bounds lies above `upper`, at most,
+    where the spectrum reaches it. limit_cost: by how
     much χ² of the readings rises because the spectrum is kept within its bounds.
     """
 
@@ -124,7 +125,8 @@ def reflectance_spectrum(
 ) -> SpectrumEstimate:
     """Reflectance spectrum of one surface from `readings`, one per lamp, filter or camera.
 
-    priors: of the classes that it may belong to, with equal prior probability; "surfaces" and "smooth" by default.
+    priors: of the classes that it may belong to, as likely before the readings as their `odds`; "surfaces" and
+    "smooth" by default.
     upper: bound of the spectrum; infinite where readings are relative. Raises `InputError` without a reading, for
     readings whose mean is not above 0, and when the bounded fit does not converge. Warns as `remarks` says.
 
@@ -177,7 +179,8 @@ def estimate_spectrum(
         raise InputError(f"readings of mean {brightness:.3g} give no spectrum: give readings above the noise")
     posteriors = [_posterior(prior, matrix, values / brightness, covariance / brightness**2) for prior in priors]
     evidence = np.array([part.log_evidence for part in posteriors])
-    weight = np.exp(evidence - evidence.max())
+    log = evidence + np.log([prior.odds for prior in priors])
+    weight = np.exp(log - log.max())
     weight /= weight.sum()
     mean, spread = _mixture(
         weight, np.array([p.mean for p in posteriors]), np.array([p.covariance for p in posteriors])
@@ -195,7 +198,7 @@ def estimate_spectrum(
         probability,
         min(part.chi_square for part in posteriors),
         len(values),
-        max(float(mean.max()) - upper, 0.0),
+        max(float(mean.max()) - upper, 0.0) if within.max() >= upper else 0.0,
         max(cost, 0.0),
     )
 

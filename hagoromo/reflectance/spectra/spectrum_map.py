@@ -20,8 +20,8 @@ from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import BRIGHTNESS, read_parts, unexplained_above
 
-BLOCK = 256  # cells of like colour that are estimated together
-CELL, NOISES = 0.015, 3.0  # side of a cell, of readings of mean 1: the larger of this and so many times their noise
+BLOCK = 128  # cells of like colour that are estimated together
+CELL, NOISES = 0.015, 5.0  # side of a cell, of readings of mean 1: the larger of this and so many times their noise
 SORTING = 4.0  # side of the larger cells by which cells are sorted, in sides of a cell
 NOISE_STEP = 1.5  # pixels of a cell differ in their relative noise by less; they are given its root mean square
 LIGHTEST = 1e-5  # least weight of a part of the mixture that takes part in a block, in one of its cells
@@ -148,6 +148,10 @@ class _Tables(NamedTuple):
     square: Array
     inverse: Array
 
+    def some(self, parts: NDArray[np.int64]) -> _Tables:
+        """Those of these parts only."""
+        return _Tables(self.log[:, parts], self.square[:, parts], self.inverse[parts])
+
 
 class _Mixture(NamedTuple):
     """The parts of all priors, through the readings: see `Parts`; before: covariance of each (p, n, n)."""
@@ -174,7 +178,7 @@ class _Mixture(NamedTuple):
             np.concatenate([part.expected for part in parts]),
             np.concatenate([part.gain for part in parts]),
             np.concatenate(before),
-            np.concatenate([prior.log_weights for prior in priors]),
+            np.concatenate([prior.log_weights + np.log(prior.odds) for prior in priors]),
             owner,
         )
 
@@ -221,41 +225,43 @@ def _estimate_cells(mixture: _Mixture, matrix: Array, shape: Array, variance: Ar
     )
     for start in range(0, count, BLOCK):
         block = slice(start, start + BLOCK)
-        noise = variance[block].mean(axis=0)
-        active = _active(mixture.tables(matrix, noise), shape[block])
+        tables = mixture.tables(matrix, variance[block].mean(axis=0))
+        active = _active(tables, shape[block])
         parts = {name: part[block] for name, part in found._asdict().items() if name != "covariance"}
-        _estimate_block(mixture.some(active), matrix, shape[block], noise, found._replace(**parts))
+        _estimate_block(mixture, active, tables.some(active), shape[block], found._replace(**parts))
         found.nearest[block] = active[found.nearest[block]]
     return found
 
 
-def _estimate_block(mixture: _Mixture, matrix: Array, shape: Array, noise: Array, found: _Cells) -> None:
-    """Estimate cells of like colour and noise, and write them to `found`."""
-    tables = mixture.tables(matrix, noise)
+def _estimate_block(mixture: _Mixture, active: NDArray[np.int64], tables: _Tables, shape: Array, found: _Cells) -> None:
+    """Estimate cells of like colour and noise by the `active` parts, of these `tables`, and write them to `found`."""
+    centres, expected, prior_gain, owner = (
+        part[active] for part in (mixture.centres, mixture.expected, mixture.gain, mixture.owner)
+    )
     features = _features(shape)
     weight = _weights(features @ tables.log)
-    gain = mixture.gain @ tables.inverse
+    gain = prior_gain @ tables.inverse
     middle = shape.mean(axis=0)
-    at_middle = mixture.centres + np.einsum("pna,pa->pn", gain, middle - mixture.expected)
+    at_middle = centres + (gain @ (middle - expected)[..., None])[..., 0]
     base = weight.mean(axis=0) @ at_middle  # single precision holds differences from it
-    table = np.concatenate([(at_middle - base)[..., None], gain], axis=2)  # (p, n, 1 + m)
+    table = np.concatenate([(at_middle - base)[..., None], gain], axis=2).astype(np.float32)  # (p, n, 1 + m)
     off = np.hstack([np.ones((len(shape), 1)), shape - middle]).astype(np.float32)
     weighted = _contracted(weight, table)
     mean = _dot(weighted, off)
     rows, columns = np.triu_indices(off.shape[1])
-    twice = np.where(rows == columns, 1.0, 2.0)
+    twice = np.where(rows == columns, 1.0, 2.0).astype(np.float32)
     square = _contracted(weight, twice * table[..., rows] * table[..., columns])
     between = np.maximum(_dot(square, off[:, rows] * off[:, columns]) - mean**2, 0.0)
-    within = np.einsum("pnn->pn", mixture.before) - np.einsum("pna,pna->pn", gain, mixture.gain)
+    within = np.einsum("pnn->pn", mixture.before)[active] - (gain * prior_gain).sum(axis=2)
     found.mean[:] = base + mean
     found.variance[:] = weight @ within.astype(np.float32) + between
     found.slope[:] = weighted[..., 1:]
     for channel in range(shape.shape[1]):  # g_p = −(A K_p Aᵀ + noise)⁻¹ (y − A c_p)
         row = tables.inverse[:, channel]
-        pull = weight * (np.sum(row * mixture.expected, axis=1) - shape @ row.T).astype(np.float32)
+        pull = weight * (np.sum(row * expected, axis=1) - shape @ row.T).astype(np.float32)
         found.slope[..., channel] += _dot(_contracted(pull, table), off) - mean * pull.sum(axis=1, keepdims=True)
-    for prior in np.unique(mixture.owner):
-        found.probability[:, prior] = weight[:, mixture.owner == prior].sum(axis=1)
+    for prior in np.unique(owner):
+        found.probability[:, prior] = weight[:, owner == prior].sum(axis=1)
     found.nearest[:] = (features @ tables.square).argmin(axis=1)
 
 
@@ -266,7 +272,7 @@ def _weights(logs: Array) -> NDArray[np.float32]:
 
 def _contracted(weight: NDArray, table: Array) -> NDArray[np.float32]:
     """Σ_p weight (cells, p) · table (p, n, f): (cells, n, f)."""
-    return (weight @ table.reshape(len(table), -1).astype(np.float32)).reshape(-1, *table.shape[1:])
+    return (weight @ table.reshape(len(table), -1).astype(np.float32, copy=False)).reshape(-1, *table.shape[1:])
 
 
 def _dot(table: NDArray, features: NDArray) -> NDArray[np.float32]:
