@@ -25,8 +25,8 @@ from hagoromo.image.settings import Settings
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Palette
-from hagoromo.transport.path.bands import bands_of
+from hagoromo.transport.lighting import Palette, distinct
+from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
 from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers
 from hagoromo.transport.path.scatter import Scattering
@@ -36,6 +36,8 @@ WALKS_AT_ONCE = 1 << 18  # of one launch; progress is reported, and an interrupt
 ALL_ORDERS = 2**32 - 1
 FIRST_WALKS = 16  # a pixel, from which the error is estimated first
 MOST_WALKS = 1 << 20  # a pixel
+LARGEST_ALBEDO = 1.002  # of voxels, whose colours are halves
+BRICKS_READ = 1 << 12  # at once
 
 
 def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) -> Image:
@@ -45,12 +47,15 @@ def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) 
     """
     for box in scene.boxes:
         check_matter(box)
-    batches = lamp_batches(scene.lamps)
-    cache, parts = SceneCache(), []
+    batches, cache, parts = lamp_batches(scene.lamps), SceneCache(), []
+    reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
+    basis = [spectrum for box in scene.boxes for spectrum in box.basis]
+    bands = bands_of(albedos(reflectances, basis), distinct([lamp.spectrum for lamp in scene.lamps]))
+    scattered = _Scattered(reflectances, bands, scene.lamps[0].spectrum)
     for number, batch in enumerate(batches):
         lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
         part = part_of(progress, number / len(batches), 1.0 / len(batches))
-        parts.append(_under_one_batch(lit, settings, cache, number, 1.0 / len(batches), part))
+        parts.append(_under_one_batch(lit, settings, cache, scattered, (number, 1.0 / len(batches)), part))
     if len(parts) == 1:
         return parts[0]
     palette = parts[0].palette.with_lamps(scene.lamps, settings.separate_lamps)
@@ -58,8 +63,18 @@ def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) 
     for batch, part in zip(batches, parts, strict=True):
         total.add(batch, part.palette, part.weights)
     record = metadata(scene, settings) | {key: parts[0].metadata[key] for key in ("mode", "bands_error")}
-    variance = sum((part.variance for part in parts if part.variance is not None), np.zeros(1, np.float32))
+    variances = [part.variance for part in parts if part.variance is not None]
+    variance = np.asarray(np.sum(variances, axis=0), np.float32) if len(variances) == len(parts) else None
     return Image(total.values, parts[0].alpha, palette, record, variance)
+
+
+@dataclass(frozen=True)
+class _Scattered:
+    """What all batches of lamps have in common: reflectances, bands, and the lamp that Y is counted from."""
+
+    reflectances: list[Reflectance]
+    bands: Bands
+    white: Spectrum
 
 
 def check_matter(box: VolumeBox) -> None:
@@ -70,21 +85,43 @@ def check_matter(box: VolumeBox) -> None:
             f"volume box {box.name!r} has isotropic extinction, by which a {elements[0]} that is lit again sends back "
             'more light than it takes: set extinction = "projected"'
         )
+    if box.basis and (albedo := largest_albedo(box)) > LARGEST_ALBEDO:
+        raise InputError(
+            f"volume box {box.name!r}: its voxels send back up to {albedo:.3g} of the light at some wavelength: lower "
+            "their body colours, or alpha"
+        )
+
+
+def largest_albedo(box: VolumeBox) -> float:
+    """Largest albedo of the body colours of a box's voxels, with the largest α of its materials and their interface."""
+    wavelengths = np.linspace(400.0, 700.0, 31)
+    basis = np.array([spectrum.at(wavelengths) for spectrum in box.basis])
+    brightest = 0.0
+    for begin in range(0, box.bricks.kept, BRICKS_READ):
+        held = box.bricks.read(begin, min(begin + BRICKS_READ, box.bricks.kept))
+        colours = held["colour"][held["density"] > 0.0][:, : len(basis)].astype(np.float32)
+        brightest = max(brightest, float((colours @ basis).max(initial=0.0)))
+    sent = [(math.pi * m.alpha * brightest, m.interface_albedo) for m in box.materials]
+    return max(body + interface for body, interface in sent)
 
 
 def _under_one_batch(
-    scene: Scene, settings: Settings, cache: SceneCache, batch: int, share: float, progress: Progress
+    scene: Scene,
+    settings: Settings,
+    cache: SceneCache,
+    scattered: _Scattered,
+    batch: tuple[int, float],
+    progress: Progress,
 ) -> Image:
-    """`share`: of the time that the picture may take."""
+    """batch: its number, and its share of the time that the picture may take."""
+    bands, (number, share) = scattered.bands, batch
     prepared = PreparedScene(scene, replace(settings, shadows="none"), cache)
-    reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
-    bands = bands_of(albedos(reflectances, [s for box in scene.boxes for s in box.basis]), prepared.palette.lamps)
     palette = replace(prepared.palette, bands=bands.spectra)
-    scattering = Scattering(reflectances, prepared.lighting.materials)
+    scattering = Scattering(scattered.reflectances, prepared.lighting.materials)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
     walks = Walks(matter, prepared.surfaces, prepared.first_on_surface, prepared.lighting, scattering, bands)
-    sums = Sums(scene.camera.height, scene.camera.width, palette)
-    stream = _Stream(prepared, walks, settings, batch)
+    sums = Sums(scene.camera.height, scene.camera.width, palette, scattered.white)
+    stream = _Stream(prepared, walks, settings, number)
     stop, walks_so_far = Stop(settings, share), 0
     while (wanted := stop.wanted(sums, walks_so_far)) > walks_so_far:
         for begin, end, sample, count in _launches(sums.pixels, walks_so_far, wanted):
@@ -176,11 +213,12 @@ class Stop:
 class Sums:
     """Sums over walks of the weights, the coverage, and the square of Y, of every pixel."""
 
-    def __init__(self, height: int, width: int, palette: Palette) -> None:
+    def __init__(self, height: int, width: int, palette: Palette, white: Spectrum) -> None:
+        """`white`: see `luminance`."""
         self.size, self.pixels, self.palette = (height, width), height * width, palette
         require(8.0 * self.pixels * (palette.channels + 2), f"an image of {width} × {height} pixels")
         self.values, self.squares = np.zeros((self.pixels, palette.channels + 1)), np.zeros(self.pixels)
-        self.luminance = luminance(palette)
+        self.luminance = luminance(palette, white)
 
     def add(self, begin: int, end: int, values: NDArray[np.float32]) -> None:
         """Add walks: (pixels, walks, channels + 1)."""
@@ -207,8 +245,8 @@ class Sums:
         return math.sqrt(float(variance.ravel()[seen].mean())) / mean if variance is not None and mean > 0.0 else 0.0
 
 
-def luminance(palette: Palette) -> NDArray[np.float64]:
-    """Y of `Image.xyz` of one unit of each weight: (channels,)."""
-    observer, white = Response.load("cie1931"), Spectrum.constant(1.0)
-    scale = response_matrix([white], palette.lamps[0], observer)[1, 0]
+def luminance(palette: Palette, white: Spectrum) -> NDArray[np.float64]:
+    """Y of `Image.xyz` of one unit of each weight: (channels,); `white`: the spectrum of the picture's first lamp."""
+    observer = Response.load("cie1931")
+    scale = response_matrix([Spectrum.constant(1.0)], white, observer)[1, 0]
     return np.concatenate([response_matrix(palette.colours, lamp, observer)[1] for lamp in palette.lamps]) / scale

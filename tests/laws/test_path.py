@@ -313,7 +313,7 @@ def test_the_variance_of_a_picture_is_that_of_its_mean():
     """Of Y: that of independent draws over their number, whichever way they are added."""
     draws = np.random.default_rng(18).exponential(size=(6, 50, 5)).astype(np.float32)
     lamps = [hg.Lamp(to_lamp=LAMP), hg.Lamp(to_lamp=EYE, spectrum=BLUE)]
-    sums = path_picture.Sums(2, 3, Palette((RED,), (GREY,), ()).with_lamps(lamps))
+    sums = path_picture.Sums(2, 3, Palette((RED,), (GREY,), ()).with_lamps(lamps), lamps[0].spectrum)
     for begin in (0, 4):
         for part in (slice(0, 20), slice(20, 50)):
             sums.add(begin, begin + 4, draws[begin : begin + 4, part])
@@ -411,3 +411,34 @@ def test_lamps_are_drawn_by_what_they_give():
     off = np.abs(light.mean(axis=1)[..., :2] - marched)
     assert (error > 0.0).sum() > 100
     assert (off < 4.2 * error + 1e-4 * marched.max()).all()  # of 240 figures
+
+
+def test_many_lamps_of_many_colours_are_a_sum_of_batches(monkeypatch):
+    """Batches have one set of bands, and a variance of Y counted from the first lamp; as one batch, to the noise."""
+    sphere = hg.Surface.sphere((0.0, 0.0, 0.0), 0.5, hg.Reflectance(0.2, 0.0, 0.2, 1.5, RED))
+    camera = hg.Camera(8, 8, (20.0, 20.0), (4.0, 4.0)).look_at((0.0, -0.2, 0.1), (0.0, 0.3, 0.0))
+    lamps = [hg.Lamp(position=(0.1 * k, 0.0, 0.1), spectrum=each) for k, each in enumerate((STEP, GREY, BLUE))]
+    scene = hg.Scene(camera, tuple(lamps), surfaces=(sphere,))
+    whole = hg.render(scene, hg.Settings(samples=64), mode="path")
+    monkeypatch.setattr("hagoromo.image.lamp_batches.LAMPS_AT_ONCE", 2)
+    parts = hg.render(scene, hg.Settings(samples=64), mode="path")
+    assert parts.palette.channels == whole.palette.channels and parts.variance is not None
+    y, other = (picture.xyz()[..., 1].mean() for picture in (parts, whole))
+    assert y == pytest.approx(other, rel=0.03)
+    assert 0.3 < np.sqrt(parts.variance.mean() / whole.variance.mean()) < 1.5  # type: ignore[union-attr]
+
+
+def test_voxels_that_send_back_more_than_they_take_are_refused():
+    box = cube(matter("sphere", 0.3), 4.0)
+    for value, good in ((1.0, True), (1.2, False)):
+        colour = np.zeros((3, 3, 3, 4))
+        colour[..., 0] = value
+        axes = np.broadcast_to(AXIS, (3, 3, 3, 3))
+        coloured = hg.VolumeBox.from_arrays(
+            np.ones((3, 3, 3)), axes, SIDE / 3, box.tau, box.materials, body_colour=colour, basis=(GREY,), name="dyed"
+        )
+        if good:
+            hg.render(scene_of([coloured]), mode="path")
+            continue
+        with pytest.raises(hg.InputError, match=r"'dyed': its voxels send back up to 1\.13 of the light"):
+            hg.render(scene_of([coloured]), mode="path")
