@@ -26,7 +26,7 @@ SIDES = (640, 1600)  # [px] of the longer side of the pictures in which circles 
 FEWEST_LAMPS = 4  # fewer lamps cannot tell a lamp's image from another bright spot
 LEAST_RADIUS, LARGEST_RADIUS = 9.0, 0.5  # [px] of the smaller pictures; of their shorter side
 CIRCLES = 12  # proposals taken from each picture, the strongest first
-CANNY, VOTES = 60.0, 14.0  # thresholds of OpenCV's Hough transform: gradient of an edge, and votes for a centre
+COARSE, CANNY, VOTES = 1.5, 60.0, 14.0  # of OpenCV's transform: size of a cell [px], gradient of an edge, votes
 MIRRORED = 0.9  # share of the photographs that show a lamp's image on a ball
 TRIED = 8  # photographs in which all proposals are tried, before the rest
 SMALLEST_SPECK = 4  # pixels that a lamp's image may always have
@@ -79,6 +79,8 @@ def _edged(ball: Ball, small: _Pictures, large: _Pictures) -> Ball | None:
     edged = refined(ball, small.shown)
     if edged.source != "photographs" or not _mirrors(edged, small.shown):
         return None
+    if large.scale == small.scale:
+        return edged
     edged = refined(_scaled(edged, large.scale / small.scale, large.camera), large.shown)
     return _scaled(edged, small.scale / large.scale, small.camera) if edged.source == "photographs" else None
 
@@ -134,8 +136,9 @@ def _proposed(pictures: _Pictures) -> list[Ball]:
     for picture in (np.sqrt(mean), np.sqrt(every.max(axis=0)), np.sqrt(every.std(axis=0)), np.sqrt(every.min(axis=0))):
         low, high = np.percentile(picture, [1.0, 99.0])
         shown = np.clip((picture - low) * (255.0 / max(float(high - low), 1e-6)), 0.0, 255.0).astype(np.uint8)
+        smooth = cv2.GaussianBlur(cv2.medianBlur(shown, 5), (0, 0), 1.0)  # noise has edges, too, and they vote
         circles = cv2.HoughCircles(
-            cv2.medianBlur(shown, 5), cv2.HOUGH_GRADIENT, 1.0, LEAST_RADIUS, param1=CANNY, param2=VOTES,
+            smooth, cv2.HOUGH_GRADIENT, COARSE, LEAST_RADIUS, param1=CANNY, param2=VOTES,
             minRadius=int(LEAST_RADIUS), maxRadius=int(LARGEST_RADIUS * min(height, width)),
         )  # fmt: skip
         if circles is None:
