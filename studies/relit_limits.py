@@ -135,7 +135,8 @@ def page(results: dict[str, dict[str, list[float]]], shrink: int) -> str:
     held = ", ".join(map(str, HELD))
     lines = [
         f"Relative root mean square error [%], mean of lamps {held}, kept aside; photographs of 1/{shrink} size.",
-        "In brackets: less than least-squares Lambert's on the same photographs.",
+        "In brackets: how many per cent less it is than least-squares Lambert's on the same photographs; of evened "
+        "Lambert, than of plain Lambert.",
         "",
         "| object | " + " | ".join(COLUMNS.values()) + " |",
         "|---" * (len(COLUMNS) + 1) + "|",
