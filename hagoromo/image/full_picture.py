@@ -19,6 +19,7 @@ from hagoromo.image.path_picture import albedos, check_matter
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
+from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.field.band_colours import BandColours
@@ -27,10 +28,12 @@ from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.lighting import Palette, distinct, position_of
 from hagoromo.transport.path.bands import Bands, bands_of
 
 BANDS_TOLERANCE = 0.01  # of the light of a camera's channel: the field itself is no nearer
+MOST_BANDS = 7  # each is nine numbers a cell, and a part of every kernel
+MOST_CHANNELS = 8  # bands of all groups of lamps that are solved together
 SOLVING = 0.5  # share of the time of a batch, as progress counts it
 
 
@@ -53,13 +56,14 @@ def full_picture(
             raise InputError(
                 f"volume box {box.name!r} has texels: mode full takes boxes without; use mode march or path"
             )
-    cache, batches = cache or SceneCache(), lamp_batches(scene.lamps)
+    cache, spectra = cache or SceneCache(), distinct([lamp.spectrum for lamp in scene.lamps])
+    bands = bands_of_scene(scene, spectra)  # one choice for all batches
+    batches = batches_of(scene.lamps, bands.count, settings.separate_lamps)
     total: WeightsOfLamps | None = None
     for number, batch in enumerate(batches):
         lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
-        image = _under_one_batch(
-            lit, settings, points, cache, part_of(progress, number / len(batches), 1 / len(batches))
-        )
+        part = part_of(progress, number / len(batches), 1 / len(batches))
+        image = _under_one_batch(lit, settings, points, bands, cache, part)
         if len(batches) == 1:
             return image
         if total is None:
@@ -69,11 +73,22 @@ def full_picture(
     return Image(total.values, image.alpha, total.palette, image.metadata | metadata(scene, settings))
 
 
+def batches_of(lamps: Sequence[Lamp], bands: int, separate: bool) -> list[list[int]]:
+    """The lamps in batches of MOST_CHANNELS at most, or of one group each."""
+    spectra = [lamp.spectrum for lamp in lamps]
+    groups = list(range(len(lamps))) if separate else [position_of(one, distinct(spectra)) for one in spectra]
+    each = max(MOST_CHANNELS // bands, 1)
+    batches = []
+    for first in range(0, max(groups) + 1, each):
+        some = [lamp for lamp, group in enumerate(groups) if first <= group < first + each]
+        batches += [[some[k] for k in batch] for batch in lamp_batches([lamps[lamp] for lamp in some])]
+    return batches
+
+
 def _under_one_batch(
-    scene: Scene, settings: Settings, points: NDArray[np.float64], cache: SceneCache, progress: Progress
+    scene: Scene, settings: Settings, points: NDArray[np.float64], bands: Bands, cache: SceneCache, progress: Progress
 ) -> Image:
     prepared = PreparedScene(scene, settings, cache)
-    bands = bands_of_scene(scene, prepared.palette.lamps)
     field = field_of(scene, prepared, settings, bands, cache)
     prepared.lighting.field = field
     progress(SOLVING)
@@ -90,7 +105,7 @@ def _under_one_batch(
 def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:
     """The bands of a scene; one where all that its matter sends on is the same at every wavelength."""
     colours = albedos([m for box in scene.boxes for m in box.materials], [s for box in scene.boxes for s in box.basis])
-    bands = bands_of(colours, lamps, BANDS_TOLERANCE)
+    bands = bands_of(colours, lamps, BANDS_TOLERANCE, MOST_BANDS)
     grey = bool((np.ptp(bands.of(colours), axis=1) == 0.0).all())
     return Bands(bands.wavelengths[:1], 0.0) if grey else bands
 

@@ -257,6 +257,27 @@ def test_each_band_is_the_light_of_its_colour():
         assert np.abs(bands.weights[..., band] - one).max() < 5e-3 * most
 
 
+def test_batches_of_lamps_share_their_bands(monkeypatch):
+    """One choice for all lamps, in batches of few channels; two batches are then the two lamps together."""
+    blue, slope = Spectrum([360, 445, 450, 455, 830], [0, 0, 1, 0, 0]), Spectrum([360, 440, 460, 830], [0, 0, 1, 1])
+    lamps = [Lamp(to_lamp=(0, -1, k), spectrum=s) for k, s in enumerate((WHITE, blue, WHITE, slope))]
+    assert full.batches_of(lamps, 1, False) == [[0, 1, 2, 3]] and full.batches_of(lamps, 4, False) == [[0, 1, 2], [3]]
+    assert full.batches_of(lamps, 7, True) == [[0], [1], [2], [3]]
+    seen = []
+
+    def one_batch(scene, settings, points, bands, *_):
+        seen.append((len(scene.lamps), bands))
+        prepared = full.PreparedScene(scene, settings)
+        palette = replace(prepared.palette, bands=bands.spectra)
+        return full.Image(np.ones((2, 2, palette.channels), np.float32), np.ones((2, 2), np.float32), palette)
+
+    monkeypatch.setattr(full, "_under_one_batch", one_batch)
+    scene = scene_of(cube(matter(colour=slope), 3.0)).with_lamps(*lamps)
+    image = render(scene, mode="full")
+    assert [count for count, _ in seen] == [2, 1, 1] and len({id(bands) for _, bands in seen}) == 1
+    assert 3 < seen[0][1].count <= 7 and image.weights.shape[-1] == 3 * (2 + seen[0][1].count)
+
+
 def test_what_mode_full_cannot_do_is_said_in_one_line():
     box = cube(matter("cylinder"), 3.0)
     with pytest.raises(InputError, match=r'isotropic extinction.*set extinction = "projected"'):

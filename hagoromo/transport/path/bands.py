@@ -48,13 +48,15 @@ class Bands:
         return np.array([colour.at(self.wavelengths) for colour in colours])
 
 
-def bands_of(albedos: Sequence[Spectrum], lamps: Sequence[Spectrum], tolerance: float = TOLERANCE) -> Bands:
+def bands_of(
+    albedos: Sequence[Spectrum], lamps: Sequence[Spectrum], tolerance: float = TOLERANCE, most: int = COUNTS[-1]
+) -> Bands:
     """The fewest bands between which light of higher orders is linear to `tolerance`.
 
     What is looked at: powers of each of the `albedos` of a scene, all orders of each together in a thick layer, and
     products of two. The error is the largest, over triangular sensors 60 nm wide at half their height, anywhere in
     400–700 nm, and over all `lamps`, of the light that linear interpolation adds or takes away, as a share of the light
-    of white. With the most bands of COUNTS the error may be above it.
+    of white. With the `most` bands, one of COUNTS, the error may be above it.
     """
     fine = np.arange(RANGE[0], RANGE[1] + 0.5 * STEP, STEP)
     values = np.array([np.clip(albedo.at(fine), 0.0, 1.0) for albedo in albedos])
@@ -64,7 +66,7 @@ def bands_of(albedos: Sequence[Spectrum], lamps: Sequence[Spectrum], tolerance: 
     seen = seen[seen.sum(axis=1) > 1e-3 * seen.sum(axis=1).max()]
     seen /= seen.sum(axis=1, keepdims=True)
     chosen = None
-    for n in COUNTS:
+    for n in (n for n in COUNTS if n <= most):
         knots = np.linspace(*RANGE, n)
         between = np.array([np.interp(fine, knots, np.interp(knots, fine, power)) for power in powers])
         chosen = Bands(knots, float(np.abs((between - powers) @ seen.T).max()))
