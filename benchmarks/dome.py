@@ -143,7 +143,7 @@ def descendants(pid: int) -> list[int]:
     for one in found:
         for task in Path(f"/proc/{one}/task").glob("*/children"):
             try:
-                found += [int(child) for child in task.read_text().split()]
+                found += [int(child) for child in task.read_text(encoding="ascii").split()]
             except OSError:
                 continue
     return found
@@ -152,7 +152,7 @@ def descendants(pid: int) -> list[int]:
 def own_memory(pid: int) -> float:
     """Proportional set size of a process [MiB]; 0 once it has ended."""
     try:
-        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
     except OSError:
         return 0.0
     return next((int(line.split()[1]) / 1024.0 for line in lines if line.startswith("Pss:")), 0.0)
