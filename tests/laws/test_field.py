@@ -52,7 +52,7 @@ def scene_of(*boxes, lamps=(TO_LAMP,), size=12, eye=(1.7, -2.2, 1.6)):
 
 def light_along(scene, origins, ways, **settings):
     """First order and higher orders of a grey scene along rays: (rays,) each."""
-    settings = Settings(**{"tolerance": 0.01} | settings)
+    settings = Settings(tolerance=settings.pop("tolerance", 0.01), **settings)
     prepared = PreparedScene(scene, settings)
     bands = full.bands_of_scene(scene, prepared.palette.lamps)
     prepared.lighting.field = full.field_of(scene, prepared, settings, bands, SceneCache())
