@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import hagoromo.image.full_picture as full
+import hagoromo.transport.field.solve as solve
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
@@ -214,6 +215,12 @@ def test_light_in_very_dense_white_matter_is_solved(depth):
     assert np.isfinite(image.weights).all() and image.weights.min() >= 0.0
     assert image.metadata["field"]["residual"] < 0.01
     assert 0.0 < image.weights[..., 2].max() < 1 / math.pi
+
+
+def test_light_that_is_not_solved_is_said(monkeypatch):
+    monkeypatch.setattr(solve, "MOST_SWEEPS", 3)
+    with pytest.warns(UserWarning, match="still changes by .* after 3 sweeps"):
+        render(scene_of(cube(matter(albedo=0.999), 60.0)), mode="full")
 
 
 def test_mirrored_lamps_give_mirrored_light():

@@ -8,6 +8,7 @@ and T a sweep. What light a cell gets back from itself is solved for at once (ac
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -85,6 +86,12 @@ class Solver:
         for _ in range((orders or 2) - 2):
             light = self.swept(*self.ways(random), incident, fine)
             incident, sweeps = averaged(cells, fine, light), sweeps + 1
+        if residual > RESIDUAL:
+            warnings.warn(
+                f"light of higher orders still changes by {residual:.1%} after {sweeps} sweeps: the picture may be too "
+                "dark; compare it with mode path",
+                stacklevel=2,
+            )
         light, known = fitted(cells, fine, self.gathered_finely(random, incident))
         cells.without(~known)
         return Solution(light, residual, sweeps + 1)
