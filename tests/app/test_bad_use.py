@@ -90,7 +90,7 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, monkeypatch, capsys, whole
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hagoromo.calibration.camera.board.Board.find", interrupted)
+    monkeypatch.setattr("hagoromo.calibration.camera.board.Board.find_by_windows", interrupted)
     arguments = ["calibrate", "camera", str(tmp_path / "a.png"), "--board", "9x6", "--square", "0.025"]
     assert main([*arguments, "--out", str(tmp_path / "new" / "camera.json")]) == 130
     assert capsys.readouterr().err == "hagoromo: interrupted: nothing was written\n"
