@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from hagoromo.measurement.material.quantity import Quantity, colour_of_interface
 from hagoromo.measurement.material.uncertainty import is_identifiable
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.highlight_check import highlight_check
+from hagoromo.measurement.normals.highlight_shift import highlight_shift
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
@@ -32,7 +34,7 @@ from hagoromo.measurement.parameters import (
     unpack_theta,
 )
 from hagoromo.measurement.parameters import TAIL as TAIL_OF_THETA
-from hagoromo.measurement.robust_fit import N_RANGE
+from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -41,6 +43,7 @@ from hagoromo.reflectance.reflectance import interface_albedo
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
 LARGEST_LAW_ERROR = 0.1  # standard error of ε or σ at which it is identifiable: half of its prior
+WIDENED = "errors and intervals of beta and gamma are wider by how far the highlight is from the model"
 NOTABLE = 2.0  # standard errors by which σ must differ from 0 to be remarked upon
 
 
@@ -75,17 +78,30 @@ def solved_gloss_map(
         return None
     value = np.exp(fit.own.value)
     value[:, 0] *= fit.gloss.colour.mean(axis=1)[fit.labels]  # β of an interface colour of mean 1
-    error = value * np.sqrt(np.einsum("pii->pi", fit.own.covariance))
+    least = np.array([_least_errors(material) for material in materials])[fit.labels]
+    error = value * np.maximum(np.sqrt(np.einsum("pii->pi", fit.own.covariance)), least)
     beta, gamma, beta_error, gamma_error = (views.image(one, np.nan) for one in (*value.T, *error.T))
     body = np.where(labels[..., None] >= 0, normal_map.body, np.nan).astype(np.float64)
     unknown = np.full(body.shape, np.nan)
     return with_tails(GlossMap(beta, gamma, beta_error, gamma_error, body, unknown), materials, labels)
 
 
+def _least_errors(material: MaterialEstimate) -> tuple[float, float]:
+    """Relative errors of β and γ below which no pixel of `material` comes: its own, where the model does not fit it."""
+    if material.lack_of_fit is None or not material.lack_of_fit["rejected"] or not material.beta > 0.0:
+        return 0.0, 0.0
+    beta, gamma = (material.standard_error[key] / getattr(material, key) for key in ("beta", "gamma"))
+    return beta, gamma
+
+
 def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEstimate:
     """The estimate of one material; residual: (K, C, P) in standard deviations of the noise."""
     fit = normal_map.fit
     mine = fit.labels == number
+    known = np.isfinite(residual).all(axis=1) & normal_map.views.used
+    misfit = highlight_check(fit, normal_map.views, known, number)
+    if misfit is not None and misfit.rejected:
+        fit = _widened(fit, number, highlight_shift(fit, normal_map.views, known, number))
     body = np.median(fit.body[:, mine], axis=1)
     alpha, parts = float(body.mean()), max(PARTS * float(mine.mean()), 1.0)
     varies = float(np.std(fit.body[:, mine].mean(axis=0))) / alpha
@@ -96,6 +112,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     relative = gloss.relative_errors() | {"alpha": math.hypot(varies / math.sqrt(parts), fit.model_error)}
     error: dict[str, Any] = {key: value[key] * relative[key] for key in relative}
     interval: dict[str, Any] = {key: _log_interval(value[key], relative[key]) for key in relative}
+    interval["gamma"] = tuple(np.clip(interval["gamma"], *GAMMA_RANGE).tolist())
     of_colour = tuple(
         (c - NORMAL_95 * s, c + NORMAL_95 * s) for c, s in zip(colour.tolist(), scatter.tolist(), strict=True)
     )
@@ -109,9 +126,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     identifiable |= {key: spread <= LARGEST_LAW_ERROR for key, (_, spread) in law.items()}
     both = gloss.correlation()
     value |= _further(fit, number, value)
-    known = np.isfinite(residual).all(axis=1) & normal_map.views.used
     own = fit.own_tests[number] if fit.own_tests else None
-    misfit = highlight_check(fit, normal_map.views, known, number)
     return MaterialEstimate(
         name=f"material {number + 1}",
         pixels=int(mine.sum()),
@@ -127,13 +142,20 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
             *_lobe_remarks(fit, number),
             *([] if own is None else own.remarks()),
-            *([misfit.remark()] if misfit is not None and misfit.rejected else []),
+            *([misfit.remark(), WIDENED] if misfit is not None and misfit.rejected else []),
             *_remarks(fit, number, identifiable, interval["nu"][0]),
         ),
         gloss=None if own is None else own.record(),
         convergence=None if fit.status is None else fit.status.record(),
         **value,
     )
+
+
+def _widened(fit: Fit, number: int, shift: Array) -> Fit:
+    """`fit` with errors (2,) of ln β and ln γ of one material that its model makes, in addition to those of noise."""
+    covariance = fit.covariance.copy()
+    covariance[number, :2, :2] += np.outer(shift, shift)
+    return replace(fit, covariance=covariance)
 
 
 def _further(fit: Fit, number: int, value: dict[str, Any]) -> dict[str, Any]:
