@@ -12,7 +12,7 @@ import hagoromo as hg
 FOCAL, PIXEL = 1e5, 5e-4  # px and m: seen from afar
 OPENING = np.radians(62.0)  # half of the angle of the cap
 TILTS = (20.0, 45.0)  # ° of the lamps from the camera's axis
-AROUND = 5  # lamps of each tilt
+AROUND = 4  # lamps of each tilt
 FULL_WELL = 40_000.0  # electrons
 
 

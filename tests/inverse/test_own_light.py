@@ -31,9 +31,25 @@ def measured(capture, use):
 
 @pytest.fixture(scope="module")
 def both():
-    """A bowl whose photographs are in 0.7 of the unit of the lamps, as `report` and `subtract` measure it."""
+    """A bowl whose photographs are in 0.7 of the unit of the lamps, as `report` and `subtract` measure it.
+
+    Both start with the same solution, which is computed once.
+    """
     capture, normals, share = bowl(ALBEDO, SIZE, unit=0.7)
-    return normals, share, [measured(capture, use) for use in ("report", "subtract")]
+    solve, solved = solved_surface._solve, []
+
+    def solve_once(given, *settings):
+        same = np.array_equal(given.photographs[0].values, capture.photographs[0].values)
+        if not same:
+            return solve(given, *settings)
+        if not solved:
+            solved.append(solve(given, *settings))
+        return solved[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solved_surface, "_solve", solve_once)
+        found = [measured(capture, use) for use in ("report", "subtract")]
+    return normals, share, found
 
 
 def test_a_bowl_sends_every_patch_the_same_light():
