@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | tutorials | real | relit | lamps | near | spectra |
-# coverage | merl | first-order | cluster | platforms | package | crash | fuzz: each sets up what it needs.
+# response | coverage | merl | first-order | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra coverage merl first-order cluster figures gallery published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra response coverage merl first-order cluster figures gallery published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -88,10 +88,15 @@ lamps: $(READY)
 near: $(READY)
 	$(BIN)/python -m studies.near_lamps --out out/near_lamps.json --leds ../shared/data/near_ps_leds --force
 
-# Spectra from camera colours, and cameras' responses, over many cameras (minutes; needs the camera data beside the checkout).
+# Spectra from camera colours, over many cameras (minutes; needs the camera data beside the checkout).
 spectra: $(READY)
 	$(BIN)/python -m studies.spectra ../shared/data --out out/spectra --force
-	$(BIN)/python -m studies.response_study ../shared/data --out out/response --force
+
+# Cameras' responses from readings without faults and with, over the 14 cameras on which fewest choices were made
+# (minutes; needs the camera data beside the checkout): docs/response.md.
+response: $(READY)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.response_study ../shared/data --out out/response --first 1 --every 2 --force
+	cp out/response/response.md docs/ && cp out/response/response.png docs/figures/
 
 # How often the intervals of materials hold the truth, over 1800 simulations (minutes): docs/coverage.md.
 coverage: $(READY)

@@ -22,6 +22,7 @@ from tables import (
     page_frames_table,
     scale_table,
     scaling_table,
+    spectra_image_table,
 )
 from turns import RECORDS
 
@@ -33,6 +34,7 @@ FIGURES = PAGE.parent / "figures"
 TABLES = {
     "march": march_table, "scaling": scaling_table, "scale": scale_table, "bound": bound_table,
     "equal_error": equal_error_table, "page_frames": page_frames_table,
+    "spectra_image": spectra_image_table,
 }  # fmt: skip
 PLOTS = {"scaling": growth, "bound": bound}
 

@@ -86,6 +86,21 @@ def page_frames_table(found: Rows) -> str:
     return table(head, [{**row, "mb": row["bytes"] / 1e6} for row in found])
 
 
+def spectra_image_table(found: Rows) -> str:
+    """Reflectance spectra of whole images."""
+    head = {
+        "lamps": "lamps", "pixels": "pixels", "cpu_s": "CPU time [s]", "pixels_per_s": "pixels a CPU second",
+        "percent": "explained by a likely reflectance [%]",
+    }  # fmt: skip
+    return table(
+        head,
+        [
+            {**row, "pixels_per_s": int(round(row["pixels_per_s"], -2)), "percent": 100 * row["explained"]}
+            for row in found
+        ],
+    )
+
+
 def bound_table(found: Mapping[str, Any]) -> str:
     """What the march is made of, and what the machine can do."""
     parts, steps, rates = found["parts_s"], found["steps"], found["gather_rates"]

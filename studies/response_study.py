@@ -3,40 +3,43 @@
     python -m studies.response_study ../shared/data --out out/response
 
 The rival is a smooth non-negative fit whose smoothing is chosen with knowledge of the truth. Each camera is left out of
-the mean of published cameras that its fit may use. The other constants of our fit were chosen over these cameras.
-Leaves: results.json.
+the mean of published cameras that its fit may use. The other constants of our fit were chosen over these cameras, most
+of them over every other one from the first on. Then readings with faults: `studies.response_faults`.
+Leaves: results.json, response.md, response.png.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
-from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
-from hagoromo.calibration.response.curve_process import NODES, published_process
-from hagoromo.calibration.response.published_curves import COMPONENTS, MEANS
 from hagoromo.cluster.mapped import mapped
-from studies.response_prior import latent
+from studies.response_bench import (
+    CURVE_WAVELENGTHS,
+    LEAST_PEAK_SHARE,
+    READING_NOISE,
+    Array,
+    chart_under,
+    correlation,
+    known_lights,
+    priors_without,
+    summary,
+)
+from studies.response_faults import fault_cases, fault_score, time_of_many
+from studies.response_page import write_response_page
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 from studies.table import print_table
 
-READING_NOISE = 0.01  # standard deviation of a reading, relative to it
-CURVE_WAVELENGTHS = np.arange(400.0, 721.0, 10.0)  # [nm], those of the measured curves
 PENALTIES = np.logspace(-6, 1, 22)  # of the rival, relative to the scale of its equations
-PUBLISHED = 39  # number of cameras in the mean of the prior
-LEAST_PEAK_SHARE = 0.05  # of a curve's peak, above which coverage is told apart
 CHART_LAMPS = (("D65",), ("A",), ("D65", "A"), ("D65", "FL11"))
-Array = NDArray[np.float64]
 
 
 def response_study(
@@ -46,13 +49,14 @@ def response_study(
     force: bool = False,
     progress: hg.Progress = hg.silent,
     scheduler: str | int | None = None,
+    first: int = 0,
 ) -> dict[str, Any]:
-    """The study over every n-th camera, written to the folder `out`; gives the record of results.json.
+    """The study over every n-th camera from `first` on, written to `out`; gives the record of results.json.
 
     scheduler: see `hg.render`.
     """
     with hg.whole_folder(out, force) as home:
-        cameras = dict(list(read_cameras(Path(folder) / CAMERAS).items())[::every])
+        cameras = dict(list(read_cameras(Path(folder) / CAMERAS).items())[first::every])
         lights = known_lights()
         designs = {
             "115 lights, tabulated every 10 nm": lights @ overlap_matrix(CURVE_WAVELENGTHS),
@@ -63,28 +67,28 @@ def response_study(
         others = read_rawtoaces(Path(folder) / OTHERS)
         for name in list(designs)[:2] if others else []:
             tasks[f"{name}, {len(others)} of rawtoaces"] = designs[name], others
-        scores = mapped(score, list(tasks.values()), scheduler, progress, list(tasks))
+        scores = mapped(score, list(tasks.values()), scheduler, hg.part_of(progress, 0.0, 0.4), list(tasks))
         rows = dict(zip(tasks, scores, strict=True))
-        record = {"hagoromo": hg.__version__, "noise": READING_NOISE, "cameras": list(cameras), "rows": rows}
+        record = {
+            "hagoromo": hg.__version__, "noise": READING_NOISE, "cameras": list(cameras), "rows": rows,
+            "faults": faults(cameras, hg.part_of(progress, 0.4, 0.5), scheduler),
+            "cpu_s": time_of_many(next(iter(cameras.values()))),
+        }  # fmt: skip
         hg.write_json(home / "results.json", record)
+        write_response_page(home, record)
         progress(1.0, "")
     return record
 
 
-def known_lights() -> Array:
-    """(115, wavelengths): colour-science's illuminants and light sources, of mean 1."""
-    import colour
-
-    sources = [*colour.SDS_ILLUMINANTS.values(), *colour.SDS_LIGHT_SOURCES.values()]
-    spectra = np.array([hg.Spectrum(of.wavelengths, of.values).at(CURVE_WAVELENGTHS) for of in sources])
-    return spectra / spectra.mean(axis=1, keepdims=True)
-
-
-def chart_under(lamps: tuple[str, ...]) -> Array:
-    """(24 · lamps, wavelengths): matrix of the readings of a ColorChecker under `lamps`, each of mean 1."""
-    patches = np.array([patch.at(CURVE_WAVELENGTHS) for patch in hg.chart_spectra()])
-    lights = [hg.Spectrum.named(lamp).at(CURVE_WAVELENGTHS) for lamp in lamps]
-    return np.concatenate([patches * light / light.mean() for light in lights]) @ overlap_matrix(CURVE_WAVELENGTHS)
+def faults(
+    cameras: Mapping[str, hg.Response], progress: hg.Progress, scheduler: str | int | None
+) -> dict[str, dict[str, Any]]:
+    """What was read → case → how well curves are known from readings with that fault."""
+    cases = fault_cases()
+    every = [case for group in cases.values() for case in group]
+    names = [case.name for case in every]
+    scores = iter(mapped(fault_score, [(case, cameras) for case in every], scheduler, progress, names))
+    return {name: {case.name: next(scores) for case in group} for name, group in cases.items()}
 
 
 def score(matrix: Array, cameras: Mapping[str, hg.Response], seed: int = 0) -> dict[str, Any]:
@@ -99,27 +103,16 @@ def score(matrix: Array, cameras: Mapping[str, hg.Response], seed: int = 0) -> d
         calibration = solve_response(CURVE_WAVELENGTHS, matrix, dict(zip("RGB", readings, strict=True)), priors)
         bounds = np.moveaxis(calibration.interval_95, 1, 0)
         held = (true >= bounds[..., 0]) & (true <= bounds[..., 1])
-        ours.append([_correlation(*pair) for pair in zip(calibration.response.values.T, true, strict=True)])
+        ours.append([correlation(*pair) for pair in zip(calibration.response.values.T, true, strict=True)])
         rival.append([_cheating(matrix, *pair) for pair in zip(readings, true, strict=True)])
         inside.append(held.mean(axis=1))
         bright.append(held[true > LEAST_PEAK_SHARE * true.max(axis=1, keepdims=True)].mean())
     return {
-        "correlation": _summary(np.array(ours)),
-        "correlation_knowing_the_truth": _summary(np.array(rival)),
+        "correlation": summary(np.array(ours)),
+        "correlation_knowing_the_truth": summary(np.array(rival)),
         "coverage": dict(zip("RGB", np.mean(inside, axis=0).tolist(), strict=True)),
         "coverage_above_5_percent": float(np.mean(bright)),
     }
-
-
-def priors_without(camera: hg.Response, channel: str, wavelengths: Array) -> list[CurvePrior]:
-    """The priors of a channel, `camera` left out of the mean of the published cameras."""
-    figures, inside = MEANS[channel], (NODES >= CURVE_WAVELENGTHS[0]) & (NODES <= CURVE_WAVELENGTHS[-1])
-    own = camera.curve("RGB".index(channel)).at(NODES)
-    mean = np.array(figures.mean)
-    mean[inside] -= (latent(own / own[inside].mean())[inside] - mean[inside]) / (PUBLISHED - 1)
-    process = published_process(wavelengths, mean, np.array(COMPONENTS[channel]), figures)
-    published, smooth = priors_of(channel, wavelengths)
-    return [replace(published, mean=process[0], kernel=process[1]), smooth]
 
 
 def _cheating(matrix: Array, reading: Array, true: Array) -> float:
@@ -131,34 +124,34 @@ def _cheating(matrix: Array, reading: Array, true: Array) -> float:
     bend = np.diff(np.eye(len(true)), 2, axis=0) * np.abs(equations).max()
     right = np.concatenate([np.ones(lit.sum()), np.zeros(len(bend))])
     curves = [nnls(np.concatenate([equations, weight * bend]), right, maxiter=10000)[0] for weight in PENALTIES]
-    return max(_correlation(curve, true) for curve in curves)
+    return max(correlation(curve, true) for curve in curves)
 
 
-def _correlation(curve: Array, true: Array) -> float:
-    return float(np.corrcoef(curve, true)[0, 1]) if curve.any() else 0.0
-
-
-def _summary(values: Array) -> dict[str, dict[str, float]]:
-    ends = zip(np.median(values, axis=0), np.percentile(values, 10, axis=0), strict=True)
-    return {name: {"median": float(m), "p10": float(p)} for name, (m, p) in zip("RGB", ends, strict=True)}
-
-
-def main(folder: Positional[Path], out: Path, scheduler: str | None = None, force: bool = False) -> None:
+def main(
+    folder: Positional[Path],
+    out: Path,
+    first: int = 0,
+    every: int = 1,
+    scheduler: str | None = None,
+    force: bool = False,
+) -> None:
     """Study calibrated responses with the cameras in FOLDER.
 
     Args:
         folder: with camera_sensitivities/camspec_28_cameras.csv.
-        out: where to write results.json.
+        out: folder to write.
+        first: number of the first camera, from 0.
+        every: take every n-th camera from there.
         scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("responses") as progress:
-        record = response_study(folder, out, force=force, progress=progress, scheduler=scheduler)
+        record = response_study(folder, out, every, force, progress, scheduler, first)
     title = "Correlation with the true curve, median / 10th percentile, and coverage of 95 % intervals"
     fits = {"hagoromo": "correlation", "knowing the truth": "correlation_knowing_the_truth"}
     rows = [[name, fit, *_cells(row, key)] for name, row in record["rows"].items() for fit, key in fits.items()]
     print_table(title, ("readings", "fit", "R", "G", "B"), rows)
-    print(f"wrote {out / 'results.json'}")
+    print(f"wrote {out / 'response.md'}")
 
 
 def _cells(row: dict[str, Any], key: str) -> list[str]:

@@ -36,13 +36,14 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # what relight learns, part by part, and its yardstick
     "relit_limits.py": {"image.relight.learnt", "measurement.normals.normals"},
     # a prior without the camera that is tested
-    "response_study.py": {
+    "response_bench.py": {
         "calibration.response.calibrate_response",
         "calibration.response.curve_prior",
         "calibration.response.curve_process",
         "calibration.response.published_curves",
-        "cluster.mapped",
     },
+    "response_faults.py": {"calibration.response.calibrate_response", "calibration.response.chart_falloff"},
+    "response_study.py": {"calibration.response.calibrate_response", "cluster.mapped"},
     "response_prior.py": {"calibration.response.curve_process"},
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
