@@ -22,7 +22,7 @@ CAMERA = Response.load("Nikon 5100 (NPL)")
 
 
 def test_faults_are_what_they_are_called():
-    """A lamp over a corner leaves 0.71 of its light on the far one. A tenth is clipped. A lamp has one error a channel."""
+    """A lamp over a corner leaves 0.71 of its light on the far one; a tenth is clipped; a lamp errs once a channel."""
     chart, random = chart_layout(LAMPS), np.random.default_rng(0)
     even = np.ones((3, 96))
     lit = fall_off(even, chart, random).reshape(3, 4, 24)

@@ -20,7 +20,7 @@ from hagoromo.reflectance.spectra.spectrum_estimate import (
     reading_matrix,
     reflectance_spectrum,
 )
-from hagoromo.reflectance.spectra.spectrum_map import estimate_spectra
+from hagoromo.reflectance.spectra.spectrum_map import _weights, estimate_spectra
 
 NOISE = 0.003
 DAYLIGHT, TUNGSTEN = Spectrum.named("D65"), Spectrum.named("A")
@@ -165,3 +165,11 @@ def _inside(predict: np.ndarray, off: np.ndarray, covariance: np.ndarray) -> boo
     """Whether the error `off` of a spectrum, as three readings, lies in their 95 % ellipsoid (χ² of three: 7.815)."""
     error = predict @ off
     return bool(error @ np.linalg.solve(predict @ covariance @ predict.T, error) < 7.815)
+
+
+def test_no_weight_of_a_map_is_a_subnormal_number():
+    """They took a third of the time of a map. What is cut off is below the rounding of the sum."""
+    logs = np.linspace(-200.0, 0.0, 2001)[None]
+    weight, exact = _weights(logs), np.exp(logs) / np.exp(logs).sum()
+    assert ((weight == 0.0) | (weight >= np.finfo(np.float32).tiny)).all()
+    np.testing.assert_allclose(weight, exact, rtol=1e-5, atol=1e-25)

@@ -25,6 +25,7 @@ CELL, NOISES = 0.015, 5.0  # side of a cell, of readings of mean 1: the larger o
 SORTING = 4.0  # side of the larger cells by which cells are sorted, in sides of a cell
 NOISE_STEP = 1.5  # pixels of a cell differ in their relative noise by less; they are given its root mean square
 LIGHTEST = 1e-5  # least weight of a part of the mixture that takes part in a block, in one of its cells
+LOG_OF_NOTHING = -60.0  # ln of the weight below which it is 0
 Array = NDArray[Any]
 MOST_LIMITED = 4096  # pixels at their bounds that are solved together
 
@@ -266,7 +267,9 @@ def _estimate_block(mixture: _Mixture, active: NDArray[np.int64], tables: _Table
 
 
 def _weights(logs: Array) -> NDArray[np.float32]:
-    weight = np.exp((logs - logs.max(axis=1, keepdims=True)).astype(np.float32))
+    """Shares of the parts of the mixture, from logs (cells, p); none is a subnormal number: these are slow."""
+    below = (logs - logs.max(axis=1, keepdims=True)).astype(np.float32)
+    weight = np.exp(below, where=below > LOG_OF_NOTHING, out=np.zeros_like(below))
     return weight / weight.sum(axis=1, keepdims=True)
 
 
