@@ -169,9 +169,9 @@ class Medium:
     def extinction(self, step: Step, direction: Array3f, limit: Limit | None = None) -> Step:
         """The step with the extinction σ along it, for light along the unit `direction` (world); none in empty bricks.
 
-        τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell the
-        optical depth is exact: along a ray a trilinear density is a cubic, which two Gauss points integrate. The
-        projected area is that in the middle of the step.
+        τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell two
+        Gauss points integrate it: exactly a trilinear density, which along a ray is a cubic, and to the fourth order in
+        the length of the step where the elements turn along it. In a texel it is that of the middle of the step.
         limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
         return dr.if_stmt(
@@ -189,22 +189,29 @@ class Medium:
             lambda step, direction: self._in_cell(step, direction, limit),
         )  # fmt: skip
 
-    def _area(self, step: Step, direction: Array3f) -> Float:
-        """Projected area of the elements of a step along `direction`; 1 in boxes of isotropic extinction."""
-        if self.flakes is None:
-            return 1.0
+    def _areas(self, step: Step, direction: Array3f, distances: list[Float], within: Bool) -> list[Float]:
+        """Projected areas along `direction` of the elements at `distances` of a step; 1 in boxes of isotropic
+        extinction, and where there is no matter `within` the step.
+        """
+        flakes = self.flakes
+        assert flakes is not None
         if isinstance(self.voxels, PlainVoxels):  # a derivative by densities needs the area where there is none, too
-            return self.projected_area(step, direction)
+            return self.projected_areas(step, direction, distances)
         return dr.if_stmt(
-            (step, direction), self.flakes.in_box(step.ray.box) & (step.depth > 0.0),
-            self.projected_area, lambda step, direction: arrays().Float(1),
+            (step, direction, distances), flakes.in_box(step.ray.box) & within,
+            self.projected_areas, lambda step, direction, distances: [arrays().Float(1) for _ in distances],
         )  # fmt: skip
 
-    def projected_area(self, step: Step, direction: Array3f) -> Float:
-        """Projected area along `direction` of the elements in the middle of a step in a stored brick: mean, 0…1."""
-        assert self.flakes is not None
-        elements, _ = self._elements(self.sample(step, 0.5 * (step.begin + step.end)))
-        return sum(e.share * self.flakes.area(e.material, e.axis, direction) for e in elements)
+    def projected_areas(self, step: Step, direction: Array3f, distances: list[Float]) -> list[Float]:
+        """Projected area along `direction` of the elements at distances from the entry of the ray [m], within the cell
+        of a step in a stored brick: means over the elements, 0…1.
+        """
+        flakes, areas = self.flakes, []
+        assert flakes is not None
+        for distance in distances:
+            elements, _ = self._elements(self.sample(step, distance))
+            areas.append(sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements))
+        return areas
 
     def sample(self, step: Step, distance: Float) -> Step:
         """The step with its place at a distance from the entry of the ray [m], within its cell; in a texel as it is."""
@@ -224,35 +231,38 @@ class Medium:
             part = ray.at(distance) - first
             return tau * trilinear(around, jit.Array3f(*(clip(part[k], 0.0, 1.0) for k in range(3))))
 
-        def between(begin: Float, end: Float) -> tuple[Float, Float]:
-            middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
-            low, high = (extinction(dr.fma(half, node, middle)) for node in (-GAUSS_NODE, GAUSS_NODE))
+        def integrated(step: Step) -> Step:
+            middle, half = 0.5 * (step.begin + step.end), 0.5 * (step.end - step.begin)
+            places = [dr.fma(half, node, middle) for node in (-GAUSS_NODE, GAUSS_NODE)]
+            low, high = (extinction(place) for place in places)
+            if self.flakes is not None:
+                areas = self._areas(step, direction, places, low + high > 0.0)
+                low, high = low * areas[0], high * areas[1]
             total = low + high
-            return total * half, clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
+            step.depth = total * half
+            step.growth = clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
+            return step
 
-        step.depth, step.growth = between(step.begin, step.end)
-        area = self._area(step, direction)
-        step.depth *= area
+        step = integrated(step)
         if limit is None:
             return step
         parts = dr.detach(limit(step))
 
-        def cut(step: Step, parts: Float, area: Float) -> Step:
+        def cut(step: Step, parts: Float) -> Step:
             share = share_at_depth(dr.rcp(parts), dr.detach(step.growth))
             end = dr.fma(step.end - step.begin, share, step.begin)
             step.end = dr.fmin(dr.fmax(end, step.begin + ray.probe), step.end)  # a nudge at least: rays go on
-            step.depth, step.growth = between(step.begin, step.end)
-            step.depth *= area
-            return step
+            return integrated(step)
 
-        return dr.if_stmt((step, parts, jit.Float(area)), parts > 1.0, cut, lambda step, parts, area: step)
+        return dr.if_stmt((step, parts), parts > 1.0, cut, lambda step, parts: step)
 
     def _in_texel(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
         """Extinction of a step in a texel, that of its middle; the end behind matter-free space around it."""
         jit, ray = arrays(), step.ray
         density, clearance = self._texel_density(step)
         step.depth = ray.tau * density * (step.end - step.begin)
-        step.depth *= self._area(step, direction)
+        if self.flakes is not None:
+            step.depth *= self._areas(step, direction, [0.5 * (step.begin + step.end)], step.depth > 0.0)[0]
         step.growth = jit.Float(0)
         if limit is not None:
             part = dr.rcp(clip(limit(step), 1.0, MOST_PARTS_IN_TEXEL))

@@ -27,6 +27,8 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.header import header_from_record, header_of
+from tests.oracle.radiance import radiance
+from tests.oracle.scenes import box_of, centres
 
 WHITE = Spectrum.constant(1.0)
 CAMERA = Camera(31, 29, (40.0, 40.0), (15.5, 14.5))
@@ -183,6 +185,32 @@ def test_lamp_and_eye_may_change_places(element, shadows):
         box = replace(box, extinction="isotropic")
         there, back = picture_total(box, lamp, eye, shadows), picture_total(box, eye, lamp, shadows)
         assert abs(math.log(there[0] / back[0])) > 0.2
+
+
+def turning(element, seed):
+    """A full box whose axes turn by up to half a radian from voxel to voxel, this way and that; they vanish nowhere."""
+    random, shape = np.random.default_rng(seed), (7, 7, 7)
+    wave, phase = 36.0 * unit(random.normal(size=(3, 3))), random.uniform(0.0, 2.0 * math.pi, 3)  # [1/m]
+    waves = np.sin(np.moveaxis(np.array(centres(shape)), 0, -1) @ wave.T + phase)
+    axis = unit(unit([0.5, -0.6, 0.7]) + 0.5 * waves)  # planes turn their fronts to the lamp
+    return box_of(np.ones(shape), axis, 0.4, matter(element, beta=0.0), extinction="projected")
+
+
+@pytest.mark.parametrize(("element", "seeds"), [("plane", (1, 2)), ("cylinder", (2, 3))])
+def test_the_march_is_the_oracle_where_axes_turn_within_a_voxel(element, seeds):
+    """Root mean square over the mean of light, 0.3 %; transmittance, 0.001. With one area for a whole step they were
+    0.8 to 1.9 % and 0.003 to 0.008, with steps however fine.
+    """
+    lamp = Lamp(to_lamp=(0.5, -0.6, 0.7))
+    for seed in seeds:
+        voxels, random = turning(element, seed), np.random.default_rng(5)
+        way = unit(random.normal(size=(40, 3)))
+        origin = random.uniform(-0.06, 0.06, way.shape) - way
+        true, passed = radiance([voxels], [lamp], (origin, way), 550.0)
+        scene = Scene(CAMERA, (lamp,), (voxels.box(),))
+        light = RayMarch(scene, Settings(shadows="march", tolerance=0.002))(origin, way)
+        assert math.sqrt(np.mean((light.weights[:, 0] - true[:, 0]) ** 2)) < 0.003 * true.mean()
+        assert math.sqrt(np.mean((light.transmittance - passed) ** 2)) < 0.001
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
