@@ -45,6 +45,8 @@ def read_mesh(path: str | Path) -> Any:
         )
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
+    if mesh.vertices.shape[1:] != (3,):
+        raise InputError(f"{path} has vertices of {mesh.vertices.shape[1]} coordinates: give a mesh with x, y, z")
     return mesh
 
 

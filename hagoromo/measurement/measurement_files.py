@@ -126,8 +126,11 @@ def _solved_names(count: int) -> tuple[str, ...]:
 
 
 def _read_assumptions(path: Path) -> dict[str, str]:
-    record = read_json(path).get("assumptions", {}) if path.is_file() else {}
-    return {str(what): str(said) for what, said in record.items()} if isinstance(record, dict) else {}
+    record = read_json(path) if path.is_file() else {}
+    said = record.get("assumptions", {}) if isinstance(record, dict) else None
+    if not isinstance(said, dict):
+        raise InputError(f"{path} has no table of assumptions: measure the capture again")
+    return {str(what): str(why) for what, why in said.items()}
 
 
 def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:

@@ -65,7 +65,12 @@ def test_a_rerun_does_only_what_changed(home, run):
     assert (status, lines) == (0, ["6 steps: 6 done"])
     dimmed = hg.read_image(home / "out" / "dimmed" / "b.exr")
     assert dimmed.weights.max() > 0
+    ledger = home / "out" / ".batch"
+    (ledger / ".contents.json.lock").touch()  # left by a run that was killed
+    (ledger / "38" / ".38f0.json.writing").mkdir(parents=True)
+    (ledger / "38" / ".38f0.json.writing" / ".hagoromo").touch()
     assert run()[1] == ["6 steps: 6 unchanged"]
+    assert not [left for left in ledger.rglob("*") if left.name.startswith(".")]
 
     changed = home / "scenes" / "b.toml"
     changed.write_text(changed.read_text().replace("beta = 0.5", "beta = 0.4"))

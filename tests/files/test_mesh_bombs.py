@@ -117,3 +117,10 @@ def test_textures_are_not_read(tmp_path):
     (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd t.png\n")
     (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl a\nvt 0 0\n" + OBJ.replace("1 2 3", "1/1 2/1 3/1"))
     assert len(read_mesh(tmp_path / "a.obj").faces) == 1
+
+
+def test_corners_of_two_coordinates_are_refused(tmp_path):
+    """A damaged first corner, from which trimesh makes corners of two coordinates."""
+    (tmp_path / "a.obj").write_bytes(b"v \xff 0 0\nv 1 0 0\nv 0 -1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\n")
+    with pytest.raises(InputError, match="corners|coordinates"):
+        read_mesh(tmp_path / "a.obj")

@@ -193,7 +193,9 @@ def test_shards_of_very_many_chunks_and_vast_descriptions_are_refused(tmp_path):
 
 
 def test_a_lattice_of_which_no_table_fits_the_memory_is_refused_by_its_description(tmp_path):
-    vast = [100_000] * 3
-    array = open_array(array_of(tmp_path, [BYTES], {}, vast, (64, 64, 64), fill=1))
-    with pytest.raises(InputError, match="GiB of memory"):
-        ZarrBlocks(array, {})
+    for vast in ([100_000] * 3, [9, 6, 10**395]):  # the second is beyond the largest float
+        folder = tmp_path / str(vast[0])
+        folder.mkdir()
+        array = open_array(array_of(folder, [BYTES], {}, vast, (64, 64, 64), fill=1))
+        with pytest.raises(InputError, match="GiB of memory"):
+            ZarrBlocks(array, {})

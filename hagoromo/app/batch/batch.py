@@ -71,6 +71,8 @@ def _run(
     steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: bool, force: bool, progress: Progress
 ) -> tuple[Outcome, ...]:
     progress(0.0, "inputs")
+    if not dry_run:
+        ledger.tidy()
     keys = keys_of(steps, _digests(steps, ledger, workers, dry_run))
     fresh = {number for number, step in enumerate(steps) if ledger.is_done(step.out, keys[number])}
     for number, step in enumerate(steps):

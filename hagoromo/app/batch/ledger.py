@@ -15,11 +15,13 @@ from typing import Any
 
 from hagoromo.app.batch.batch_file import Step
 from hagoromo.errors import InputError
+from hagoromo.files.leftovers import tidy
 from hagoromo.files.record import read_json, save_json
 from hagoromo.version import __version__
 
 FOLDER = ".batch"
 CONTENTS = "contents.json"  # digests of inputs that were read, with size and time of change
+LEFT = (".lock", ".writing")  # ends of hidden names beside a file that was being written
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,12 @@ class Ledger:
         except InputError:
             return {}
         return record if isinstance(record, dict) else {}
+
+    def tidy(self) -> None:
+        """Deal with what a killed run left beside its files, which this run may not write again."""
+        for left in list((Path(self.home) / FOLDER).rglob(".*.json.*")):
+            if left.suffix in LEFT:
+                tidy(left.with_name(left.stem.removeprefix(".")))
 
     def keep_digests(self, digests: dict[str, list[Any]]) -> None:
         """Keep them for the next run."""

@@ -15,6 +15,7 @@ from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
 from hagoromo.matter.solid.solid import Extent
 
 Sizes = tuple[Positive, Positive, Positive]
+SHORTEST_MM = 1e-6  # least half side of a shape: kernels compute in single precision
 
 
 class Sphere(Record, frozen=True, tag_field="form", tag="sphere"):
@@ -80,5 +81,7 @@ def shape_of(record: dict[str, Any], where: str) -> tuple[Shape, Extent]:
         radius, top = form.radius_mm, form.radius_mm + form.length_mm
         half = (radius, radius, 0.5 * (top + radius))
         made = lambda p: capsule(p, (0.0, 0.0, radius), (0.0, 0.0, top), radius)  # noqa: E731
+    if min(half) < SHORTEST_MM:
+        raise InputError(f"{where}: half of its shortest side is {min(half):g} mm: give {SHORTEST_MM:g} mm or more")
     room = 2.0 + 0.02 * max(half)
     return made, ((-half[0] - room, -half[1] - room, -room), (half[0] + room, half[1] + room, 2.0 * half[2] + room))

@@ -9,6 +9,7 @@ the voxels along (z, y, x).
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -154,7 +155,7 @@ def _scale(array: ZarrArray, populations: int) -> NDArray[np.float16]:
 def _whole(array: ZarrArray, kind: Any, shape: tuple[int | None, ...]) -> NDArray:
     """All numbers of an array of that type and shape (None: any)."""
     _check(array, kind, shape)
-    require(float(np.prod(array.shape, dtype=float)) * np.dtype(kind).itemsize, array.where)
+    require(math.prod(array.shape) * np.dtype(kind).itemsize, array.where)
     with reading(array.where, "an array"):
         return np.asarray(array.array[...])
 

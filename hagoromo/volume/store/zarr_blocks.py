@@ -5,6 +5,7 @@ Chunks may have any shape: a tile is the smallest whole number of blocks that is
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -54,9 +55,9 @@ class ZarrBlocks:
         )
         self.across = tuple(-(-n // side) for n, side in zip(self.shape, self.tile, strict=True))
         voxel = 40 + 8 * self.colours  # as read and as kept, two tiles a thread
-        require(2.0 * THREADS * voxel * np.prod(self.tile, dtype=float), f"reading tiles of {density.where}")
-        require(60.0 * np.prod(self.across, dtype=float), f"a list of the tiles of {density.where}")
-        require(8.0 * np.prod(table_shape(self.shape), dtype=float), f"a table of the bricks of {density.where}")
+        require(2 * THREADS * voxel * math.prod(self.tile), f"reading tiles of {density.where}")
+        require(60 * math.prod(self.across), f"a list of the tiles of {density.where}")
+        require(8 * math.prod(table_shape(self.shape)), f"a table of the bricks of {density.where}")
 
     def tiles(self) -> NDArray[np.int64]:
         """Tiles that may hold matter, in C order: (n, 3) [z, y, x in tiles]."""
