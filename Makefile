@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | tutorials | real | relit | lamps | near | spectra |
-# response | coverage | merl | first-order | cluster | platforms | package | crash | fuzz: each sets up what it needs.
+# response | coverage | merl | first-order | orders | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra response coverage merl first-order cluster figures gallery published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra response coverage merl first-order orders cluster figures gallery published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -107,6 +107,11 @@ coverage: $(READY)
 first-order: $(READY)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.first_order --out out/first_order --force
 	cp out/first_order/first_order.md docs/ && cp out/first_order/*.png docs/figures/
+
+# Recipes by modes march, full and path, side by side (minutes): docs/orders.md.
+orders: $(READY)
+	$(BIN)/python -m studies.orders examples/recipes --out out/orders --force
+	cp out/orders/orders.md docs/ && cp out/orders/orders.png docs/figures/
 
 # Workers on this machine, one of them killed, and a simulation of many (minutes): docs/cluster.md.
 cluster: $(READY)

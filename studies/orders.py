@@ -1,0 +1,182 @@
+"""The study of all orders of light: recipes by mode march (the first order), full and path, side by side.
+
+    python -m studies.orders examples/recipes --out out/orders
+
+Leaves: results.json, orders.md and orders.png, which belong to docs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+import hagoromo as hg
+from studies.table import print_table
+
+MODES = "march", "full", "path"
+BLOCK = 8  # px a side of the blocks by which full and path are compared: the noise of path is small in their means
+LARGEST_SHOWN = 0.2  # difference over the mean at the ends of the colours
+AWAY = 25.0  # fields of view from the middle to the camera
+Array = NDArray[np.float64]
+
+
+class Subject(NamedTuple):
+    """A recipe, keys that differ from its file, the field of view, and where the lamp stands."""
+
+    title: str
+    recipe: str
+    changed: Mapping[str, Any]
+    field_mm: float
+    to_lamp: tuple[float, float, float]
+
+
+FRONT, BEHIND = (-0.75, -0.8, 1.0), (0.5, 1.0, 0.9)
+WHITE_LINEN = {
+    "lay": "patch", "width_mm": 5.0, "height_mm": 5.0, "voxel_mm": 0.03, "variants": 1,
+    "material": {"body_colour": 0.9},
+}  # fmt: skip
+SUBJECTS = {
+    "linen": Subject("white linen", "linen", WHITE_LINEN, 4.0, FRONT),
+    "backlit": Subject("white linen, lamp behind", "linen", WHITE_LINEN, 4.0, BEHIND),
+    "skin": Subject("skin", "skin", {"size_mm": 5.0, "voxel_mm": 0.03}, 4.0, FRONT),
+    "down": Subject("white down, lamp behind", "down", {"voxel_mm": 0.08}, 20.0, BEHIND),
+}  # fmt: skip
+
+
+def orders_study(
+    recipes: str | Path, out: str | Path, pixels: int = 128, samples: int = 256, only: tuple[str, ...] = (),
+    force: bool = False, progress: hg.Progress = hg.silent,
+) -> dict[str, Any]:  # fmt: skip
+    """The whole study, written to the folder `out`; gives the record of results.json.
+
+    pixels: a side of the pictures. samples: walks a pixel of mode path, and rays a pixel of march and full to 4.
+    """
+    rows, shown = [], {}
+    with hg.whole_folder(out, force) as home:
+        chosen = only or tuple(SUBJECTS)
+        for number, name in enumerate(chosen):
+            subject = SUBJECTS[name]
+            progress(number / len(chosen), subject.title)
+            images, seconds = images_of(Path(recipes), subject, pixels, samples)
+            rows.append(row(subject, images, seconds))
+            shown[subject.title] = images
+        record = {"hagoromo": hg.__version__, "pixels": pixels, "samples": samples, "seed": 0, "rows": rows}
+        hg.write_json(home / "results.json", record)
+        plot(home / "orders.png", shown)
+        page = hg.page_text("orders.md.j2", "studies", **record)
+        (home / "orders.md").write_text(page, encoding="utf-8", newline="\n")
+    return record
+
+
+def images_of(
+    recipes: Path, subject: Subject, pixels: int, samples: int
+) -> tuple[dict[str, hg.Image], dict[str, float]]:
+    """The image of a subject by each mode, and the processor seconds that it took."""
+    record = hg.read_toml(recipes / f"{subject.recipe}.toml") | {"extinction": "projected"}
+    for key, value in subject.changed.items():
+        record[key] = record[key] | value if isinstance(value, dict) and key in record else value
+    scene = scene_of(hg.build(record), subject, pixels)
+    images, seconds = {}, {}
+    for mode in MODES:
+        settings = hg.Settings(samples if mode == "path" else min(samples, 4))
+        begin = time.process_time()
+        images[mode] = hg.render(scene, settings, mode=mode)
+        seconds[mode] = time.process_time() - begin
+    return images, seconds
+
+
+def scene_of(box: hg.VolumeBox, subject: Subject, pixels: int) -> hg.Scene:
+    """The middle of a box seen from its front, under one far lamp of D65."""
+    low, high = box.bricks.places.min(axis=0), box.bricks.places.max(axis=0) + 1
+    middle = box.pose[:3, 3] + 4.0 * box.voxel_size * (low + high)[::-1]
+    camera = hg.Camera(pixels, pixels, (pixels * AWAY,) * 2, (0.5 * pixels,) * 2)
+    towards = np.array([0.1, -1.0, 0.1])
+    eye = middle + AWAY * 1e-3 * subject.field_mm * towards / np.linalg.norm(towards)
+    lamp = hg.Lamp(to_lamp=subject.to_lamp, spectrum=hg.Spectrum.named("D65"))
+    return hg.Scene(camera.look_at(eye, middle), (lamp,), (box,))
+
+
+def row(subject: Subject, images: Mapping[str, hg.Image], seconds: Mapping[str, float]) -> dict[str, Any]:
+    """Figures of one subject; all are of Y."""
+    light = {mode: images[mode].xyz()[..., 1].astype(float) for mode in MODES}
+    blocks = {mode: in_blocks(light[mode]) for mode in MODES}
+    mean = light["path"].mean()
+    variance = images["path"].variance
+    assert variance is not None
+    return {
+        "title": subject.title,
+        "all_over_first": float(mean / light["march"].mean()),
+        "full_over_path": float(light["full"].mean() / mean),
+        "full_off_path": float(np.sqrt(np.mean((blocks["full"] - blocks["path"]) ** 2)) / mean),
+        "noise_of_path": float(np.sqrt(variance.mean()) / mean),
+        "noise_of_blocks": float(np.sqrt(variance.mean()) / mean / BLOCK),
+        "seconds": dict(seconds),
+        "field": images["full"].metadata["field"],
+    }
+
+
+def in_blocks(values: Array) -> Array:
+    """Means of blocks of BLOCK × BLOCK pixels; what is left over at the ends is cut off."""
+    rows, columns = (n // BLOCK for n in values.shape)
+    return values[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK).mean(axis=(1, 3))
+
+
+def plot(path: Path, shown: Mapping[str, Mapping[str, hg.Image]]) -> None:
+    """A row for each subject: the modes, exposed alike, and how much full differs from path."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 3.2 * len(shown)), layout="constrained")
+    axes, last = figure.subplots(len(shown), len(MODES) + 1, squeeze=False), None
+    for line, (title, images) in zip(axes, shown.items(), strict=True):
+        linear = {mode: hg.srgb_from_xyz(images[mode].xyz()) for mode in MODES}
+        white = 0.9 / max(float(np.percentile(linear["path"], 99.5)), 1e-30)
+        for axis, mode in zip(line, MODES, strict=False):
+            axis.imshow(hg.srgb_encode(np.clip(white * linear[mode], 0.0, 1.0)))
+        light = {mode: in_blocks(images[mode].xyz()[..., 1].astype(float)) for mode in ("full", "path")}
+        difference = 100.0 * (light["full"] - light["path"]) / light["path"].mean()
+        ends = {"vmin": -100.0 * LARGEST_SHOWN, "vmax": 100.0 * LARGEST_SHOWN}
+        last = line[-1].imshow(difference, cmap="RdBu_r", **ends)
+        line[0].set_ylabel(title, fontsize=10)
+        for axis in line:
+            axis.set_xticks([])
+            axis.set_yticks([])
+    for axis, title in zip(axes[0], ("march: the first order", "full", "path", "full − path"), strict=True):
+        axis.set_title(title, fontsize=10)
+    bar = figure.colorbar(last, ax=axes[:, -1], shrink=0.6)
+    bar.set_label("difference of Y over the mean [%]", fontsize=9)
+    figure.savefig(path, dpi=110)
+
+
+def main(
+    recipes: tyro.conf.Positional[Path], out: Path, pixels: int = 128, samples: int = 256, force: bool = False
+) -> None:
+    """Render every subject by every mode.
+
+    Args:
+        recipes: folder of the recipes.
+        out: folder to write.
+        pixels: a side of the pictures.
+        samples: walks a pixel of mode path.
+        force: replace an existing folder.
+    """
+    record = orders_study(recipes, out, pixels, samples, force=force)
+    heads = "subject", "all / first", "full / path", "full off path", "noise of path", "march, full, path [CPU s]"
+    lines = [
+        [
+            r["title"], f"{r['all_over_first']:.3f}", f"{r['full_over_path']:.3f}", f"{r['full_off_path']:.1%}",
+            f"{r['noise_of_path']:.1%}", ", ".join(f"{r['seconds'][mode]:.1f}" for mode in MODES),
+        ]
+        for r in record["rows"]
+    ]  # fmt: skip
+    print_table("all orders of light", heads, lines)
+    print(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
