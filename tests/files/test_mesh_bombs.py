@@ -120,7 +120,7 @@ def test_textures_are_not_read(tmp_path):
 
 
 def test_corners_of_two_coordinates_are_refused(tmp_path):
-    """A damaged first corner, from which trimesh makes corners of two coordinates."""
-    (tmp_path / "a.obj").write_bytes(b"v \xff 0 0\nv 1 0 0\nv 0 -1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\n")
-    with pytest.raises(InputError, match="corners|coordinates"):
+    """trimesh reads them by the first of them."""
+    (tmp_path / "a.obj").write_bytes(b"v 0 0\nv 1 0 0\nv 0 -1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\n")
+    with pytest.raises(InputError, match="2 coordinates"):
         read_mesh(tmp_path / "a.obj")
