@@ -78,9 +78,10 @@ def images_of(
     recipes: Path, subject: Subject, pixels: int, samples: int
 ) -> tuple[dict[str, hg.Image], dict[str, float]]:
     """The image of a subject by each mode, and the processor seconds that it took."""
-    record = hg.read_toml(recipes / f"{subject.recipe}.toml") | {"extinction": "projected"}
+    record: dict[str, Any] = hg.read_toml(recipes / f"{subject.recipe}.toml") | {"extinction": "projected"}
     for key, value in subject.changed.items():
-        record[key] = record[key] | value if isinstance(value, dict) and key in record else value
+        old = record.get(key)
+        record[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
     scene = scene_of(hg.build(record), subject, pixels)
     images, seconds = {}, {}
     for mode in MODES:
@@ -95,7 +96,7 @@ def scene_of(box: hg.VolumeBox, subject: Subject, pixels: int) -> hg.Scene:
     """The middle of a box seen from its front, under one far lamp of D65."""
     low, high = box.bricks.places.min(axis=0), box.bricks.places.max(axis=0) + 1
     middle = box.pose[:3, 3] + 4.0 * box.voxel_size * (low + high)[::-1]
-    camera = hg.Camera(pixels, pixels, (pixels * AWAY,) * 2, (0.5 * pixels,) * 2)
+    camera = hg.Camera(pixels, pixels, (pixels * AWAY, pixels * AWAY), (0.5 * pixels, 0.5 * pixels))
     towards = np.array([0.1, -1.0, 0.1])
     eye = middle + AWAY * 1e-3 * subject.field_mm * towards / np.linalg.norm(towards)
     lamp = hg.Lamp(to_lamp=subject.to_lamp, spectrum=hg.Spectrum.named("D65"))
@@ -132,7 +133,8 @@ def plot(path: Path, shown: Mapping[str, Mapping[str, hg.Image]]) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13.0, 3.2 * len(shown)), layout="constrained")
-    axes, last = figure.subplots(len(shown), len(MODES) + 1, squeeze=False), None
+    axes: Any = figure.subplots(len(shown), len(MODES) + 1, squeeze=False)
+    last: Any = None
     for line, (title, images) in zip(axes, shown.items(), strict=True):
         linear = {mode: hg.srgb_from_xyz(images[mode].xyz()) for mode in MODES}
         white = 0.9 / max(float(np.percentile(linear["path"], 99.5)), 1e-30)
