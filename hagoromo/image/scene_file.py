@@ -6,10 +6,10 @@ numbers by rows. A place turns about x, then y, then z; a box is moved from wher
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from msgspec import structs
@@ -51,6 +51,14 @@ from hagoromo.volume.store.open_box import OpenBox, open_box
 MOST_PLACES = 10_000  # lamps, boxes or surfaces of a file
 NOWHERE = (0.0, 0.0, 0.0)
 LoadBox = Callable[[Path], VolumeBox]
+
+
+class Readers(NamedTuple):
+    """What reads the files that a scene names: a box, a recipe, and a mesh with the rest of its `Surface`."""
+
+    box: LoadBox
+    recipe: LoadBox
+    mesh: Callable[..., Surface]
 
 
 class SceneCamera(Record, frozen=True, kw_only=True):
@@ -144,7 +152,7 @@ def load_scene(path: str | Path) -> tuple[Scene, Settings]:
 
     `InputError` names the file, the table and the key that is wrong; an unknown key together with the known ones.
     """
-    return _loaded(Path(path), load_box)
+    return scene_from_tables(read_toml(path), Path(path).parent, path, readers())
 
 
 def load_for_picture(path: str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
@@ -163,7 +171,7 @@ def load_for_picture(path: str | Path, settings: Settings | None = None) -> tupl
         opened[id(without_voxels)] = box
         return box.header.box(without_voxels)
 
-    scene, stated = _loaded(Path(path), load)
+    scene, stated = scene_from_tables(read_toml(path), Path(path).parent, path, readers()._replace(box=load))
     if not opened:
         return scene, settings or stated
     boxes = [
@@ -173,14 +181,22 @@ def load_for_picture(path: str | Path, settings: Settings | None = None) -> tupl
     return replace(scene, boxes=tuple(boxes)), settings or stated
 
 
-def _loaded(path: Path, load: LoadBox) -> tuple[Scene, Settings]:
-    record, folder = decode(read_toml(path), SceneRecord, str(path)), path.parent
+def readers() -> Readers:
+    """What reads the files of a scene, each time anew."""
+    return Readers(load_box, _built, Surface.from_file)
+
+
+def scene_from_tables(
+    tables: Mapping[str, Any], folder: Path, path: str | Path, read: Readers
+) -> tuple[Scene, Settings]:
+    """The scene of the tables of a scene file, which lies in `folder`, and its settings. path: named in messages."""
+    record, path = decode(tables, SceneRecord, str(path)), Path(path)
     try:
         scene = Scene(
             _camera(record.camera, folder, f"{path} [camera]"),
             tuple(lamp_from_record(one, folder, f"{path} lamp {i + 1}") for i, one in enumerate(record.lamp)),
-            tuple(_box(one, folder, f"{path} box {i + 1}", load) for i, one in enumerate(record.box)),
-            tuple(_surface(one, folder, f"{path} surface {i + 1}") for i, one in enumerate(record.surface)),
+            tuple(_box(one, folder, f"{path} box {i + 1}", read) for i, one in enumerate(record.box)),
+            tuple(_surface(one, folder, f"{path} surface {i + 1}", read) for i, one in enumerate(record.surface)),
         )
         return scene, _settings(record, path)
     except InputError as error:
@@ -228,11 +244,11 @@ def _lens(key: SceneCamera, folder: Path, where: str) -> Camera:
     return Camera(int(width), int(height), key.focal, key.principal or (width / 2, height / 2), key.distortion)
 
 
-def _box(record: dict[str, Any], folder: Path, where: str, load: LoadBox) -> VolumeBox:
+def _box(record: dict[str, Any], folder: Path, where: str, read: Readers) -> VolumeBox:
     key = decode(record, SceneBox, where)
     if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
-    box = load(_box_place(folder, key.file)) if key.file else _built(inside(folder, key.recipe or ""))
+    box = read.box(_box_place(folder, key.file)) if key.file else read.recipe(inside(folder, key.recipe or ""))
     if box.texel and key.extinction not in (None, box.extinction):
         raise InputError(
             f"{where}: extinction is {key.extinction!r}, the box's texel was matched for {box.extinction!r}: "
@@ -254,7 +270,7 @@ def _box_place(folder: Path, text: str) -> Path:
     return Path(text) if address(text) else inside(folder, text)
 
 
-def _surface(record: dict[str, Any], folder: Path, where: str) -> Surface:
+def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Surface:
     key = decode(record, SceneSurface, where)
     if (key.shape is None) == (key.mesh is None):
         raise InputError(f"{where}: give either shape ({', '.join(SHAPES)}) or mesh (a file)")
@@ -264,9 +280,7 @@ def _surface(record: dict[str, Any], folder: Path, where: str) -> Surface:
     if key.shape is not None:
         return Surface(reflectance, key.shape, pose=pose, name=key.name)
     mesh = str(key.mesh)
-    return Surface.from_file(
-        inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem
-    )
+    return read.mesh(inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem)
 
 
 def _pose(key: Place, where: str) -> NDArray[np.float64]:
