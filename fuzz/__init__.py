@@ -7,3 +7,7 @@
 `readers` is the table of readers, each with a good sample; `mutators` spoils samples; `judge` decides; `corpus` holds
 files that once failed.
 """
+
+import os
+
+os.environ["HAGOROMO_CACHE"] = "off"  # every command does its work, each time

@@ -1,4 +1,4 @@
-"""Settings of every test: no window is ever opened, and NumPy's linear algebra keeps to one thread.
+"""Settings of every test: no window is opened, nothing comes from a cache, NumPy's linear algebra keeps to one thread.
 
 Its threads wait by spinning: several test processes that share the cores would spend most of their time on that.
 """
@@ -8,6 +8,7 @@ import os
 import pytest
 
 os.environ["MPLBACKEND"] = "Agg"
+os.environ["HAGOROMO_CACHE"] = "off"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy are first imported
 
 

@@ -23,6 +23,7 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app import exporting as exporting
 from hagoromo.app import spectra_verb as spectra_verb

@@ -31,6 +31,7 @@ from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, map
 from hagoromo.volume.box import VolumeBox
 
 MODES = ("march", "full", "path")  # how light is computed
+LOADING = 0.2  # of the work of a scene file, when its boxes are there
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
 
 Value = TypeVar("Value")
@@ -75,7 +76,8 @@ def render(
         # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
         from hagoromo.image.scene_file import load_for_picture, load_scene
 
-        loaded, stated = load_for_picture(scene, settings) if mode == "march" else load_scene(scene)
+        loading, progress = part_of(progress, 0.0, LOADING), part_of(progress, LOADING, 1.0 - LOADING)
+        loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
         scene, settings = loaded, settings or stated
     settings = settings or Settings()
     if mode == "path":

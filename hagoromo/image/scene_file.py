@@ -41,6 +41,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
+from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid
@@ -147,15 +148,17 @@ class SceneRecord(Record, frozen=True, kw_only=True):
     format_version: Annotated[Count, about("version of the format of scene files")] = 1
 
 
-def load_scene(path: str | Path) -> tuple[Scene, Settings]:
+def load_scene(path: str | Path, progress: Progress = silent) -> tuple[Scene, Settings]:
     """The scene in a TOML file and how it is to be rendered.
 
     `InputError` names the file, the table and the key that is wrong; an unknown key together with the known ones.
     """
-    return scene_from_tables(read_toml(path), Path(path).parent, path, readers())
+    return scene_from_tables(read_toml(path), Path(path).parent, path, readers(progress))
 
 
-def load_for_picture(path: str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
+def load_for_picture(
+    path: str | Path, settings: Settings | None = None, progress: Progress = silent
+) -> tuple[Scene, Settings]:
     """As `load_scene`, for a picture by the scene's own camera, under its own lamps, and by `settings`, if given.
 
     Of a box in a store the chunks are read that hold bricks which that picture takes, and no others, see
@@ -171,7 +174,8 @@ def load_for_picture(path: str | Path, settings: Settings | None = None) -> tupl
         opened[id(without_voxels)] = box
         return box.header.box(without_voxels)
 
-    scene, stated = scene_from_tables(read_toml(path), Path(path).parent, path, readers()._replace(box=load))
+    read = readers(progress)._replace(box=load)
+    scene, stated = scene_from_tables(read_toml(path), Path(path).parent, path, read)
     if not opened:
         return scene, settings or stated
     boxes = [
@@ -181,9 +185,20 @@ def load_for_picture(path: str | Path, settings: Settings | None = None) -> tupl
     return replace(scene, boxes=tuple(boxes)), settings or stated
 
 
-def readers() -> Readers:
-    """What reads the files of a scene, each time anew."""
-    return Readers(load_box, _built, Surface.from_file)
+def readers(progress: Progress = silent) -> Readers:
+    """What reads the files of a scene, each time anew; boxes of recipes come from the cache, once they were built.
+
+    progress: hears of each recipe when it begins. How many there are is not known: each takes half of what is left.
+    """
+    left = 1.0
+
+    def built(recipe: Path) -> VolumeBox:
+        nonlocal left
+        progress(1.0 - left, f"building {recipe.name}")
+        left *= 0.5
+        return _built(recipe)
+
+    return Readers(load_box, built, Surface.from_file)
 
 
 def scene_from_tables(
@@ -300,6 +315,6 @@ def _pose(key: Place, where: str) -> NDArray[np.float64]:
 
 def _built(recipe: Path) -> VolumeBox:
     """The box of a recipe. Only a recipe needs the matters, so that they are imported here."""
-    from hagoromo.matter.build import build
+    from hagoromo.matter.kept_box import built_box
 
-    return build(recipe)
+    return built_box(recipe)
