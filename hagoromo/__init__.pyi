@@ -119,6 +119,7 @@ from .transport.lighting import Palette as Palette
 from .image.image import Image as Image, read_image as read_image
 from .image.expose import expose as expose
 from .image.settings import Settings as Settings
+from .image.unfinished import RenderInterrupted as RenderInterrupted
 from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render
 from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march

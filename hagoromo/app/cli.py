@@ -15,7 +15,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -31,6 +31,7 @@ from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.publishing import publish
+from hagoromo.app.render_verb import render
 from hagoromo.app.sensor_options import AS_STATED, Sensor
 from hagoromo.app.streams import give_up_streams, printable_streams
 from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
@@ -255,45 +256,7 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force
     wrote(out)
 
 
-@verb(verbs)
-def render(
-    scene: Positional[Path],
-    out: Out,
-    mode: Literal["march", "full", "path"] = "march",
-    tolerance: float | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    error: float | None = None,
-    time: float | None = None,
-    separate_lamps: bool = False,
-    scheduler: Scheduler = None,
-    force: Force = False,
-) -> None:
-    """Scene → EXR (linear, with its weights) and PNG (sRGB).
-
-    Args:
-        scene: scene TOML.
-        mode: march computes single scattering, without noise; full solves light of all orders in volume boxes on
-            a coarse grid; path estimates it, with noise.
-        tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
-            0.04).
-        samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).
-        seed: seed of the random numbers (default: the scene's, or 0).
-        error: in mode path, noise at which to stop, root mean square over mean where there is matter, such as 0.01.
-        time: in mode path, for how long to go on, about [s].
-        separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
-    """
-    replaceable_files((out, out.with_suffix(".png")), force)
-    from hagoromo.image.scene_file import camera_and_settings
-
-    camera, settings = camera_and_settings(scene)
-    stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
-    settings = replace(settings, **{key: value for key, value in stated.items() if value is not None})
-    if separate_lamps:
-        settings = replace(settings, separate_lamps=True)
-    with progress_bar("render") as progress:
-        image = hg.render(scene, settings, progress, scheduler, mode)
-    wrote(*image.save(out, camera.response, force))
+verb(verbs)(render)
 
 
 @verb(verbs)

@@ -25,6 +25,7 @@ from hagoromo.files.stores import address
 from hagoromo.files.table import read_table
 from hagoromo.files.tiff import read_tiff
 from hagoromo.image.image import read_image
+from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.photograph.capture import count_absent
 
@@ -98,10 +99,11 @@ def _box(path: Path) -> Facts:
 def _exr(path: Path) -> Facts:
     channels, metadata = read_exr(path)
     height, width = next(iter(channels.values())).shape
-    ranges = {name: [float(np.nanmin(values)), float(np.nanmax(values))] for name, values in channels.items()}
+    shown = {name: values for name, values in channels.items() if not CHANNEL_OF_SUMS.fullmatch(name)}
+    ranges = {name: [float(np.nanmin(values)), float(np.nanmax(values))] for name, values in shown.items()}
     lamps = {"lamps": list(read_image(path).lamp_names)} if "palette" in metadata else {}
-    shown = {k: _short(v) for k, v in metadata.items()}
-    return {"kind": "EXR image", "size": [width, height], **lamps, **ranges, **shown}
+    texts = {k: _short(v) for k, v in metadata.items()}
+    return {"kind": "EXR image", "size": [width, height], **lamps, **ranges, **texts}
 
 
 def _ies(path: Path) -> Facts:

@@ -6,6 +6,7 @@ field knows no camera: with the same `cache` another camera costs a march.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.image.higher_orders import albedos_of, check_matter
 from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
-from hagoromo.image.path_picture import albedos, check_matter
+from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import cell_size
@@ -56,21 +58,14 @@ def full_picture(
             raise InputError(
                 f"volume box {box.name!r} has texels: mode full takes boxes without; use mode march or path"
             )
-    cache, spectra = cache or SceneCache(), distinct([lamp.spectrum for lamp in scene.lamps])
-    bands = bands_of_scene(scene, spectra)  # one choice for all batches
+    kept = cache or SceneCache()
+    bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))  # one choice for all batches
     batches = batches_of(scene.lamps, bands.count, settings.separate_lamps)
-    total: WeightsOfLamps | None = None
-    for number, batch in enumerate(batches):
-        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
-        part = part_of(progress, number / len(batches), 1 / len(batches))
-        image = _under_one_batch(lit, settings, points, bands, cache, part)
-        if len(batches) == 1:
-            return image
-        if total is None:
-            total = WeightsOfLamps(image.palette.with_lamps(scene.lamps, settings.separate_lamps), image.alpha.shape)
-        total.add(batch, image.palette, image.weights)
-    assert total is not None
-    return Image(total.values, image.alpha, total.palette, image.metadata | metadata(scene, settings))
+
+    def under(number: int, lit: Scene, part: Progress) -> Image:
+        return _under_one_batch(lit, settings, points, bands, kept, part)
+
+    return under_batches(scene, batches, settings.separate_lamps, under, progress)
 
 
 def batches_of(lamps: Sequence[Lamp], bands: int, separate: bool) -> list[list[int]]:
@@ -104,7 +99,7 @@ def _under_one_batch(
 
 def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:
     """The bands of a scene; one where all that its matter sends on is the same at every wavelength."""
-    colours = albedos([m for box in scene.boxes for m in box.materials], [s for box in scene.boxes for s in box.basis])
+    colours = albedos_of(scene)
     bands = bands_of(colours, lamps, BANDS_TOLERANCE, MOST_BANDS)
     grey = bool((np.ptp(bands.of(colours), axis=1) == 0.0).all())
     return Bands(bands.wavelengths[:1], 0.0) if grey else bands
@@ -113,9 +108,17 @@ def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:
 def field_of(scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands, cache: SceneCache) -> Field:
     """The light of higher orders in a prepared scene, solved unless `cache` holds it."""
     assert prepared.medium is not None
-    lamps = tuple((lamp.intensity, id(lamp.profile), str(lamp.axis), lamp.axis_power) for lamp in scene.lamps)
+    lamps = json.dumps([record_from_lamp(lamp) for lamp in scene.lamps], default=float)
     materials = tuple(material for box in scene.boxes for material in box.materials)
-    figures = materials, lamps, prepared.palette.lamp_groups, settings.seed, settings.orders, prepared.origin.tobytes()
+    figures = (
+        materials,
+        lamps,
+        bands.wavelengths.tobytes(),
+        prepared.palette.lamp_groups,
+        settings.seed,
+        settings.orders,
+        prepared.origin.tobytes(),
+    )
     channels = len(prepared.palette.lamps) * bands.count
     size = cell_size(prepared.medium.boxes, channels)
 

@@ -22,6 +22,7 @@ from hagoromo.files.finite import finite_json
 from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
+from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.lighting import Palette, distinct
@@ -37,7 +38,8 @@ class Image:
 
     A weight is radiance per unit of lamp spectrum and colour [1/m² for a lamp intensity of 1].
     metadata: scene, settings, seed and version that made it. variance: (height, width), of the noise of Y of `xyz`,
-    where the image was estimated by random walks; None elsewhere.
+    where the image was estimated by random walks; None elsewhere. sums: (batches of lamps, height, width, columns)
+    of an unfinished one, from which `render` goes on; None elsewhere.
 
     >>> reddish = hg.Spectrum([400, 600, 700], [0, 0, 1])
     >>> red = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=reddish)
@@ -55,6 +57,7 @@ class Image:
     palette: Palette
     metadata: dict[str, Any] = field(default_factory=dict)
     variance: NDArray[np.float32] | None = None
+    sums: NDArray[np.float64] | None = None
 
     def __repr__(self) -> str:
         """The size and the number of weights."""
@@ -108,7 +111,7 @@ class Image:
         each = np.repeat(np.array(factors, np.float32), len(self.palette.colours))
         record = _with_lamps(self.metadata, self.palette, factors, spectra)
         palette = replace(self.palette, lamps=lamps)  # the variance is that under the lamps of before
-        return replace(self, weights=self.weights * each, palette=palette, metadata=record, variance=None)
+        return replace(self, weights=self.weights * each, palette=palette, metadata=record, variance=None, sums=None)
 
     def _of_groups(self, of_lamps: Mapping[Any, Any], otherwise: Any, what: str) -> list[Any]:
         """A value for each group of lamps from those of single lamps."""
@@ -161,11 +164,15 @@ class Image:
             channels[name] = self.weights[..., k]
         if self.variance is not None:
             channels[VARIANCE] = self.variance
+        if self.sums is not None:
+            channels |= channels_of_sums(self.sums)
         header = {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
             "hagoromo": finite_json(self.metadata, str(target)),
             "palette": finite_json(_palette_record(self.palette), str(target)),
         }
+        if self.sums is not None:
+            header["unfinished"] = f"after {self.metadata['unfinished']['walks']:.4g} walks a pixel"
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
@@ -194,9 +201,10 @@ def read_image(path: str | Path) -> Image:
         empty = np.zeros(channels["A"].shape, np.float32)
         names = Image(empty[..., None], empty, palette).channel_names()
         weights = np.stack([channels[name] for name in names], axis=-1)
+        sums = sums_of_channels(channels)
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path} holds no weights of Hagoromo: render it again ({error})") from error
-    return Image(weights, channels["A"], palette, metadata, channels.get(VARIANCE))
+    return Image(weights, channels["A"], palette, metadata, channels.get(VARIANCE), sums)
 
 
 def _palette_record(palette: Palette) -> dict[str, Any]:

@@ -6,13 +6,16 @@ up to 96 MiB. Enters: the lamps of a scene, and pictures under parts of them. Le
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.memory import require
+from hagoromo.image.image import Image
+from hagoromo.image.scene import Scene
 from hagoromo.light.lamp import Lamp
+from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.lighting import Palette
 
 LAMPS_AT_ONCE = 32  # lamps of a batch; a constant, not what fits the memory: steps of the march depend on it a little
@@ -53,3 +56,31 @@ class WeightsOfLamps:
         groups = {own: self.palette.lamp_groups[lamp] for own, lamp in zip(part.lamp_groups, batch, strict=True)}
         for own, group in groups.items():
             self.values[..., group * colours : (group + 1) * colours] += weights[..., own * colours :][..., :colours]
+
+
+def under_batches(
+    scene: Scene,
+    batches: Sequence[Batch],
+    separate: bool,
+    image_of: Callable[[int, Scene, Progress], Image],
+    progress: Progress = silent,
+) -> Image:
+    """The picture of a scene as the sum of those under batches of its lamps; the coverage is that of the last.
+
+    separate: see `Settings.separate_lamps`. image_of: the picture of the scene under the lamps of a batch of a number.
+    """
+    total: WeightsOfLamps | None = None
+    variance: NDArray[np.float32] | None = None
+    image: Image | None = None
+    for number, batch in enumerate(batches):
+        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
+        image = image_of(number, lit, part_of(progress, number / len(batches), 1.0 / len(batches)))
+        if len(batches) == 1:
+            return image
+        if total is None:
+            total = WeightsOfLamps(image.palette.with_lamps(scene.lamps, separate), image.alpha.shape)
+            variance = None if image.variance is None else np.zeros_like(image.variance)
+        total.add(batch, image.palette, image.weights)
+        variance = None if variance is None or image.variance is None else variance + image.variance
+    assert total is not None and image is not None
+    return Image(total.values, image.alpha, total.palette, image.metadata | {"scene": scene.record()}, variance)

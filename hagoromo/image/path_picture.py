@@ -5,67 +5,73 @@ Enters: a scene. Leaves: an `Image` whose palette has bands for light that was s
 
 from __future__ import annotations
 
-import math
-import time
 from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
-from hagoromo.camera.response import Response, response_matrix
+from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.files.memory import require
+from hagoromo.image.higher_orders import albedos_of, check_matter
 from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
-from hagoromo.image.render import PreparedScene, SceneCache, metadata
+from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.render import PreparedScene, SceneCache, metadata, palette_of_scene, reflectances_of
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
+from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
+from hagoromo.image.walk_sums import Stop, Sums
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Palette, distinct
+from hagoromo.transport.lighting import distinct
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
 from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers
 from hagoromo.transport.path.scatter import Scattering
-from hagoromo.volume.box import VolumeBox
 
 WALKS_AT_ONCE = 1 << 18  # of one launch; progress is reported, and an interrupt taken, between launches
-ALL_ORDERS = 2**32 - 1
-FIRST_WALKS = 16  # a pixel, from which the error is estimated first
-MOST_WALKS = 1 << 20  # a pixel
-LARGEST_ALBEDO = 1.002  # of voxels, whose colours are halves
-BRICKS_READ = 1 << 12  # at once
+ALL_ORDERS = 1 << 16  # events after which a walk ends
+FIRST_LOOK = 64  # walks that are tried before all others
+ENDLESS = 0.5  # share of walks with ALL_ORDERS events above which a picture is refused
+LONG = 64.0  # events of a walk above which fewer are launched at once
 
 
-def path_picture(scene: Scene, settings: Settings, progress: Progress = silent) -> Image:
+def path_picture(
+    scene: Scene, settings: Settings, progress: Progress = silent, unfinished: Image | None = None
+) -> Image:
     """The image of a scene by `settings.samples` walks through each pixel; see `render`.
 
-    `InputError` for a box whose matter would send on more light than it takes.
+    unfinished: of an interrupted run, to go on from. `InputError` for a box whose matter would send on more light than
+    it takes, and for light that never leaves nor is absorbed. An interrupt raises `RenderInterrupted`.
     """
     for box in scene.boxes:
         check_matter(box)
-    batches, cache, parts = lamp_batches(scene.lamps), SceneCache(), []
-    reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
-    basis = [spectrum for box in scene.boxes for spectrum in box.basis]
-    bands = bands_of(albedos(reflectances, basis), distinct([lamp.spectrum for lamp in scene.lamps]))
-    scattered = _Scattered(reflectances, bands, scene.lamps[0].spectrum)
-    for number, batch in enumerate(batches):
-        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
-        part = part_of(progress, number / len(batches), 1.0 / len(batches))
-        parts.append(_under_one_batch(lit, settings, cache, scattered, (number, 1.0 / len(batches)), part))
-    if len(parts) == 1:
-        return parts[0]
-    palette = parts[0].palette.with_lamps(scene.lamps, settings.separate_lamps)
-    total = WeightsOfLamps(palette, parts[0].alpha.shape)
-    for batch, part in zip(batches, parts, strict=True):
-        total.add(batch, part.palette, part.weights)
-    record = metadata(scene, settings) | {key: parts[0].metadata[key] for key in ("mode", "bands_error")}
-    variances = [part.variance for part in parts if part.variance is not None]
-    variance = np.asarray(np.sum(variances, axis=0), np.float32) if len(variances) == len(parts) else None
-    return Image(total.values, parts[0].alpha, palette, record, variance)
+    batches, cache = lamp_batches(scene.lamps), SceneCache()
+    bands = bands_of(albedos_of(scene), distinct([lamp.spectrum for lamp in scene.lamps]))
+    scattered = _Scattered(reflectances_of(scene), bands, scene.lamps[0].spectrum)
+    lit = [scene.with_lamps(*(scene.lamps[lamp] for lamp in batch)) for batch in batches]
+    sums = [_sums(each, settings, scattered) for each in lit]
+    if unfinished is not None:
+        sums_of(unfinished, metadata(scene, settings), sums)
+
+    def picture(number: int, part: Scene, _: Progress) -> Image:
+        own = sums[number]
+        walks = float(own.walks.mean())
+        record = {"mode": "path", "bands_error": bands.error, "walks": int(walks) if walks.is_integer() else walks}
+        record |= {"noise": own.error()} if own.variance() is not None else {}
+        return Image(*own.mean(), own.palette, metadata(part, settings) | record, own.variance())
+
+    try:
+        for number, part in enumerate(lit):
+            of_batch = part_of(progress, number / len(batches), 1.0 / len(batches))
+            _walk(part, settings, cache, scattered, (number, 1.0 / len(batches)), sums[number], of_batch)
+    except KeyboardInterrupt as interrupt:
+        if not any(own.walks.any() for own in sums):
+            raise
+        image = under_batches(scene, batches, settings.separate_lamps, picture)
+        raise RenderInterrupted(with_sums(image, sums)) from interrupt
+    return under_batches(scene, batches, settings.separate_lamps, picture)
 
 
 @dataclass(frozen=True)
@@ -77,79 +83,47 @@ class _Scattered:
     white: Spectrum
 
 
-def check_matter(box: VolumeBox) -> None:
-    """`InputError` for a box whose light of all orders is not computed."""
-    elements = sorted({material.element for material in box.materials} - {"sphere"})
-    if box.extinction == "isotropic" and elements:
-        raise InputError(
-            f"volume box {box.name!r} has isotropic extinction, by which a {elements[0]} that is lit again sends back "
-            'more light than it takes: set extinction = "projected"'
-        )
-    if box.basis and (albedo := largest_albedo(box)) > LARGEST_ALBEDO:
-        raise InputError(
-            f"volume box {box.name!r}: its voxels send back up to {albedo:.3g} of the light at some wavelength: lower "
-            "their body colours, or alpha"
-        )
+def _sums(scene: Scene, settings: Settings, scattered: _Scattered) -> Sums:
+    """No walks yet."""
+    palette = replace(palette_of_scene(scene, settings), bands=scattered.bands.spectra)
+    return Sums(scene.camera.height, scene.camera.width, palette, scattered.white)
 
 
-def largest_albedo(box: VolumeBox) -> float:
-    """Largest albedo of the body colours of a box's voxels, with the largest α of its materials and their interface."""
-    wavelengths = np.linspace(400.0, 700.0, 31)
-    basis = np.array([spectrum.at(wavelengths) for spectrum in box.basis])
-    brightest = 0.0
-    for begin in range(0, box.bricks.kept, BRICKS_READ):
-        held = box.bricks.read(begin, min(begin + BRICKS_READ, box.bricks.kept))
-        colours = held["colour"][held["density"] > 0.0][:, : len(basis)].astype(np.float32)
-        brightest = max(brightest, float((colours @ basis).max(initial=0.0)))
-    sent = [(math.pi * m.alpha * brightest, m.interface_albedo) for m in box.materials]
-    return max(body + interface for body, interface in sent)
-
-
-def _under_one_batch(
+def _walk(
     scene: Scene,
     settings: Settings,
     cache: SceneCache,
     scattered: _Scattered,
     batch: tuple[int, float],
+    sums: Sums,
     progress: Progress,
-) -> Image:
-    """batch: its number, and its share of the time that the picture may take."""
-    bands, (number, share) = scattered.bands, batch
+) -> None:
+    """Walk until all is in `sums`. batch: its number, and its share of the time that the picture may take."""
+    number, share = batch
     prepared = PreparedScene(scene, replace(settings, shadows="none"), cache)
-    palette = replace(prepared.palette, bands=bands.spectra)
     scattering = Scattering(scattered.reflectances, prepared.lighting.materials)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
-    walks = Walks(matter, prepared.surfaces, prepared.first_on_surface, prepared.lighting, scattering, bands)
-    sums = Sums(scene.camera.height, scene.camera.width, palette, scattered.white)
+    first = prepared.first_on_surface
+    walks = Walks(matter, prepared.surfaces, first, prepared.lighting, scattering, scattered.bands)
     stream = _Stream(prepared, walks, settings, number)
-    stop, walks_so_far = Stop(settings, share), 0
-    while (wanted := stop.wanted(sums, walks_so_far)) > walks_so_far:
-        for begin, end, sample, count in _launches(sums.pixels, walks_so_far, wanted):
-            sums.add(begin, end, stream.walk(begin, end, sample, count))
-            progress(stop.progress(sample + count * end / sums.pixels))
-        walks_so_far = wanted
-    record = metadata(scene, settings) | {"mode": "path", "bands_error": bands.error, "walks": walks_so_far}
-    return Image(*sums.mean(walks_so_far), palette, record, sums.variance(walks_so_far))
+    stop, at_once = Stop(settings, share), walks_at_once(stream, sums.pixels)
+    while stop.goes_on(sums):
+        for pixels, count in sums.launches(at_once):
+            channels, events = stream.walk(pixels, sums.walks[pixels], count)
+            sums.add(pixels, np.concatenate([channels, events[..., None] > 0], axis=-1, dtype=np.float32))
+            progress(stop.progress(sums))
 
 
-def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:
-    """What bodies and interfaces send on of the light of each wavelength, about; basis: of the colours of voxels."""
-    most = max(r.alpha for r in reflectances)
-    scaled = [(math.pi * r.alpha, r.body_colour) for r in reflectances] + [(math.pi * most, s) for s in basis]
-    scaled += [(r.interface_albedo, r.interface_colour) for r in reflectances]
-    return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]
-
-
-def _launches(pixels: int, first: int, samples: int) -> list[tuple[int, int, int, int]]:
-    """Pixels begin … end − 1, first sample and number of samples of each launch of WALKS_AT_ONCE walks at most, of the
-    samples `first` … `samples` − 1.
-    """
-    together = min(max(WALKS_AT_ONCE // pixels, 1), samples - first)
-    return [
-        (begin, min(begin + WALKS_AT_ONCE, pixels), sample, min(together, samples - sample))
-        for sample in range(first, samples, together)
-        for begin in range(0, pixels, WALKS_AT_ONCE)
-    ]
+def walks_at_once(stream: _Stream, pixels: int) -> int:
+    """Walks of one launch: fewer where they are long. `InputError` where they have no end."""
+    some = np.unique(np.linspace(0, pixels - 1, FIRST_LOOK).astype(np.int64))
+    _, events = stream.walk(some, np.zeros(len(some)), 1)
+    if stream.settings.orders is None and (events >= ALL_ORDERS).mean() > ENDLESS:
+        raise InputError(
+            f"light has no end here: most walks were scattered {ALL_ORDERS} times, so that no number of them gives a "
+            "picture; open the space that encloses the light, lower its albedos, or give orders"
+        )
+    return max(int(WALKS_AT_ONCE * min(LONG / max(float(events.mean()), 1e-9), 1.0)), min(WALKS_AT_ONCE, FIRST_LOOK))
 
 
 @dataclass
@@ -161,92 +135,23 @@ class _Stream:
     settings: Settings
     batch: int  # of lamps: each has random numbers of its own
 
-    def walk(self, begin: int, end: int, sample: int, count: int) -> NDArray[np.float32]:
-        """`count` walks from number `sample` on through the pixels begin … end − 1: (pixels, count, channels + 1)."""
+    def walk(
+        self, pixels: NDArray[np.int64], samples: NDArray[np.float64], count: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """`count` walks through each of some pixels, from number `samples` on: (pixels, count, channels), and how often
+        each was scattered.
+        """
         jit, camera = arrays(), self.prepared.camera
-        lane = dr.arange(jit.UInt, (end - begin) * count)
+        lane = dr.arange(jit.UInt, len(pixels) * count)
         each, width = dr.opaque(jit.UInt, count), dr.opaque(jit.UInt, camera.width)
-        pixel = lane // each + dr.opaque(jit.UInt, begin)
-        seed = self.settings.seed + (self.batch << 32)
-        random = random_numbers(pixel, lane % each + dr.opaque(jit.UInt, sample), seed)
+        pixel = dr.gather(jit.UInt, lookup(jit.UInt, pixels.astype(np.uint32)), lane // each)
+        sample = dr.gather(jit.UInt, lookup(jit.UInt, samples.astype(np.uint32)), lane // each) + lane % each
+        random = random_numbers(pixel, sample, self.settings.seed + (self.batch << 32))
         x = jit.Float(pixel % width) + random.next_float32()
         y = jit.Float(pixel // width) + random.next_float32()
         origin, direction = camera.rays(x, y, self.prepared.ahead)
         most = dr.opaque(jit.UInt, self.settings.orders or ALL_ORDERS)
-        channels, met = light_of_walks(self.walks, origin, direction, random, most)
-        dr.eval(channels, met)
-        values = np.stack([np.array(each) for each in (*channels, met)], axis=-1)
-        return values.reshape(end - begin, count, -1)
-
-
-class Stop:
-    """When to stop: after a number of walks a pixel, at an estimated error, or after a time."""
-
-    def __init__(self, settings: Settings, share: float) -> None:
-        """`share`: of `settings.seconds`."""
-        self.settings, self.begin, self.last = settings, time.monotonic(), settings.samples
-        self.seconds = math.inf if settings.seconds is None else share * settings.seconds
-
-    def wanted(self, sums: Sums, walks: int) -> int:
-        """Number of walks a pixel to go on to, after some: at most twice as many at a time."""
-        settings = self.settings
-        open_ended = settings.error is not None or settings.seconds is not None
-        if walks == 0 or not open_ended:
-            return max(settings.samples, FIRST_WALKS) if open_ended else settings.samples
-        wanted, seconds = float(MOST_WALKS), time.monotonic() - self.begin
-        if settings.error is not None:
-            wanted = walks * (sums.error(walks) / settings.error) ** 2
-            if wanted > MOST_WALKS and settings.seconds is None:
-                raise InputError(
-                    f"an error of {settings.error:g} takes about {wanted:.2g} walks a pixel, and {MOST_WALKS} are the "
-                    f"most: after {walks} it is {sums.error(walks):.2g}; give a larger error, or a time"
-                )
-        wanted = min(wanted, walks * self.seconds / max(seconds, 1e-9), MOST_WALKS)
-        self.last = max(math.ceil(wanted), walks)
-        return min(self.last, 2 * walks)
-
-    def progress(self, walks: float) -> float:
-        """Share that is done after some walks a pixel, 0…1."""
-        return min(walks / max(self.last, 1), 1.0)
-
-
-class Sums:
-    """Sums over walks of the weights, the coverage, and the square of Y, of every pixel."""
-
-    def __init__(self, height: int, width: int, palette: Palette, white: Spectrum) -> None:
-        """`white`: see `luminance`."""
-        self.size, self.pixels, self.palette = (height, width), height * width, palette
-        require(8.0 * self.pixels * (palette.channels + 2), f"an image of {width} × {height} pixels")
-        self.values, self.squares = np.zeros((self.pixels, palette.channels + 1)), np.zeros(self.pixels)
-        self.luminance = luminance(palette, white)
-
-    def add(self, begin: int, end: int, values: NDArray[np.float32]) -> None:
-        """Add walks: (pixels, walks, channels + 1)."""
-        self.values[begin:end] += values.sum(axis=1, dtype=np.float64)
-        self.squares[begin:end] += np.square(values[..., :-1] @ self.luminance, dtype=np.float64).sum(axis=1)
-
-    def mean(self, samples: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Weights (height, width, channels) and coverage (height, width)."""
-        mean = (self.values / samples).astype(np.float32).reshape(*self.size, -1)
-        return mean[..., :-1], mean[..., -1]
-
-    def variance(self, samples: int) -> NDArray[np.float32] | None:
-        """Variance of the mean of Y (height, width); None of one walk."""
-        if samples == 1:
-            return None
-        mean = self.values[:, :-1] @ self.luminance / samples
-        spread = np.maximum(self.squares / samples - mean * mean, 0.0) / (samples - 1)
-        return spread.astype(np.float32).reshape(self.size)
-
-    def error(self, samples: int) -> float:
-        """Noise of Y: root mean square over the mean, of the pixels that show matter; 0 where none does."""
-        variance, seen = self.variance(samples), self.values[:, -1] > 0.0
-        mean = float((self.values[seen, :-1] @ self.luminance).mean()) / samples if seen.any() else 0.0
-        return math.sqrt(float(variance.ravel()[seen].mean())) / mean if variance is not None and mean > 0.0 else 0.0
-
-
-def luminance(palette: Palette, white: Spectrum) -> NDArray[np.float64]:
-    """Y of `Image.xyz` of one unit of each weight: (channels,); `white`: the spectrum of the picture's first lamp."""
-    observer = Response.load("cie1931")
-    scale = response_matrix([Spectrum.constant(1.0)], white, observer)[1, 0]
-    return np.concatenate([response_matrix(palette.colours, lamp, observer)[1] for lamp in palette.lamps]) / scale
+        channels, events = light_of_walks(self.walks, origin, direction, random, most)
+        dr.eval(channels, events)
+        values = np.stack([np.array(channel) for channel in channels], axis=-1)
+        return values.reshape(len(pixels), count, -1), np.array(events).reshape(len(pixels), count)

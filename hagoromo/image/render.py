@@ -16,15 +16,16 @@ from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import WeightsOfLamps, lamp_batches
+from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import R3, Film
 from hagoromo.transport.film import tile_order as tile_order
-from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
+from hagoromo.transport.lighting import Attenuation, Lighting, Materials, Palette, palette_of
 from hagoromo.transport.march import march
 from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
@@ -43,6 +44,7 @@ def render(
     progress: Progress = silent,
     scheduler: str | int | None = None,
     mode: str = "march",
+    unfinished: Image | None = None,
 ) -> Image:
     """The image that the scene's camera would see, as weights.
 
@@ -51,7 +53,9 @@ def render(
     file; the bits are the same. `InputError` for a file that describes no scene, and a scheduler that does not answer.
     mode: of MODES. "march": light that is scattered once, without noise. "full": light of all
     orders in volume boxes, solved once on a coarse grid, without noise. "path": light of all orders, estimated without
-    bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`.
+    bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it
+    raises `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
+    unfinished: such a picture, to go on from to the bits of an uninterrupted run; mode path only.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
@@ -66,6 +70,8 @@ def render(
         raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
     if settings is not None:
         _check_mode(settings, mode)
+    if unfinished is not None and mode != "path":
+        raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
     if scheduler is not None:
         if mode != "march":
             raise InputError(f"mode is {mode!r} with a scheduler: only march is rendered by many processes")
@@ -83,7 +89,7 @@ def render(
     if mode == "path":
         from hagoromo.image.path_picture import path_picture  # the march does without
 
-        return path_picture(scene, settings, progress)
+        return path_picture(scene, settings, progress, unfinished)
     if mode == "full":
         from hagoromo.image.full_picture import full_picture
 
@@ -112,19 +118,11 @@ def picture(
 
     Under many lamps it is the sum of those under batches of them; the coverage is that of the last.
     """
-    batches = lamp_batches(scene.lamps)
-    total: WeightsOfLamps | None = None
-    for number, batch in enumerate(batches):
-        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
-        of_batch = part_of(progress, number / len(batches), 1.0 / len(batches))
-        image = _under_one_batch(lit, settings, cache, points, stride, of_batch)
-        if len(batches) == 1:
-            return image
-        if total is None:
-            total = WeightsOfLamps(image.palette.with_lamps(scene.lamps, settings.separate_lamps), image.alpha.shape)
-        total.add(batch, image.palette, image.weights)
-    assert total is not None
-    return Image(total.values, image.alpha, total.palette, metadata(scene, settings))
+
+    def under(number: int, lit: Scene, part: Progress) -> Image:
+        return _under_one_batch(lit, settings, cache, points, stride, part)
+
+    return under_batches(scene, lamp_batches(scene.lamps), settings.separate_lamps, under, progress)
 
 
 def _under_one_batch(
@@ -145,6 +143,17 @@ def _under_one_batch(
 def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
     """Metadata of an image: version, backend, settings and scene, as plain values."""
     return {"version": __version__, "backend": name(), "settings": asdict(settings), "scene": scene.record()}
+
+
+def reflectances_of(scene: Scene) -> list[Reflectance]:
+    """Those of all boxes, then of all surfaces, as materials are numbered."""
+    return [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
+
+
+def palette_of_scene(scene: Scene, settings: Settings) -> Palette:
+    """The colours that the weights of a scene's picture are of, without bands of higher orders."""
+    colours = palette_of(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis], [])
+    return colours.with_lamps(scene.lamps, settings.separate_lamps)
 
 
 class SceneCache:
@@ -183,10 +192,8 @@ class PreparedScene:
         width = stride / (max(camera.focal) * math.sqrt(settings.samples if stride == 1 else 1))
         self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
         self.first_width = dr.opaque(arrays().Float, width * self.ahead)  # of a camera ray, where it begins [m]
-        reflectances = [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
-        bases = [box.basis for box in scene.boxes]
-        colours = palette_of(reflectances, [s for b in bases for s in b], [])
-        self.palette = colours.with_lamps(scene.lamps, settings.separate_lamps)
+        reflectances, bases = reflectances_of(scene), [box.basis for box in scene.boxes]
+        self.palette = palette_of_scene(scene, settings)
         self.channels = self.palette.channels
         self.medium = _medium(scene, settings, cache)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))

@@ -4,6 +4,7 @@ import numpy as np
 
 import hagoromo as hg
 from hagoromo.app.cli import main
+from hagoromo.image.walk_sums import Sums
 
 
 def test_a_scene_is_rendered_in_all_orders_and_exposed_again(scene, tmp_path):
@@ -26,3 +27,29 @@ def test_settings_of_walks_are_refused_where_there_are_none(refused, scene, tmp_
 def test_a_box_that_gains_light_is_refused_by_what_it_is_and_what_to_do(refused, scene, box, tmp_path):
     said = refused("render", scene(more='[[box]]\nfile = "slab.zarr"\n'), "--mode", "path", "--out", tmp_path / "a.exr")
     assert "'slab' has isotropic extinction" in said and 'set extinction = "projected"' in said
+
+
+def test_an_interrupt_leaves_the_picture_so_far_and_resume_goes_on(scene, tmp_path, monkeypatch, capsys, refused):
+    """To the bits of an uninterrupted run, with the same scene; a finished picture is not resumed."""
+    picture, whole = tmp_path / "a.exr", tmp_path / "b.exr"
+    command = ["render", str(scene()), "--mode", "path", "--samples", "6", "--out"]
+    monkeypatch.setattr("hagoromo.image.path_picture.WALKS_AT_ONCE", 500)
+    assert main([*command, str(whole)]) == 0
+    add, left = Sums.add, iter(range(3))
+
+    def interrupted(sums, *launch):
+        add(sums, *launch)
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Sums, "add", interrupted)
+    assert main([*command, str(picture)]) == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "walks a pixel" in said and f"{picture} is the picture so far: --resume goes on with it" in said
+    assert picture.with_suffix(".png").exists() and "walks a pixel" in hg.info(picture)["unfinished"]
+    monkeypatch.setattr(Sums, "add", add)
+    assert main([*command, str(picture), "--resume"]) == 0
+    one, other = hg.read_image(picture), hg.read_image(whole)
+    assert np.array_equal(one.weights, other.weights) and one.sums is None
+    assert "not unfinished" in refused(*command, picture, "--resume")
+    assert "nothing to resume" in refused(*command, tmp_path / "c.exr", "--resume")

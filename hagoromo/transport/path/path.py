@@ -185,9 +185,8 @@ class Walks:
 @dr.syntax
 def light_of_walks(
     walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt
-) -> tuple[list[Float], Float]:
-    """Weights of the radiance towards the origin of rays, by one walk each: see `Walks.channels`; and 1 where it meets
-    anything, else 0.
+) -> tuple[list[Float], UInt]:
+    """Weights of the radiance towards the origin of rays, by one walk each: see `Walks.channels`; and its events.
 
     most: number of events of a walk, after which it ends.
     """
@@ -212,7 +211,7 @@ def light_of_walks(
         stays = dr.fmin(brightest * (1.0 / FAINT), 1.0)
         alive &= random.next_float32() < stays
         carried = [old / dr.fmax(stays, 1e-30) for old in carried]
-    return channels, dr.select(events > 0, jit.Float(1), 0.0)
+    return channels, events
 
 
 def five_of(random: Random) -> list[Float]:

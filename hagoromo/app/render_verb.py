@@ -1,0 +1,69 @@
+"""The command `hagoromo render`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+import hagoromo as hg
+from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.verb import Force, Out, Scheduler, wrote
+from hagoromo.errors import InputError
+from hagoromo.files.whole import replaceable_files
+
+
+def render(
+    scene: Positional[Path],
+    out: Out,
+    mode: Literal["march", "full", "path"] = "march",
+    tolerance: float | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
+    error: float | None = None,
+    time: float | None = None,
+    separate_lamps: bool = False,
+    resume: bool = False,
+    scheduler: Scheduler = None,
+    force: Force = False,
+) -> None:
+    """Scene → EXR (linear, with its weights) and PNG (sRGB).
+
+    Args:
+        scene: scene TOML.
+        mode: march computes single scattering, without noise; full solves light of all orders in volume boxes on
+            a coarse grid; path estimates it, with noise.
+        tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
+            0.04).
+        samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).
+        seed: seed of the random numbers (default: the scene's, or 0).
+        error: in mode path, noise at which to stop, root mean square over mean where there is matter, such as 0.01.
+        time: in mode path, for how long to go on, about [s].
+        separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
+        resume: go on with the unfinished picture that an interrupted run in mode path left at `--out`.
+    """
+    unfinished = _unfinished(out) if resume else None
+    replaceable_files((out, out.with_suffix(".png")), force or resume)
+    from hagoromo.image.scene_file import camera_and_settings
+
+    camera, settings = camera_and_settings(scene)
+    stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
+    settings = replace(settings, **{key: value for key, value in stated.items() if value is not None})
+    if separate_lamps:
+        settings = replace(settings, separate_lamps=True)
+    try:
+        with progress_bar("render") as progress:
+            image = hg.render(scene, settings, progress, scheduler, mode, unfinished)
+    except hg.RenderInterrupted as interrupt:
+        interrupt.image.save(out, camera.response, force or resume)
+        raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt
+    wrote(*image.save(out, camera.response, force or resume))
+
+
+def _unfinished(out: Path) -> hg.Image:
+    """The picture that an interrupted run left."""
+    if not out.exists():
+        raise InputError(f"{out} does not exist, so that there is nothing to resume: render it without --resume")
+    return hg.read_image(out)

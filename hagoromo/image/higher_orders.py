@@ -1,0 +1,58 @@
+"""Higher orders: what modes path and full have in common — which matter they take, and what it sends on at most."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.image.render import reflectances_of
+from hagoromo.image.scene import Scene
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box import VolumeBox
+
+LARGEST_ALBEDO = 1.002  # of voxels, whose colours are halves
+BRICKS_READ = 1 << 12  # at once
+
+
+def albedos_of(scene: Scene) -> list[Spectrum]:
+    """What bodies and interfaces of a scene send on of the light of each wavelength, about."""
+    return albedos(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis])
+
+
+def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:
+    """What bodies and interfaces send on of the light of each wavelength, about; basis: of the colours of voxels."""
+    most = max(r.alpha for r in reflectances)
+    scaled = [(math.pi * r.alpha, r.body_colour) for r in reflectances] + [(math.pi * most, s) for s in basis]
+    scaled += [(r.interface_albedo, r.interface_colour) for r in reflectances]
+    return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]
+
+
+def check_matter(box: VolumeBox) -> None:
+    """`InputError` for a box whose light of all orders is not computed."""
+    elements = sorted({material.element for material in box.materials} - {"sphere"})
+    if box.extinction == "isotropic" and elements:
+        raise InputError(
+            f"volume box {box.name!r} has isotropic extinction, by which a {elements[0]} that is lit again sends back "
+            'more light than it takes: set extinction = "projected"'
+        )
+    if box.basis and (albedo := largest_albedo(box)) > LARGEST_ALBEDO:
+        raise InputError(
+            f"volume box {box.name!r}: its voxels send back up to {albedo:.3g} of the light at some wavelength: lower "
+            "their body colours, or alpha"
+        )
+
+
+def largest_albedo(box: VolumeBox) -> float:
+    """Largest albedo of the body colours of a box's voxels, with the largest α of its materials and their interface."""
+    wavelengths = np.linspace(400.0, 700.0, 31)
+    basis = np.array([spectrum.at(wavelengths) for spectrum in box.basis])
+    brightest = 0.0
+    for begin in range(0, box.bricks.kept, BRICKS_READ):
+        held = box.bricks.read(begin, min(begin + BRICKS_READ, box.bricks.kept))
+        colours = held["colour"][held["density"] > 0.0][:, : len(basis)].astype(np.float32)
+        brightest = max(brightest, float((colours @ basis).max(initial=0.0)))
+    sent = [(math.pi * m.alpha * brightest, m.interface_albedo) for m in box.materials]
+    return max(body + interface for body, interface in sent)
