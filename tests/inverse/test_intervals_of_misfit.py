@@ -5,12 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hagoromo.measurement.known_shape import measure_known_shape
+from hagoromo.measurement.material import estimate
+from hagoromo.measurement.material.estimate import estimate_material
+from hagoromo.measurement.material.material_objective import expected
+from hagoromo.measurement.material.misfit_shift import evidence_of_misfit
 from hagoromo.measurement.normals import gloss_estimate
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.highlight_shift import highlight_shift
 from hagoromo.measurement.normals.normals import solve_with_one_lobe
 from hagoromo.measurement.normals.own_gloss import OwnGloss
+from hagoromo.measurement.parameters import pack_theta
+from studies.coverage_bench import BENCHES, ball, drawn, exposed, observed
 from tests.inverse import simulated_ball
 from tests.inverse.simulated_ball import Truth, simulate
 
@@ -80,3 +87,54 @@ def test_intervals_of_the_right_model_stay_as_they_are(monkeypatch):
     known = np.stack([p.mask[solved.views.rows, solved.views.columns] for p in capture.photographs])
     shift = highlight_shift(solved.fit, solved.views, known & solved.views.used, 0)
     assert np.all(shift**2 < 0.21 * np.diag(solved.fit.covariance[0])[:2])
+
+
+@pytest.mark.parametrize("n", [1.5, None])
+@pytest.mark.parametrize("lobes", LOBES.values(), ids=LOBES)
+def test_intervals_on_known_shape_see_it_too(lobes, n, monkeypatch):
+    """γ 0.246 in [0.245, 0.247] was said of the half width 0.083, and of a β of 1.1 0.51 to 0.52."""
+    capture, truth = photographed(monkeypatch, *lobes), effective(*lobes)
+    (found,) = measure_known_shape(capture, labels=ONE, facets="gaussian", n=n).materials
+    assert found.lack_of_fit is not None and found.lack_of_fit["rejected"]
+    assert all(holds(found, truth).values())
+    assert found.interval_95["beta"][0] <= truth["beta"] <= found.interval_95["beta"][1]
+    assert found.interval_95["gamma"][0] <= truth["gamma"] <= found.interval_95["gamma"][1]
+    assert any("wider by how far the highlight" in remark for remark in found.remarks)
+    monkeypatch.setattr(estimate, "with_misfit", lambda fit, _: fit)
+    assert not any(holds(measure_known_shape(capture, labels=ONE, facets="gaussian", n=n).materials[0], truth).values())
+
+
+@pytest.mark.parametrize("exponent", [0.1, 0.3])
+def test_alpha_of_a_body_that_is_not_lamberts_has_the_width_of_its_light(exponent):
+    """cosθ^(1 + ε): its α by angle is α cosθ^ε, that of the same albedo 2 α/(2 + ε)."""
+    seen = ball(BENCHES["three lamps"].azimuths)
+    incidence = np.maximum(seen.cosines.incidence.max(axis=1), 1e-3)[:, None]
+    body = np.array(BODY) * seen.body * incidence**exponent
+    clean = body + expected(seen, pack_theta(np.zeros(3), 0.5, 0.2, 1.5))
+    found = estimate_material(exposed(seen, clean, 45_000.0, np.random.default_rng(3)), "paint", 1, 1.5)
+    low, high = found.interval_95["alpha"]
+    assert low <= 0.15 * 2.0 / (2.0 + exponent) <= high
+    assert low <= 0.15 * np.cos(np.radians(60.0)) ** exponent and 0.15 * np.cos(np.radians(30.0)) ** exponent <= high
+
+
+def test_intervals_on_known_shape_of_the_right_model_stay(monkeypatch):
+    """Of six materials at most one is wider by a tenth or more: evidence against the right model is rare."""
+    wider = []
+    for seed in range(6):
+        random = np.random.default_rng([seed, 77])
+        truth = drawn(BENCHES["three lamps"], random)
+        readings = observed(BENCHES["three lamps"], truth, 6e3, random)
+        with monkeypatch.context() as without:
+            without.setattr(estimate, "with_misfit", lambda fit, _: fit)
+            bare = estimate_material(readings, "paint", 1, truth.n, facets="gaussian", interface="neutral")
+        found = estimate_material(readings, "paint", 1, truth.n, facets="gaussian", interface="neutral")
+        ratios = [np.ptp(found.interval_95[key]) / np.ptp(bare.interval_95[key]) for key in ("alpha", "beta", "gamma")]
+        wider.append(max(ratios) > 1.1)
+    assert sum(wider) <= 1
+
+
+def test_evidence_of_misfit():
+    """Sellke, Bayarri & Berger 2001, table 1: p = 0.05, 0.01 and 0.001 leave the model 0.289, 0.111 and 0.0184."""
+    for p_value, model in ((0.05, 0.289), (0.01, 0.111), (0.001, 0.0184)):
+        assert evidence_of_misfit(p_value) == pytest.approx(1.0 - 2.0 * model, abs=2e-3)
+    assert evidence_of_misfit(1.0) == evidence_of_misfit(0.5) == 0.0 and evidence_of_misfit(0.0) == 1.0

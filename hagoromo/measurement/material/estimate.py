@@ -7,6 +7,7 @@ unknown; if it is, n may still be.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from hagoromo.measurement.material.interval import (
 )
 from hagoromo.measurement.material.lack_of_fit import LackOfFit, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
+from hagoromo.measurement.material.misfit_shift import with_misfit
 from hagoromo.measurement.material.model_choice import (
     ChosenFit,
     Facets,
@@ -52,6 +54,7 @@ from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
+WIDENED = "errors and intervals are wider by how far the highlight and the body are from the model"
 DETECTION = 1e-4  # probability that noise lowers χ² as much as an interface term has to
 PRIOR_N = 1.5  # refractive index of most dielectrics, plastic, skin and fibre among them: 1.3–1.7
 
@@ -77,13 +80,15 @@ def estimate_material(
         if _detected(chosen.fitted.fit):
             return _glossy(observations, chosen, name, pixels, error)
         matte = Fitted(*find_albedo_variation(fit_material(observations, n, with_interface=False)))
-        return _matte(_with_error(matte, error), name, pixels, n)
+        tested = lack_of_fit(matte.fit)
+        return _matte(_with_error(matte, error, tested), tested, name, pixels, n)
     except InputError as wrong:
         raise InputError(f"{name}: {wrong}") from wrong
 
 
-def _with_error(fitted: Fitted, error: Array) -> Fitted:
-    return fitted._replace(fit=with_colour_error(fitted.fit, error))
+def _with_error(fitted: Fitted, error: Array, tested: LackOfFit | None) -> Fitted:
+    """`fitted` with the errors of the lamps' colour and of the model in its covariance."""
+    return fitted._replace(fit=with_misfit(with_colour_error(fitted.fit, error), tested))
 
 
 def _detected(fit: MaterialFit) -> bool:
@@ -102,15 +107,16 @@ def _detected(fit: MaterialFit) -> bool:
 
 def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: int, error: Array) -> MaterialEstimate:
     """Estimate with the interface term: n is estimated, given, or not identifiable and then chosen."""
-    fitted = _with_error(chosen.fitted, error)
+    tested = lack_of_fit(chosen.fitted.fit)
+    fitted, wide = (_with_error(one, error, tested) for one in (chosen.fitted, chosen.wide))
+    chosen = replace(chosen, fitted=fitted, wide=wide)
     fit = fitted.fit
     profile = profile_over_n(fit)
     over_tails = None
     if chosen.tails is not None and not chosen.model.tails:
-        over_tails = profile_over_tail(_with_error(chosen.wide, error).fit)
+        over_tails = profile_over_tail(wide.fit)
     intervals = _with_wide(chosen, intervals_of(profile, over_tails))
     identifiable = identifiable_of(fit, intervals)
-    tested = lack_of_fit(fit)
     remarks, values, covered = _remarks(fitted, tested, profile), values_at(fit.theta), fit
     if not fit.free[-1]:
         remarks.append(f"n = {values['n']:.4g} was given, not measured")
@@ -139,7 +145,7 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
     )
 
 
-def _matte(fitted: Fitted, name: str, pixels: int, n: float | None) -> MaterialEstimate:
+def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: float | None) -> MaterialEstimate:
     """Estimate where no interface reflection was detected: β, γ and n unknown, the specular albedo bounded above."""
     fit, c = fitted.fit, channels_of(fitted.fit.theta)
     sweep, values = sweep_of_gloss(fit, n), values_at(fit.theta)
@@ -153,7 +159,6 @@ def _matte(fitted: Fitted, name: str, pixels: int, n: float | None) -> MaterialE
         "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
     }
     alpha_identifiable = is_identifiable(values["alpha"], intervals["alpha"], (0.0, math.inf))
-    tested = lack_of_fit(fit)
     return MaterialEstimate(
         name,
         pixels,
@@ -205,7 +210,7 @@ def _remarks(fitted: Fitted, tested: LackOfFit | None, profile: Profile | None =
     if residuals.outliers > 0.001:
         remarks.append(f"{100 * residuals.outliers:.2g} % of the values lie beyond 6 standard deviations")
     if tested is not None and tested.rejected:
-        remarks.append(tested.remark())
+        remarks += [tested.remark(), WIDENED]
     if fitted.albedo_variation is not None and (fitted.albedo_variation.per_pixel or fitted.albedo_variation.failure):
         remarks.append(fitted.albedo_variation.remark())
     if profile is not None and not profile.statuses.converged.all():

@@ -14,6 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95, Status
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
+from hagoromo.measurement.material.misfit_shift import evidence_of_misfit
 from hagoromo.measurement.material.model_choice import Model, model_remarks
 from hagoromo.measurement.material.quantity import Quantity, colour_of_interface, coordinate, log_albedo, log_beta
 from hagoromo.measurement.material.uncertainty import is_identifiable
@@ -88,9 +89,10 @@ def solved_gloss_map(
 
 def _least_errors(material: MaterialEstimate) -> tuple[float, float]:
     """Relative errors of β and γ below which no pixel of `material` comes: its own, where the model does not fit it."""
-    if material.lack_of_fit is None or not material.lack_of_fit["rejected"] or not material.beta > 0.0:
+    if material.lack_of_fit is None or not material.beta > 0.0:
         return 0.0, 0.0
-    beta, gamma = (material.standard_error[key] / getattr(material, key) for key in ("beta", "gamma"))
+    wrong = math.sqrt(evidence_of_misfit(material.lack_of_fit["p_value"]))
+    beta, gamma = (wrong * material.standard_error[key] / getattr(material, key) for key in ("beta", "gamma"))
     return beta, gamma
 
 
@@ -100,8 +102,9 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     mine = fit.labels == number
     known = np.isfinite(residual).all(axis=1) & normal_map.views.used
     misfit = highlight_check(fit, normal_map.views, known, number)
-    if misfit is not None and misfit.rejected:
-        fit = _widened(fit, number, highlight_shift(fit, normal_map.views, known, number))
+    if misfit is not None:
+        shift = highlight_shift(fit, normal_map.views, known, number)
+        fit = _widened(fit, number, math.sqrt(evidence_of_misfit(misfit.p_value)) * shift)
     body = np.median(fit.body[:, mine], axis=1)
     alpha, parts = float(body.mean()), max(PARTS * float(mine.mean()), 1.0)
     varies = float(np.std(fit.body[:, mine].mean(axis=0))) / alpha

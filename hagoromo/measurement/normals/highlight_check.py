@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hagoromo.measurement.material.lack_of_fit import LEVEL, LackOfFit
+from hagoromo.measurement.material.misfit_shift import BINS
 from hagoromo.measurement.normals.photometric_model import Fit, predicted, size
 from hagoromo.measurement.normals.views import Array, Views
 
-BINS = (0.0, 0.15, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0)  # edges, in half widths γ
 TILES = 4.0  # in a radius of the object
 FEWEST_TILES = 8
 

@@ -8,19 +8,17 @@ loss takes a highlight that the model lacks for outliers.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.facets import facet_density
-from hagoromo.measurement.normals.highlight_check import BINS, angles
+from hagoromo.measurement.material.misfit_shift import BINS, bin_ratios, peak_and_width
+from hagoromo.measurement.normals.highlight_check import angles
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.shading import TAIL
 from hagoromo.measurement.normals.views import Array, Views
-
-LEAST_LIGHT = 0.05  # of the model: a bin of the highlight is not taken to be darker
 
 
 def highlight_shift(fit: Fit, views: Views, known: NDArray[np.bool_], number: int) -> Array:
@@ -35,20 +33,12 @@ def highlight_shift(fit: Fit, views: Views, known: NDArray[np.bool_], number: in
     left = part.values - even * predicted(mine, part.to_lamp, part.to_eye)
     known = known & np.isfinite(left).all(axis=1)
     width = angles(mine.normals, part) / np.exp(mine.rows[:, 1])
-    places, ratios = [], []
-    for low, high in itertools.pairwise(BINS):
-        here = np.where(known & (width >= low) & (width < high), 1.0, 0.0)[:, None]
-        square = float(np.sum(here * lobes**2))
-        if square > 0.0:
-            ratios.append(1.0 + float(np.sum(here * lobes * np.nan_to_num(left))) / square)
-            places.append(float(np.sum(here * lobes**2 * width[:, None])) / square)
-    if not places:
-        return np.zeros(2)
+    left = np.where(known[:, None], np.nan_to_num(left), 0.0).swapaxes(1, 2)
+    lobes = np.where(known[:, None], lobes, 0.0).swapaxes(1, 2)
+    pixel = np.broadcast_to(np.arange(len(own)), width.shape)
+    bins = bin_ratios(width, lobes, left, pixel)
     at = np.linspace(0.0, BINS[-1], 2001)  # half widths
-    shape = _shape(fit, number, at)
-    seen = shape * np.interp(at, places, np.maximum(ratios, LEAST_LIGHT))
-    widths = [at[np.argmax(one < 0.5 * one[0])] or BINS[-1] for one in (seen, shape)]
-    return np.log([seen[0] / shape[0], widths[0] / widths[1]])
+    return np.sqrt(bins.sure) * peak_and_width(_shape(fit, number, at), at, bins)[0]
 
 
 def _shape(fit: Fit, number: int, at: Array) -> Array:
