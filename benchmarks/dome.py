@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 import tyro
 from numpy.typing import NDArray
 
@@ -29,10 +28,12 @@ from hagoromo.files.png import read_png
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
 from studies.dome import dome_lamps
+from tests.inverse.simulated_bracket import write_dng
 
 BLACK, WHITE, GAIN, READ_NOISE = 512, 16_000, 2.1, 6.0  # DN, DN, e⁻/DN, e⁻
 BALL = 0.62, 0.5, 0.3  # centre x, y and radius over the width, height and shorter side
 SHARES = np.array([[0.55, 1.0], [1.0, 0.45]], np.float32)  # of the light at R, G, G, B
+SECONDS = 0.125  # of an exposure
 EVERY_S = 0.05
 BYTES_OF_EACH = 5  # on disk per pixel and photograph: 2 of the RAW file, 3 of the capture at most
 
@@ -94,33 +95,11 @@ def simulate(home: Path, photographs: int, width: int, height: int) -> NDArray[n
         signal = light * np.float32(0.9 * (WHITE - BLACK))
         drawn = np.roll(noise, tuple(random.integers(0, (height, width))), (0, 1))
         signal += drawn * np.sqrt(signal / np.float32(GAIN) + np.float32((READ_NOISE / GAIN) ** 2))
-        write_dng(home / f"{number:02d}.dng", np.clip(np.rint(signal + BLACK), 0, WHITE).astype(np.uint16))
+        raw = np.clip(np.rint(signal + BLACK), 0, WHITE).astype(np.uint16)
+        write_dng(home / f"{number:02d}.dng", raw, SECONDS, BLACK, WHITE)
     rows = [f"{k:02d}.dng {x:.6f} {y:.6f} {z:.6f}" for k, (x, y, z) in enumerate(directions)]
     (home / "dome.lp").write_text("\n".join([str(photographs), *rows]) + "\n", encoding="utf-8")
     return on
-
-
-def write_dng(path: Path, raw: NDArray[np.uint16]) -> None:
-    """An uncompressed DNG of an RGGB mosaic, 1/8 s at ISO 100, 85 mm on a sensor of 36 mm."""
-    identity = tuple(figure for value in np.eye(3).ravel() for figure in (int(value), 1))
-    tags = [
-        (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
-        (33422, "B", 4, bytes((0, 1, 1, 2)), True),  # CFAPattern
-        (50706, "B", 4, bytes((1, 4, 0, 0)), True),  # DNGVersion
-        (50707, "B", 4, bytes((1, 1, 0, 0)), True),  # DNGBackwardVersion
-        (271, "s", 0, "Maker", True),
-        (272, "s", 0, "Maker One", True),
-        (50708, "s", 0, "Maker One", True),  # UniqueCameraModel
-        (50714, "H", 1, BLACK, True),  # BlackLevel
-        (50717, "H", 1, WHITE, True),  # WhiteLevel
-        (50721, "2i", 9, identity, True),  # ColorMatrix1
-        (50728, "2I", 3, (1, 1) * 3, True),  # AsShotNeutral
-        (33434, "2I", 1, (1, 8), True),  # ExposureTime
-        (34855, "H", 1, 100, True),  # ISOSpeedRatings
-        (37386, "2I", 1, (85, 1), True),  # FocalLength
-        (41989, "H", 1, 85, True),  # FocalLengthIn35mmFilm
-    ]
-    tifffile.imwrite(path, raw, photometric=32803, extratags=tags, metadata=None, software="")
 
 
 def watched(*arguments: object) -> dict[str, float]:
