@@ -60,14 +60,7 @@ def photographs(lamps: int) -> Repeated:
     rig = ring_rig(WIDTH // REPEAT, HEIGHT // REPEAT, lamps)
     truth, small = exact(rig.camera, waves), rig.camera
     sensor = Sensor(WELL, WELL, 10.0, WELL / 4095.0, 0.0, 12)
-    camera = replace(
-        small,
-        width=WIDTH,
-        height=HEIGHT,
-        focal=(small.focal[0] * REPEAT, small.focal[1] * REPEAT),
-        principal=(small.principal[0] * REPEAT, small.principal[1] * REPEAT),
-        sensor=sensor,
-    )
+    camera = replace(small.resampled(WIDTH, HEIGHT, (1.0 / REPEAT, 1.0 / REPEAT)), sensor=sensor)
     white = max(float(np.percentile(shaded(truth, lamp, Look(0.2)), 99)) for lamp in rig.lamps) / 0.7
     return Repeated(rig, truth, camera, white)
 

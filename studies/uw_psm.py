@@ -69,9 +69,8 @@ def shrunk(capture: hg.Capture, times: int) -> hg.Capture:
     photographs = []
     for one in capture.photographs:
         camera, mask = one.camera, blocks(one.mask).all(axis=(1, 3))
-        (ax, ay), (x0, y0) = camera.focal, camera.principal
-        camera = replace(camera, focal=(ax / times, ay / times), principal=(x0 / times, y0 / times))
-        camera = replace(camera, width=camera.width // times, height=camera.height // times)
+        coarse = camera.resampled(camera.width // times, camera.height // times, (times, times))
+        camera = replace(coarse, sensor=camera.sensor)
         values = blocks(np.where(one.mask[..., None], one.values, 0.0)).mean(axis=(1, 3))
         variance = blocks(np.where(one.mask[..., None], one.variance, 1.0)).mean(axis=(1, 3)) / times**2
         values, variance = values.astype(np.float32), variance.astype(np.float32)

@@ -102,13 +102,23 @@ class Camera:
             raise InputError(
                 f"binning {k} does not divide the image of {self.width} × {self.height} px: choose a common divisor"
             )
+        coarse = self.resampled(self.width // int(k), self.height // int(k), (k, k))
+        return replace(coarse, sensor=self.sensor.binned(int(k)) if self.sensor else None)
+
+    def resampled(
+        self, width: int, height: int, step: tuple[float, float], corner: tuple[float, float] = (0.0, 0.0)
+    ) -> Camera:
+        """The same view through `width` × `height` other pixels, without a sensor.
+
+        step: width and height of such a pixel; corner: where the first one begins, x and y [px of this camera].
+        """
         return replace(
             self,
-            width=self.width // int(k),
-            height=self.height // int(k),
-            focal=(self.focal[0] / k, self.focal[1] / k),
-            principal=(self.principal[0] / k, self.principal[1] / k),
-            sensor=self.sensor.binned(int(k)) if self.sensor else None,
+            width=width,
+            height=height,
+            focal=(self.focal[0] / step[0], self.focal[1] / step[1]),
+            principal=((self.principal[0] - corner[0]) / step[0], (self.principal[1] - corner[1]) / step[1]),
+            sensor=None,
         )
 
     def with_pose(self, world_to_camera: ArrayLike) -> Camera:

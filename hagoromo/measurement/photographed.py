@@ -34,15 +34,8 @@ def photographed(capture: Capture, size: tuple[int, int] | None = None) -> Photo
     """The camera and the lamps of `capture`. size: (width, height) [px] of maps that are larger than photographs."""
     camera = capture.photographs[0].camera
     if size is not None and size != (camera.width, camera.height):
-        factor = round(size[0] / camera.width)
-        camera = replace(
-            camera,
-            width=size[0],
-            height=size[1],
-            focal=(camera.focal[0] * factor, camera.focal[1] * factor),
-            principal=(camera.principal[0] * factor, camera.principal[1] * factor),
-            sensor=None,
-        )
+        step = 1.0 / round(size[0] / camera.width)
+        camera = camera.resampled(size[0], size[1], (step, step))
     lamps: dict[int, Lamp] = {}
     for photograph in capture.photographs:
         for lamp in photograph.lamps:

@@ -95,15 +95,7 @@ class SurfaceMaps:
         """Every map changed alike, and the camera with it; factor: of the width and height of a pixel."""
         maps = {name: None if getattr(self, name) is None else change(getattr(self, name)) for name in MAPS}
         height, width = np.asarray(maps["labels"]).shape
-        old = self.camera
-        camera = replace(
-            old,
-            width=width,
-            height=height,
-            focal=(old.focal[0] / factor[0], old.focal[1] / factor[1]),
-            principal=((old.principal[0] - left) / factor[0], (old.principal[1] - top) / factor[1]),
-            sensor=None,
-        )
+        camera = self.camera.resampled(width, height, factor, (left, top))
         return replace(self, **maps, camera=camera, x=self.x + left, y=self.y + top)
 
 

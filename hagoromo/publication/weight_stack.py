@@ -110,13 +110,8 @@ def framed(scene: Scene, pixels: int) -> Camera:
         (int(np.flatnonzero(side)[0]) - 1, int(np.flatnonzero(side)[-1]) + 2) for side in (seen.any(1), seen.any(0))
     )
     times = pixels / max(bottom - top, right - left)
-    return replace(
-        small,
-        width=round((right - left) * times),
-        height=round((bottom - top) * times),
-        focal=(small.focal[0] * times, small.focal[1] * times),
-        principal=((small.principal[0] - left) * times, (small.principal[1] - top) * times),
-    )
+    width, height = round((right - left) * times), round((bottom - top) * times)
+    return small.resampled(width, height, (1.0 / times, 1.0 / times), (left, top))
 
 
 def limited(camera: Camera, longest: int) -> Camera:
@@ -125,12 +120,4 @@ def limited(camera: Camera, longest: int) -> Camera:
     if share >= 1.0:
         return camera
     width, height = max(round(camera.width * share), 1), max(round(camera.height * share), 1)
-    across, down = width / camera.width, height / camera.height
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        focal=(camera.focal[0] * across, camera.focal[1] * down),
-        principal=(camera.principal[0] * across, camera.principal[1] * down),
-        sensor=None,
-    )
+    return camera.resampled(width, height, (camera.width / width, camera.height / height))

@@ -193,7 +193,4 @@ def _scaled(ball: Ball, factor: float, camera: Camera | None) -> Ball:
 
 
 def _reduced_camera(camera: Camera, scale: float, shape: tuple[int, ...]) -> Camera:
-    (fx, fy), (cx, cy) = camera.focal, camera.principal
-    return replace(
-        camera, width=shape[1], height=shape[0], focal=(fx * scale, fy * scale), principal=(cx * scale, cy * scale)
-    )
+    return camera.resampled(shape[1], shape[0], (1.0 / scale, 1.0 / scale))

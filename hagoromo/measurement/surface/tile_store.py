@@ -180,11 +180,4 @@ def _binned(photograph: Photograph, factor: int) -> Photograph:
 def coarser(camera: Camera, factor: int) -> Camera:
     """The camera whose pixels are squares of `factor` pixels of `camera`."""
     sensor = None if camera.sensor is None else replace(camera.sensor, mosaic="").binned(factor)
-    return replace(
-        camera,
-        width=camera.width // factor,
-        height=camera.height // factor,
-        focal=(camera.focal[0] / factor, camera.focal[1] / factor),
-        principal=(camera.principal[0] / factor, camera.principal[1] / factor),
-        sensor=sensor,
-    )
+    return replace(camera.resampled(camera.width // factor, camera.height // factor, (factor, factor)), sensor=sensor)
