@@ -27,6 +27,7 @@ from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app import exporting as exporting
 from hagoromo.app import spectra_verb as spectra_verb
+from hagoromo.app import view_verb as view_verb
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar

@@ -1,0 +1,164 @@
+"""Browser: viewers by viser, each with a camera of its own, before one desk.
+
+Viser calls from its threads. Each call only puts what it was told into a queue, which the thread that traces rays
+takes from between two pictures: all else is done by one thread, in the order in which it was told.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import queue
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.pose import inverse_pose, pose_of
+from hagoromo.errors import InputError
+from hagoromo.image.scene import Scene
+from hagoromo.view.gate import Gate, gated_server
+from hagoromo.view.watcher import Desk, Watcher
+
+WAIT_S = 0.5  # for something to do; Ctrl-C is heard within
+JPEG_QUALITY = 90  # of pictures that a better one follows; the last is lossless
+SURROUND = 24  # display value beside a picture of another shape than the window
+
+
+class Browser:
+    """The viewers of a desk. address: what to open, with the token."""
+
+    def __init__(self, desk: Desk, host: str, port: int) -> None:
+        """Listen on `port` of `host` (0: any free one); `InputError` where that cannot be."""
+        gate = Gate()
+        self.desk, self.server = desk, gated_server(host, port, gate)
+        self.events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.watchers: dict[int, tuple[Any, Watcher]] = {}
+        shown = f"[{host}]" if ":" in host else host
+        self.address = f"http://{shown}:{self.server.get_port()}/?token={gate.token}"
+        self._place_cameras()
+        self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self.server.on_client_connect(self._told(self._joins))
+        self.server.on_client_disconnect(self._told(self._leaves))
+
+    def run(self) -> None:
+        """Serve until an interrupt."""
+        busy = False
+        while True:
+            busy = self.step(0.0 if busy else WAIT_S)
+
+    def step(self, seconds: float = 0.0) -> bool:
+        """Do what viewers asked for, waiting up to `seconds` for it, and send each a picture; whether any was due."""
+        self._heed(seconds)
+        return self._show()
+
+    def stop(self) -> None:
+        """End the server and let go of the viewers."""
+        self.watchers.clear()
+        with redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def _told(self, act: Callable[..., None]) -> Callable[..., Any]:
+        """A callback of viser that puts `act` into the queue, in the order in which viser was told."""
+
+        async def told(*what: Any) -> None:
+            self.events.put(lambda: act(*what))
+
+        return told
+
+    def _heed(self, seconds: float) -> None:
+        """Do all that viewers asked for; wait for the first up to `seconds`."""
+        with contextlib.suppress(queue.Empty):
+            act = self.events.get(timeout=seconds) if seconds else self.events.get_nowait()
+            while True:
+                act()
+                act = self.events.get_nowait()
+
+    def _show(self) -> bool:
+        """Send each viewer its next picture; whether there was any."""
+        any_shown = False
+        for client, watcher in list(self.watchers.values()):
+            try:
+                shown = watcher.next()
+            except InputError as error:
+                self.say(client, str(error))
+                continue
+            if shown is None:
+                continue
+            any_shown = True
+            picture = in_window(shown.picture, client.camera.aspect)
+            kind: Any = "png" if shown.last else "jpeg"
+            client.scene.set_background_image(picture, format=kind, jpeg_quality=JPEG_QUALITY)
+            client.flush()
+        return any_shown
+
+    def say(self, client: Any, text: str) -> None:
+        """Tell a viewer something in a few words."""
+        client.add_notification("Hagoromo", text, auto_close_seconds=8.0)
+
+    def _joins(self, client: Any) -> None:
+        watcher = Watcher(self.desk)
+        self.watchers[client.client_id] = client, watcher
+        self._moved(client.camera)
+        client.camera.on_update(self._told(self._moved))
+
+    def _leaves(self, client: Any) -> None:
+        self.watchers.pop(client.client_id, None)
+
+    def _moved(self, camera: Any) -> None:
+        if camera.client.client_id not in self.watchers:
+            return
+        _, watcher = self.watchers[camera.client.client_id]
+        watcher.fit(camera.image_width, camera.image_height)
+        watcher.look_from(pose_from_viser(camera.wxyz, camera.position))
+        fov = field_of_view(self.desk.scene.camera, camera.aspect)
+        if abs(fov - camera.fov) > 1e-4:
+            camera.fov = fov
+
+    def _place_cameras(self) -> None:
+        """Cameras of new viewers stand where that of the scene does, and turn about the matter that it sees."""
+        scene, first = self.desk.scene, self.server.initial_camera
+        camera = scene.camera
+        target = looked_at(scene)
+        away = float(np.linalg.norm(target - camera.position))
+        first.position, first.look_at = camera.position, target
+        first.up, first.fov = -camera.world_to_camera[1, :3], field_of_view(camera, camera.width / camera.height)
+        first.near, first.far = 1e-3 * away, 1e3 * away
+
+
+def looked_at(scene: Scene) -> NDArray[np.float64]:
+    """(3,) [m]: the point on the camera's axis in the middle of the depth of the scene's matter."""
+    camera = scene.camera
+    corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
+    depth = (corners - camera.position) @ camera.world_to_camera[2, :3]
+    middle = 0.5 * (depth.min() + depth.max())
+    return camera.position + camera.world_to_camera[2, :3] * (middle if middle > 0.0 else depth.max())
+
+
+def pose_from_viser(wxyz: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """World-to-camera pose (4, 4) of a unit quaternion camera → world and a place, both in OpenCV's axes."""
+    w, x, y, z = np.asarray(wxyz, np.float64) / np.linalg.norm(wxyz)
+    rotation = np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ])  # fmt: skip
+    return inverse_pose(pose_of(rotation, np.asarray(position, np.float64)))
+
+
+def field_of_view(camera: Camera, aspect: float) -> float:
+    """Vertical field of view [rad] of a window, width over height `aspect`, in which the whole picture stands."""
+    height = max(camera.height, camera.width / max(aspect, 1e-3))
+    return 2.0 * math.atan(0.5 * height / camera.focal[1])
+
+
+def in_window(picture: NDArray[np.uint8], aspect: float) -> NDArray[np.uint8]:
+    """The picture in the middle of one of the window's shape, width over height `aspect`."""
+    height, width = picture.shape[:2]
+    aside = max(round(height * aspect) - width, 0) // 2
+    above = max(round(width / aspect) - height, 0) // 2
+    return np.pad(picture, ((above, above), (aside, aside), (0, 0)), constant_values=SURROUND)
