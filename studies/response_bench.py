@@ -17,7 +17,7 @@ from studies.response_prior import latent
 READING_NOISE = 0.01  # standard deviation of a reading, relative to it
 CURVE_WAVELENGTHS = np.arange(400.0, 721.0, 10.0)  # [nm], those of the measured curves
 PUBLISHED = 39  # number of cameras in the mean of the prior
-LEAST_PEAK_SHARE = 0.05  # of a curve's peak, above which coverage is told apart
+LEAST_PEAK_SHARE = 0.05  # of a curve's peak, above which coverage is counted by itself
 Array = NDArray[np.float64]
 
 

@@ -1,7 +1,7 @@
 """Readings with the faults that real ones have, and how well a response is still calibrated from them.
 
 Lights are 115 single ones; charts are a ColorChecker under lamps. Faults are drawn for each camera anew, but alike in
-cases that differ only in what the fit is told.
+cases that differ only in what the fit knows.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ Spoil = Callable[[Array, Layout, np.random.Generator], Array]  # readings (3, pa
 
 
 class Case(NamedTuple):
-    """Readings with a fault, and what the fit is told: which lamp lit them, that the light may fall off."""
+    """Readings with a fault, and what the fit knows: which lamp lit them, that the light may fall off."""
 
     name: str
     layout: Layout
     spoil: Spoil
-    lamps_told: bool = False
+    lamps_known: bool = False
     falloff_fitted: bool = False
     noise: float = READING_NOISE
 
@@ -65,6 +65,7 @@ def fault_cases() -> dict[str, list[Case]]:
     """What was read → the cases of it."""
     lights, chart, many = single_lights(), chart_layout(LAMPS), many_pairs(CURVE_WAVELENGTHS)
     shared = f"errors of {100 * SHARED_ERROR:g} % shared by the readings of a lamp"
+    noisy = f"noise of {100 * LARGE_NOISE:g} %"
     bent, black = f"light to the power {POWER:g}", f"a black of {100 * BLACK:g} % of the mean reading"
     return {
         f"{len(lights.lamps)} lights, each of mean 1": [
@@ -72,21 +73,21 @@ def fault_cases() -> dict[str, list[Case]]:
         ],
         f"Chart under {', '.join(LAMPS[:-1])} and {LAMPS[-1]}": [
             Case("no fault", chart, unspoilt),
-            Case(f"{shared}, lamps not told", chart, share_errors),
-            Case(f"{shared}, lamps told", chart, share_errors, lamps_told=True),
-            Case(f"noise of {100 * LARGE_NOISE:g} %, lamps not told", chart, unspoilt, noise=LARGE_NOISE),
-            Case(f"noise of {100 * LARGE_NOISE:g} %, lamps told", chart, unspoilt, lamps_told=True, noise=LARGE_NOISE),
+            Case(f"{shared}, lamps not known", chart, share_errors),
+            Case(f"{shared}, lamps known", chart, share_errors, lamps_known=True),
+            Case(f"{noisy}, lamps not known", chart, unspoilt, noise=LARGE_NOISE),
+            Case(f"{noisy}, lamps known", chart, unspoilt, lamps_known=True, noise=LARGE_NOISE),
             Case(bent, chart, follow_power),
             Case(black, chart, leave_black),
             Case("light falls off over each chart, not fitted", chart, fall_off),
-            Case("light falls off over each chart, fitted", chart, fall_off, lamps_told=True, falloff_fitted=True),
+            Case("light falls off over each chart, fitted", chart, fall_off, lamps_known=True, falloff_fitted=True),
             Case(f"the brightest {100 * CLIPPED_SHARE:g} % are clipped", chart, clip),
             Case(f"{len(REPEATED)} pairs repeat the one before", chart, repeat),
         ],
         f"{MANY_PAIRS} pairs, a chart under {MANY_LAMPS} lamps": [
             Case("no fault", many, unspoilt),
-            Case(f"{shared}, lamps not told", many, share_errors),
-            Case(f"{shared}, lamps told", many, share_errors, lamps_told=True),
+            Case(f"{shared}, lamps not known", many, share_errors),
+            Case(f"{shared}, lamps known", many, share_errors, lamps_known=True),
         ],
     }  # fmt: skip
 
@@ -159,11 +160,11 @@ def fault_score(case: Case, cameras: Mapping[str, hg.Response], seed: int = 0) -
     """How well the curves of `cameras` are known from the readings of a case.
 
     correlation: channel → median and 10th percentile. coverage, and coverage_above_5_percent, of the curve's peak: of
-    the 95 % intervals, in the unit in which the fitted curve is nearest to the true one. told: share of the
+    the 95 % intervals, in the unit in which the fitted curve is nearest to the true one. remarked: share of the
     calibrations that remark on a fault.
     """
     random = np.random.default_rng(seed)
-    correlations, inside, bright, told = [], [], [], []
+    correlations, inside, bright, remarked = [], [], [], []
     for camera in cameras.values():
         true = np.array([camera.curve(channel).at(CURVE_WAVELENGTHS) for channel in range(3)])
         exact = true @ case.layout.matrix.T
@@ -175,12 +176,12 @@ def fault_score(case: Case, cameras: Mapping[str, hg.Response], seed: int = 0) -
         correlations.append([correlation(*pair) for pair in zip(values, true, strict=True)])
         inside.append(held.mean())
         bright.append(held[true > LEAST_PEAK_SHARE * true.max(axis=1, keepdims=True)].mean())
-        told.append(bool(found.remarks()))
+        remarked.append(bool(found.remarks()))
     return {
         "correlation": summary(np.array(correlations)),
         "coverage": float(np.mean(inside)),
         "coverage_above_5_percent": float(np.mean(bright)),
-        "told": float(np.mean(told)),
+        "remarked": float(np.mean(remarked)),
     }
 
 
@@ -195,7 +196,7 @@ def calibrated(case: Case, readings: Array, camera: hg.Response) -> hg.ResponseC
         share = falloff(chart, {channel: priors(channel, CURVE_WAVELENGTHS) for channel in given})
         given = chart.divided(share).readings
         said = ("the light falls off",) if np.ptp(share) > 0.0 else ()
-    found = solve_response(CURVE_WAVELENGTHS, matrix, given, priors, lamps if case.lamps_told else None)
+    found = solve_response(CURVE_WAVELENGTHS, matrix, given, priors, lamps if case.lamps_known else None)
     return replace(found, findings=said)
 
 
@@ -208,7 +209,7 @@ def time_of_many(camera: hg.Response, seed: int = 0) -> dict[str, float]:
     wrong = share_errors(noisy, layout, random)
     tasks = {
         "no fault": (noisy, None), "light to a power": (follow_power(noisy, layout, random), None),
-        "errors shared by lamps, not told": (wrong, None), "errors shared by lamps, told": (wrong, layout.lamps),
+        "errors shared by lamps, not known": (wrong, None), "errors shared by lamps, known": (wrong, layout.lamps),
     }  # fmt: skip
     times = {}
     for name, (readings, lamps) in tasks.items():

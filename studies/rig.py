@@ -49,14 +49,14 @@ def unevenness(solved: hg.NormalMap) -> Unevenness:
 
 
 def flat_field(rigs: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
-    """(K, h, w) relative irradiance of the lamps, the geometric mean of what several objects told."""
+    """(K, h, w) relative irradiance of the lamps, the geometric mean of what several objects give."""
     if not rigs or len({len(one.strength) for one in rigs}) != 1:
         raise hg.InputError("a flat field needs objects that were photographed under the same lamps: give one or more")
     return np.exp(np.mean([one.at(shape) for one in rigs], axis=0))
 
 
 def evened(capture: hg.Capture, rigs: Sequence[Unevenness], field: Array) -> hg.Capture:
-    """`capture` as even lamps would show it, photograph k divided by `field` (K, h, w); lamps where objects told them.
+    """`capture` as even lamps would show it: photograph k over `field` (K, h, w), lamps by the objects.
 
     Near lamps stay where they are.
     """

@@ -109,7 +109,7 @@ class Cache:
         return None
 
     def _write(self, entry: Path, value: Any, write: Callable[[Any, Path], object]) -> None:
-        with whole_folder(entry, force=True, told=False) as home:
+        with whole_folder(entry, force=True, announced=False) as home:
             (home / DATA).mkdir()
             write(value, home / DATA)
             write_json(home / NOTE, {"content": content(home / DATA)})

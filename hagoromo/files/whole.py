@@ -93,10 +93,10 @@ def whole_files(paths: Sequence[str | Path], force: bool = False) -> Iterator[li
 
 
 @contextmanager
-def whole_folder(path: str | Path, force: bool = False, told: bool = True) -> Iterator[Path]:
+def whole_folder(path: str | Path, force: bool = False, announced: bool = True) -> Iterator[Path]:
     """Temporary empty folder to fill; it is moved to `path` when the block succeeds.
 
-    told: whether it is a result, which an interrupt says was written.
+    announced: whether it is a result, which an interrupt says was written.
     `InputError` if `path` is a non-empty folder without `force`; with `force`, if Hagoromo did not write it (other
     files are never deleted); while another process writes it, and for a full disk. The old folder is exchanged for the
     new one at once, where the system can do that.
@@ -117,7 +117,7 @@ def whole_folder(path: str | Path, force: bool = False, told: bool = True) -> It
                 yield partial
             check_folder(target, force)
             put_folder(partial, target)
-            if told:
+            if announced:
                 names_written.append(Path(path))
         finally:
             remove_work(work)

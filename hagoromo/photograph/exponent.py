@@ -64,8 +64,8 @@ class Exponent:
         low, high = self.interval
         figure = f"exponent {self.value:.2f}, {low:.2f} to {high:.2f} by the shading of the object"
         if not self.bent:
-            told = "too uncertain to tell linear values from others" if self.uncertain else "linear in light"
-            return f"{figure}: {told}"
+            finding = "too uncertain to tell linear values from others" if self.uncertain else "linear in light"
+            return f"{figure}: {finding}"
         curve = "display-encoded (sRGB) and were taken for linear" if self.value > 1.0 else (
             "linear and were decoded as sRGB, or decoded twice"
         )  # fmt: skip

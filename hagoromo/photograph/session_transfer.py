@@ -71,10 +71,10 @@ def estimated_transfer(shaded: Shaded, bracket: Sequence[Path], times: Sequence[
     good = [name for name, one in found.items() if not one.bent and not one.uncertain]
     bad = [name for name, one in found.items() if one.bent]
     figures = (f"{name} {one.value:.2f} ± {one.value * one.standard_error:.2f}" for name, one in found.items())
-    told = f"exponent, where 1 is right: {', '.join(figures)}"
+    exponents = f"exponent, where 1 is right: {', '.join(figures)}"
     if len(good) != 1 or len(bad) != len(CANDIDATES) - 1:
-        raise InputError(f"the photographs do not determine their transfer ({told}): {INSTEAD}")
-    return Estimated(good[0], f"{good[0]}, chosen by the shading of the object ({told})")
+        raise InputError(f"the photographs do not determine their transfer ({exponents}): {INSTEAD}")
+    return Estimated(good[0], f"{good[0]}, chosen by the shading of the object ({exponents})")
 
 
 def _exponents(shaded: Shaded) -> list[Exponent | None]:

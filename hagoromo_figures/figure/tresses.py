@@ -103,7 +103,7 @@ def face_hair(pose: Pose, step: float, draw: np.random.Generator) -> Strands:
 
 
 def _front(x: NDArray, z: NDArray) -> NDArray:
-    """y of the face at x, z, in the axes of the head: of the skin that is met first from in front."""
+    """y of the face at x, z, in the axes of the head: of the foremost skin."""
     jit = arrays()
     y = np.full(x.shape, -22.0)
     for _ in range(60):

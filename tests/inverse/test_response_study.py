@@ -35,16 +35,16 @@ def test_faults_are_what_they_are_called():
     assert many_pairs(CURVE_WAVELENGTHS).matrix.shape == (598, len(CURVE_WAVELENGTHS))
 
 
-def test_shared_errors_are_remarked_on_where_the_lamps_are_told():
-    case = Case("shared", chart_layout(LAMPS), share_errors, lamps_told=True)
+def test_shared_errors_are_remarked_on_where_the_lamps_are_known():
+    case = Case("shared", chart_layout(LAMPS), share_errors, lamps_known=True)
     score = fault_score(case, {"one": CAMERA})
-    assert score["told"] == 1.0 and score["coverage"] > 0.9
+    assert score["remarked"] == 1.0 and score["coverage"] > 0.9
     assert all(of["median"] > 0.99 for of in score["correlation"].values())
 
 
 def test_the_page_has_a_row_for_every_case(tmp_path):
     of = {channel: {"median": 0.9876, "p10": 0.9812} for channel in "RGB"}
-    score = {"correlation": of, "coverage": 0.94, "coverage_above_5_percent": 0.93, "told": 0.5}
+    score = {"correlation": of, "coverage": 0.94, "coverage_above_5_percent": 0.93, "remarked": 0.5}
     cases = fault_cases()
     row = {
         "correlation": of, "correlation_knowing_the_truth": of, "coverage": dict.fromkeys("RGB", 0.97),

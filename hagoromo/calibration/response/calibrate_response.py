@@ -30,7 +30,7 @@ class Pairs(NamedTuple):
     """Known spectra and the camera's readings of them.
 
     wavelengths: (n,) [nm]. spectra: (pairs, n), C = S·E. readings: channel → (pairs,), linear, in one arbitrary unit.
-    lamps: (pairs,) number of the lamp of each, whose strength may be wrong; None: not told.
+    lamps: (pairs,) number of the lamp of each, whose strength may be wrong; None: not known.
     """
 
     wavelengths: NDArray[np.float64]

@@ -19,7 +19,7 @@ from hagoromo.calibration.response.curve_prior import CurvePrior
 FALLOFF_PRIOR = 0.2  # standard deviation of each coefficient of ln falloff, over half of the chart
 FALLOFF_FITS = 3  # of the curves and the falloff in turn
 CERTAIN_FALLOFF = 30.0  # fall of χ² per photograph, of five coefficients: p < 2e-5
-LEAST_FALLOFF = 0.005  # share of the light; less is not told, and not corrected
+LEAST_FALLOFF = 0.005  # share of the light; less is neither reported nor corrected
 DOUBTFUL_MISFIT = 0.02  # of the readings, relative, from which a photograph at fault is looked for
 MISFIT_RATIO = 0.5  # largest misfit without the photograph at fault, relative to that with it
 Array = NDArray[np.float64]

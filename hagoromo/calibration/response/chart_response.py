@@ -40,7 +40,7 @@ def response_from_chart(
     photographs: developed EXR or 16-bit files of one exposure, or arrays (height, width, 3), NaN where invalid. lamps:
     spectra in one unit, names or CSV files. chart: name of a chart of colour-science, a CSV with a column per patch,
     or the patches' spectra. corners: of the chart in each photograph (4, 2) [px]; detected if not given. Clipped
-    patches are ignored. The light may fall off over the chart: that is fitted as well, and told in the result, as is a
+    patches are ignored. The light may fall off over the chart: that is fitted as well and stated in the result, as is a
     photograph that contradicts the others.
 
     One lamp measures only the product of its spectrum and the response, so an error of the spectrum is not detected.

@@ -2,7 +2,7 @@
 
 With such errors, those of a lamp's spectrum for example, the evidence takes them for the camera, and the curve follows
 them. The curve from some spectra then predicts others badly, and one with more noise than by evidence predicts better.
-Where the lamps of the readings are told, `Groups` does better.
+Where the lamps of the readings are known, `Groups` does better.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ from hagoromo.calibration.response.reading_equations import Equations
 TRANSFER_PRIOR = (0.5, 0.2)  # standard deviations of the power (around 1) and of the offset [mean reading]
 TRANSFER_STEPS = 6
 TRANSFER_FITS = 2  # of the curve and its noise, to readings made linear
-LEAST_POWER, LEAST_OFFSET = 0.03, 0.005  # smaller ones are not told, and not corrected
-CERTAIN_TRANSFER = 5.0  # standard errors of a power or offset that is told
+LEAST_POWER, LEAST_OFFSET = 0.03, 0.005  # smaller ones are neither reported nor corrected
+CERTAIN_TRANSFER = 5.0  # standard errors of a power or offset that is reported
 Array = NDArray[np.float64]
 
 

@@ -18,7 +18,7 @@ from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_files
 from hagoromo.least_squares import FitStatus
 
-LEAST_SHARED = 0.01  # relative error that the readings of a lamp share, from which it is told
+LEAST_SHARED = 0.01  # relative error that the readings of a lamp share, from which it is reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class ResponseCalibration:
     over light; where they are certain, the curve is that of the linearised readings. doubtful: readings that were left
     out. priors: (channels,) what the evidence chose: smooth, or like published cameras. shared: (channels,) relative
     standard deviation of the factor that the readings of one lamp share. gains: (channels, lamps, 2) those factors and
-    their standard errors; None where no lamps are told apart. findings: what else was found, in sentences.
+    their standard errors; None where lamps are not known. findings: what else was found, in sentences.
     """
 
     response: Response

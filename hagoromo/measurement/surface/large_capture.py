@@ -55,6 +55,6 @@ def solve_large(
 
     with tile_store(source, scratch, part_of(progress, 0.0, STORING_SHARE)) as store:
         coarse = solve_coarse(store, distance, None, part_of(progress, STORING_SHARE, COARSE_SHARE), model)
-        told = part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
-        fine = solve_tiles(store, coarse, told, workers=workers)
+        shown = part_of(progress, STORING_SHARE + COARSE_SHARE, 1.0 - STORING_SHARE - COARSE_SHARE)
+        fine = solve_tiles(store, coarse, shown, workers=workers)
     return coarse, fine

@@ -70,9 +70,9 @@ def solve_surface(
         )
         return SolvedSurface(*solved, found)
     for turn in range(OWN_LIGHT_ROUNDS):
-        added, told = parts, part_of(progress, (1 + turn) * share, share)
+        added, shown = parts, part_of(progress, (1 + turn) * share, share)
         last = turn == OWN_LIGHT_ROUNDS - 1
-        solved = (_solve if last else _solve_simply)(without(capture, parts), distance, told, model)
+        solved = (_solve if last else _solve_simply)(without(capture, parts), distance, shown, model)
         found, parts = own_light(capture, *solved)
     return SolvedSurface(*solved, replace(found, subtracted=True), tuple(added))
 
