@@ -51,7 +51,7 @@ def _plot(path: Path, faults: dict[str, dict[str, Any]]) -> None:
     for axes in (left, right):
         axes.grid(alpha=0.25)
         axes.xaxis.label.set_fontsize(8)
-        axes.legend(fontsize=8, frameon=False, loc="best")
+        axes.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # above
     figure.savefig(path, dpi=110)
 
 
