@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.errors import InputError
+from hagoromo.image.cut import CutRays
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
@@ -86,6 +87,7 @@ def render(
         loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
         scene, settings = loaded, settings or stated
     settings = settings or Settings()
+    _check_mode(settings, mode)
     if mode == "path":
         from hagoromo.image.path_picture import path_picture  # the march does without
 
@@ -100,6 +102,8 @@ def render(
 
 def _check_mode(settings: Settings, mode: str) -> None:
     """`InputError` for settings that the mode does not heed."""
+    if settings.cut is not None and mode != "march":
+        raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")
     heeded = {"march": (), "full": ("orders",), "path": ("orders", "error", "seconds")}[mode]
     given = [key for key in ("orders", "error", "seconds") if getattr(settings, key) is not None and key not in heeded]
     if given:
@@ -188,6 +192,7 @@ class PreparedScene:
         scene = scene_from(world, self.origin)
         self.camera = camera = scene.camera
         self.ahead = depth_of_matter(scene)
+        self.cut = None if settings.cut is None else CutRays(settings.cut, self.origin)
         texels = None if stride == 1 else math.isqrt(camera.width * camera.height) // stride
         width = stride / (max(camera.focal) * math.sqrt(settings.samples if stride == 1 else 1))
         self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
@@ -210,19 +215,31 @@ class PreparedScene:
 
     def camera_radiance(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
         """`radiance` along rays of the camera, which begin `ahead` of it."""
-        return self.radiance(origin, direction, phase, self.first_width)
+        if self.cut is None:
+            return self.radiance(origin, direction, phase, self.first_width)
+        begin, length = self.cut.span(origin, direction)
+        width = dr.fma(begin, self.spread, self.first_width)
+        return self.radiance(dr.fma(direction, begin, origin), direction, phase, width, length)
 
     def radiance(
-        self, origin: Array3f, direction: Array3f, phase: Float = 0.0, width: Float = 0.0
+        self,
+        origin: Array3f,
+        direction: Array3f,
+        phase: Float = 0.0,
+        width: Float = 0.0,
+        length: Float | None = None,
     ) -> tuple[list[Float], Float]:
         """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity).
 
-        origin: counted from that of the scene, `self.origin`. width: of the rays there [m].
+        origin: counted from that of the scene, `self.origin`. width: of the rays there [m]. length: of the rays [m],
+        default infinite.
         """
         jit, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [jit.Float(0)] * self.lighting.channels
         if self.surfaces:
             far, point, normal, surface = self.surfaces.intersect(origin, direction)
+            if length is not None:
+                far = dr.select(far < length, far, dr.inf)
             material = self.first_on_surface + surface
             coefficients = self.lighting.materials.coefficients(material)
             light, _ = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
@@ -231,7 +248,8 @@ class PreparedScene:
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
         cone = jit.Float(width), self.spread
-        channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), far, phase, cone=cone)
+        end = far if length is None else dr.minimum(far, length)
+        channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), end, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
 

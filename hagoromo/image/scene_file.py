@@ -131,6 +131,10 @@ class RenderRecord(Record, frozen=True, kw_only=True):
     separate_lamps: Annotated[
         bool, about("whether every lamp has weights of its own, so that `expose` can change its strength and colour")
     ] = Settings.separate_lamps
+    cut: Annotated[
+        tuple[float, float, float, float] | None,
+        about("plane [n_x, n_y, n_z, d]: the camera sees what lies at n · x ≥ d, world axes [m]; light is not cut"),
+    ] = None
 
 
 class SceneRecord(Record, frozen=True, kw_only=True):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hagoromo.errors import InputError
+from hagoromo.image.cut import Cut, checked_cut
 from hagoromo.image.scene import Scene
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
@@ -24,6 +25,9 @@ class Settings:
     follows the tolerance. separate_lamps: whether every lamp has weights of its own, so that its strength and colour
     can be changed afterwards (`Image.with_lamps`); otherwise lamps of one spectrum share them. Memory grows with the
     number of lamps, and time a little.
+
+    cut: (n_x, n_y, n_z, d), a plane: of mode march; the camera sees what lies at n · x ≥ d [m], world. Light is not
+    cut.
 
     Of modes path and full: orders are those of light at most, 1 being light that is scattered once; None: all of them.
     Of mode path: error is where to stop, the noise of Y, root mean square over its mean where there is matter, which 19
@@ -47,8 +51,10 @@ class Settings:
     orders: int | None = None
     error: float | None = None
     seconds: float | None = None
+    cut: Cut | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "cut", checked_cut(self.cut))
         if not 1 <= self.samples <= MOST_SAMPLES:
             raise InputError(f"samples is {self.samples}: give 1 to {MOST_SAMPLES} rays a pixel")
         if self.shadows not in SHADOWS:
