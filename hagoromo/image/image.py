@@ -180,15 +180,20 @@ class Image:
         return [target, picture]
 
     def channel_names(self) -> list[str]:
-        """EXR channel names of the weights: lamp group, then body or interface colour, or band of higher orders."""
+        """EXR channel names of the weights: lamp group, then body, interface or transmitted colour, or band of higher
+        orders.
+        """
         palette = self.palette
         colours = [f"body{j}" for j in range(len(palette.bodies))]
         colours += [f"interface{j}" for j in range(len(palette.interfaces))]
+        colours += [f"transmitted{j}" for j in range(len(palette.transmitted))]
+        colours += [f"twice{j}" for j in range(len(palette.twice))]
         colours += [f"band{j}" for j in range(len(palette.bands))]
         return [f"lamp{k}.{colour}" for k in range(len(palette.lamps)) for colour in colours]
 
 
 PALETTE_KEYS = ("bodies", "interfaces", "lamps")
+FURTHER_KEYS = ("bands", "transmitted", "twice")  # of the images that have such colours
 VARIANCE = "variance.Y"  # channel of an EXR
 
 
@@ -210,16 +215,19 @@ def read_image(path: str | Path) -> Image:
 def _palette_record(palette: Palette) -> dict[str, Any]:
     """What `read_image` reads back."""
     spectra = {key: [s.record() for s in getattr(palette, key)] for key in PALETTE_KEYS}
-    spectra |= {"bands": [s.record() for s in palette.bands]} if palette.bands else {}
+    for key in FURTHER_KEYS:
+        spectra |= {key: [s.record() for s in own]} if (own := getattr(palette, key)) else {}
     return spectra | {"lamp_names": list(palette.lamp_names), "lamp_groups": list(palette.lamp_groups)}
 
 
 def _palette_from_record(record: dict[str, Any]) -> Palette:
-    """Files of version 0.2 do not name the lamps; only images of all orders have bands."""
+    """Files of version 0.2 do not name the lamps; only images of all orders have bands, of elements that transmit
+    transmitted colours.
+    """
     names, groups = tuple(map(str, record.get("lamp_names", ()))), tuple(map(int, record.get("lamp_groups", ())))
     bodies, interfaces, lamps = (tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS)
-    bands = tuple(Spectrum.load(s) for s in record.get("bands", ()))
-    palette = Palette(bodies, interfaces, lamps, names, groups, bands)
+    further = {key: tuple(Spectrum.load(s) for s in record.get(key, ())) for key in FURTHER_KEYS}
+    palette = Palette(bodies, interfaces, lamps, names, groups, **further)
     if len(names) != len(groups) or (groups and set(groups) != set(range(len(palette.lamps)))):
         raise ValueError("its lamp_groups do not fit its lamps")
     return palette

@@ -44,6 +44,12 @@ class Scene:
             raise InputError("the scene is empty: give at least one volume box or surface")
         for thing in (*self.boxes, *self.surfaces):
             _check_place(thing)
+        for surface in self.surfaces:
+            if surface.reflectance.transmits:
+                raise InputError(
+                    f"surface {surface.name!r} has transmission: light passes through matter of volume boxes only; "
+                    "give transmission = 0"
+                )
         for number, lamp in enumerate(self.lamps):
             for box in self.boxes:
                 if lamp.position is not None and box.contains(lamp.position):

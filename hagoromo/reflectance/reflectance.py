@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 from msgspec import Meta
 
-from hagoromo.backend import Array3f, arrays
+from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord
@@ -22,6 +22,16 @@ from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.torrance_sparrow import Weights, cosines, weights_at
+from hagoromo.reflectance.transmission import (
+    AllWeights,
+    around_fibre,
+    clear_albedo,
+    clear_lobes,
+    facing,
+    far_body,
+    lobe_widths,
+    table_from,
+)
 
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 LARGEST_GAMMA = math.pi / 2
@@ -58,6 +68,15 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
     interface_colour: Annotated[
         Any, SOURCE, about("interface (specular) colour: a number, a CSV file or a spectrum; 1: as the lamp")
     ] = 1.0
+    transmission: Annotated[
+        float, about("share of the light that passes through an element and leaves by its far side, 0…1")
+    ] = 0.0
+    transmitted_colour: Annotated[
+        Any, SOURCE, about("colour of light that has passed through once, 0…1; absent: body_colour")
+    ] = None
+    clearness: Annotated[
+        float, about("share of the transmitted light that keeps its way, as through clear fibres, 0…1; of cylinders")
+    ] = 0.0
     element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
     name: Annotated[str, about("name of the material")] = ""
 
@@ -73,6 +92,10 @@ class Reflectance:
     `body_factor`; 0: Lambert's law. Only planes have them.
     lobes: further lobes of the interface, such as the narrow spike of a polished coat above its wide haze: β [1/sr] and
     γ [rad] of each, with Gaussian facets, MOST_LOBES at most; they need a beta above 0.
+    transmission: share T of the light that passes through an element and leaves by its far side, 0…1, in the
+    transmitted_colour c_t (None: the body colour). clearness: share κ of that which keeps its way through a cylinder,
+    as in clear fibres; the rest is body light, see `hagoromo.reflectance.transmission`. A plane that transmits is a
+    sheet with two sides, which reflect alike.
     Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
 
     >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
@@ -92,11 +115,15 @@ class Reflectance:
     epsilon: float = 0.0
     sigma: float = 0.0
     lobes: tuple[Lobe, ...] = ()
+    transmission: float = 0.0
+    transmitted_colour: Spectrum | None = None
+    clearness: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
         ranges = (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", 1e-4, LARGEST_GAMMA), ("n", 1, 10))
-        for key, low, high in (*ranges, ("epsilon", *EPSILON_RANGE), ("sigma", *SIGMA_RANGE)):
+        ranges = (*ranges, ("epsilon", *EPSILON_RANGE), ("sigma", *SIGMA_RANGE))
+        for key, low, high in (*ranges, ("transmission", 0, 1), ("clearness", 0, 1)):
             value = getattr(self, key)
             if not (isinstance(value, (int, float)) and low <= value <= high):
                 raise InputError(f"{who}: {key} is {value}: give a number from {low} to {high:.4g}")
@@ -114,23 +141,59 @@ class Reflectance:
         for key in ("body_colour", "interface_colour"):
             if min(getattr(self, key).values) < 0:
                 raise InputError(f"{who}: {key} is below 0 at some wavelength: a colour is 0 or more")
+        self._check_transmission(who)
         albedo = self.directional_albedo()
         worst = int(np.argmax(albedo))
         if albedo[worst] > 1 + 1e-6:
             seen = SEEN[self.element].format(math.degrees(VIEWS[worst]))
             raise InputError(
-                f"{who} breaks energy conservation: {seen}it reflects "
+                f"{who} breaks energy conservation: {seen}it {self._sends()} "
                 f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
+                + (f", or transmission ({self.transmission:g})" if self.transmits else "")
             )
 
-    def weights(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
-        """Weights of f of its element [1/sr], see `element_weights`, with all its lobes."""
+    def weights(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights | AllWeights:
+        """Weights of f of its element [1/sr], see `element_weights`, of all its lobes; `AllWeights` if it transmits."""
+        if not self.transmits:
+            return self._reflected(axis, to_lamp, to_eye)
+        once, twice = self._transmitted(axis, to_lamp, to_eye)
+        if self.element == "plane":
+            axis = facing(axis, to_eye)
+        return AllWeights(*self._reflected(axis, to_lamp, to_eye), once, twice)
+
+    def _transmitted(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> tuple[Float, Float]:
+        """Weights of the light that has passed through once, and twice as far."""
+        once, clear = self.far_body * far_body(self.element, axis, to_lamp, to_eye), self.clear_share
+        if clear == 0.0:
+            return once, 0.0 * once
+        kind = type(dr.dot(axis, to_eye))
+        table = table_from(lookup(kind, around_fibre(float(self.gamma), float(self.n))))
+        widths = lobe_widths(float(self.gamma), float(self.n))
+        through, twice = clear_lobes(axis, to_lamp, to_eye, self.n, widths, table)
+        return once + clear * through, clear * twice
+
+    def _reflected(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
         shape, body_law = (self.gamma, self.n, self.nu), (self.epsilon, self.sigma)
         whole = element_weights(self.element, axis, to_lamp, to_eye, self.alpha, self.beta, *shape, *body_law)
         for beta, gamma in self.lobes:
             more = element_weights(self.element, axis, to_lamp, to_eye, 0.0, beta, gamma, self.n)
             whole = Weights(whole.body, whole.interface + more.interface)
         return whole
+
+    def _sends(self) -> str:
+        return "sends on" if self.transmits else "reflects"
+
+    def _check_transmission(self, who: str) -> None:
+        if self.clearness > 0.0 and self.element != "cylinder":
+            raise InputError(
+                f"{who}: clearness is {self.clearness:g} and element {self.element!r}: give it to cylinders only"
+            )
+        colour = self.transmitted_colour or self.body_colour
+        if self.transmits and (min(colour.values) < 0.0 or _largest(colour) > 1.0):
+            raise InputError(
+                f"{who}: the colour of transmitted light is {_largest(colour):.3g} at some wavelength: give a "
+                "transmitted_colour from 0 to 1"
+            )
 
     def _check_lobes(self, who: str) -> None:
         object.__setattr__(self, "lobes", tuple((float(beta), float(gamma)) for beta, gamma in self.lobes))
@@ -146,6 +209,27 @@ class Reflectance:
     def has_lambert_body(self) -> bool:
         """Whether the body follows Lambert's law: ε = σ = 0."""
         return self.epsilon == 0.0 and self.sigma == 0.0
+
+    @property
+    def transmits(self) -> bool:
+        """Whether light passes through its element."""
+        return self.transmission > 0.0
+
+    @property
+    def transmitted(self) -> tuple[Spectrum, Spectrum]:
+        """Colours of light that has passed through once, c_t, and twice as far, c_t²."""
+        colour = self.body_colour if self.transmitted_colour is None else self.transmitted_colour
+        return colour, colour * colour
+
+    @property
+    def far_body(self) -> float:
+        """Weight of body light that leaves by the far side, T (1 − κ)/π [1/sr]."""
+        return self.transmission * (1.0 - self.clearness) / math.pi
+
+    @property
+    def clear_share(self) -> float:
+        """Share T κ of the light that enters a clear fibre and keeps its way."""
+        return self.transmission * self.clearness
 
     @property
     def body_albedo(self) -> float:
@@ -165,7 +249,21 @@ class Reflectance:
         ratio: Any = 1.0
         if not self.has_lambert_body:
             ratio = body_albedo_ratio(float(self.epsilon), float(self.sigma), tuple(VIEWS.tolist()))
-        return self.body_albedo * ratio + self._interface() * _largest(self.interface_colour)
+        return (
+            self.body_albedo * ratio + self._interface() * _largest(self.interface_colour) + self.transmitted_albedo()
+        )
+
+    def transmitted_albedo(self) -> np.ndarray:
+        """∫ of the transmitted part over all lamp directions, at the worst wavelength: (13,), as `directional_albedo`.
+
+        Light that has gone twice through a fibre counts as if it had gone once.
+        """
+        if not self.transmits:
+            return np.zeros(VIEWS.size)
+        albedo = np.full(VIEWS.size, math.pi * self.far_body)
+        if self.clear_share > 0.0:
+            albedo += self.clear_share * clear_albedo(float(self.gamma), float(self.n), tuple(VIEWS.tolist()))
+        return albedo * _largest(self.transmitted[0])
 
     def _interface(self) -> np.ndarray:
         albedo = self.beta * interface_albedo(float(self.gamma), float(self.n), float(self.nu), self.element)
@@ -181,6 +279,9 @@ class Reflectance:
         figures |= {} if is_gaussian(self.nu) else {"nu": self.nu}
         figures |= {"lobes": [list(lobe) for lobe in self.lobes]} if self.lobes else {}
         figures |= {} if self.has_lambert_body else {"epsilon": self.epsilon, "sigma": self.sigma}
+        if self.transmits:
+            figures |= {"transmission": self.transmission, "clearness": self.clearness}
+            figures |= {"transmitted_colour": self.transmitted[0].record()}
         return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
 
 
@@ -204,7 +305,9 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
         colours = body(given.body_colour), interface
         body_law = given.epsilon, given.sigma
         numbers = given.alpha, given.beta, given.gamma, given.n
-        return Reflectance(*numbers, *colours, given.element, given.name, nu, *body_law, given.lobes)
+        through = None if given.transmitted_colour is None else colour(given.transmitted_colour)
+        passes = given.transmission, through, given.clearness
+        return Reflectance(*numbers, *colours, given.element, given.name, nu, *body_law, given.lobes, *passes)
 
 
 def _without_gaussian_nu(record: Any) -> Any:

@@ -22,6 +22,15 @@ from hagoromo.reflectance.element import ELEMENTS, element_weights, graded_place
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
+from hagoromo.reflectance.transmission import (
+    AllWeights,
+    around_fibre,
+    clear_lobes,
+    facing,
+    far_body,
+    lobe_widths,
+    table_from,
+)
 from hagoromo.transport.emission import Emission, emission_of
 from hagoromo.transport.medium import Element, TexelHit
 
@@ -36,6 +45,8 @@ Attenuation = Callable[[int, Array3f, Array3f, Float, Float, TexelHit | None], F
 class Palette:
     """The distinct spectra of a scene's body colours, interface colours and lamps.
 
+    transmitted, twice: the colours of light that has passed through elements once, and those squared, of light that has
+    gone twice as far in clear fibres; empty where no element transmits.
     bands: in pictures of all orders, the hat functions that light of higher orders is kept in (`transport/path/bands`).
     lamps: the spectrum of each group of lamps. lamp_names, lamp_groups: name and group of every lamp, in the order of
     the scene; empty where they are not known, as in images of version 0.2.
@@ -47,11 +58,19 @@ class Palette:
     lamp_names: tuple[str, ...] = ()
     lamp_groups: tuple[int, ...] = ()
     bands: tuple[Spectrum, ...] = ()
+    transmitted: tuple[Spectrum, ...] = ()
+    twice: tuple[Spectrum, ...] = ()
 
     @property
     def colours(self) -> tuple[Spectrum, ...]:
-        """Bodies, then interfaces, then bands: the channels of one lamp group, in order."""
-        return self.bodies + self.interfaces + self.bands
+        """Bodies, interfaces, transmitted ones, then bands: the channels of one lamp group, in order."""
+        return self.bodies + self.interfaces + self.transmitted + self.twice + self.bands
+
+    @property
+    def parts(self) -> tuple[int, ...]:
+        """Of every colour but the bands, the weight of `AllWeights` that it belongs to, by its number."""
+        each = self.bodies, self.interfaces, self.transmitted, self.twice
+        return tuple(part for part, colours in enumerate(each) for _ in colours)
 
     @property
     def channels(self) -> int:
@@ -74,6 +93,8 @@ class Materials:
     some have tails, `nu` is the last entry (infinity: Gaussian facets). Otherwise there are no such entries, and
     kernels compute Lambert's law and Gaussian facets alone. Before all these stand beta and gamma of further lobes, as
     many as the reflectance with most of them has; they are those of planes and cylinders, a sphere's are in its table.
+    Where some transmit, the weight of far-side body light, the share of clear light and the widths of its two lobes
+    follow; only then do kernels hold anything of transmission.
     """
 
     def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
@@ -82,8 +103,12 @@ class Materials:
         self.have_tails = not all(is_gaussian(r.nu) for r in reflectances)
         self.have_body_laws = not all(r.has_lambert_body for r in reflectances)
         self.lobes = max(len(r.lobes) for r in reflectances)
+        self.transmit = any(r.transmits for r in reflectances)
         further = [
-            _lobes(r, self.lobes) + [r.epsilon, r.sigma] * self.have_body_laws + [r.nu] * self.have_tails
+            _lobes(r, self.lobes)
+            + [r.epsilon, r.sigma] * self.have_body_laws
+            + _passed_row(r) * self.transmit
+            + [r.nu] * self.have_tails
             for r in reflectances
         ]
         own = [_row(r, palette) for r in reflectances]
@@ -94,7 +119,11 @@ class Materials:
         self.spheres = lookup(jit.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
         self.sphere_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32))
-        dr.eval(self.rows, self.spheres, self.sphere_of)
+        clear = [around_fibre(float(r.gamma), float(r.n)) for r in reflectances if r.clear_share > 0.0]
+        self.fibres = lookup(jit.Float, np.stack(clear).astype(np.float32)) if clear else None
+        order = np.cumsum([r.clear_share > 0.0 for r in reflectances]) - 1
+        self.fibre_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32)) if clear else None
+        dr.eval(self.rows, self.spheres, self.sphere_of, self.fibres, self.fibre_of)
 
     def read(self, material: UInt, entry: int) -> Float:
         """One entry of the row of `material` (UInt)."""
@@ -104,8 +133,39 @@ class Materials:
         """Coefficients of a material's body and interface colours on the palette."""
         return [self.read(material, 5 + j) for j in range(len(self.palette.colours))]
 
-    def weights(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
-        """Body and interface weights of f for the element of `material` [1/sr]."""
+    def weights(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights | AllWeights:
+        """Body and interface weights of f for the element of `material` [1/sr]; `AllWeights` where some transmit."""
+        if not self.transmit:
+            return self._reflected(material, axis, to_lamp, to_eye)
+        transmitted = self._transmitted(material, axis, to_lamp, to_eye)
+        if "plane" in self.elements:
+            axis = self.facing(material, axis, to_eye)
+        return AllWeights(*self._reflected(material, axis, to_lamp, to_eye), *transmitted)
+
+    def facing(self, material: UInt, axis: Array3f, to_eye: Array3f) -> Array3f:
+        """The normal of the side that the eye sees of a plane that transmits; other axes as they are."""
+        sheet = (self.read(material, 4) == ELEMENTS.index("plane")) & (self.passed(material, 0) > 0.0)
+        return dr.select(sheet, facing(axis, to_eye), axis)
+
+    def passed(self, material: UInt, entry: int) -> Float:
+        """Weight of far-side body light, share of clear light, or width of its first or second lobe."""
+        first = 5 + len(self.palette.colours) + 2 * (self.lobes + self.have_body_laws)
+        return self.read(material, first + entry)
+
+    def _transmitted(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> tuple[Float, Float]:
+        """Weights of light that has passed through once, and twice as far."""
+        element, body = self.read(material, 4), arrays().Float(0)
+        for name in self.elements:
+            body = dr.select(element == ELEMENTS.index(name), far_body(name, axis, to_lamp, to_eye), body)
+        once, share = self.passed(material, 0) * body, self.passed(material, 1)
+        if self.fibres is None:
+            return once, arrays().Float(0)
+        table = table_from(self.fibres, dr.gather(arrays().UInt, self.fibre_of, material))
+        widths = self.passed(material, 2), self.passed(material, 3)
+        through, twice = clear_lobes(axis, to_lamp, to_eye, self.read(material, 3), widths, table)
+        return dr.fma(share, through, once), share * twice
+
+    def _reflected(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
         alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
         nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
         body_law = self.body_law(material)
@@ -284,14 +344,14 @@ class Lighting:
             ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
             weights, lit = [], arrays().Bool(False)
             for element in elements:
-                body, interface = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
-                lit |= body + interface > 0.0
+                each = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
+                lit |= sum(each[1:], each[0]) > 0.0
                 if element.scales and texel_hit:
-                    body, interface = (
+                    each = [
                         dr.select(texel_hit.textured, light * factor, light)
-                        for light, factor in zip((body, interface), element.scales.at(*ways), strict=True)
-                    )
-                weights.append((body * element.share, interface * element.share))
+                        for light, factor in zip(each, element.scales.at(*ways), strict=True)
+                    ]
+                weights.append([part * element.share for part in each])
             if lamp.emission is not None:
                 lit &= irradiance > 0.0
             origin = elements[0].shadow_origin(point, to_lamp)
@@ -301,8 +361,8 @@ class Lighting:
                 passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
             for j in range(len(palette.colours)):
                 total = arrays().Float(0)
-                for (body, interface), share in zip(weights, coefficients, strict=True):
-                    total = dr.fma(body if j < len(palette.bodies) else interface, share[j], total)
+                for each, share in zip(weights, coefficients, strict=True):
+                    total = dr.fma(each[palette.parts[j]], share[j], total)
                 light.append(irradiance * total)
         return light, passed
 
@@ -339,7 +399,10 @@ class Lighting:
 def palette_of(reflectances: Sequence[Reflectance], bases: Sequence[Spectrum], lamps: Sequence[Spectrum]) -> Palette:
     """The distinct spectra of some reflectances, further body colours and lamps."""
     bodies = [r.body_colour for r in reflectances]
-    return Palette(distinct([*bodies, *bases]), distinct([r.interface_colour for r in reflectances]), distinct(lamps))
+    once = distinct([r.transmitted[0] for r in reflectances if r.transmits])
+    twice = distinct([r.transmitted[1] for r in reflectances if r.clear_share > 0.0])
+    interfaces = distinct([r.interface_colour for r in reflectances])
+    return Palette(distinct([*bodies, *bases]), interfaces, distinct(lamps), transmitted=once, twice=twice)
 
 
 def distinct(spectra: Sequence[Spectrum]) -> tuple[Spectrum, ...]:
@@ -371,8 +434,17 @@ def _sphere_table(r: Reflectance, graded: bool) -> np.ndarray:
 
 
 def _row(r: Reflectance, palette: Palette) -> list[float]:
-    body = [float(j == position_of(r.body_colour, palette.bodies)) for j in range(len(palette.bodies))]
-    interface = [
-        float(j == position_of(r.interface_colour, palette.interfaces)) for j in range(len(palette.interfaces))
-    ]
-    return [r.alpha, r.beta, r.gamma, r.n, ELEMENTS.index(r.element), *body, *interface]
+    own = _one(r.body_colour, palette.bodies) + _one(r.interface_colour, palette.interfaces)
+    own += _one(r.transmitted[0] if r.transmits else None, palette.transmitted)
+    own += _one(r.transmitted[1] if r.clear_share > 0.0 else None, palette.twice)
+    return [r.alpha, r.beta, r.gamma, r.n, ELEMENTS.index(r.element), *own]
+
+
+def _one(colour: Spectrum | None, among: Sequence[Spectrum]) -> list[float]:
+    """Coefficients of a colour on some spectra: 1 on its own, and 0; all 0 for None."""
+    place = -1 if colour is None else position_of(colour, among)
+    return [float(j == place) for j in range(len(among))]
+
+
+def _passed_row(r: Reflectance) -> list[float]:
+    return [r.far_body, r.clear_share, *lobe_widths(float(r.gamma), float(r.n))]

@@ -68,6 +68,10 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
     """
     if len(materials) != texel.populations:
         raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
+    if through := next((m for m in materials if m.transmits), None):
+        raise InputError(
+            f"material {through.name!r} has transmission, which texels do not show yet: lay a patch, or give 0"
+        )
     rays, like = Rays(), (tau, [m.element for m in materials], extinction == "projected")
     layers = [Layer(texel, k, *like) for k in range(len(texel.levels))]
     depths = [tau * np.array(_through(RaysThrough(layer, rays))[0]) for layer in layers]

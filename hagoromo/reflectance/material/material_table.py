@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from hagoromo.camera.response import Response
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
 from hagoromo.files.record import Record, about, decode, like, optional
 from hagoromo.light.spectrum import SOURCE, Spectrum
@@ -25,6 +26,9 @@ class MeasuredMaterial(Record, frozen=True, kw_only=True):
     )
     response: Annotated[str | None, about("camera response that it was measured with: a name or a CSV file")] = None
     lamp: Annotated[Any, SOURCE, about("spectrum of the lamps that it was measured under")] = 1.0
+    transmission: Annotated[float, about("share of the light that passes through an element: it is not measured")] = 0.0
+    transmitted_colour: Annotated[Any, SOURCE, about("colour of light that has passed through once, 0…1")] = 1.0
+    clearness: Annotated[float, about("share of the transmitted light that keeps its way, 0…1")] = 0.0
 
 
 MATERIAL = like(ReflectanceRecord, MeasuredMaterial)  # tables that `reflectance_from_table` accepts
@@ -47,4 +51,11 @@ def reflectance_from_table(
     if table.material not in estimates:
         raise InputError(f"{where}: {path} has no material {table.material!r}: it has {', '.join(estimates)}")
     response = None if table.response is None else Response.load(table.response, folder)
-    return estimates[table.material].reflectance(response, Spectrum.load(table.lamp, folder), table.element or element)
+    lamp = Spectrum.load(table.lamp, folder)
+    measured = estimates[table.material].reflectance(response, lamp, table.element or element)
+    if table.transmission == table.clearness == 0.0:
+        return measured
+    colour = Spectrum.load(table.transmitted_colour, folder)
+    with described(where):
+        passes = {"transmission": table.transmission, "clearness": table.clearness}
+        return replace(measured, transmitted_colour=colour, **passes)
