@@ -23,10 +23,13 @@ def albedos_of(scene: Scene) -> list[Spectrum]:
 
 
 def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:
-    """What bodies and interfaces send on of the light of each wavelength, about; basis: of the colours of voxels."""
+    """What bodies and interfaces send on, and elements let through, of the light of each wavelength, about; basis: of
+    the colours of voxels.
+    """
     most = max(r.alpha for r in reflectances)
     scaled = [(math.pi * r.alpha, r.body_colour) for r in reflectances] + [(math.pi * most, s) for s in basis]
     scaled += [(r.interface_albedo, r.interface_colour) for r in reflectances]
+    scaled += [(r.transmission, r.transmitted[0]) for r in reflectances if r.transmits]
     return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]
 
 
@@ -54,5 +57,5 @@ def largest_albedo(box: VolumeBox) -> float:
         held = box.bricks.read(begin, min(begin + BRICKS_READ, box.bricks.kept))
         colours = held["colour"][held["density"] > 0.0][:, : len(basis)].astype(np.float32)
         brightest = max(brightest, float((colours @ basis).max(initial=0.0)))
-    sent = [(math.pi * m.alpha * brightest, m.interface_albedo) for m in box.materials]
-    return max(body + interface for body, interface in sent)
+    sent = [(math.pi * m.alpha * brightest, m.interface_albedo, m.transmitted_albedo().max()) for m in box.materials]
+    return max(sum(parts) for parts in sent)

@@ -67,7 +67,7 @@ class Walks:
         self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
         self.lighting, self.scattering, self.bands = lighting, scattering, bands
         palette = lighting.materials.palette
-        self.colours, self.bodies, self.groups = len(palette.colours), len(palette.bodies), len(palette.lamps)
+        self.colours, self.parts, self.groups = len(palette.colours), palette.parts, len(palette.lamps)
         self.in_bands = lookup(arrays().Float, bands.of(palette.colours).astype(np.float32))
 
     @property
@@ -134,11 +134,11 @@ class Walks:
         mixed = self.lighting.with_voxel_colour(coefficients, found.box, colour)
         return [dr.select(inside, own, old) for own, old in zip(mixed, coefficients, strict=True)]
 
-    def lamp(self, event: Event, to_eye: Array3f, random: Random) -> tuple[LampDrawn, Float, Float, Random]:
-        """A lamp drawn for the event, and the body and interface weights of the light of it that the eye sees."""
+    def lamp(self, event: Event, to_eye: Array3f, random: Random) -> tuple[LampDrawn, list[Float], Random]:
+        """A lamp drawn for the event, and the weights of the light of it that the eye sees: see `Palette.parts`."""
         lamp = lamp_drawn(self.lighting.lamps, event.point, random.next_float32())
-        body, interface = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye)
-        lit = event.there & (body + interface > 0.0) & (lamp.irradiance > 0.0)
+        weights = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye)
+        lit = event.there & (sum(weights[1:], weights[0]) > 0.0) & (lamp.irradiance > 0.0)
         if self.surfaces is not None:
             lit &= self.surfaces.visible(event.point, lamp.to_lamp, lamp.distance)
         passed = dr.select(lit, arrays().Float(1), 0.0)
@@ -146,16 +146,16 @@ class Walks:
             passed, random = transmittance(self.matter, event.point, lamp.to_lamp, lamp.distance, lit, random)
         seen = lit & (passed > 0.0)
         irradiance = lamp.irradiance * passed
-        return lamp, dr.select(seen, irradiance * body, 0.0), dr.select(seen, irradiance * interface, 0.0), random
+        return lamp, [dr.select(seen, irradiance * weight, 0.0) for weight in weights], random
 
-    def mixed(self, coefficients: list[Float], body: Float, interface: Float) -> list[Float]:
-        """body · c_b + interface · e in every band."""
+    def mixed(self, coefficients: list[Float], weights: Sequence[Float]) -> list[Float]:
+        """body · c_b + interface · e, and what is transmitted, in every band."""
         sums = []
         for k in range(self.bands.count):
             total = arrays().Float(0)
             for j, share in enumerate(coefficients):
                 value = dr.gather(arrays().Float, self.in_bands, arrays().UInt(j * self.bands.count + k))
-                total = dr.fma(share * (body if j < self.bodies else interface), value, total)
+                total = dr.fma(share * weights[self.parts[j]], value, total)
             sums.append(total)
         return sums
 
@@ -165,21 +165,19 @@ class Walks:
         first: Bool,
         lamp: LampDrawn,
         coefficients: list[Float],
-        body: Float,
-        interface: Float,
+        weights: Sequence[Float],
         carried: list[Float],
     ) -> list[Float]:
         """The channels with the light of a lamp, that of the first event among the colours, else among the bands."""
         jit = arrays()
-        weights = [
-            dr.select(first, share * (body if j < self.bodies else interface), 0.0)
-            for j, share in enumerate(coefficients)
+        light = [
+            dr.select(first, share * weights[part], 0.0) for share, part in zip(coefficients, self.parts, strict=True)
         ]
-        in_bands = self.mixed(coefficients, body, interface)
-        weights += [dr.select(first, 0.0, old * new) for old, new in zip(carried, in_bands, strict=True)]
-        each = len(weights)
+        in_bands = self.mixed(coefficients, weights)
+        light += [dr.select(first, 0.0, old * new) for old, new in zip(carried, in_bands, strict=True)]
+        each = len(light)
         own = [jit.Bool(True)] if self.groups == 1 else [lamp.group == group for group in range(self.groups)]
-        return [old + dr.select(own[k // each], weights[k % each], 0.0) for k, old in enumerate(channels)]
+        return [old + dr.select(own[k // each], light[k % each], 0.0) for k, old in enumerate(channels)]
 
 
 @dr.syntax
@@ -197,12 +195,12 @@ def light_of_walks(
     while alive:
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
-        lamp, body, interface, random = walks.lamp(event, to_eye, random)
-        channels = walks.added(channels, events == 0, lamp, event.coefficients, body, interface, carried)
+        lamp, weights, random = walks.lamp(event, to_eye, random)
+        channels = walks.added(channels, events == 0, lamp, event.coefficients, weights, carried)
         events += dr.select(event.there, 1, jit.UInt(0))
         numbers = five_of(random)
         direction, sent, good = walks.scattering.drawn(event.material, event.axis, to_eye, numbers)
-        onwards = walks.mixed(event.coefficients, sent.body, sent.interface)
+        onwards = walks.mixed(event.coefficients, sent)
         carried = products(carried, onwards)
         alive = event.there & good & (events < most)
         alive &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)

@@ -4,6 +4,8 @@ f of an element is the mean of the plane's f over the normals that the eye sees 
 these normals is drawn, by the area that the eye sees of it, and then a direction by the plane's own sampling about it:
 its body by the cosine, its interface by the half vectors of its facets, one lobe or another by its share. The weight is
 that of the plane for this normal over the density for this normal; its mean is f over the density of the direction.
+Of elements that transmit, a share of the directions is drawn for each way through them: far-side body light by the
+cosine about the opposite of the normal, clear light by rays across the fibre.
 """
 
 from __future__ import annotations
@@ -14,16 +16,18 @@ from collections.abc import Sequence
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip, lookup
 from hagoromo.reflectance.body import body_factor
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.reflectance import Reflectance, interface_albedo
 from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
+from hagoromo.reflectance.transmission import AllWeights, along_fibre, longer_way, passed_at, turned_by
 from hagoromo.transport.lighting import Materials
 
 LEAST_SHARE = 0.1  # of the samples, for the body and for the interface together, where a reflectance has both
+STRAIGHT = 0.8  # share of the samples of clear light that go straight through
 
 
 class Scattering:
@@ -33,7 +37,9 @@ class Scattering:
         self.materials, self.lobes = materials, 1 + max(len(r.lobes) for r in reflectances)
         rows = np.array([_lobe_row(r, self.lobes) for r in reflectances], np.float32)
         self.rows = lookup(arrays().Float, rows)
-        dr.eval(self.rows)
+        passed = np.array([_passed_shares(r) for r in reflectances], np.float32)
+        self.passed = lookup(arrays().Float, passed) if materials.transmit else None
+        dr.eval(self.rows, self.passed)
 
     def _lobe(self, material: UInt, lobe: int) -> list[Float]:
         """Share of the samples, β and γ of a lobe."""
@@ -42,12 +48,82 @@ class Scattering:
 
     def drawn(
         self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
-    ) -> tuple[Array3f, Weights, Bool]:
-        """A direction from where light comes, the body and interface weight of f over its density, and whether light
-        may come from there.
+    ) -> tuple[Array3f, Weights | AllWeights, Bool]:
+        """A direction from where light comes, the weights of f over its density, and whether light may come from there.
 
         axis, to_eye: unit, world. numbers: five, independent, uniform in [0, 1).
         """
+        if self.passed is None:
+            return self._reflected(material, axis, to_eye, numbers)
+        far, clear = (dr.gather(arrays().Float, self.passed, material * 2 + k) for k in (0, 1))
+        choice, rest = numbers[2], 1.0 - far - clear
+        is_far, is_clear = choice < far, (choice >= far) & (choice < far + clear)
+        begin = dr.select(is_far, 0.0, dr.select(is_clear, far, far + clear))
+        share = dr.fmax(dr.select(is_far, far, dr.select(is_clear, clear, rest)), 1e-6)
+        again = dr.fmin((choice - begin) / share, 1.0 - 1e-7)
+        numbers = [*numbers[:2], again, *numbers[3:]]
+        if "plane" in self.materials.elements:
+            axis = self.materials.facing(material, axis, to_eye)
+        ways = [self._far(material, axis, to_eye, numbers), self._reflected(material, axis, to_eye, numbers)]
+        (way, once, good), (back, reflected, back_good) = ways
+        way, good = dr.select(is_far, way, back), dr.select(is_far, good, back_good)
+        reflects = ~(is_far | is_clear)
+        body, interface = (dr.select(reflects, each, 0.0) for each in reflected)
+        once, twice = dr.select(is_far, once, 0.0), arrays().Float(0)
+        if self.materials.fibres is not None:
+            along, clear_once, clear_twice, clear_good = self._clear(material, axis, to_eye, numbers)
+            way, good = dr.select(is_clear, along, way), dr.select(is_clear, clear_good, good)
+            once, twice = dr.select(is_clear, clear_once, once), dr.select(is_clear, clear_twice, 0.0)
+        scale = dr.rcp(share)
+        return way, AllWeights(body * scale, interface * scale, once * scale, twice * scale), good
+
+    def _far(
+        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
+    ) -> tuple[Array3f, Float, Bool]:
+        """A direction of far-side body light, by the cosine about the opposite of a normal that the eye sees."""
+        normal, seen = self.visible_normal(material, axis, to_eye, *numbers[:2])
+        x, y, z = frame_about(-normal)
+        sine, cosine = dr.sincos(2.0 * math.pi * numbers[4])
+        radius, height = dr.sqrt(numbers[3]), dr.sqrt(dr.fmax(1.0 - numbers[3], 0.0))
+        way = dr.normalize(radius * cosine * x + radius * sine * y + height * z)
+        return way, math.pi * self.materials.passed(material, 0), seen
+
+    def _clear(
+        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
+    ) -> tuple[Array3f, Float, Float, Bool]:
+        """A direction of clear light: one of the two lobes, an angle along the fibre, a ray at any offset across it.
+
+        The angle is drawn by a Gaussian about the middle of the lobe, the azimuth by one about that of the ray.
+        """
+        u, v, choice, offset, _ = numbers
+        n = self.materials.read(material, 3)
+        first = choice < STRAIGHT
+        width = dr.select(first, self.materials.passed(material, 2), self.materials.passed(material, 3))
+        radius, (sine, cosine) = dr.sqrt(-2.0 * dr.log(1.0 - u)), dr.sincos(2.0 * math.pi * v)
+        cos_eye = clip(dr.dot(axis, to_eye), -1.0, 1.0)
+        mirrored = dr.acos(-cos_eye)
+        alpha = dr.fma(width * radius, cosine, mirrored)
+        good = (alpha > 0.0) & (alpha < math.pi)
+        middle = 0.5 * (dr.cos(alpha) - cos_eye)
+        cos_middle = dr.sqrt(dr.fmax(1.0 - middle * middle, 0.0))
+        across = dr.fma(2.0, offset, -1.0)
+        azimuth = dr.select(first, *turned_by(across, cos_middle, n)) + width * radius * sine
+        passed = dr.select(first, *passed_at(dr.sqrt(dr.fmax(1.0 - across * across, 0.0)), cos_middle, n))
+        density = dr.exp(-0.5 * dr.square(radius * cosine)) / (math.sqrt(2.0 * math.pi) * width)
+        weight = along_fibre(alpha, mirrored, width) * dr.sin(alpha) / dr.fmax(density, 1e-30)
+        weight *= passed * self.materials.passed(material, 1) * dr.select(first, 1.0 / STRAIGHT, 1.0 / (1.0 - STRAIGHT))
+        longer = longer_way(middle, n)
+        once = dr.select(first, 1.0 - longer, 0.0)
+        ahead = to_eye - axis * cos_eye
+        ahead = ahead * dr.rsqrt(dr.fmax(dr.squared_norm(ahead), 1e-12))
+        turned = ahead * dr.cos(azimuth) + dr.cross(axis, ahead) * dr.sin(azimuth)
+        way = dr.normalize(axis * dr.cos(alpha) + turned * dr.sin(alpha))
+        return way, weight * once, weight * (1.0 - once), good
+
+    def _reflected(
+        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
+    ) -> tuple[Array3f, Weights, Bool]:
+        """As `drawn`, of what an element reflects."""
         normal, seen = self.visible_normal(material, axis, to_eye, *numbers[:2])
         frame = frame_about(normal)
         view = local(frame, to_eye)
@@ -125,6 +201,18 @@ def _lobe_row(r: Reflectance, count: int) -> list[float]:
         share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
     row = [[share * one / max(interface, 1e-30), beta, g] for one, (beta, g, _) in zip(sent, lobes, strict=True)]
     return [number for lobe in (row + [[0.0, 0.0, 1.0]] * count)[:count] for number in lobe]
+
+
+def _passed_shares(r: Reflectance) -> list[float]:
+    """Shares of the samples for far-side body light and for clear light, by what passes of light that is reflected."""
+    far, clear = math.pi * r.far_body, r.clear_share
+    reflected = r.body_albedo + r.interface_albedo
+    whole = far + clear + reflected
+    if whole <= 0.0:
+        return [0.0, 0.0]
+    shares = [max(part / whole, LEAST_SHARE) if part > 0.0 else 0.0 for part in (far, clear)]
+    most = 1.0 - LEAST_SHARE if reflected > 0.0 else 1.0
+    return [share * min(most / sum(shares), 1.0) if sum(shares) > 0.0 else 0.0 for share in shares]
 
 
 def _cylinder_normal(axis: Array3f, to_eye: Array3f, u: Float) -> Array3f:
