@@ -16,12 +16,13 @@ class BandColours:
     """Colours of elements in every band, from their coefficients on a palette."""
 
     def __init__(self, bands: Bands, palette: Palette) -> None:
-        self.count, self.bodies, self.colours = bands.count, len(palette.bodies), len(palette.colours)
+        self.count, self.of_part = bands.count, palette.parts
+        self.parts = 1 + max(self.of_part)
         self.values = lookup(arrays().Float, bands.of(palette.colours).astype(np.float32))
 
     def of(self, coefficients: Sequence[Float]) -> list[Float]:
-        """Body colour in every band, then interface colour in every band."""
-        parts = range(self.bodies), range(self.bodies, self.colours)
+        """Body colour in every band, then interface colour in every band, then transmitted ones."""
+        parts = [[j for j, own in enumerate(self.of_part) if own == part] for part in range(self.parts)]
         return [sum(coefficients[j] * self._value(j, k) for j in part) for part in parts for k in range(self.count)]
 
     def _value(self, colour: int, band: int) -> Float:

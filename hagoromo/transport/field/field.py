@@ -9,7 +9,6 @@ import drjit as dr
 
 from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.transport.field.band_colours import BandColours
-from hagoromo.transport.field.scattering import PARTS
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.solve import Solution, Solver
 from hagoromo.transport.medium import Element
@@ -54,7 +53,7 @@ class Field:
         factors = [[arrays().Float(0)] * NUMBERS for _ in range(self.colours.count)]
         for element, own in zip(elements, coefficients, strict=True):
             colours = self.colours.of(own)
-            for part in range(PARTS):
+            for part in range(self.scattering.parts):
                 towards = self.scattering.towards(element.material, part, element.axis, to_eye)
                 for band, old in enumerate(factors):
                     each = colours[part * len(factors) + band] * element.share

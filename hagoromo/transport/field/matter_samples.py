@@ -30,7 +30,7 @@ SAMPLES_AT_ONCE = 1 << 21
 class Sample:
     """One sample of matter. share: what it adds to the surface density τρ of its cell [1/m], see `MatterSamples`.
 
-    colours: of body and interface in every band. light: irradiance from every lamp, with shadows.
+    colours: of body, interface and what is transmitted in every band. light: irradiance from every lamp, with shadows.
     """
 
     material: UInt
@@ -106,7 +106,9 @@ def sampled(
     first, weight = lookup(jit.UInt, starts.astype(np.uint32)), np.array(columns[1], np.float64)
     moments = [np.add.reduceat(weight * np.array(column), starts[:-1]) for column in columns[5:8]]
     centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
-    return Cells(low, size, filled, centroids), MatterSamples(first, columns, 2 * bands.count, lighting.materials)
+    return Cells(low, size, filled, centroids), MatterSamples(
+        first, columns, bands.parts * bands.count, lighting.materials
+    )
 
 
 def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:

@@ -7,7 +7,7 @@ All that is needed of f are its moments over the directions of light, seen from 
     B_ta = ∫ f L_t L_a dL
 
 σ(V) f is symmetric in L and V, so that the same six numbers also say how the light of one lamp leaves, and by a sum
-over μ how smooth light leaves (`Blocks`). Body and interface have six each.
+over μ how smooth light leaves (`Blocks`). Body, interface and transmitted light have six each.
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ from hagoromo.reflectance.element import element_weights, projected_area, sphere
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albedo
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, fresnel
+from hagoromo.reflectance.transmission import around_fibre, clear_lobes, facing, far_body, lobe_widths, table_from
 from hagoromo.transport.field.second_order import MEAN, SecondOrder, outer
 
 ENTRIES = 65  # of a table over the angle to the axis, on either side of it
 MOMENTS = 6
-PARTS = 2  # body, interface
+REFLECTED = 2  # parts: body, interface; then what is transmitted once, and twice as far
 BLOCK_NUMBERS = 14
 NODES = 24  # Gauss–Legendre nodes of cosines on either side, and twice as many turns over half a circle
 SPHERE_NODES, SPHERE_ENTRIES = 64, 256
+LEAST_LOBE = 0.2  # [rad] as LEAST_GAMMA, of lobes of transmitted light
 LEAST_GAMMA = 0.2  # [rad] narrower facets are widened, and keep their albedo: smooth light does not tell them apart
-ROW = PARTS * 2 * ENTRIES * MOMENTS
 
 
 class Scattering:
@@ -42,18 +43,19 @@ class Scattering:
 
     def __init__(self, reflectances: Sequence[Reflectance]) -> None:
         jit = arrays()
-        figures = [moments_and_blocks(*_figures(r)) for r in reflectances]
+        self.parts = REFLECTED + any(r.transmits for r in reflectances) + any(r.clear_share > 0.0 for r in reflectances)
+        figures = [moments_and_blocks(*_figures(r), self.parts) for r in reflectances]
         self.moments_of = lookup(jit.Float, np.stack([f[0] for f in figures]).astype(np.float32))
         self.blocks_of = lookup(jit.Float, np.stack([f[1] for f in figures]).astype(np.float32))
         dr.eval(self.moments_of, self.blocks_of)
 
     def moments(self, material: UInt, part: int, cosine: Float) -> list[Float]:
-        """The six moments of a part (0: body, 1: interface) at μ = `cosine`."""
+        """The six moments of a part, as in `Palette.parts`, at μ = `cosine`."""
         jit = arrays()
         place = dr.acos(dr.fmin(dr.abs(cosine), 1.0)) * ((ENTRIES - 1) / (0.5 * math.pi))
         first = dr.minimum(jit.UInt(place), ENTRIES - 2)
         side = dr.select(cosine < 0.0, jit.UInt(1), 0)
-        start = (((material * PARTS + part) * 2 + side) * ENTRIES + first) * MOMENTS
+        start = (((material * self.parts + part) * 2 + side) * ENTRIES + first) * MOMENTS
         share = place - jit.Float(first)
         low, high = (
             [dr.gather(jit.Float, self.moments_of, start + (k * MOMENTS + m)) for m in range(MOMENTS)] for k in (0, 1)
@@ -84,7 +86,7 @@ class Scattering:
 
     def blocks(self, material: UInt, part: int) -> list[Float]:
         """The numbers of `scattered` of a part."""
-        start = (material * PARTS + part) * BLOCK_NUMBERS
+        start = (material * self.parts + part) * BLOCK_NUMBERS
         return [dr.gather(arrays().Float, self.blocks_of, start + k) for k in range(BLOCK_NUMBERS)]
 
 
@@ -115,18 +117,30 @@ def scattered(blocks: list[Float], axis: Array3f, light: SecondOrder) -> SecondO
 
 @lru_cache(maxsize=256)
 def moments_and_blocks(
-    element: str, alpha: float, beta: float, gamma: float, n: float, nu: float, body_law: tuple, lobes: tuple
+    element: str,
+    alpha: float,
+    beta: float,
+    gamma: float,
+    n: float,
+    nu: float,
+    body_law: tuple,
+    lobes: tuple,
+    passed: tuple[float, float],
+    parts: int,
 ) -> tuple[NDArray, NDArray]:
-    """Tables of the moments (parts, sides, ENTRIES, 6) and the blocks (parts, 14) of a reflectance of white colours."""
+    """Tables of the moments (parts, sides, ENTRIES, 6) and the blocks (parts, 14) of a reflectance of white colours.
+
+    passed: weight of far-side body light and share of clear light.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     nodes, weights = 0.5 + 0.5 * nodes, 0.5 * weights
     steps = np.cos(np.linspace(0.0, 0.5 * math.pi, ENTRIES))
     steps[[0, -1]] = 1.0 - 1e-6, 1e-3  # seen along its edge a plane has no side, along its axis a cylinder no length
     seen = np.concatenate([sign * part for sign in (1.0, -1.0) for part in (steps, nodes)])
-    figures = alpha, beta, gamma, n, nu, body_law, lobes
+    figures = alpha, beta, gamma, n, nu, body_law, lobes, passed
     all_moments = _of_sphere(figures, seen) if element == "sphere" else _of_others(element, figures, seen)
-    by_side = all_moments.reshape(PARTS, 2, ENTRIES + NODES, MOMENTS)
-    at_nodes = by_side[:, :, ENTRIES:].reshape(PARTS, 2 * NODES, MOMENTS)
+    by_side = all_moments[:parts].reshape(parts, 2, ENTRIES + NODES, MOMENTS)
+    at_nodes = by_side[:, :, ENTRIES:].reshape(parts, 2 * NODES, MOMENTS)
     cosines = np.concatenate([nodes, -nodes])
     area = np.array([projected_area(element, float(cosine)) for cosine in cosines])
     each = 0.5 * np.concatenate([weights, weights]) * area  # the mean over all directions of A times …
@@ -138,7 +152,8 @@ def _figures(r: Reflectance) -> tuple:
     """What `moments_and_blocks` takes, with narrow facets widened at the same albedo."""
     lobes = [_widened(r, beta, gamma, GAUSSIAN) for beta, gamma in r.lobes]
     beta, gamma = _widened(r, r.beta, r.gamma, r.nu)
-    return r.element, r.alpha, beta, gamma, r.n, r.nu, (r.epsilon, r.sigma), tuple(lobes)
+    passed = r.far_body, r.clear_share
+    return r.element, r.alpha, beta, gamma, r.n, r.nu, (r.epsilon, r.sigma), tuple(lobes), passed
 
 
 def _widened(r: Reflectance, beta: float, gamma: float, nu: float) -> tuple[float, float]:
@@ -150,8 +165,8 @@ def _widened(r: Reflectance, beta: float, gamma: float, nu: float) -> tuple[floa
 
 
 def _of_sphere(figures: tuple, seen: NDArray) -> NDArray:
-    """The six moments of body and interface at the cosines `seen`: (parts, seen, 6). f depends on L·V alone."""
-    alpha, beta, gamma, n, nu, _, lobes = figures
+    """The six moments of all parts at the cosines `seen`: (4, seen, 6). f depends on L·V alone."""
+    alpha, beta, gamma, n, nu, _, lobes, (far, _) = figures
     cosine, weight = np.polynomial.legendre.leggauss(SPHERE_NODES)
     phase = arrays().Float64(cosine)
     facets = beta * _facets(cosine, gamma, nu)
@@ -159,7 +174,8 @@ def _of_sphere(figures: tuple, seen: NDArray) -> NDArray:
         facets = facets + more_beta * _facets(cosine, more_gamma, GAUSSIAN)
     mirror = np.array(fresnel(cos_deviation(phase), dr.opaque(arrays().Float64, n)))
     legendre = np.stack([np.ones_like(cosine), cosine, 1.5 * cosine**2 - 0.5])
-    parts = alpha * np.array(sphere_body(phase)), mirror * facets
+    through = far * np.array(sphere_body(-phase))
+    parts = alpha * np.array(sphere_body(phase)), mirror * facets, through, 0.0 * through
     sine = np.sqrt(1.0 - seen * seen)
     rows = []
     for f in parts:
@@ -177,12 +193,14 @@ def _facets(cosine: NDArray, gamma: float, nu: float) -> NDArray:
 def _of_others(element: str, figures: tuple, seen: NDArray) -> NDArray:
     """As `_of_sphere`, of planes and cylinders: sums over directions of light."""
     jit = arrays()
-    alpha, beta, gamma, n, nu, body_law, lobes = figures
+    alpha, beta, gamma, n, nu, body_law, lobes, passed = figures
     x, y, z, weights = _lights()
     kinds = np.stack([np.ones_like(x), x, z, x * x - y * y, z * z - y * y, x * z]) * weights
     lamps = (jit.Float64(np.tile(part, seen.size)) for part in (x, y, z))
     eyes = (jit.Float64(np.repeat(part, x.size)) for part in (np.sqrt(1.0 - seen * seen), 0.0 * seen, seen))
     to_lamp, to_eye, axis = jit.Array3f64(*lamps), jit.Array3f64(*eyes), jit.Array3f64(0, 0, 1)
+    through = _transmitted(element, passed, (gamma, n), axis, to_lamp, to_eye)
+    axis = facing(axis, to_eye) if element == "plane" and max(passed) > 0.0 else axis
 
     def weights_of(
         alpha: float, beta: float, gamma: float, nu: float, law: tuple[float, float] = (0.0, 0.0)
@@ -196,7 +214,24 @@ def _of_others(element: str, figures: tuple, seen: NDArray) -> NDArray:
     body, interface = weights_of(alpha, beta, gamma, nu, body_law)
     for more_beta, more_gamma in lobes:
         interface = interface + weights_of(0.0, more_beta, more_gamma, GAUSSIAN)[1]
-    return np.stack([body @ kinds.T, interface @ kinds.T])
+    once, twice = (np.broadcast_to(part, seen.size * x.size).reshape(body.shape) for part in through)
+    return np.stack([part @ kinds.T for part in (body, interface, once, twice)])
+
+
+def _transmitted(
+    element: str, passed: tuple[float, float], law: tuple[float, float], axis: Array3f, lamp: Array3f, eye: Array3f
+) -> tuple[NDArray, NDArray]:
+    """Weights of light that has passed through once, and twice as far, its lobes not narrower than LEAST_LOBE."""
+    (far, clear), (gamma, n), nothing = passed, law, np.zeros(1)
+    once, twice = far * np.array(far_body(element, axis, lamp, eye)) if far > 0.0 else nothing, nothing
+    if clear > 0.0:
+        jit = arrays()
+        table = table_from(lookup(jit.Float64, around_fibre(gamma, n)))
+        widths = tuple(dr.opaque(jit.Float64, max(width, LEAST_LOBE)) for width in lobe_widths(gamma, n))
+        lobes = clear_lobes(axis, lamp, eye, dr.opaque(jit.Float64, n), widths, table)  # type: ignore[arg-type]
+        dr.eval(*lobes)
+        once, twice = once + clear * np.array(lobes[0]), clear * np.array(lobes[1])
+    return once, twice
 
 
 @cache

@@ -9,7 +9,7 @@ import drjit as dr
 
 from hagoromo.backend import Float, arrays
 from hagoromo.transport.field.matter_samples import MatterSamples, Sample
-from hagoromo.transport.field.scattering import PARTS, Scattering, scattered
+from hagoromo.transport.field.scattering import Scattering, scattered
 from hagoromo.transport.field.second_order import NUMBERS, second_order
 from hagoromo.transport.lighting import Lighting
 
@@ -40,7 +40,7 @@ def with_lamps(
     for number, irradiance in enumerate(sample.light):
         to_lamp, _, _ = lighting.arriving(number, sample.point)
         light = sample.share * irradiance * samples.area(sample.material, sample.axis, to_lamp)
-        for part in range(PARTS):
+        for part in range(scattering.parts):
             leaves = scattering.from_lamp(sample.material, part, sample.axis, to_lamp).numbers()
             for band in range(bands):
                 channel = sent[lighting.lamps[number].group * bands + band]
@@ -65,9 +65,9 @@ def sent_again(samples: MatterSamples, scattering: Scattering, incident: Numbers
 def with_incident(sent: Numbers, sample: Sample, scattering: Scattering, incident: Numbers, bands: int) -> Numbers:
     """`sent` and what one sample adds."""
     sent = [list(numbers) for numbers in sent]
-    parts = [scattering.blocks(sample.material, part) for part in range(PARTS)]
+    parts = [scattering.blocks(sample.material, part) for part in range(scattering.parts)]
     for number, (channel, numbers) in enumerate(zip(sent, incident, strict=True)):
-        colours = [sample.share * sample.colours[part * bands + number % bands] for part in range(PARTS)]
+        colours = [sample.share * sample.colours[part * bands + number % bands] for part in range(scattering.parts)]
         blocks = [sum(c * part[k] for c, part in zip(colours, parts, strict=True)) for k in range(len(parts[0]))]
         leaves = scattered(blocks, sample.axis, second_order(numbers)).numbers()
         channel[:] = [old + new for old, new in zip(channel, leaves, strict=True)]
