@@ -82,7 +82,7 @@ def along_fibre(from_axis: Float, mirrored: Float, width: Float) -> Float:
         M = e^{s²/2} [g(α − β) − g(α + β) − g(2π − α − β)] / sin β
 
     It is the heat kernel of the three-dimensional sphere, of which α is the distance to a pole: ∫ M sinα dα = 1, and
-    sin α_V M(α_L; α_V) is symmetric, as extinction by projected areas needs it (the M of d'Eon et al. 2011 is symmetric
+    sin α_V M(α_L; α_V) is symmetric, as extinction by projected areas needs it (the usual M of hair is symmetric
     without sin α_V).
     """
     inverse = 1.0 / (width * width)
