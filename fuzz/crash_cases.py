@@ -87,6 +87,18 @@ def _cameras(folder: Path) -> None:
     hg.write_views(folder / "cameras.yml", {"a.png": lens.with_pose(turned), "b.png": lens.with_pose(np.eye(4))})
 
 
+def _volume(folder: Path) -> None:
+    density = np.zeros((9, 9, 9), np.float32)
+    density[2:7, 2:7, 2:7] = 1.0
+    np.save(folder / "a.npy", density)
+
+
+def _small_box(folder: Path) -> None:
+    from fuzz.boxes import box
+
+    box(folder / "box.zarr")
+
+
 def _photographs(folder: Path) -> None:
     from hagoromo.files.exr import write_exr
 
@@ -240,6 +252,10 @@ CASES = (
     Case(
         "convert to a capture", _views, ("convert", "transforms.json", "--images", "images"), ("out",)
     ),
+    Case("convert to a box", _volume, ("convert", "a.npy"), ("out.zarr",), resumes=True),
+    Case("convert to NRRD", _small_box, ("convert", "box.zarr"), ("out.nrrd",)),
+    Case("convert to VTI", _small_box, ("convert", "box.zarr"), ("out.vti",)),
+    Case("convert to .vol", _small_box, ("convert", "box.zarr"), ("out.vol",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
     Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
     Case(

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, meshes, pictures, records
+from fuzz import boxes, meshes, pictures, records, volumes
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
 
@@ -162,6 +162,7 @@ LOAD_SCENE = _late("hagoromo.image.scene_file", "load_scene")
 READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
 LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
+READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
@@ -239,6 +240,8 @@ SIMPLE = (
         Reader(f"v3-{name}.zarr", functools.partial(boxes.array_v3, codec=name), _array)
         for name in ("zstd", "gzip", "blosc")
     ),
+    *(Reader(name, write, READ_VOLUME, share=share) for name, (write, share) in volumes.SAMPLES.items()),
+    Reader("plan-volume", volumes.recipe, _plan, "a.toml", share=0.5),
     Reader("v3-shards.zarr", functools.partial(boxes.array_v3, shards=True), _array),
     *(
         Reader(f"v2-{name}.zarr", functools.partial(boxes.array_v2, codec=name), _array)

@@ -43,7 +43,6 @@ from .photograph.developing import Developing as Developing
 from .photograph.session import Session as Session, session as session
 from .photograph.lit_photographs import capture as capture
 from .photograph.capture_to import Captured as Captured, capture_to as capture_to
-from .photograph.convert import convert as convert
 from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture
 
 # Calibration
@@ -141,6 +140,9 @@ from .image.relight.relight import relight as relight
 from .publication.publish import Published as Published, publish as publish
 from .publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
 from .publication.export.export import export as export
+
+# Files of other programs
+from .app.formats.convert import VolumeOptions as VolumeOptions, convert as convert
 
 # The paper end to end, reports, and what studies of one's own need
 from .app.demo import demo as demo

@@ -25,6 +25,7 @@ from tyro.conf import Positional
 import hagoromo as hg
 from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
+from hagoromo.app import convert_verb as convert_verb
 from hagoromo.app import exporting as exporting
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app import view_verb as view_verb
@@ -177,30 +178,6 @@ def develop(
     )  # fmt: skip
     development.save(out, force)
     say(*development_summary(development))
-    wrote(out)
-
-
-@verb(verbs)
-def convert(
-    cameras: Positional[Path],
-    out: Out,
-    to: Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"] | None = None,
-    images: Path | None = None,
-    force: Force = False,
-) -> None:
-    """Cameras in the format of one program → the format of another, or with their images → a capture; lamps → an .lp.
-
-    Args:
-        cameras: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, Middlebury's _par.txt.
-        to: format (default: by the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
-        images: folder of the images; the result is then a capture.
-    """
-    result = hg.convert(cameras, out, to, images, force)
-    if isinstance(result, dict):
-        if result:
-            print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")
-    else:
-        print(f"a capture of {len(result.photographs)} photographs")
     wrote(out)
 
 

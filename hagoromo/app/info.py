@@ -10,24 +10,26 @@ from typing import Any
 
 import numpy as np
 
+from hagoromo.app.formats.find import format_of
 from hagoromo.calibration.camera.calibrate_camera import NAMES
-from hagoromo.camera.formats.camera_file import read_views
-from hagoromo.camera.formats.colmap import find_colmap
+from hagoromo.camera.formats.camera_file import NERFSTUDIO, read_views
 from hagoromo.camera.formats.opencv_file import MATRIX
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file, inside
+from hagoromo.files.checks import inside
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr
+from hagoromo.files.mesh import read_mesh
 from hagoromo.files.picture import read_picture
-from hagoromo.files.raw import RAW_SUFFIXES, read_raw
+from hagoromo.files.raw import read_raw
 from hagoromo.files.record import read_json, read_toml
-from hagoromo.files.stores import address
 from hagoromo.files.table import read_table
 from hagoromo.files.tiff import read_tiff
+from hagoromo.files.volumes.formats import read_volume
 from hagoromo.image.image import read_image
 from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.photograph.capture import count_absent
+from hagoromo.photograph.lamp_files import load_lamps
 
 Facts = dict[str, Any]
 MATERIAL_FIELDS = ("element", "alpha", "beta", "gamma", "nu", "n", "body_colour", "identifiable")
@@ -39,25 +41,30 @@ def info(path: str | Path) -> Facts:
     `InputError` if it does not exist, is of unknown type, or cannot be read as the type that its name states.
     """
     path = Path(path)
-    if address(path):
-        return _box(path)
-    if path.is_dir():
-        return _folder(path)
-    kind = KIND_READERS.get(existing_file(path).suffix.lower())
-    if kind is None:
-        raise InputError(f"{path} is of unknown type: give a folder or one of {', '.join(KIND_READERS)}")
-    return kind(path)
+    found = format_of(path)
+    return FACTS.get(found.name, FACTS_OF_KIND.get(found.holds, _picture))(path)
 
 
-def _folder(path: Path) -> Facts:
-    transforms = inside(path, "transforms.json")
-    if transforms.exists():
-        return _transforms(transforms)
-    if (path / "zarr.json").exists():
-        return _box(path)
-    if find_colmap(path) is not None:
-        return _cameras(path)
-    raise InputError(f"{path} is neither a capture (transforms.json), a volume box (zarr.json) nor COLMAP's: give one")
+def _volume(path: Path) -> Facts:
+    volume = read_volume(path)
+    edges, values = volume.edges, volume.values
+    place = {} if volume.matrix is None else {"matrix": volume.matrix.tolist()}
+    return {
+        "kind": "volume",
+        "voxels": list(values.shape[2::-1]),
+        "components": 1 if values.ndim == 3 else values.shape[3],
+        "type": str(values.dtype),
+        "voxel_size": None if edges is None else edges.tolist(),
+        "range": [float(np.nanmin(values)), float(np.nanmax(values))],
+        **place,
+    }
+
+
+def _surface(path: Path) -> Facts:
+    mesh = read_mesh(path)
+    low, high = mesh.bounds.tolist()
+    return {"kind": "mesh", "vertices": len(mesh.vertices), "triangles": len(mesh.faces), "low": low, "high": high,
+            "closed": bool(mesh.is_watertight)}  # fmt: skip
 
 
 def _transforms(path: Path) -> Facts:
@@ -218,20 +225,17 @@ def _short(value: Any) -> Any:
     return f"{len(value)} characters" if isinstance(value, str) and len(value) > 200 else value
 
 
-KIND_READERS: dict[str, Callable[[Path], Facts]] = {
-    ".exr": _exr,
-    ".png": _picture,
-    ".jpg": _picture,
-    ".jpeg": _picture,
-    ".toml": _toml,
-    ".json": _json,
-    ".csv": _csv,
-    ".ies": _ies,
-    ".yml": _cameras,
-    ".yaml": _cameras,
-    ".txt": _cameras,
-    ".bin": _cameras,
-    ".tif": _tiff,
-    ".tiff": _tiff,
-    **dict.fromkeys(RAW_SUFFIXES, _raw),
+FACTS: dict[str, Callable[[Path], Facts]] = {
+    "volume box": _box,
+    "capture": lambda path: _transforms(inside(path, "transforms.json")),
+    "materials, camera, lamps": _json,
+    NERFSTUDIO: _transforms,
+    "OpenEXR": _exr,
+    "TIFF": _tiff,
+    "camera RAW": _raw,
+    "IES LM-63": _ies,
+    "RTI dome .lp": lambda path: {"kind": "lamps", "lamps": len(load_lamps(path))},
 }
+FACTS_OF_KIND: dict[str, Callable[[Path], Facts]] = {
+    "volume": _volume, "surface": _surface, "cameras": _cameras, "picture": _picture, "matter": _toml, "table": _csv,
+}  # fmt: skip

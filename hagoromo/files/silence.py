@@ -43,6 +43,11 @@ def trimesh_silenced() -> AbstractContextManager[None]:
     return _silenced("trimesh.util", "trimesh.triangles")
 
 
+def nibabel_silenced() -> AbstractContextManager[None]:
+    """nibabel logs nothing in this thread while the block runs."""
+    return _silenced("nibabel.global")
+
+
 @contextmanager
 def opencv_silenced() -> Iterator[None]:
     """OpenCV logs nothing while the block runs, in no thread: its level is one for the process."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.info import KIND_READERS
+from hagoromo.app.formats.find import BY_SUFFIX
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, inside, read_bytes
 from hagoromo.files.exr import write_exr
@@ -32,7 +32,7 @@ def pipe(tmp_path):
     return make
 
 
-@pytest.mark.parametrize("suffix", KIND_READERS)
+@pytest.mark.parametrize("suffix", BY_SUFFIX)
 def test_a_pipe_is_refused_and_not_waited_for(refused, pipe, suffix):
     path = pipe(f"a{suffix}")
     assert refused("info", path) == f"hagoromo: {path} is a pipe: give a file on a disk\n"

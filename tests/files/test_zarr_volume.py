@@ -115,7 +115,7 @@ def test_what_is_no_density_is_refused_in_one_line(tmp_path, name):
     make, said = REFUSED[name]
     make(tmp_path / "density.zarr")
     with pytest.raises(InputError) as refused:
-        box_from_zarr(tmp_path / "density.zarr", 0.1, 1.0, [GREY])
+        box_from_zarr(tmp_path / "density.zarr", 0.1, 1.0, [GREY], scale=1.0)
     assert said in str(refused.value) and "\n" not in str(refused.value) and "density.zarr" in str(refused.value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,6 +28,12 @@ BY_SUFFIX: dict[str, Format] = {
     ".json": "nerfstudio",
     ".txt": "middlebury",
 }
+
+
+NERFSTUDIO, OPENCV, COLMAP = "nerfstudio, instant-ngp, NeRF", "OpenCV YAML or JSON", "COLMAP"
+MIDDLEBURY = "Middlebury _par.txt"
+START = 4096  # bytes of a file that tell its format
+COUNT_LINE = re.compile(rb"\d+[ \t]*\r?(\n|$)")  # how Middlebury's files begin
 
 
 class CameraRecord(ForeignRecord, frozen=True, kw_only=True):
@@ -68,19 +75,48 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
     if path.is_dir():
         transforms = inside(path, "transforms.json")
         return read_transforms(transforms) if transforms.is_file() else read_colmap(path)
-    suffix = existing_file(path).suffix.lower()
-    if suffix in (".bin", ".txt") and path.stem in ("cameras", "images", "points3D"):
+    kind = cameras_within(path)
+    if kind == COLMAP:
         return read_colmap(path.parent)
-    if suffix == ".txt":
+    if kind == MIDDLEBURY:
         return read_middlebury(path, size)
-    if suffix in (".yml", ".yaml"):
+    if kind == OPENCV:
         return read_opencv(path, size)
-    if suffix != ".json":
-        raise InputError(f"{path} is no file of cameras: give .json, .yml, _par.txt or a folder of COLMAP's")
+    if kind == NERFSTUDIO:
+        return read_transforms(path)
+    if path.suffix.lower() == ".json":
+        return {"": _calibrated(path)}
+    raise InputError(
+        f"{path} is no file of cameras: give .json, .yml, a _par.txt (the number of images, then a line of 22 words "
+        f"each) or a folder of COLMAP's"
+    )
+
+
+def cameras_within(path: str | Path) -> str:
+    """The format of a file of cameras, as the table of formats names it; "" where it is none.
+
+    A file whose suffix may mean anything (.txt, .json, none) is known by what it holds.
+    """
+    path = existing_file(path)
+    suffix = path.suffix.lower()
+    if suffix in (".bin", ".txt") and path.stem in ("cameras", "images", "points3D"):
+        return COLMAP
+    if suffix in (".yml", ".yaml"):
+        return OPENCV
+    if suffix not in ("", ".json", ".txt"):
+        return ""
+    with path.open("rb") as file:
+        start = file.read(START).lstrip()
+    if suffix != ".json" and COUNT_LINE.match(start):
+        return MIDDLEBURY
+    if suffix != ".json" and start.startswith(b"%YAML"):
+        return OPENCV
+    if suffix == ".txt" or not start.startswith(b"{"):
+        return ""
     record = read_json(path)
     if isinstance(record, dict) and any(key in record for key in MATRIX):
-        return read_opencv(path, size)
-    return read_transforms(path) if isinstance(record, dict) and "frames" in record else {"": _calibrated(path)}
+        return OPENCV
+    return NERFSTUDIO if isinstance(record, dict) and "frames" in record else ""
 
 
 def read_camera(path: str | Path) -> Camera:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from os import cpu_count
 from typing import Any
@@ -39,7 +39,7 @@ class ZarrBlocks:
     `InputError` where shapes or types do not fit each other, or a tile does not fit the memory.
     """
 
-    def __init__(self, density: ZarrArray, others: dict[str, ZarrArray], scale: float = 1.0) -> None:
+    def __init__(self, density: ZarrArray | Any, others: Mapping[str, ZarrArray | Any], scale: float = 1.0) -> None:
         with described(density.where):
             check_shape(density.shape)
         z, y, x = density.shape
@@ -133,7 +133,7 @@ def in_order(work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
                 future.cancel()
 
 
-def _check_like(name: str, array: ZarrArray, shape: tuple[int, int, int]) -> None:
+def _check_like(name: str, array: Any, shape: tuple[int, int, int]) -> None:
     dtype_kinds, components = WANTED[name]
     if array.shape[:3] != shape or array.shape[3:] not in ([(n,) for n in components] or [()]):
         wanted = f"{(*shape, *components[-1:])}"

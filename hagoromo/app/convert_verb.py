@@ -1,0 +1,61 @@
+"""The command `hagoromo convert`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+import hagoromo as hg
+from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+
+
+@verb(verbs)
+def convert(
+    source: Positional[Path],
+    out: Out,
+    to: Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"] | None = None,
+    images: Path | None = None,
+    scale: float | None = None,
+    window: tuple[float, float] | None = None,
+    voxel_mm: float | None = None,
+    mean_free_path_mm: float | None = None,
+    axis: Path | None = None,
+    material: Path | None = None,
+    field: Literal["density", "axis", "colour"] = "density",
+    force: Force = False,
+) -> None:
+    """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
+    (NRRD, MetaImage, NIfTI, VTI, TIFF stack, …) → a volume box; a box → NRRD, VTI, .vol.
+
+    Args:
+        source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, Middlebury's _par.txt; a volume or a box.
+        to: format of cameras (default: by the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
+        images: folder of the images; the result is then a capture.
+        scale: density that a stored 1 stands for; volumes of whole numbers need it, or a window.
+        window: stored numbers of density 0 and of density 1; what lies beyond is cut off.
+        voxel_mm: edge of a voxel (default: the shortest that the file states, or 0.5 mm).
+        mean_free_path_mm: mean free path of light where the density is 1 (default: 0.5).
+        axis: volume of the axes of the micro-elements (default: they point down the slope of the density).
+        material: TOML with a table [material], as recipes have (default: a matt grey).
+        field: which field of a box is written; VTI holds all.
+    """
+    from hagoromo.app.formats.convert import VolumeOptions
+
+    options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field)
+    with progress_bar("convert") as progress:
+        result = hg.convert(source, out, to, images, force, options, progress)
+    if isinstance(result, dict):
+        if result:
+            print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")
+    elif result is not None:
+        print(f"a capture of {len(result.photographs)} photographs")
+    elif out.suffix.lower() == ".zarr":
+        from hagoromo.volume.store.box_store import look_at_box
+
+        say(*str(look_at_box(out)).splitlines())
+        if material is None:
+            say("its material is a matt grey, as no --material was given")
+    wrote(out)

@@ -1,0 +1,128 @@
+"""Convert: a file of one program into the file of another: cameras, captures, lamps, and volumes in and out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hagoromo.app.formats.find import format_of
+from hagoromo.app.formats.table import FORMATS, suffixes
+from hagoromo.app.formats.volumes_out import Field
+from hagoromo.camera.formats.camera_file import Format as CameraFormat
+from hagoromo.camera.formats.camera_file import read_views, write_views
+from hagoromo.errors import InputError
+from hagoromo.files.record import read_toml
+from hagoromo.files.stores import address
+from hagoromo.files.whole import replaceable_file
+from hagoromo.photograph.gather import gather, size_of_images
+from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
+from hagoromo.progress import Progress, silent
+
+BOX = ".zarr"
+NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0, "name": "neutral"}
+
+
+@dataclass(frozen=True)
+class VolumeOptions:
+    """What a volume file does not say of a box, and which field of a box is written; see the recipes of kind volume.
+
+    material: TOML with the table [material] of recipes; None: a matt grey that sends back π/4 of the light.
+    """
+
+    scale: float | None = None
+    window: tuple[float, float] | None = None
+    voxel_mm: float | None = None
+    mean_free_path_mm: float | None = None
+    axis: Path | None = None
+    material: Path | None = None
+    field: Field = "density"
+
+
+def convert(
+    source: str | Path,
+    out: str | Path,
+    to: CameraFormat | None = None,
+    images: str | Path | None = None,
+    force: bool = False,
+    volume: VolumeOptions | None = None,
+    progress: Progress = silent,
+) -> Any:
+    """Write what is in the file (or folder) `source` to `out`, in the format of its suffix.
+
+    Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
+    images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
+    An `out` that ends in .zarr gets the volume box of a volume file; a box is written as NRRD, VTI or .vol. `volume`:
+    what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and contradictions.
+
+    >>> from tempfile import mkdtemp
+    >>> home = Path(mkdtemp())
+    >>> np.save(home / "ball.npy", np.ones((4, 5, 6), np.float32))
+    >>> hg.convert(home / "ball.npy", home / "ball.zarr")
+    >>> hg.load_box(home / "ball.zarr").bricks.shape
+    (4, 5, 6)
+    """
+    out, suffix = Path(out), Path(out).suffix.lower()
+    if suffix == LP:
+        write_lp(out, load_lamps(source), force)
+        return {}
+    found = format_of(source)
+    if found.holds == "volume" or (suffix == BOX and found.holds != "box"):
+        return _volume_in(source, out, volume or VolumeOptions(), force, progress)
+    if found.holds == "box":
+        return _volume_out(source, out, volume or VolumeOptions(), force)
+    if found.holds not in ("cameras", "result"):
+        raise InputError(f"{source} is {found.name}, which is not converted: {suffixes('cameras', 'volume')} are")
+    if images is None:
+        views = read_views(source)
+        write_views(out, views, to, force)
+        return views
+    if to is not None:
+        raise InputError(
+            f"to (--to) {to} and images (--images) contradict each other: with images the result is a capture"
+        )
+    capture = gather(read_views(source, size_of_images(images)), images)
+    capture.save(out, force)
+    return capture
+
+
+def _volume_in(source: str | Path, out: Path, options: VolumeOptions, force: bool, progress: Progress) -> None:
+    """The volume box of a volume file: as the recipe of kind volume that the options make."""
+    from hagoromo.matter.build import build_to
+
+    if out.suffix.lower() != BOX:
+        raise InputError(f"{source} is a volume, which becomes a volume box: give --out NAME{BOX}")
+    stated = {
+        "axis": None if options.axis is None else str(options.axis),
+        "scale": options.scale,
+        "window": None if options.window is None else list(options.window),
+        "voxel_mm": options.voxel_mm,
+        "mean_free_path_mm": options.mean_free_path_mm,
+    }
+    recipe: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    material = NEUTRAL if options.material is None else _material(options.material)
+    name = Path(source).name.partition(".")[0]
+    build_to(
+        {"kind": "volume", "density": str(source), "name": name, "material": material, **recipe}, out, force, progress
+    )
+
+
+def _material(path: Path) -> dict[str, Any]:
+    record = read_toml(path)
+    material = record.get("material", record)
+    if not isinstance(material, dict):
+        raise InputError(f"{path} has no table [material]: give one as recipes have")
+    if isinstance(material.get("file"), str):
+        material = material | {"file": str(path.parent / material["file"])}
+    return material
+
+
+def _volume_out(source: str | Path, out: Path, options: VolumeOptions, force: bool) -> None:
+    from hagoromo.volume.store.box_store import load_box
+
+    written = {suffix: each for each in FORMATS if each.holds == "volume" and each.writer for suffix in each.suffixes}
+    form = written.get(out.suffix.lower())
+    if form is None:
+        raise InputError(f"{source} is a volume box, which is written as {', '.join(written)}: given {out.name}")
+    replaceable_file(out, force)
+    form.write(load_box(source if address(source) else Path(source)), out, options.field)

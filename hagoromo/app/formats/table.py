@@ -1,0 +1,97 @@
+"""Table: every file format that is read or written, by what reads it, who checks that, and what is lost.
+
+`info`, `convert`, their messages and the page of formats go by it.
+"""
+
+from __future__ import annotations
+
+from hagoromo.camera.formats.camera_file import COLMAP, MIDDLEBURY, NERFSTUDIO, OPENCV
+from hagoromo.files.format import Format
+from hagoromo.files.raw import RAW_SUFFIXES
+from hagoromo.files.volumes.formats import VOLUMES
+
+VIEWS = "hagoromo.camera.formats"
+READ_VIEWS = f"{VIEWS}.camera_file:read_views"
+CAMERAS = (
+    Format(
+        NERFSTUDIO, "cameras", (".json",), READ_VIEWS, f"{VIEWS}.nerfstudio:write_transforms",
+        judge="tests' own transform", lost="fisheye lenses are refused; applied transforms, depth, partial scenes",
+    ),
+    Format(
+        OPENCV, "cameras", (".yml", ".yaml"), READ_VIEWS, f"{VIEWS}.opencv_file:write_opencv",
+        judge="OpenCV's FileStorage", lost="tilted and thin-prism lenses are refused",
+    ),
+    Format(
+        COLMAP, "cameras", ("", ".bin"), READ_VIEWS, f"{VIEWS}.colmap:write_colmap", judge="tests' own bytes",
+        lost="points and tracks", folder=True,
+    ),
+    Format(
+        MIDDLEBURY, "cameras", (".txt",), READ_VIEWS, f"{VIEWS}.middlebury:write_middlebury",
+        judge="tests' own matrices", lost="size of the images, distortion",
+    ),
+)  # fmt: skip
+PICTURES = (
+    Format(
+        "OpenEXR", "picture", (".exr",), "hagoromo.files.exr:read_exr", "hagoromo.files.exr:write_exr",
+        "our own (lines), OpenEXR (tiles, parts, all else)", "OpenEXR", "all parts but the first, attributes but texts",
+    ),
+    Format(
+        "PNG", "picture", (".png",), "hagoromo.files.png:read_png", "hagoromo.files.png:write_png", "OpenCV", "Pillow",
+        "colour profiles are not applied",
+    ),
+    Format(
+        "JPEG", "picture", (".jpg", ".jpeg"), "hagoromo.files.picture:read_picture", "", "OpenCV", "Pillow",
+        "colour profiles are not applied",
+    ),
+    Format(
+        "TIFF", "picture", (".tif", ".tiff"), "hagoromo.files.tiff:read_tiff", "", "tifffile, OpenCV", "Pillow",
+        "all pages but the first, colour profiles",
+    ),
+    Format("camera RAW", "picture", RAW_SUFFIXES, "hagoromo.files.raw:read_raw", "", "rawpy", "tifffile", "notes"),
+)  # fmt: skip
+MESH = "hagoromo.files.mesh:read_mesh"
+SURFACES = (
+    Format("PLY", "surface", (".ply",), MESH, "", "trimesh", "Mitsuba", "colours; out: `export`"),
+    Format("Wavefront OBJ", "surface", (".obj",), MESH, "", "trimesh", "Mitsuba", "materials"),
+    Format("STL", "surface", (".stl",), MESH, "", "trimesh", "tests' own bytes", "colours"),
+    Format("OFF", "surface", (".off",), MESH, "", "trimesh", "tests' own text", "colours"),
+    Format("glTF", "surface", (".glb", ".gltf"), MESH, "", "trimesh", "tests' own bytes", "materials; out: `export`"),
+)
+OTHERS = (
+    Format(
+        "volume box", "box", (".zarr",), "hagoromo.volume.store.box_store:load_box",
+        "hagoromo.volume.store.box_store:save_box", "zarr", "zarr", "nothing", folder=True,
+    ),
+    Format("scene, recipe, batch", "matter", (".toml",), "hagoromo.files.record:read_toml", "", "tomllib", "", "none"),
+    Format(
+        "capture", "cameras", ("",), "hagoromo.photograph.capture:load_capture",
+        "hagoromo.photograph.capture:save_capture", lost="nothing", folder=True,
+    ),
+    Format(
+        "materials, camera, lamps", "result", (".json",), "hagoromo.files.record:read_json", "", "msgspec", "json",
+        "nothing",
+    ),
+    Format(
+        "IES LM-63", "lamps", (".ies",), "hagoromo.light.lamp_profile:LampProfile.from_ies", "", "our own",
+        "colour-science's file", "the shape of the luminaire",
+    ),
+    Format(
+        "RTI dome .lp", "lamps", (".lp",), "hagoromo.photograph.lamp_files:load_lamps",
+        "hagoromo.photograph.lamp_files:write_lp", judge="tests' own text", lost="distances: lamps are far",
+    ),
+    Format(
+        "table or spectrum", "table", (".csv",), "hagoromo.files.table:read_table", "hagoromo.files.table:write_table",
+        "csv", "NumPy", "columns of text are refused",
+    ),
+)  # fmt: skip
+FORMATS = (*VOLUMES, *CAMERAS, *PICTURES, *SURFACES, *OTHERS)
+
+
+def suffixes(*holds: str) -> str:
+    """The suffixes of what is read, of formats that hold one of `holds` (none: of all), for messages."""
+    return ", ".join(
+        dict.fromkeys(
+            suffix for each in FORMATS if each.reader and (not holds or each.holds in holds) for suffix in each.suffixes
+            if suffix
+        )
+    )  # fmt: skip

@@ -1,0 +1,97 @@
+"""Volumes as plain arrays: NumPy's .npy, a dataset of HDF5, and .raw files whose name states their lattice.
+
+None states a length. Axes are (z, y, x), the last one fastest, as in all of them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.apart import read_apart
+from hagoromo.files.checks import existing_file
+from hagoromo.files.memory import require
+from hagoromo.files.reading import reading
+from hagoromo.files.volumes.library import library
+from hagoromo.files.volumes.payload import read_payload
+from hagoromo.files.volumes.volume_file import NUMBER_KINDS, VolumeFile
+
+LATTICE = re.compile(r"_(\d{1,6})x(\d{1,6})x(\d{1,6})_(u?int8|u?int16|u?int32|float32|float64)$")
+DATASET = re.compile(r"(.*\.(?:h5|hdf5|hdf)):(.+)", re.IGNORECASE)  # an HDF5 file and one of its datasets
+MOST_DATASETS = 10_000
+
+
+def read_npy(path: str | Path) -> VolumeFile:
+    """The array of a .npy file, which is not copied into memory; never what was pickled."""
+    with reading(path, "NumPy's .npy"):
+        values = np.load(existing_file(path), mmap_mode="r", allow_pickle=False)
+        if not isinstance(values, np.ndarray):
+            raise InputError(f"{path} holds several arrays (.npz): give one .npy")
+        return VolumeFile(values, None, str(path))
+
+
+def read_raw_volume(path: str | Path) -> VolumeFile:
+    """The volume of a file whose name ends in its lattice and type, such as head_256x256x113_uint8.raw (x fastest)."""
+    path = Path(path)
+    named = LATTICE.search(path.stem)
+    if named is None:
+        raise InputError(
+            f"{path} has no header: name it like head_256x256x113_uint8.raw, or write a header .mhd or .nhdr beside it"
+        )
+    shape = [int(n) for n in named.groups()[2::-1]]
+    kind = np.dtype(named[4]).newbyteorder("<")
+    return VolumeFile(read_payload(path, 0, shape, kind, where=str(path)), None, str(path))
+
+
+def read_hdf5(path: str | Path) -> VolumeFile:
+    """The only dataset of three axes in an HDF5 file, or the one named behind a colon: scan.h5:entry/density."""
+    library("h5py")
+    file, _ = file_and_dataset(path)
+    existing_file(file)
+    return VolumeFile(read_apart(dataset_of, Path(path), "HDF5")["values"], None, str(path))
+
+
+def file_and_dataset(path: str | Path) -> tuple[str, str]:
+    """The file and the name of the dataset in it ("": its only one)."""
+    named = DATASET.fullmatch(str(path))
+    return (named[1], named[2].strip("/")) if named else (str(path), "")
+
+
+def dataset_of(path: Path) -> Mapping[str, NDArray[Any]]:
+    """The numbers of a dataset; links to other files are not followed. Run by `read_apart`."""
+    import h5py
+
+    name, wanted = file_and_dataset(path)
+    with reading(name, "HDF5"), h5py.File(name, "r", locking=False) as file:
+        found = {key: each for key, each in _datasets(file) if not wanted or key == wanted}
+        if len(found) != 1:
+            names = ", ".join(key for key, _ in _datasets(file)) or "none"
+            raise InputError(f"{name} has the volumes {names:.300}: name one, as in FILE.h5:NAME")
+        (data,) = found.values()
+        if data.external or data.is_virtual:
+            raise InputError(f"{name} has its numbers in other files: write them into one")
+        chunk = math.prod(data.chunks or ()) * data.dtype.itemsize
+        require(4.0 * math.prod(map(float, data.shape)) * data.dtype.itemsize + chunk, name)
+        return {"values": data[()]}
+
+
+def _datasets(file: Any) -> list[tuple[str, Any]]:
+    """Names and datasets of three or four axes, whatever holds them."""
+    import h5py
+
+    found: list[tuple[str, Any]] = []
+
+    def look(name: str, entry: Any) -> None:
+        is_volume = isinstance(entry, h5py.Dataset) and entry.ndim in (3, 4) and entry.dtype.kind in NUMBER_KINDS
+        if is_volume and len(found) < MOST_DATASETS:
+            found.append((name, entry))
+
+    file.visititems(look)  # follows no links to other files
+    return found
