@@ -20,9 +20,12 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.field.cell_size import cell_size as real_cell_size
+from hagoromo.transport.field.cell_size import light_bytes
 from hagoromo.transport.field.directions import few_directions, many_directions, turn
 from hagoromo.transport.field.scattering import Scattering, scattered
 from hagoromo.transport.field.second_order import projected, second_order
@@ -246,6 +249,29 @@ def test_another_camera_costs_a_march_and_light_of_a_seed_has_the_same_bits(monk
     assert second.weights[..., 2].sum() > 0 and not np.array_equal(first.weights, second.weights)
     with pytest.raises(pytest.fail.Exception, match="solved again"):
         full.full_picture(turned.with_lamps(Lamp(to_lamp=(0, 0, 1))), Settings(), points, cache)
+
+
+@pytest.mark.parametrize(("side", "channels"), [(100, 1), (100, 5), (40, 1)])
+def test_light_takes_a_quarter_of_the_memory_of_the_bricks(side, channels):
+    """Of a full box whose cells would be finer; of a small one a MiB."""
+    box = cube(matter(), 40.0, side)
+    size = real_cell_size([box], channels)
+    share = light_bytes([box], size, channels) / box.bricks.bytes
+    assert share <= 0.25 or share * box.bricks.bytes <= 1 << 20
+    finer = light_bytes([box], 0.95 * size, channels)
+    assert size == pytest.approx(0.5 / 40.0, rel=0.1) or finer > max(0.23 * box.bricks.bytes, 0.9 * (1 << 20))
+
+
+def test_a_lamp_of_another_profile_is_another_field():
+    """Whatever place in memory its profile has, and its roll."""
+    wide, narrow = (LampProfile([0], [0, angle], [[1, 0]]) for angle in (90, 20))
+    scene, cache, points = scene_of(cube(matter(), 3.0)), SceneCache(), pixel_points(1, 0)
+    lights = []
+    for profile, roll in ((wide, 0.0), (narrow, 0.0), (narrow, 0.5)):
+        lamp = Lamp(position=(2, -2, 2), axis=(-1.5, 2.5, -1.5), profile=profile, roll=roll)
+        image = full.full_picture(scene.with_lamps(lamp), Settings(), points, cache)
+        lights.append((image.weights[..., 2].sum(), cache.key("field")))
+    assert lights[0][0] > 1.05 * lights[1][0] and len({key for _, key in lights}) == 3
 
 
 def test_each_band_is_the_light_of_its_colour():

@@ -6,27 +6,44 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hagoromo.transport.field.cells import grid_over
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import BRICK
 
 DEEPEST_CELL = 0.5  # mean free paths a cell, where memory allows it
 FEWEST_ACROSS = 24  # cells across the shortest side of all matter
-AROUND = 1.5  # stored cells over those that hold matter, about
 MEMORY_SHARE = 0.25  # of that of the bricks
+LITTLE = float(1 << 20)  # memory that is not worth saving [byte]
+PARTS = 8  # of a voxel, whose multiples cells are
+PACKET = 4  # halves of a cell that are read at once
 
 
 def cell_size(boxes: Sequence[VolumeBox], channels: int) -> float:
     """Edge of a cell [m]: DEEPEST_CELL mean free paths of the densest matter, or as much as keeps the light of
-    `channels` within about MEMORY_SHARE of the memory of the bricks, in whole voxels.
+    `channels` within MEMORY_SHARE of the memory of the bricks.
     """
-    voxel = min(box.voxel_size for box in boxes)
+    part = min(box.voxel_size for box in boxes) / PARTS
     corners = np.concatenate([box.matter_corners() for box in boxes])
     most = float(np.ptp(corners, axis=0).min()) / FEWEST_ACROSS
     area = [0.5 if box.extinction == "projected" else 1.0 for box in boxes]
     densest = max(a * box.tau * box.bricks.densest for a, box in zip(area, boxes, strict=True))
     bricks = {id(box.bricks): box.bricks.bytes for box in boxes}
+    allowed = max(MEMORY_SHARE * sum(bricks.values()), LITTLE)
     volume = sum(box.bricks.kept * (BRICK * box.voxel_size) ** 3 for box in boxes)
-    cell = 2.0 * NUMBERS * channels + 4.0  # bytes
-    least = (AROUND * cell * volume / (MEMORY_SHARE * sum(bricks.values()))) ** (1.0 / 3.0)
-    return voxel * max(round(max(min(DEEPEST_CELL / max(densest, 1e-30), most), least) / voxel), 1)
+    least = 0.8 * (cell_bytes(channels) * volume / allowed) ** (1.0 / 3.0)  # near where the search begins
+    count = max(round(max(min(DEEPEST_CELL / max(densest, 1e-30), most), least) / part), 1)
+    while light_bytes(boxes, part * count, channels) > allowed:
+        count += max(count // 32, 1)
+    return part * count
+
+
+def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float:
+    """Memory of the light in cells of edge `size` [m], if bricks were full [byte]; and of the table of cells."""
+    _, touched = grid_over(boxes, size)
+    return cell_bytes(channels) * float(np.count_nonzero(touched)) + 4.0 * touched.size
+
+
+def cell_bytes(channels: int) -> float:
+    """Memory of the light of one cell [byte]: whole packets of halves."""
+    return 2.0 * PACKET * -(-NUMBERS * channels // PACKET)

@@ -34,6 +34,7 @@ MOST_SWEEPS = 60
 HISTORY = 6  # sweeps that are combined
 LARGEST_OWN = 1.0 - 1e-5  # share of its own light that a cell is taken to get back at most
 MOST_SIDE = 4  # samples of matter along the edge of a cell: one a voxel up to here
+Grid = tuple[Cells, MatterSamples]
 Directions = Callable[[], tuple[NDArray[np.float64], NDArray[np.float64]]]
 REGULAR = 1e-10  # of the normal equations of the combined sweeps
 
@@ -53,70 +54,68 @@ class Solver:
         low, touched = grid_over(medium.boxes, size)
         voxel = min(box.voxel_size for box in medium.boxes)
 
-        def grid(parts: int) -> tuple[Cells, MatterSamples]:
+        def grid(parts: int) -> Grid:
             fine, finer = size / parts, touched
             for axis in range(3):
                 finer = np.repeat(finer, parts, axis)
             side = min(math.ceil(fine / voxel - 1e-6), MOST_SIDE)
             return sampled(medium, lighting, low, fine, finer, side, colours)
 
-        self.cells, self.samples = grid(1)
-        self.fine_cells, self.fine_samples = grid(FINER)
+        self.grid, (self.fine_cells, self.fine_samples) = grid(1), grid(FINER)
+        self.cells, self.samples = self.grid
         self.single = sent_from_lamps(self.fine_samples, scattering, lighting, self.bands, self.fine_cells.filled)
 
     def again(self, incident: Numbers) -> Numbers:
         """What filled cells send on of incident light."""
         return sent_again(self.samples, self.scattering, incident, self.bands, self.cells.filled)
 
-    def ways(self, random: np.random.Generator, directions: Directions = few_directions) -> tuple[Ways, Ways]:
-        """The directions of a sweep, turned at random, through the cells and the finer ones."""
+    def ways(self, random: np.random.Generator, of: Grid, directions: Directions = few_directions) -> Ways:
+        """The directions of a sweep, turned at random, through the cells of a grid."""
+        cells, samples = of
         towards, weights = directions()
-        turned = towards @ turn(random).T
-        grids = (self.samples, self.cells), (self.fine_samples, self.fine_cells)
-        return tuple(Ways(*grid, turned, weights) for grid in grids)  # type: ignore[return-value]
+        return Ways(samples, cells, towards @ turn(random).T, weights)
 
     def solved(self, seed: int, orders: int | None) -> Solution:
         """The light of orders 1 … `orders` − 1 (None: of all) that arrives in every stored cell."""
         random, residual, sweeps, cells, fine = np.random.default_rng(seed), 0.0, 0, self.cells, self.fine_cells
         if orders == 1:
             return Solution(nothing(len(self.single), cells.count), 0.0, 0)
-        incident: Numbers | None = None
-        if orders is None:
-            incident, residual, sweeps = self.accelerated(*self.ways(random, many_directions))
-        for _ in range((orders or 2) - 2):
-            light = self.swept(*self.ways(random), incident, fine)
-            incident, sweeps = averaged(cells, fine, light), sweeps + 1
+        light = once = self.gathered_finely(random, (fine, self.fine_samples), self.single)
+        if orders is None or orders > 2:
+            start = averaged(cells, fine, once)
+            incident, residual, sweeps = self.accelerated(random, start) if orders is None else (start, 0.0, 1)
+            for _ in range((orders or 2) - 3):
+                incident, sweeps = added(start, self._again(incident, self.ways(random, self.grid))), sweeps + 1
+            light = added(once, self.gathered_finely(random, self.grid, self.again(incident)))
         if residual > RESIDUAL:
             warnings.warn(
                 f"light of higher orders still changes by {residual:.1%} after {sweeps} sweeps: the picture may be too "
                 "dark; compare it with mode path",
                 stacklevel=2,
             )
-        light, known = fitted(cells, fine, self.gathered_finely(random, incident))
+        light, known = fitted(cells, fine, light)
         cells.without(~known)
         return Solution(light, residual, sweeps + 1)
 
-    def gathered_finely(self, random: np.random.Generator, incident: Numbers | None) -> Numbers:
-        """Light that arrives in the filled fine cells. The eight of a cell have other directions each."""
+    def gathered_finely(self, random: np.random.Generator, grid: Grid, sent: Numbers) -> Numbers:
+        """Light sent by the cells of a grid that arrives in the filled fine cells.
+
+        The eight fine cells of a cell have other directions each: together it has eight times as many.
+        """
         parts = self.fine_cells.places[: self.fine_cells.filled] % FINER
         groups = [np.flatnonzero((parts == part).all(axis=1)) for part in np.indices((FINER,) * 3).reshape(3, -1).T]
         numbers = [lookup(arrays().UInt, group.astype(np.uint32)) for group in groups if group.size]
-        each = [self.swept(*self.ways(random), incident, self.fine_cells, group) for group in numbers]
+        each = [sweep(grid[0], sent, self.ways(random, grid), self.fine_cells, group)[0] for group in numbers]
         order = lookup(arrays().UInt, np.argsort(np.concatenate(groups)).astype(np.uint32))
         return [[_joined(columns, order) for columns in zip(*c, strict=True)] for c in zip(*each, strict=True)]
 
-    def swept(
-        self, ways: Ways, fine_ways: Ways, incident: Numbers | None, where: Cells, places: UInt | None = None
-    ) -> Numbers:
-        """Light that arrives of that which was scattered once, and of `incident` light, scattered again."""
-        once = sweep(self.fine_cells, self.single, fine_ways, where, places)[0]
-        if incident is None:
-            return once
-        return added(once, sweep(self.cells, self.again(incident), ways, where, places)[0])
+    def _again(self, incident: Numbers, ways: Ways) -> Numbers:
+        """What arrives in the cells of `incident` light that they send on."""
+        return sweep(self.cells, self.again(incident), ways, self.cells)[0]
 
-    def accelerated(self, ways: Ways, fine_ways: Ways) -> tuple[Numbers, float, int]:
-        """Incident light of all orders in filled cells, its residual, and the number of sweeps."""
-        once = light = averaged(self.cells, self.fine_cells, self.swept(ways, fine_ways, None, self.fine_cells))
+    def accelerated(self, random: np.random.Generator, once: Numbers) -> tuple[Numbers, float, int]:
+        """Incident light of all orders in filled cells, its residual, and the number of sweeps; once: of the first."""
+        ways, light = self.ways(random, self.grid, many_directions), once
         new, own = sweep(self.cells, self.again(light), ways, self.cells)
         gain, steps = self._own_gain(own, ways), [Anderson() for _ in light]
         residual, count = 1.0, 2
@@ -129,8 +128,7 @@ class Solver:
             dr.eval(light)
             if residual <= RESIDUAL:
                 break
-            new, _ = sweep(self.cells, self.again(light), ways, self.cells)
-            count += 1
+            new, count = self._again(light, ways), count + 1
         return light, residual, count
 
     def _own_gain(self, own: Float, ways: Ways) -> list[Float]:
