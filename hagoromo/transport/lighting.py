@@ -347,10 +347,12 @@ class Lighting:
                 each = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
                 lit |= sum(each[1:], each[0]) > 0.0
                 if element.scales and texel_hit:
-                    each = [
-                        dr.select(texel_hit.textured, light * factor, light)
-                        for light, factor in zip(each, element.scales.at(*ways), strict=True)
+                    factors = element.scales.at(*ways)  # fewer than weights where no element of a texel transmits
+                    scaled = [
+                        dr.select(texel_hit.textured, part * factor, part)
+                        for part, factor in zip(each, factors, strict=False)
                     ]
+                    each = [*scaled, *each[len(scaled) :]]
                 weights.append([part * element.share for part in each])
             if lamp.emission is not None:
                 lit &= irradiance > 0.0

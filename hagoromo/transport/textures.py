@@ -94,9 +94,10 @@ class Textures:
         edges = np.concatenate([texel.edges for texel in texels])
         self.steps = lookup(jit.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
-        scale = np.zeros((len(levels), self.populations, DIRECTIONS, DIRECTIONS, 2), np.float32)
+        self.parts = max(texel.parts for texel in texels)
+        scale = np.zeros((len(levels), self.populations, DIRECTIONS, DIRECTIONS, self.parts), np.float32)
         for row, level in zip(scale, levels, strict=True):
-            row[: len(level.scale)] = np.moveaxis(level.scale, 1, -1)
+            row[: len(level.scale), ..., : level.scale.shape[1]] = np.moveaxis(level.scale, 1, -1)
         self.scale = lookup(jit.Float, scale)
         whole, floats = np.zeros((len(boxes), 4), np.uint32), np.ones((len(boxes), 8), np.float32)
         for numbers, row, (texel, band, voxel) in zip(whole, floats, boxes, strict=True):
@@ -183,8 +184,8 @@ class Textures:
         return each
 
     def scales(self, level: UInt) -> list[LightScale]:
-        """Factors on the light, body and interface, that every population sends back."""
-        return [LightScale(self.scale, level * self.populations + k) for k in range(self.populations)]
+        """Factors on the light, of every part, that every population sends on."""
+        return [LightScale(self.scale, level * self.populations + k, self.parts) for k in range(self.populations)]
 
     def optical_depth(
         self,

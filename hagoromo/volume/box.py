@@ -17,7 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.bricks import MATERIALS, Bricks
-from hagoromo.volume.texel import Texel
+from hagoromo.volume.texel import ALL_PARTS, Texel
 
 Extinction = Literal["isotropic", "projected"]
 EXTINCTIONS: tuple[Extinction, ...] = get_args(Extinction)
@@ -77,6 +77,12 @@ class VolumeBox:
             raise InputError(f"volume box {self.name!r} has {len(self.materials)} materials: give at most {MATERIALS}")
         if (self.texel is None) != (self.bricks.chart is None):
             raise InputError(f"volume box {self.name!r} has a chart or a texel: give both or none")
+        if self.texel and len(self.texel.levels) > 1 and any(m.transmits for m in self.materials):
+            if self.texel.parts != ALL_PARTS:
+                raise InputError(
+                    f"volume box {self.name!r} has materials that transmit light, and its texel was matched without "
+                    "transmission: build it again from its recipe"
+                )
         if self.texel and len(self.materials) != self.texel.populations:
             raise InputError(
                 f"volume box {self.name!r} has {len(self.materials)} materials: give one per population of its texel, "

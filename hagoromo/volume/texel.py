@@ -25,29 +25,32 @@ RING_DEGREES = (0.0, 30.0, 60.0, 75.0)  # of directions from the normal, and so 
 RINGS, TURNS = len(RING_DEGREES), 8  # directions on each ring
 DIRECTIONS = 2 * RINGS * TURNS
 LEAST_FACTOR = 1e-3  # on light
+REFLECTED, ALL_PARTS = 2, 4  # parts of light that are scaled: body and interface; and the two that are transmitted
 OLD_NUMBERS = 9  # that scaled the light of a population until version 0.2
 
 
 class LightScale:
     """What the light that a population sends back, body and interface, is multiplied with: e to numbers from a table.
 
+    Where populations of a scene transmit, what passes through them once and twice as far has factors, too.
+
     The table has a row per direction V to the eye and a column per direction L to a lamp, in the order of
     `table_directions`; logarithms are linear between them, and beyond the last ring as on it.
     """
 
-    def __init__(self, table: Float, first: UInt) -> None:
-        """table: logarithms, Float (tables · DIRECTIONS² · 2). first: number of the table of the population."""
-        self._table, self._first = table, first * (DIRECTIONS * DIRECTIONS)
+    def __init__(self, table: Float, first: UInt, parts: int = REFLECTED) -> None:
+        """table: logarithms, Float (tables · DIRECTIONS² · parts). first: number of the table of the population."""
+        self._table, self._first, self._parts = table, first * (DIRECTIONS * DIRECTIONS), parts
 
-    def at(self, eye: Array3f, lamp: Array3f) -> tuple[Float, Float]:
-        """Factors on body and interface; `eye`, `lamp`: unit, Array3f along (u, v, normal)."""
-        Array2f, lamps = arrays().Array2f, table_places(lamp)
-        logarithm = Array2f(0.0)
+    def at(self, eye: Array3f, lamp: Array3f) -> tuple[Float, ...]:
+        """Factors on body, interface and other parts; `eye`, `lamp`: unit, Array3f along (u, v, normal)."""
+        packet, lamps = arrays().Array2f if self._parts == REFLECTED else arrays().Array4f, table_places(lamp)
+        logarithm = packet(0.0)
         for row, weight in table_places(eye):
             start = self._first + row * DIRECTIONS
-            between = [dr.gather(Array2f, self._table, start + column) * share for column, share in lamps]
+            between = [dr.gather(packet, self._table, start + column) * share for column, share in lamps]
             logarithm = dr.fma(sum(between[1:], between[0]), weight, logarithm)
-        return dr.exp(logarithm.x), dr.exp(logarithm.y)
+        return tuple(dr.exp(logarithm[part]) for part in range(self._parts))
 
 
 def table_directions() -> NDArray[np.float64]:
@@ -78,9 +81,9 @@ def table_places(way: Array3f) -> list[tuple[UInt, Float]]:
     ]
 
 
-def unscaled(populations: int) -> NDArray[np.float16]:
-    """Logarithms of factors of 1: (populations, 2, DIRECTIONS, DIRECTIONS)."""
-    return np.zeros((populations, 2, DIRECTIONS, DIRECTIONS), np.float16)
+def unscaled(populations: int, parts: int = REFLECTED) -> NDArray[np.float16]:
+    """Logarithms of factors of 1: (populations, parts, DIRECTIONS, DIRECTIONS)."""
+    return np.zeros((populations, parts, DIRECTIONS, DIRECTIONS), np.float16)
 
 
 def scale_from_numbers(numbers: NDArray) -> NDArray[np.float16]:
@@ -106,8 +109,8 @@ class Level:
 
     density: (populations, v, u, h) float16. axis: (populations, v, u, h, 3) float16, along u, v and the normal; means
     over coarse cells are shorter than 1. A variant of n cells has nodes k n … (k + 1) n: the border ones are shared.
-    scale: logarithms of `LightScale` for body and interface, (populations, 2, DIRECTIONS, DIRECTIONS) float16: what
-    cells do not show of how the finest ones hide each other.
+    scale: logarithms of `LightScale` for body and interface, (populations, 2, DIRECTIONS, DIRECTIONS) float16, 4 in
+    place of 2 where some transmit: what cells do not show of how the finest ones hide each other.
     """
 
     density: NDArray[np.float16]
@@ -151,6 +154,11 @@ class Texel:
     def populations(self) -> int:
         """Number of populations: sets of elements with a material, and in coarse levels a mean axis, of their own."""
         return len(self.levels[0].density)
+
+    @property
+    def parts(self) -> int:
+        """Number of parts of light that its levels scale: REFLECTED or ALL_PARTS."""
+        return self.levels[0].scale.shape[1]
 
     def record(self) -> dict[str, Any]:
         """Its numbers, without the arrays, as plain values."""

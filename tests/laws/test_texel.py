@@ -1,6 +1,7 @@
 """Laws of texels and charts: looked up through a chart, matter is what it is in a plain box; levels keep its means."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import drjit as dr
@@ -229,6 +230,34 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
     for level in range(1, len(made.levels)):
         found = light_sent(made, level, tau, (MATTER, MATTER), extinction).sum(axis=(1, 2))
         assert found.mean() == pytest.approx(finest.mean(), rel=0.03)
+
+
+def test_matched_levels_let_through_what_the_finest_does():
+    """3 % of the mean light, on either side of the lamp, over random pairs that the scales were not fitted to."""
+    through = replace(MATTER, alpha=0.12, beta=0.1, transmission=0.4, clearness=0.4)
+    made, tau = matched(block(), 1e3 / PATH, (through, through), "projected"), 1e3 / PATH
+    rays = Rays()
+    finest = light_sent(made, 0, tau, (through, through), "projected", rays).sum(axis=1)
+    for level in (1, len(made.levels) - 1):
+        found = light_sent(made, level, tau, (through, through), "projected", rays).sum(axis=1)
+        for side in (rays.front, ~rays.front):
+            assert found[side].sum() == pytest.approx(finest[side].sum(), rel=0.03)
+            assert found[side][:, 2].sum() == pytest.approx(finest[side][:, 2].sum(), rel=0.05)
+    assert finest[~rays.front][:, 2].sum() > 2.0 * finest[~rays.front][:, :2].sum()
+
+
+def test_a_stored_texel_keeps_what_it_lets_through(tmp_path, few_match_points):
+    """And one that was matched without is refused with materials that transmit."""
+    through = replace(MATTER, alpha=0.12, transmission=0.4)
+    half = (-3.0, -2.5, -3.0), (3.0, 2.5, 3.0)
+    box = shell(flat(), lambda p: dr.abs(p.y), half, 0.7, block(), PATH, (through, through)).box()
+    save_box(box, tmp_path / "sheet.zarr")
+    again = load_box(tmp_path / "sheet.zarr")
+    assert again.materials[0].record() == through.record()
+    for mine, stored in zip(texel_of(box).levels, texel_of(again).levels, strict=True):
+        assert mine.scale.shape[1] == 4 and np.array_equal(mine.scale, stored.scale)
+    with pytest.raises(InputError, match="matched without transmission: build it again"):
+        replace(quick_sheet(size=6.0), materials=(through, through))
 
 
 def test_a_scene_gives_a_texel_no_extinction_that_it_is_not_matched_for(tmp_path, few_match_points):

@@ -21,6 +21,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.film import R3
 from hagoromo.transport.textures import SHADOW_STEP
+from hagoromo.volume.texel import ALL_PARTS, REFLECTED
 
 CANDIDATES = 8  # places of which a point is drawn
 PROBES = tuple(
@@ -71,10 +72,11 @@ def light_of_pairs(
 ) -> NDArray[np.float64]:
     """Light that a layer sends to the eye along ways[pairs[:, 0]] from a lamp along ways[pairs[:, 1]] [1/sr].
 
-    (pairs, populations, 3): of each population its body and its interface, and as much as f = 1 would send. One
-    material per population. drawn: points at which f is computed for each pair, of those that are both lit and seen.
+    (pairs, populations, parts + 1): of each population its body and its interface, what passes through once and twice
+    as far where some transmit, and as much as f = 1 would send. One material per population. drawn: points at which f
+    is computed for each pair, of those that are both lit and seen.
     """
-    jit, layer, rows = arrays(), points.layer, []
+    jit, layer, rows, parts = arrays(), points.layer, [], parts_of(materials)
     to_eye, to_lamp = points.passed(ways, TO_EYE), points.passed(ways, SHADOW_STEP)
     densities = layer.textures.densities(layer.lattice, points.places)[: len(materials)]
     axes = [dr.normalize(a + 1e-9) for a in layer.textures.axes(layer.lattice, points.places, layer.tangents)]
@@ -89,14 +91,25 @@ def light_of_pairs(
         sums = []
         for k, (m, density, axis) in enumerate(zip(materials, densities, axes, strict=False)):
             there = dr.gather(jit.Array3f, axis, number)
-            body, interface = m.weights(there, lamp, eye)
+            weights = weights_of(m, parts, there, lamp, eye)
             share = dr.gather(jit.Float, density, number) / dr.gather(jit.Float, whole, number)
             share *= layer.projected_area(k, there, eye) / drawn
-            sums += [dr.block_sum(share * value, drawn) * total for value in (body, interface, 1.0)]
+            sums += [dr.block_sum(share * value, drawn) * total for value in (*weights, 1.0)]
         dr.eval(sums)
         rows.append(np.stack([np.array(values, float) for values in sums], axis=-1))
-    light = np.concatenate(rows)[: len(pairs)].reshape(len(pairs), len(materials), 3)
+    light = np.concatenate(rows)[: len(pairs)].reshape(len(pairs), len(materials), parts + 1)
     return light * (layer.tau / np.abs(ways[pairs[:, 0], 2]))[:, None, None]
+
+
+def parts_of(materials: Materials) -> int:
+    """Number of weights of the materials of a texel: all where some of them transmit."""
+    return ALL_PARTS if any(m.transmits for m in materials) else REFLECTED
+
+
+def weights_of(material: Reflectance, parts: int, axis: Any, to_lamp: Any, to_eye: Any) -> list[Any]:
+    """So many weights of a material; those that it lacks are 0."""
+    weights = list(material.weights(axis, to_lamp, to_eye))
+    return weights + [0.0 * weights[0]] * (parts - len(weights))
 
 
 def _lit_and_seen(passed: tuple[Any, Any], matter: Any, pair: tuple[Any, Any], drawn: int) -> tuple[Any, Any, Any]:

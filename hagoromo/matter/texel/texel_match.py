@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.matter.texel.layer import LAMP_DISTANCE_M, Layer
-from hagoromo.matter.texel.layer_light import MatterPoints, light_of_pairs, vectors
+from hagoromo.matter.texel.layer_light import MatterPoints, light_of_pairs, parts_of, vectors, weights_of
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
@@ -68,10 +68,6 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
     """
     if len(materials) != texel.populations:
         raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
-    if through := next((m for m in materials if m.transmits), None):
-        raise InputError(
-            f"material {through.name!r} has transmission, which texels do not show yet: lay a patch, or give 0"
-        )
     rays, like = Rays(), (tau, [m.element for m in materials], extinction == "projected")
     layers = [Layer(texel, k, *like) for k in range(len(texel.levels))]
     depths = [tau * np.array(_through(RaysThrough(layer, rays))[0]) for layer in layers]
@@ -80,7 +76,7 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
     levels = [_denser(level, factor) for level, factor in zip(texel.levels, factors, strict=True)]
     texel = replace(texel, levels=tuple(levels))
     sent = [_sent_everywhere(Layer(texel, k, *like), materials) for k in range(len(levels))]
-    scales = [unscaled(texel.populations), *(_scale(light, sent[0]) for light in sent[1:])]
+    scales = [unscaled(texel.populations, parts_of(materials)), *(_scale(light, sent[0]) for light in sent[1:])]
     levels = [replace(level, scale=scale) for level, scale in zip(levels, scales, strict=True)]
     return replace(texel, levels=tuple(levels))
 
@@ -93,15 +89,15 @@ def light_sent(
     extinction: Extinction = "isotropic",
     rays: Rays | None = None,
 ) -> NDArray[np.float64]:
-    """Light that a flat layer of one level reflects, per direction pair of the `rays`, population, body and interface.
+    """Light that a flat layer of one level sends on, per direction pair of the `rays`, population and part.
 
-    (pairs, populations, 2) [1/sr], per unit of irradiance on a plane that faces the lamp. It is followed
-    along rays, as a camera's, and has no part in the match.
+    (pairs, populations, parts) [1/sr], body and interface, and what is transmitted where some transmit, per unit of
+    irradiance on a plane that faces the lamp. It is followed along rays, as a camera's, and has no part in the match.
     """
     rays = rays or Rays()
     layer = Layer(texel, level, tau, [m.element for m in materials], extinction == "projected")
     light = np.stack([np.array(values, np.float64) for values in _through(RaysThrough(layer, rays, materials))[1]])
-    return light.reshape(len(materials), 2, rays.pairs, -1).mean(axis=-1).transpose(2, 0, 1)
+    return light.reshape(len(materials), parts_of(materials), rays.pairs, -1).mean(axis=-1).transpose(2, 0, 1)
 
 
 class RaysThrough:
@@ -112,6 +108,7 @@ class RaysThrough:
         densest = float(texel.levels[layer.level].density.astype(np.float32).sum(axis=0).max())
         step = min(float(texel.edges[layer.level]) / STEPS_PER_CELL, PART / (layer.tau * max(densest, 1e-3)))
         length = layer.thickness / dr.abs(rays.to_eye.z)
+        self.sums = len(materials) * parts_of(materials)
         self.steps = dr.ceil(length / step)
         self.part = length / self.steps
         start = dr.select(rays.to_eye.z > 0, texel.top, texel.bottom)
@@ -136,7 +133,7 @@ class RaysThrough:
         return sum(self.densities(here)) if layer.projected else layer.textures.density(layer.lattice, here)
 
     def light(self, here: SurfacePoint) -> list[Any]:
-        """Density times the light that the elements at a place reflect: body and interface of every population."""
+        """Density times the light that the elements at a place send on: every part of every population."""
         layer, way, eye = self.layer, self.rays.to_lamp, self.rays.to_eye
         depth, _ = layer.textures.optical_depth(
             layer.box, layer.row, here, way, LAMP_DISTANCE_M, layer.tau, layer.seen_along(way)
@@ -146,7 +143,7 @@ class RaysThrough:
         scales = layer.textures.scales(layer.row)
         for density, axis, m, scale in zip(densities, axes, self.materials, scales, strict=True):
             unit = dr.normalize(axis + 1e-9)
-            weights = m.weights(unit, way, eye)
+            weights = weights_of(m, parts_of(self.materials), unit, way, eye)
             for value, factor in zip(weights, scale.at(eye, way), strict=True):
                 radiance.append(density * arrived * value * factor)
         return radiance
@@ -154,10 +151,10 @@ class RaysThrough:
 
 @dr.syntax
 def _through(through: RaysThrough) -> tuple[Any, list[Any]]:
-    """∫ ρ ds [m] along the rays, and the light that the materials of the layer reflect: body and interface of each."""
+    """∫ ρ ds [m] along the rays, and the light that the materials of the layer send on: every part of each."""
     jit, count, tau = arrays(), dr.width(through.rays.u), through.layer.tau
     k, passed = dr.zeros(jit.Float, count), dr.zeros(jit.Float, count)
-    sent = [dr.zeros(jit.Float, count) for _ in range(2 * len(through.materials))]
+    sent = [dr.zeros(jit.Float, count) for _ in range(through.sums)]
     while k < through.steps:
         here = through.place((k + 0.5) * through.part)
         density = through.density(here)
@@ -172,14 +169,14 @@ def _through(through: RaysThrough) -> tuple[Any, list[Any]]:
 
 
 def _sent_everywhere(layer: Layer, materials: Sequence[Reflectance]) -> NDArray[np.float64]:
-    """`light_of_pairs` for all pairs of directions of the table: (DIRECTIONS, DIRECTIONS, populations, 3)."""
+    """`light_of_pairs` for all pairs of directions of the table: (DIRECTIONS, DIRECTIONS, populations, parts + 1)."""
     count, drawn = (POINTS_OF_COARSE, DRAWN_OF_COARSE) if layer.level else (POINTS_OF_FINEST, DRAWN_OF_FINEST)
     ways, where = np.unique(
         table_directions().round(12), axis=0, return_inverse=True
     )  # the poles stand there repeatedly
     pairs = np.stack(np.meshgrid(*[np.arange(len(ways))] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     light = light_of_pairs(MatterPoints(layer, count), materials, ways, pairs, drawn).reshape(
-        len(ways), len(ways), len(materials), 3
+        len(ways), len(ways), len(materials), -1
     )
     return light[np.ix_(where, where)]
 
@@ -189,12 +186,12 @@ def _scale(sent: NDArray, wanted: NDArray) -> NDArray[np.float16]:
 
     Where parallel mean axes send back no light of a population or part, the others make up for it: the sum is kept.
     """
-    faint = FAINT * wanted[..., :2].sum(axis=(0, 1)) / np.maximum(wanted[..., 2:].sum(axis=(0, 1)), 1e-30)
-    light, aim = (values[..., :2] + faint * values[..., 2:] for values in (sent, wanted))
+    faint = FAINT * wanted[..., :-1].sum(axis=(0, 1)) / np.maximum(wanted[..., -1:].sum(axis=(0, 1)), 1e-30)
+    light, aim = (values[..., :-1] + faint * values[..., -1:] for values in (sent, wanted))
     factor = np.where((light > 0.0) & (aim > 0.0), aim / np.maximum(light, 1e-30), 1.0)
     factor = np.clip(factor, LEAST_FACTOR, 1.0 / LEAST_FACTOR)
-    rest = (faint * wanted[..., 2:]).sum(axis=(2, 3))
-    whole = [values.sum(axis=(2, 3)) + rest for values in (sent[..., :2] * factor, wanted[..., :2])]
+    rest = (faint * wanted[..., -1:]).sum(axis=(2, 3))
+    whole = [values.sum(axis=(2, 3)) + rest for values in (sent[..., :-1] * factor, wanted[..., :-1])]
     lost = np.where(whole[0] > 0.0, whole[1] / np.maximum(whole[0], 1e-30), 1.0)
     factor *= np.clip(lost, 1.0 / MOST_MADE_UP, MOST_MADE_UP)[..., None, None]
     return np.log(factor).transpose(2, 3, 0, 1).astype(np.float16)

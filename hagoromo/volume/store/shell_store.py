@@ -30,7 +30,7 @@ from hagoromo.volume.store.brick_writer import BrickWriter
 from hagoromo.volume.store.header import BoxHeader, BoxRecord, TexelRecord, header_from_record, header_of
 from hagoromo.volume.store.seal import SEALED
 from hagoromo.volume.table import in_table_order
-from hagoromo.volume.texel import DIRECTIONS, OLD_NUMBERS, Level, Texel, scale_from_numbers
+from hagoromo.volume.texel import ALL_PARTS, DIRECTIONS, OLD_NUMBERS, REFLECTED, Level, Texel, scale_from_numbers
 from hagoromo.volume.voxels import STORED
 
 BRICKS_PER_CHUNK = 512  # bricks a chunk, and sent to the device together
@@ -149,7 +149,8 @@ def _scale(array: ZarrArray, populations: int) -> NDArray[np.float16]:
     """The scale of a level; a box of version 0.2 has numbers in place of a table."""
     if len(array.shape) == 3:
         return scale_from_numbers(_whole(array, np.float32, (populations, 2, OLD_NUMBERS)))
-    return _whole(array, np.float16, (populations, 2, DIRECTIONS, DIRECTIONS))
+    parts = ALL_PARTS if array.shape[1:2] == (ALL_PARTS,) else REFLECTED
+    return _whole(array, np.float16, (populations, parts, DIRECTIONS, DIRECTIONS))
 
 
 def _whole(array: ZarrArray, kind: Any, shape: tuple[int | None, ...]) -> NDArray:
