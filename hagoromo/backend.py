@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import platform
 from functools import cache
@@ -47,6 +48,7 @@ def name() -> str:
         raise InputError(f"HAGOROMO_BACKEND is {asked!r}: set it to one of {', '.join(BACKENDS)}, or unset it")
     for backend in (asked,) if asked else BACKENDS:
         if _works(backend):
+            logging.getLogger(__name__).info("kernels run on %s", backend)
             return backend
     if asked not in ("", "llvm"):
         raise InputError(f"HAGOROMO_BACKEND={asked} does not work on this machine: unset it")

@@ -22,6 +22,16 @@ HEAD = """# Commands
 This page is written from the commands themselves when the site is built; `hagoromo VERB --help` prints the same in a
 terminal. Exit status: 0 done; 2 wrong use or bad input, with one line that says what is wrong, what was given and what
 to do; 130 interrupted; 1 a bug. A result is written whole or not at all.
+
+Every command takes these, too:
+
+| argument | meaning |
+|---|---|
+| `--allow FOLDER` | scenes, recipes and captures elsewhere may name files of this folder, also by `HAGOROMO_ALLOW` |
+| `--verbose` | what is done meanwhile, on standard error; in Python it is `logging`, under the name `hagoromo` |
+| `--quiet` | errors and results alone: no warnings, no progress, no names of written files |
+
+`HAGOROMO_BACKEND` (cuda, metal, llvm) chooses what kernels run on. [Completion of a shell](../machines.md#completion).
 """
 
 

@@ -14,8 +14,9 @@ PAGE = "reference/recipes.md"
 LINK = re.compile(r"\]\((?:\.\./)+examples/recipes(?:/([\w-]+)\.toml)?\)")
 HEAD = """# Recipes
 
-The recipes of `examples/recipes`, as they are. `hagoromo build FILE --out NAME.zarr` makes a volume box of each; the
-[gallery](../gallery.md) shows them and says what each costs.
+The recipes of `examples/recipes`, as they are; they come with the package. `hagoromo build linen --out linen.zarr`
+makes a volume box of one, `recipe = "linen"` puts it into a scene, and `hagoromo recipes --name linen` prints it, to
+be changed. The [gallery](../gallery.md) shows them and says what each costs.
 """
 
 

@@ -13,7 +13,6 @@ import json
 import math
 import re
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -27,9 +26,11 @@ from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app import convert_verb as convert_verb
 from hagoromo.app import exporting as exporting
+from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app import view_verb as view_verb
 from hagoromo.app.calibrations import calibrations
+from hagoromo.app.everywhere import HELP, everywhere, taken
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.publishing import publish
@@ -44,7 +45,7 @@ from hagoromo.files.names import printable
 from hagoromo.files.whole import names_written, replaceable_file, replaceable_files, whole_folder
 
 DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
-DESCRIPTION = "From calibrated photographs to measured reflectance, volume boxes and rendered images."
+DESCRIPTION = f"From calibrated photographs to measured reflectance, volume boxes and rendered images. {HELP}"
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
@@ -77,27 +78,26 @@ def _run(arguments: list[str], ends: bool) -> int:
         print(f"hagoromo {hg.__version__}")
         return DONE
     names_written.clear()
-    with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_: print(f"hagoromo: warning: {printable(message)}", file=sys.stderr)
-        try:
-            with signals_as_interrupt():
-                return _parsed(arguments)() or DONE
-        except BrokenPipeError:
+    try:
+        arguments, options = taken(arguments)
+        with everywhere(options), signals_as_interrupt():
+            return _parsed(arguments)() or DONE
+    except BrokenPipeError:
+        raise
+    except (InputError, OSError) as error:
+        print(f"hagoromo: {printable(error)}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt as interrupt:
+        written = f"{', '.join(map(str, names_written))} was written" if names_written else "nothing was written"
+        print(f"hagoromo: interrupted: {printable(interrupt) or written}", file=sys.stderr)
+        if not ends:
+            wait_for_kernels()
+        return exit_status()
+    except Exception as error:
+        if not is_shortage(error):
             raise
-        except (InputError, OSError) as error:
-            print(f"hagoromo: {printable(error)}", file=sys.stderr)
-            return BAD_INPUT
-        except KeyboardInterrupt as interrupt:
-            written = f"{', '.join(map(str, names_written))} was written" if names_written else "nothing was written"
-            print(f"hagoromo: interrupted: {printable(interrupt) or written}", file=sys.stderr)
-            if not ends:
-                wait_for_kernels()
-            return exit_status()
-        except Exception as error:
-            if not is_shortage(error):
-                raise
-            print(f"hagoromo: {shortage(error)}", file=sys.stderr)
-            return BAD_INPUT
+        print(f"hagoromo: {shortage(error)}", file=sys.stderr)
+        return BAD_INPUT
 
 
 def _parsed(arguments: list[str]) -> Callable[[], int | None]:
@@ -224,7 +224,7 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force
     The same command resumes a build that was interrupted or stopped because the disk was full.
 
     Args:
-        recipe: matter TOML.
+        recipe: matter TOML, or the name of one that comes with Hagoromo (`hagoromo recipes` lists them).
     """
     from hagoromo.volume.store.box_store import look_at_box
 

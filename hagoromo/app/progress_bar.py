@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from hagoromo.app.everywhere import quiet
 from hagoromo.app.interrupt import heed
 from hagoromo.errors import escaped
 from hagoromo.progress import Progress
@@ -23,6 +24,9 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
     Each call raises `KeyboardInterrupt` if the command was interrupted and the interrupt was swallowed.
     """
+    if quiet():
+        yield _heeded
+        return
     if not sys.stderr.isatty():
         yield progress_lines(title)
         return
@@ -45,6 +49,11 @@ def progress_bar(title: str) -> Iterator[Progress]:
             bar.update(task, completed=share, description=f"{title} {step}".strip())
 
         yield shown
+
+
+def _heeded(share: float, step: str = "") -> None:
+    """Progress that shows nothing."""
+    heed()
 
 
 def progress_lines(title: str, clock: Callable[[], float] = time.monotonic) -> Progress:

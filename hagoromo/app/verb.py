@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import arg
 
+from hagoromo.app.everywhere import quiet
 from hagoromo.app.stage import named, run_staged
 from hagoromo.errors import escaped
 
@@ -38,8 +39,8 @@ def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., Any]], 
 
 
 def wrote(*paths: Path) -> None:
-    """Print the files that a command wrote."""
-    for path in paths:
+    """Print the files that a command wrote, unless results alone are wanted."""
+    for path in () if quiet() else paths:
         say(f"wrote {named(path)}")
 
 

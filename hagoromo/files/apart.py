@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -30,6 +31,7 @@ def read_apart(read: Callable[[Path], Mapping[str, NDArray[Any]]], path: Path, w
 
     what: what the file is read as, for the message of the `InputError` when that process dies.
     """
+    logging.getLogger(__name__).debug("reading %s as %s in a process of its own", path, what)
     place = [json.dumps(sys.path), read.__module__, read.__qualname__, str(path)]
     done = subprocess.run(
         [sys.executable, "-c", START, *place],

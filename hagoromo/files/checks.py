@@ -17,6 +17,7 @@ KINDS = (
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
+ALLOWED = "HAGOROMO_ALLOW"  # environment: folders, between os.pathsep, whose files may be named from elsewhere
 AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # a pipe without a writer would block for ever
 
 
@@ -103,11 +104,16 @@ def read_bytes(path: str | Path, growth: float = 1.0) -> bytes:
 def inside(folder: str | Path, relative: str) -> Path:
     """The path `relative` in `folder`; `InputError` if it points outside `folder`, also by a link.
 
-    A link within the folder to a place within it is followed; `folder` itself may be a link.
+    A link within the folder to a place within it is followed; `folder` itself may be a link. Folders that the variable
+    HAGOROMO_ALLOW of the environment lists (as the option --allow does) may be led to.
     """
     path = os.path.normpath(relative)
+    if (outside := _allowed(folder, path)) is not None:
+        return outside
     if os.path.isabs(path) or os.path.splitdrive(path)[0] or path == ".." or path.startswith(".." + os.sep):
-        raise InputError(f"{relative!r} points outside {folder}: give a path inside it")
+        raise InputError(
+            f"{relative!r} points outside {folder}: give a path inside it, or allow the folder where it lies (--allow)"
+        )
     try:
         home = os.path.realpath(folder)
         place = os.path.realpath(os.path.join(home, path))
@@ -117,6 +123,19 @@ def inside(folder: str | Path, relative: str) -> Path:
     if not is_within:
         raise InputError(f"{relative!r} is a link that leads outside {folder}: put the file itself there")
     return Path(folder) / path
+
+
+def _allowed(folder: str | Path, path: str) -> Path | None:
+    """The place of `path` where it lies in a folder that the user allowed, links followed; None where it does not."""
+    folders = [each for each in os.environ.get(ALLOWED, "").split(os.pathsep) if os.path.isabs(each)]
+    if not folders:
+        return None
+    try:
+        place = os.path.realpath(os.path.join(folder, path))
+        homes = map(os.path.realpath, folders)
+        return Path(folder) / path if any(os.path.commonpath([home, place]) == home for home in homes) else None
+    except (OSError, ValueError):
+        return None
 
 
 def _reason(error: Exception) -> str:

@@ -9,6 +9,7 @@ is neither a file nor a folder, is refused.
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import secrets
 import tempfile
@@ -38,6 +39,7 @@ FULL = {
     errno.EDQUOT: "the quota of the disk is used up: free some space",
     errno.EFBIG: "the file is larger than the system allows: raise the limit (ulimit -f)",
 }
+LOG = logging.getLogger(__name__)
 SCRATCH = "hagoromo-scratch-"  # name of scratch folders, before their number
 names_written: list[Path] = []  # targets that were written since it was last cleared
 _held: set[Path] = set()  # work folders of this process: what is written into them is moved with them
@@ -242,6 +244,7 @@ def _put_files(works: list[Path], targets: list[Path], force: bool) -> None:
         sync(works[0])
         (os.replace if force else move_new)(works[0] / main.name, main)
         sync_one(main.parent)
+        LOG.debug("wrote %s", main)
         return
     for work in works[1:]:
         (begin_work(work) / GROUP).write_text(main.name, encoding="utf-8")

@@ -94,7 +94,7 @@ class SceneBox(Place, frozen=True, kw_only=True):
     """A volume box: a file, or a recipe that is built when the scene is loaded."""
 
     file: Annotated[str | None, about("volume box, a folder such as cloth.zarr, or s3://bucket/cloth.zarr")] = None
-    recipe: Annotated[str | None, about("recipe, a file such as cloth.toml, in place of file")] = None
+    recipe: Annotated[str | None, about("recipe in place of file: cloth.toml, or a shipped one by name: linen")] = None
     tau: Annotated[Positive | None, about("extinction coefficient where the density is 1 [1/m]")] = None
     extinction: Annotated[Extinction | None, EXTINCTION] = None
     materials: Annotated[
@@ -267,7 +267,7 @@ def _box(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Vol
     key = decode(record, SceneBox, where)
     if (key.file is None) == (key.recipe is None):
         raise InputError(f"{where}: give either file (a box.zarr) or recipe (a matter.toml)")
-    box = read.box(_box_place(folder, key.file)) if key.file else read.recipe(inside(folder, key.recipe or ""))
+    box = read.box(_box_place(folder, key.file)) if key.file else read.recipe(_recipe_place(folder, key.recipe or ""))
     if box.texel and key.extinction not in (None, box.extinction):
         raise InputError(
             f"{where}: extinction is {key.extinction!r}, the box's texel was matched for {box.extinction!r}: "
@@ -287,6 +287,14 @@ def _box(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Vol
 def _box_place(folder: Path, text: str) -> Path:
     """Where a box is: inside the folder of the scene, or in a store that the scene names."""
     return Path(text) if address(text) else inside(folder, text)
+
+
+def _recipe_place(folder: Path, text: str) -> Path:
+    """Where a recipe is: inside the folder of the scene, or one that comes with the package, by its name."""
+    from hagoromo.matter.shipped import shipped_recipes
+
+    place = inside(folder, text)
+    return place if place.exists() else shipped_recipes().get(text, place)
 
 
 def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Surface:

@@ -12,6 +12,7 @@ extinction it is divided by the projected area of the elements). Paths are relat
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,14 +23,19 @@ from hagoromo.files.whole import replaceable_folder
 from hagoromo.matter.fingerprint import fingerprint
 from hagoromo.matter.recipes.recipe import Recipe
 from hagoromo.matter.registry import kind_names, kind_of
+from hagoromo.matter.shipped import recipe_place
 from hagoromo.progress import Progress, silent
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.build_store import build_box
 from hagoromo.volume.store.plan import BoxPlan
 
+LOG = logging.getLogger(__name__)
+
 
 def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -> VolumeBox:
-    """The volume box of a recipe: the path of a TOML file, or its tables; see the head of this module for the keys.
+    """The volume box of a recipe: the path of a TOML file, the name of a shipped one, or its tables.
+
+    The head of this module says the keys.
 
     Raises `InputError` that names the wrong key, or an unknown key together with the known ones.
 
@@ -42,8 +48,10 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -
     """
     plan, where, _ = planned(recipe)
     progress(0.0)
+    LOG.info("building %s in memory", where)
     with described(where):
         box = plan.box()
+    LOG.info("%s is built", where)
     progress(1.0)
     return box
 
@@ -64,6 +72,7 @@ def build_to(
     plan, where, folder = planned(recipe)
     with described(where):
         known = fingerprint(plan.header.provenance["recipe"], folder)
+    LOG.info("building %s at %s", where, path)
     if scheduler is None:
         build_box(plan, path, known, force, progress)
         return
@@ -75,7 +84,8 @@ def build_to(
 def planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path | None]:
     """The plan of a recipe's box; what messages call the recipe; the folder of the files that it names."""
     if isinstance(recipe, (str, Path)):
-        record, where, folder = read_toml(recipe), str(recipe), Path(recipe).parent
+        recipe = recipe_place(recipe)
+        record, where, folder = read_toml(recipe), str(recipe), recipe.parent
     else:
         record, where, folder = dict(recipe), "recipe", None
     name = decode(record, _OfKind, where).kind

@@ -14,6 +14,7 @@ from hagoromo.cluster.cluster import workers_of
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
 from hagoromo.matter.build import planned
+from hagoromo.matter.shipped import recipe_place
 from hagoromo.progress import Progress
 from hagoromo.volume.store.build_store import Bricks, build_box, group_of, write_part
 from hagoromo.volume.store.plan import BoxPlan
@@ -31,7 +32,7 @@ def build_on(
     """`build_box` whose parts are built by the workers of `scheduler`, see `workers_of`."""
     if not isinstance(recipe, (str, Path)):
         raise InputError("a scheduler builds the recipe of a file, which its workers read: give the path of one")
-    file = str(Path(recipe).absolute())
+    file = str(recipe_place(recipe).absolute())
     digest = content_with_named(file, quick=True)
     with workers_of(scheduler) as cluster:
 

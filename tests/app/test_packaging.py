@@ -58,8 +58,18 @@ def text(name: str) -> str:
 def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(dist):
     names = {name for name in files_of(dist[0]) if ".dist-info/" not in name}
     paths = [path for package in WHEEL for path in (ROOT / package).rglob("*") if path.is_file()]
-    assert names == {path.relative_to(ROOT).as_posix() for path in paths if "__pycache__" not in path.parts}
-    assert {Path(name).suffix for name in names} == {".py", ".pyi", ".j2", ".typed", ".js", ".css", ".html", ".frag"}
+    recipes = {f"hagoromo/matter/recipes/shipped/{path.name}" for path in (ROOT / "examples" / "recipes").iterdir()}
+    assert names == recipes | {path.relative_to(ROOT).as_posix() for path in paths if "__pycache__" not in path.parts}
+    assert {Path(name).suffix for name in names - recipes} == {
+        ".py",
+        ".pyi",
+        ".j2",
+        ".typed",
+        ".js",
+        ".css",
+        ".html",
+        ".frag",
+    }
     assert {"hagoromo/app/report/templates/measure.html.j2", "hagoromo/__init__.pyi", "hagoromo/py.typed"} < names
 
 
@@ -154,7 +164,7 @@ def test_containers_and_environments_install_the_same_llvm_and_a_python_that_is_
     assert chosen is not None and chosen[1] in pythons and f"python {chosen[1]}.*" in environment
     assert re.findall(r"^USER (\w+)$", dockerfile, re.MULTILINE) == ["hagoromo"]  # not root
     kept = {line[1:] for line in text("packaging/Dockerfile.dockerignore").splitlines() if line.startswith("!")}
-    assert kept == {*WHEEL, "LICENSE", "README.md", "constraints.txt", "pyproject.toml"}
+    assert kept == {*WHEEL, "examples/recipes", "LICENSE", "README.md", "constraints.txt", "pyproject.toml"}
 
 
 def test_the_container_gets_what_the_wheel_is_built_of(dist, tmp_path):
@@ -164,6 +174,7 @@ def test_the_container_gets_what_the_wheel_is_built_of(dist, tmp_path):
     for line in text("packaging/Dockerfile.dockerignore").splitlines():
         if line.startswith("!"):
             copy = shutil.copytree if (ROOT / line[1:]).is_dir() else shutil.copy
+            (source / line[1:]).parent.mkdir(exist_ok=True)
             copy(ROOT / line[1:], source / line[1:])
     assert files_of(built(source, tmp_path)[0]) == files_of(dist[0])
 

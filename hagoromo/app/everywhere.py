@@ -1,0 +1,87 @@
+"""Options of every command: --allow FOLDER, --verbose and --quiet; where messages go, and how many."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from hagoromo.errors import InputError
+from hagoromo.files.checks import ALLOWED
+from hagoromo.files.names import printable
+
+LOG = logging.getLogger("hagoromo")
+HELP = (
+    "Every command takes --allow FOLDER (files there may be named by scenes, recipes and captures of other folders), "
+    "--verbose (what is done meanwhile, with times) and --quiet (errors and results alone)."
+)
+
+
+class Everywhere(NamedTuple):
+    """allow: folders; level: of the messages that are shown, of `logging`."""
+
+    allow: tuple[str, ...] = ()
+    level: int = logging.WARNING
+
+
+def taken(arguments: Sequence[str]) -> tuple[list[str], Everywhere]:
+    """The arguments of the command alone, and the options of every command; `InputError` where one lacks its value."""
+    rest: list[str] = []
+    allow: list[str] = []
+    levels: set[int] = set()
+    given = iter(arguments)
+    for word in given:
+        if word == "--":
+            rest += [word, *given]
+        elif word == "--allow" or word.startswith("--allow="):
+            folder = word.partition("=")[2] or next(given, "")
+            if not os.path.isdir(folder):
+                raise InputError(f"--allow needs a folder: given {printable(folder)!r}")
+            allow.append(os.path.realpath(folder))
+        elif word in ("--verbose", "--quiet"):
+            levels.add(logging.DEBUG if word == "--verbose" else logging.ERROR)
+        else:
+            rest.append(word)
+    if len(levels) > 1:
+        raise InputError("--verbose and --quiet contradict each other: give one")
+    return rest, Everywhere(tuple(allow), *levels)
+
+
+@contextmanager
+def everywhere(options: Everywhere) -> Iterator[None]:
+    """Apply the options while a command runs; warnings and messages are lines on standard error."""
+    if any(isinstance(each, _Lines) for each in LOG.handlers):  # within a batch, whose options hold
+        yield
+        return
+    handler, before, allowed = _Lines(), LOG.level, os.environ.get(ALLOWED)
+    LOG.addHandler(handler)
+    LOG.setLevel(options.level)
+    if options.allow:
+        os.environ[ALLOWED] = os.pathsep.join([*options.allow, *filter(None, [allowed])])
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: LOG.warning("%s", message)
+            yield
+    finally:
+        LOG.removeHandler(handler)
+        LOG.setLevel(before)
+        if options.allow:
+            os.environ.pop(ALLOWED) if allowed is None else os.environ.update({ALLOWED: allowed})
+
+
+def quiet() -> bool:
+    """Whether errors and results alone are wanted."""
+    return LOG.level > logging.WARNING
+
+
+class _Lines(logging.Handler):
+    """On standard error `hagoromo: warning: …`; what is done meanwhile, with the seconds since the start."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a line."""
+        told = "warning" if record.levelno >= logging.WARNING else f"{record.relativeCreated / 1e3:.2f} s"
+        print(f"hagoromo: {told}: {printable(record.getMessage())}", file=sys.stderr)
