@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.calibration.response.black_level import black_level, with_black_level
 from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
 from hagoromo.calibration.response.doubtful_readings import doubtful_readings
 from hagoromo.calibration.response.positive_curve import PositiveCurve, fit_positive_curve
@@ -96,6 +97,10 @@ def solve_response(
 
     curves = {name: fit(name) for name in readings}
     curves = _with_common_power(curves, fit)
+    means = np.array([readings[name][used[name]].mean() for name in curves])
+    black = black_level(list(curves.values()), means)
+    if black is not None:
+        curves = {name: with_black_level(curve, black, channel) for channel, (name, curve) in enumerate(curves.items())}
     residuals = [_residual(matrix[used[name]], readings[name][used[name]], curve) for name, curve in curves.items()]
     transfers = [curve.transfer for curve in curves.values()]
     # the readings were explained by light at all of the wavelengths, so that eq. (10) takes them all
@@ -120,6 +125,7 @@ def solve_response(
         tuple(curve.prior for curve in curves.values()),
         tuple(curve.shared for curve in curves.values()),
         _gains(list(curves.values()), used, numbers),
+        black=black,
     )
 
 

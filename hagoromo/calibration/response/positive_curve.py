@@ -38,6 +38,7 @@ class PositiveCurve:
     relative noise of a mean reading. status: how the search for length and noise ended. prior: name of the one that was
     taken. transfer: power and offset of the readings; None where there are too few. shared: relative standard deviation
     of what the readings of a group share, 0 without groups; gains: (groups, 2) that factor and its standard error.
+    unit: of the curves that `transfer` has.
     """
 
     values: Array
@@ -50,6 +51,7 @@ class PositiveCurve:
     transfer: Transfer | None = None
     shared: float = 0.0
     gains: Array | None = None
+    unit: float = 1.0
 
 
 def fit_positive_curve(
@@ -127,7 +129,7 @@ def _curve(equations: Equations, found: Found, transfer: Transfer | None) -> Pos
     gains = None if equations.groups is None else _gains(equations, equations.groups, found, mode, covariance)
     return PositiveCurve(
         unit * values, unit * error, unit * interval, found.prior.length(found.parameters), noise, found.status,
-        found.prior.name, transfer, 0.0 if gains is None else found.noise.shared, gains,
+        found.prior.name, transfer, 0.0 if gains is None else found.noise.shared, gains, unit,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.calibration.response.black_level import BlackLevel
 from hagoromo.calibration.response.doubtful_readings import Doubtful
 from hagoromo.calibration.response.reading_transfer import Transfer
 from hagoromo.camera.response import Response
@@ -33,6 +34,7 @@ class ResponseCalibration:
     out. priors: (channels,) what the evidence chose: smooth, or like published cameras. shared: (channels,) relative
     standard deviation of the factor that the readings of one lamp share. gains: (channels, lamps, 2) those factors and
     their standard errors; None where lamps are not known. findings: what else was found, in sentences.
+    black: a black level that may have been left in all readings; the intervals have it.
     """
 
     response: Response
@@ -48,6 +50,7 @@ class ResponseCalibration:
     shared: tuple[float, ...] = ()
     gains: NDArray[np.float64] | None = None
     findings: tuple[str, ...] = ()
+    black: BlackLevel | None = None
 
     def remarks(self) -> list[str]:
         """One line for each fault: readings left out, a transfer that is not linear, fits that did not converge."""
@@ -56,6 +59,9 @@ class ResponseCalibration:
         for channel, transfer in zip(self.response.channels, self.transfers, strict=False):
             if transfer is not None and transfer.certain:
                 said.append(f"channel {channel}: {_transfer_said(transfer)}")
+        told = any(transfer is not None and transfer.certain for transfer in self.transfers)
+        if self.black is not None and not told and (line := self.black.remark()) is not None:
+            said.append(line)
         for channel, shared in zip(self.response.channels, self.shared, strict=False):
             if shared > LEAST_SHARED:
                 said.append(
@@ -87,8 +93,10 @@ class ResponseCalibration:
                 "converged": self.statuses[k].converged if self.statuses else None,
             }
         repeated = [] if self.doubtful is None else (self.doubtful.repeated + 1).tolist()
+        black = None if self.black is None else self.black._asdict()
         return {
-            "channels": channels, "repeated_pairs": repeated, "remarks": self.remarks(), "hagoromo": written_by(),
+            "channels": channels, "black_level": black, "repeated_pairs": repeated,
+            "remarks": self.remarks(), "hagoromo": written_by(),
         }  # fmt: skip
 
     def save(self, path: str | Path, force: bool = False) -> tuple[Path, Path, Path]:
