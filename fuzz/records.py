@@ -277,7 +277,7 @@ def points(folder: Path, binary: bool) -> None:
 
 
 def measured(folder: Path) -> None:
-    """A measurement on disk: materials, labels, normals, points, body, gloss, separation, variance, spectra."""
+    """A measurement on disk: materials, labels, normals, points, body, gloss, separation, variance, own light, spectra."""
     from hagoromo.files.exr import write_exr
     from hagoromo.files.png import write_png
 
@@ -290,6 +290,10 @@ def measured(folder: Path) -> None:
     write_exr(folder / "variance.exr", {"normal": one, "distance": one})
     write_exr(folder / "gloss.exr", {name: one for name in ("beta", "gamma", "error.beta", "error.gamma")})
     write_exr(folder / "separation_01.exr", {f"{part}.{c}": one for part in ("body", "interface") for c in "RGB"})
+    write_exr(folder / "own_light.exr", {"share": one, "most": one})
+    own = {"unit": {"value": 1.0, "standard_error": None}, "albedo": 0.5, "subtracted": False}
+    room = {"value": None, "standard_error": None, "separate": False}
+    write_json(folder / "own_light.json", {"own_light": own | {"light_of_the_room": room}})
     entry = {
         "name": "one",
         "wavelengths": [400.0, 500.0, 700.0],

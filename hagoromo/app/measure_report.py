@@ -18,6 +18,7 @@ from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.light.colour import srgb_encode
 from hagoromo.measurement.material.separation import Separation
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.surface.own_light import NOTABLE
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.publication.document import Viewer
@@ -49,7 +50,7 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
         rows=[row for own in rows for row in own],
         parameters=len(rows[0]) if len({len(own) for own in rows}) == 1 else 0,
         findings=found,
-        missing=missing(found),
+        missing=missing(found) + _own_light_missing(measurement),
         assumptions=[f"{what}: {said}" for what, said in measurement.assumptions.items()],
         bent=measurement.linearity is not None and measurement.linearity.bent,
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
@@ -77,7 +78,7 @@ def _spectra(measurement: Measurement) -> str:
 
 
 def _maps(measurement: Measurement, capture: Capture, crop: tuple[slice, slice]) -> list[Any]:
-    """Pictures of normals and body colours."""
+    """Pictures of normals and body colours, and of the light that the object sends to itself."""
     camera, known = capture.photographs[0].camera, (measurement.labels >= 0)[..., None]
     facing = measurement.normals @ (np.diag([1.0, -1.0, -1.0]) @ camera.world_to_camera[:3, :3]).T
     normals = np.where(known, np.rint(127.5 * (facing + 1.0)), 255).astype(np.uint8)
@@ -86,7 +87,18 @@ def _maps(measurement: Measurement, capture: Capture, crop: tuple[slice, slice])
         values = np.nan_to_num(np.asarray(measurement.body.value, np.float64))
         body = np.where(known, _shown(capture.photographs[0], values, own=True), 255).astype(np.uint8)
         pictures.append(page_picture(_small(body[crop]), "body colour", "body colour"))
+    own = measurement.own_light
+    if own is not None and own.up_to >= NOTABLE:
+        share = np.rint(255.0 * np.clip(own.share / own.up_to, 0.0, 1.0)).astype(np.uint8)
+        title = f"share of the light that comes from the object itself (white: {100 * own.up_to:.0f} %)"
+        grey = np.where(known, np.repeat(share[..., None], 3, axis=2), 0).astype(np.uint8)
+        pictures.append(page_picture(_small(grey[crop]), "own light", title))
     return pictures
+
+
+def _own_light_missing(measurement: Measurement) -> list[str]:
+    said = None if measurement.own_light is None else measurement.own_light.undetermined()
+    return [] if said is None else [said]
 
 
 def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -54,7 +54,7 @@ class Measurement:
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
     own_light: the light that a solved surface sends to itself; None where the shape was given.
     photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
-    A measurement that `load` read has no lamp_colour, capture, fine, normal_map and own_light (None), and no predicted
+    A measurement that `load` read has no lamp_colour, capture, fine and normal_map (None), and no predicted
     and residuals (empty).
     """
 

@@ -19,6 +19,7 @@ from hagoromo.measurement.material.separation import Separation, write_separatio
 from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.photographed import read_photographed, write_photographed
+from hagoromo.measurement.surface.own_light import OwnLight
 from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.points_file import write_points
 from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
@@ -91,6 +92,7 @@ def read_measurement(home: Path) -> Measurement:
         assumptions=_read_assumptions(inside(home, ASSUMPTIONS)),
         seed=writer.seed,
         photographed=read_photographed(home),
+        own_light=_read_own_light(home, surface),
     )
 
 
@@ -149,6 +151,36 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
         gloss = GlossMap(beta, gamma, beta_error, gamma_error, value, errors)
         gloss = with_tails(gloss, surface.materials, surface.labels)
     return BodyMap(value, error, surface.materials, surface.labels, gloss=gloss)
+
+
+def _read_own_light(home: Path, surface: MeasuredSurface) -> OwnLight | None:
+    """Share of the light that comes from the object, its largest, and their record; None where there is none."""
+    path = inside(home, "own_light.json")
+    maps = read_maps(inside(home, "own_light.exr"), ("share", "most"), surface) if path.is_file() else None
+    if maps is None:
+        return None
+    share, most = maps
+    given = read_json(path)
+    try:
+        record = given["own_light"]
+        room = record.get("light_of_the_room", {})
+        return OwnLight(
+            share,
+            most,
+            float(record["unit"]["value"]),
+            _or_unknown(record["unit"]["standard_error"]),
+            float(record["albedo"]),
+            bool(record["subtracted"]),
+            float(room.get("value") or 0.0),
+            _or_unknown(room.get("standard_error")),
+            bool(room.get("separate", False)),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as wrong:
+        raise InputError(f"{path} is no record of own light: measure the capture again") from wrong
+
+
+def _or_unknown(error: float | None) -> float:
+    return np.inf if error is None else float(error)
 
 
 def _read_separation(home: Path) -> Separation | None:

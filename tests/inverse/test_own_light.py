@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.app.measure_report import write_measure_report
 from hagoromo.files.exr import read_exr
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.surface import own_light, solved_surface
@@ -103,6 +105,55 @@ def test_own_light_is_estimated_and_said(both, tmp_path):
     np.testing.assert_allclose(channels["share"], own.share, atol=1e-3)
     record = json.loads((home / "own_light.json").read_text())["own_light"]
     assert record["up_to"] == pytest.approx(own.up_to) and record["subtracted"] is False
+    back = hg.Measurement.load(home).own_light
+    assert back is not None and back.record() == record and back.remark(known) == own.remark(known)
+    np.testing.assert_array_equal(back.most, own.most)
+
+
+def test_a_record_of_own_light_that_is_none_is_refused(both, tmp_path):
+    home = both[2][0].save(tmp_path / "out")
+    for spoilt in ("[]", '{"own_light": 3}', '{"own_light": {"unit": {"value": "much"}}}', '{"own_light": {}}'):
+        (home / "own_light.json").write_text(spoilt, encoding="utf-8")
+        with pytest.raises(hg.InputError, match="own_light"):
+            hg.Measurement.load(home)
+    (home / "own_light.json").unlink()  # as measurements of earlier versions
+    assert hg.Measurement.load(home).own_light is None
+
+
+def test_the_report_shows_own_light_and_says_that_light_of_the_room_would_look_the_same(both, tmp_path):
+    """A bowl's own light is as even as that of a room."""
+    found = both[2][0]
+    assert not found.own_light.separate and "lamps off" in found.own_light.undetermined()
+    assert any("light of the room, which cannot be told from it" in line for line in found.materials[0].remarks)
+    write_measure_report(tmp_path / "report.html", found)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"comes from the object itself (white: {100 * found.own_light.up_to:.0f} %)" in page
+    assert "one with all lamps off" in page
+
+
+@pytest.mark.parametrize("alike", [False, True])
+def test_light_of_the_room_is_told_where_own_light_differs_from_it(alike):
+    """In shadows u = 0.8 of the own light that is expected and 0.05 of the room's; alike: from patch to patch, too."""
+    random, count, side = np.random.default_rng(4), 6, 40
+    rows, columns = np.divmod(np.arange(side**2), side)
+    body = random.uniform(0.1, 0.3, (side, side, 1)).repeat(3, axis=2)
+    views = SimpleNamespace(
+        rows=rows, columns=columns, shape=(side, side), to_lamp=np.tile((0, 0, -1.0), (count, 1, 1))
+    )
+    normal_map = SimpleNamespace(
+        views=views, fit=SimpleNamespace(normals=np.tile((0, 0, 1.0), (side**2, 1))), body=body
+    )
+    light = np.linspace(0.0, 0.2, side)[:, None, None] * np.linspace(1.0, 0.2, count)[:, None, None, None]
+    parts = list(np.broadcast_to(0.1 if alike else light, (count, side, side, 1)) * body)
+    mask, variance = np.ones((side, side), bool), np.full(body.shape, 1e-6)
+    values = [0.8 * part + 0.05 * body + 1e-3 * random.standard_normal(body.shape) for part in parts]
+    photographs = [SimpleNamespace(values=value, mask=mask, variance=variance) for value in values]
+    unit = own_light._unit(SimpleNamespace(photographs=photographs), normal_map, parts)
+    assert unit.separate != alike
+    if alike:
+        assert unit.value == pytest.approx(0.8 + 0.05 / 0.1, rel=0.02)
+    else:
+        assert abs(unit.value - 0.8) < 4 * unit.error < 0.02 and abs(unit.room - 0.05) < 4 * unit.room_error < 0.002
 
 
 def test_subtracting_it_mends_normals_and_body_colour(both):
@@ -131,7 +182,7 @@ def test_a_unit_in_which_no_body_can_be_so_bright_is_not_subtracted(both, monkey
     surface = Surface(found.points, found.distance_variance)
     solved = NormalMap(maps[0], maps[1], maps[2], found.labels, bright, views), surface
     monkeypatch.setattr(solved_surface, "_solve", lambda *_: solved)
-    monkeypatch.setattr(own_light, "_unit", lambda *_: (1.0, np.inf))
+    monkeypatch.setattr(own_light, "_unit", lambda *_: own_light.Unit())
     with pytest.warns(UserWarning, match="different units"):
         assert not solved_surface.solve_surface(capture, DISTANCE, use="subtract").own_light.subtracted
 

@@ -6,14 +6,15 @@ the camera sees are in them. A cavity that lights itself looks flatter and brigh
 subtracting what follows from the solution, are repeated (Nayar, Ikeuchi & Kanade 1991).
 
 Body colours are those of the object only if lamps and photographs have one unit. In the shadow of the object itself its
-own light is alone, and the ratio of what is there to what is expected gives that unit.
+own light is alone, and the ratio of what is there to what is expected gives that unit: unless light of the room, which
+is in all photographs, is there, too. Both are fitted; nothing tells them apart where that leaves the unit open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,23 @@ FEWEST_TILES = 4
 LARGEST_UNIT_ERROR = 0.25  # relative, of the unit, for it to count as measured
 NOTABLE = 0.02  # share of the light: with less, nothing is said and nothing is subtracted
 LARGE_SHARE = 99.0  # percentile of the pixels that "up to" means
+LEAST_DIFFERENT = 1e-9  # sin² of the angle between own light and light of the room, above which rounding is not all
 LIT = 0.25  # of the median value of a photograph: darker pixels are in shadow
 WHITEST = 1.05  # largest albedo of a body: above, lamps and photographs have different units
+
+
+class Unit(NamedTuple):
+    """Ratio of the light found in shadows to the own light expected there, and its standard error.
+
+    room, room_error: light that is the same in all photographs [irradiance]. separate: whether the two can be told
+    apart; else the ratio is that without light of the room.
+    """
+
+    value: float = 1.0
+    error: float = np.inf
+    room: float = 0.0
+    room_error: float = np.inf
+    separate: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +60,8 @@ class OwnLight:
 
     unit: ratio of the light found in shadows to the light expected there, and its standard error; 1 and inf where no
     shadow shows it. albedo: of the body, in its brightest channel and in that unit. subtracted: whether normals and
-    body colours are without it.
+    body colours are without it. room: share of the light that is the same in all photographs, and its standard error,
+    where `separate`, that is where light of the room can be told from the object's own.
     """
 
     share: NDArray[np.float32]
@@ -53,6 +70,9 @@ class OwnLight:
     unit_error: float
     albedo: float = 0.0
     subtracted: bool = False
+    room: float = 0.0
+    room_error: float = np.inf
+    separate: bool = False
 
     @property
     def known(self) -> bool:
@@ -79,7 +99,26 @@ class OwnLight:
             "unit": {"value": self.unit, "standard_error": self.unit_error if np.isfinite(self.unit_error) else None},
             "albedo": self.albedo,
             "subtracted": self.subtracted,
+            "light_of_the_room": {
+                "value": self.room if self.separate else None,
+                "standard_error": self.room_error if self.separate else None,
+                "separate": self.separate,
+            },
         }
+
+    def undetermined(self) -> str | None:
+        """What these photographs do not tell of the own light, why, and which would; None where little is not told."""
+        if self.up_to < NOTABLE or self.separate:
+            return None
+        why = (
+            "in the shadows light of the room, which is in all photographs, would look the same"
+            if self.known
+            else "no shadow of the object on itself shows how strong it is"
+        )
+        return (
+            f"How much of the light the object sends to itself is not determined by these photographs: {why}. "
+            "A photograph that would: one with all lamps off, or a lamp so low that the object shades itself."
+        )
 
     def remark(self, here: NDArray[np.bool_]) -> str | None:
         """One line about the pixels `here` (h, w); None where little of their light is the object's own."""
@@ -98,9 +137,23 @@ class OwnLight:
             )
         if self.known and self.possible:
             shown = f"shadows show its strength, {self.unit:.2g} ± {self.unit_error:.1g} of what the lamps' unit gives"
-            return f"{text}: {shown}; it was not subtracted (--own-light subtract does), see own_light.exr"
-        why = "no shadow shows how strong it is" if not self.known else "shadows hold more light than it can be"
+            return (
+                f"{text}: {shown}{self._room()}; it was not subtracted (--own-light subtract does), see own_light.exr"
+            )
+        why = (
+            "no shadow shows how strong it is"
+            if not self.known
+            else "shadows hold more light than it can be, as light of the room"
+        )
         return f"{text} if lamps and photographs have one unit: {why}; it was not subtracted, see own_light.exr"
+
+    def _room(self) -> str:
+        """What of the light may be, or is, that of the room."""
+        if not self.separate:
+            return "; or it is light of the room, which cannot be told from it here"
+        if self.room < 2.0 * self.room_error:
+            return ", and no light of the room"
+        return f", beside light of the room, {100 * self.room:.1f} ± {100 * self.room_error:.1g} % of all"
 
 
 def own_light(capture: Capture, normal_map: NormalMap, surface: Surface) -> tuple[OwnLight, list[Values]]:
@@ -108,8 +161,8 @@ def own_light(capture: Capture, normal_map: NormalMap, surface: Surface) -> tupl
     net, parts = exchange(surface.points, normal_map.normals, capture.photographs[0].camera), []
     for photograph, interface in zip(capture.photographs, _interfaces(normal_map), strict=True):
         parts.append(_added(photograph, net, normal_map, interface))
-    unit, error = _unit(capture, normal_map, parts)
-    factor = unit if error < LARGEST_UNIT_ERROR * unit else 1.0
+    unit = _unit(capture, normal_map, parts)
+    factor = unit.value if unit.error < LARGEST_UNIT_ERROR * unit.value else 1.0
     parts = [np.float32(factor) * part for part in parts]
     whitest = float(np.pi * factor * np.median(normal_map.fit.body.max(axis=0)))
     total, own, most = np.zeros(net.known.shape), np.zeros(net.known.shape), np.zeros(net.known.shape)
@@ -121,7 +174,14 @@ def own_light(capture: Capture, normal_map: NormalMap, surface: Surface) -> tupl
         total, own = total + np.maximum(value, 0.0), own + grey
     share = np.where(net.known & (total > 0.0), own / np.maximum(total, 1e-30), 0.0)
     most = np.where(net.known, most, 0.0)
-    return OwnLight(share.astype(np.float32), most.astype(np.float32), unit, error, whitest), parts
+    steady = (
+        len(parts) * float(normal_map.body.mean(axis=2)[net.known].sum()) / max(float(total[net.known].sum()), 1e-30)
+    )
+    found = OwnLight(
+        share.astype(np.float32), most.astype(np.float32), unit.value, unit.error, whitest,
+        room=unit.room * steady, room_error=unit.room_error * steady, separate=unit.separate,
+    )  # fmt: skip
+    return found, parts
 
 
 def without(capture: Capture, parts: list[Values]) -> Capture:
@@ -149,22 +209,40 @@ def _added(photograph: Photograph, net: Exchange, normal_map: NormalMap, interfa
     return normal_map.body * net.pixels(net.matrix @ leaving).astype(np.float32)
 
 
-def _unit(capture: Capture, normal_map: NormalMap, parts: list[Values]) -> tuple[float, float]:
-    """Ratio of the light in shadows that the object throws on itself to what is expected there, and its error."""
+def _unit(capture: Capture, normal_map: NormalMap, parts: list[Values]) -> Unit:
+    """The unit by shadows that the object throws on itself; errors by the residuals of tiles of the image."""
     views, fit = normal_map.views, normal_map.fit
     incidence = np.einsum("kpi,pi->kp", views.to_lamp, fit.normals)
     tile = (views.rows * TILES // views.shape[0]) * TILES + views.columns * TILES // views.shape[1]
-    both, square = np.zeros(TILES**2), np.zeros(TILES**2)
+    body = normal_map.body[views.rows, views.columns].mean(axis=1)
+    towards, square = np.zeros((TILES**2, 2)), np.zeros((TILES**2, 2, 2))  # by own light and by the body
     for k, (photograph, part) in enumerate(zip(capture.photographs, parts, strict=True)):
         place = views.rows, views.columns
         dark = (incidence[k] < SHADOW_COSINE) & photograph.mask[place]
-        expected, value = part[place][dark].mean(axis=1), photograph.values[place][dark].mean(axis=1)
+        value = photograph.values[place][dark].mean(axis=1)
         weight = 1.0 / photograph.variance[place][dark].mean(axis=1)
-        both += np.bincount(tile[dark], weight * expected * value, TILES**2)
-        square += np.bincount(tile[dark], weight * expected**2, TILES**2)
-    shown = square > 1e-3 * square.max(initial=0.0)
-    if shown.sum() < FEWEST_TILES or not square.sum() > 0.0:
-        return 1.0, np.inf
-    unit = float(both.sum() / square.sum())
-    off = (both - unit * square)[shown]
-    return unit, float(np.sqrt(np.sum(off**2) * len(off) / (len(off) - 1)) / square.sum())
+        of = np.stack([part[place][dark].mean(axis=1), body[dark]])
+        for i in range(2):
+            towards[:, i] += np.bincount(tile[dark], weight * of[i] * value, TILES**2)
+            for j in range(2):
+                square[:, i, j] += np.bincount(tile[dark], weight * of[i] * of[j], TILES**2)
+    shown = square[:, 0, 0] > 1e-3 * square[:, 0, 0].max(initial=0.0)
+    if shown.sum() < FEWEST_TILES or not square[:, 0, 0].sum() > 0.0:
+        return Unit()
+    (alone,), (error,) = _solved(square[shown][:, :1, :1], towards[shown][:, :1])
+    both = square.sum(axis=0)
+    if both[0, 0] * both[1, 1] - both[0, 1] ** 2 <= LEAST_DIFFERENT * both[0, 0] * both[1, 1]:
+        return Unit(alone, error)
+    (own, room), (own_error, room_error) = _solved(square[shown], towards[shown])
+    if own_error < LARGEST_UNIT_ERROR * own:
+        return Unit(own, own_error, room, room_error, separate=True)
+    return Unit(alone, error)
+
+
+def _solved(square: Array, towards: Array) -> tuple[list[float], list[float]]:
+    """Least squares of T tiles, of normal equations (T, k, k) and (T, k), and its errors by their residuals."""
+    inverse = np.linalg.inv(square.sum(axis=0))
+    value = inverse @ towards.sum(axis=0)
+    off = towards - square @ value
+    count = len(off) / max(len(off) - len(value), 1)
+    return value.tolist(), np.sqrt(count * np.diag(inverse @ (off.T @ off) @ inverse)).tolist()
