@@ -26,6 +26,8 @@ def render(
     time: float | None = None,
     separate_lamps: bool = False,
     resume: bool = False,
+    layers: bool = False,
+    denoise: bool = False,
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
@@ -43,7 +45,14 @@ def render(
         time: in mode path, for how long to go on, about [s].
         separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
         resume: go on with the unfinished picture that an interrupted run in mode path left at `--out`.
+        layers: further channels: parts of the light (first.R, higher.R, body.R, interface.R, …), depth.Z, normal.X, …,
+            albedo.R, … and material.id.
+        denoise: R, G, B and the PNG without noise, as Open Image Denoise guesses; marked in the file; with layers.
     """
+    if denoise:
+        from hagoromo.image.denoise import name_of_denoiser
+
+        name_of_denoiser()
     unfinished = _unfinished(out) if resume else None
     replaceable_files((out, out.with_suffix(".png")), force or resume)
     from hagoromo.image.scene_file import camera_and_settings
@@ -55,11 +64,11 @@ def render(
         settings = replace(settings, separate_lamps=True)
     try:
         with progress_bar("render") as progress:
-            image = hg.render(scene, settings, progress, scheduler, mode, unfinished)
+            image = hg.render(scene, settings, progress, scheduler, mode, unfinished, layers or denoise)
     except hg.RenderInterrupted as interrupt:
         interrupt.image.save(out, camera.response, force or resume)
         raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt
-    wrote(*image.save(out, camera.response, force or resume))
+    wrote(*image.save(out, camera.response, force or resume, denoise))
 
 
 def _unfinished(out: Path) -> hg.Image:

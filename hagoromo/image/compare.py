@@ -125,7 +125,9 @@ def _read(source: str | Path | ArrayLike | Image, unnamed: str) -> _Picture:
         return _picture(str(source), read_png(source))
     if suffix != ".exr":
         raise InputError(f"{source} cannot be compared: give two PNG or two EXR files")
-    layers, _ = read_exr(source)
+    layers, header = read_exr(source)
+    if "denoised" in header:
+        raise InputError(f"{source} was denoised, so that its noise is guessed away: compare the picture without")
     names = RGB if set(RGB) <= set(layers) else tuple(layers)
     if len(names) not in (1, 3):
         raise InputError(

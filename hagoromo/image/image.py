@@ -39,7 +39,8 @@ class Image:
     A weight is radiance per unit of lamp spectrum and colour [1/m² for a lamp intensity of 1].
     metadata: scene, settings, seed and version that made it. variance: (height, width), of the noise of Y of `xyz`,
     where the image was estimated by random walks; None elsewhere. sums: (batches of lamps, height, width, columns)
-    of an unfinished one, from which `render` goes on; None elsewhere.
+    of an unfinished one, from which `render` goes on; None elsewhere. layers: further channels (height, width) by their
+    names in an EXR, see `layers_of`; None unless they were asked for.
 
     >>> reddish = hg.Spectrum([400, 600, 700], [0, 0, 1])
     >>> red = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=reddish)
@@ -58,6 +59,7 @@ class Image:
     metadata: dict[str, Any] = field(default_factory=dict)
     variance: NDArray[np.float32] | None = None
     sums: NDArray[np.float64] | None = None
+    layers: Mapping[str, NDArray[np.float32]] | None = None
 
     def __repr__(self) -> str:
         """The size and the number of weights."""
@@ -148,25 +150,60 @@ class Image:
         rgb = self.linear_srgb(lamps)
         return srgb_encode(rgb * (auto_exposure(rgb, self.alpha) if exposure is None else exposure))
 
-    def save(self, path: str | Path, response: Response | None = None, force: bool = False) -> list[Path]:
+    def part(self, name: str) -> Image:
+        """The image of a part of its light: of the first order ("first"), which is sent on by bodies ("body"),
+        interfaces ("interface") or through elements ("through"), or of higher orders ("higher").
+
+        >>> matte = hg.Reflectance(alpha=0.2, beta=0.5, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+        >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
+        >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=matte)
+        >>> image = hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0)),), surfaces=(ball,)))
+        >>> bool(np.allclose(image.weights, image.part("body").weights + image.part("interface").weights))
+        True
+        """
+        palette = self.palette
+        counts = {
+            "body": len(palette.bodies), "interface": len(palette.interfaces),
+            "through": len(palette.transmitted) + len(palette.twice), "higher": len(palette.bands),
+        }  # fmt: skip
+        if name != "first" and name not in counts:
+            raise InputError(f"part of the light is {name!r}: give one of first, {', '.join(counts)}")
+        kept = [
+            key == name or (name == "first" and key != "higher") for key, count in counts.items() for _ in range(count)
+        ]
+        weights = self.weights * np.tile(np.array(kept, np.float32), len(palette.lamps))
+        return replace(self, weights=weights, variance=None, sums=None)
+
+    def save(
+        self, path: str | Path, response: Response | None = None, force: bool = False, denoise: bool = False
+    ) -> list[Path]:
         """Write an EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths.
 
-        Both are written or none, see `whole_files`.
+        Both are written or none, see `whole_files`. An image with layers has these and the parts of its light, too.
+        denoise: of R, G, B and the PNG by Open Image Denoise, with the layers; weights stay as they are.
         `InputError` for a name that does not end in .exr, or a file that exists without `force`.
         """
         target = Path(path)
         if target.suffix.lower() != ".exr":
             raise InputError(f"{target} is no EXR name: an image is written as NAME.exr with NAME.png beside it")
-        rgb = self.expose(response) if response else self.linear_srgb()
-        channels = {name: rgb[..., k] for k, name in enumerate(response.channels if response else "RGB")}
-        channels |= {"A": self.alpha}
+        shown, names = self.linear_srgb(), list(response.channels if response else "RGB")
+        rgb = self.expose(response) if response else shown
+        header = {}
+        if denoise:
+            from hagoromo.image.denoise import denoised, name_of_denoiser  # an extra
+
+            header["denoised"] = f"{', '.join(names)} by {name_of_denoiser()}; the weights are as they were rendered"
+            shown, rgb = denoised(self, shown), denoised(self, rgb)
+        channels = {name: rgb[..., k] for k, name in enumerate(names)} | {"A": self.alpha}
         for k, name in enumerate(self.channel_names()):
             channels[name] = self.weights[..., k]
         if self.variance is not None:
             channels[VARIANCE] = self.variance
         if self.sums is not None:
             channels |= channels_of_sums(self.sums)
-        header = {
+        if self.layers is not None:
+            channels |= dict(self.layers) | self._parts(response, names)
+        header |= {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
             "hagoromo": finite_json(self.metadata, str(target)),
             "palette": finite_json(_palette_record(self.palette), str(target)),
@@ -176,8 +213,18 @@ class Image:
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
-            write_png(png, self.display())
+            write_png(png, srgb_encode(shown * auto_exposure(shown, self.alpha)))
         return [target, picture]
+
+    def _parts(self, response: Response | None, names: Sequence[str]) -> dict[str, NDArray]:
+        """Channels of the parts of the light, such as higher.R, as far as there are any."""
+        palette, channels = self.palette, {}
+        there = {"through": palette.transmitted + palette.twice, "higher": palette.bands}
+        for part in (name for name in PARTS if there.get(name, True)):
+            image = self.part(part)
+            rgb = image.expose(response) if response else image.linear_srgb()
+            channels |= {f"{part}.{name}": rgb[..., k] for k, name in enumerate(names)}
+        return channels
 
     def channel_names(self) -> list[str]:
         """EXR channel names of the weights: lamp group, then body, interface or transmitted colour, or band of higher
@@ -195,6 +242,8 @@ class Image:
 PALETTE_KEYS = ("bodies", "interfaces", "lamps")
 FURTHER_KEYS = ("bands", "transmitted", "twice")  # of the images that have such colours
 VARIANCE = "variance.Y"  # channel of an EXR
+PARTS = ("first", "body", "interface", "through", "higher")  # of the light
+LAYERS = ("depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "material.id")
 
 
 def read_image(path: str | Path) -> Image:
@@ -206,10 +255,10 @@ def read_image(path: str | Path) -> Image:
         empty = np.zeros(channels["A"].shape, np.float32)
         names = Image(empty[..., None], empty, palette).channel_names()
         weights = np.stack([channels[name] for name in names], axis=-1)
-        sums = sums_of_channels(channels)
+        sums, layers = sums_of_channels(channels), {name: channels[name] for name in LAYERS if name in channels}
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path} holds no weights of Hagoromo: render it again ({error})") from error
-    return Image(weights, channels["A"], palette, metadata, channels.get(VARIANCE), sums)
+    return Image(weights, channels["A"], palette, metadata, channels.get(VARIANCE), sums, layers or None)
 
 
 def _palette_record(palette: Palette) -> dict[str, Any]:

@@ -23,7 +23,6 @@ from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import Stop, Sums
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.lighting import distinct
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
@@ -49,7 +48,7 @@ def path_picture(
         check_matter(box)
     batches, cache = lamp_batches(scene.lamps), SceneCache()
     bands = bands_of(albedos_of(scene), distinct([lamp.spectrum for lamp in scene.lamps]))
-    scattered = _Scattered(reflectances_of(scene), bands, scene.lamps[0].spectrum)
+    scattered = _Scattered(bands, scene.lamps[0].spectrum)
     lit = [scene.with_lamps(*(scene.lamps[lamp] for lamp in batch)) for batch in batches]
     sums = [_sums(each, settings, scattered) for each in lit]
     if unfinished is not None:
@@ -76,9 +75,8 @@ def path_picture(
 
 @dataclass(frozen=True)
 class _Scattered:
-    """What all batches of lamps have in common: reflectances, bands, and the lamp that Y is counted from."""
+    """What all batches of lamps have in common: bands, and the lamp that Y is counted from."""
 
-    reflectances: list[Reflectance]
     bands: Bands
     white: Spectrum
 
@@ -101,17 +99,20 @@ def _walk(
     """Walk until all is in `sums`. batch: its number, and its share of the time that the picture may take."""
     number, share = batch
     prepared = PreparedScene(scene, replace(settings, shadows="none"), cache)
-    scattering = Scattering(scattered.reflectances, prepared.lighting.materials)
-    matter = Matter(prepared.medium) if prepared.medium is not None else None
-    first = prepared.first_on_surface
-    walks = Walks(matter, prepared.surfaces, first, prepared.lighting, scattering, scattered.bands)
-    stream = _Stream(prepared, walks, settings, number)
+    stream = _Stream(prepared, walks_of(scene, prepared, scattered.bands), settings, number)
     stop, at_once = Stop(settings, share), walks_at_once(stream, sums.pixels)
     while stop.goes_on(sums):
         for pixels, count in sums.launches(at_once):
             channels, events = stream.walk(pixels, sums.walks[pixels], count)
             sums.add(pixels, np.concatenate([channels, events[..., None] > 0], axis=-1, dtype=np.float32))
             progress(stop.progress(sums))
+
+
+def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
+    """A prepared scene as walks need it."""
+    scattering = Scattering(reflectances_of(scene), prepared.lighting.materials)
+    matter = Matter(prepared.medium) if prepared.medium is not None else None
+    return Walks(matter, prepared.surfaces, prepared.first_on_surface, prepared.lighting, scattering, bands)
 
 
 def walks_at_once(stream: _Stream, pixels: int) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,6 +46,7 @@ def render(
     scheduler: str | int | None = None,
     mode: str = "march",
     unfinished: Image | None = None,
+    layers: bool = False,
 ) -> Image:
     """The image that the scene's camera would see, as weights.
 
@@ -57,6 +58,7 @@ def render(
     bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it
     raises `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
     unfinished: such a picture, to go on from to the bits of an uninterrupted run; mode path only.
+    layers: whether the image has depth, normals, albedo and materials, too, see `Image.layers`; without a scheduler.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
@@ -74,6 +76,8 @@ def render(
     if unfinished is not None and mode != "path":
         raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
     if scheduler is not None:
+        if layers:
+            raise InputError("layers with a scheduler: only the light is rendered by many processes; leave one out")
         if mode != "march":
             raise InputError(f"mode is {mode!r} with a scheduler: only march is rendered by many processes")
         from hagoromo.image.render_tiles import render_on  # Dask is an extra
@@ -83,21 +87,33 @@ def render(
         # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
         from hagoromo.image.scene_file import load_for_picture, load_scene
 
-        loading, progress = part_of(progress, 0.0, LOADING), part_of(progress, LOADING, 1.0 - LOADING)
-        loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
+        loaded, stated = load_for_picture(scene, settings) if mode == "march" else load_scene(scene)
         scene, settings = loaded, settings or stated
     settings = settings or Settings()
-    _check_mode(settings, mode)
+    image = _by_mode(mode, scene, settings, progress, unfinished)
+    return with_layers(image, scene, settings) if layers else image
+
+
+def _by_mode(mode: str, scene: Scene, settings: Settings, progress: Progress, unfinished: Image | None) -> Image:
+    """What `render` gives, without layers."""
     if mode == "path":
         from hagoromo.image.path_picture import path_picture  # the march does without
 
         return path_picture(scene, settings, progress, unfinished)
+    points = pixel_points(settings.samples, settings.seed)
     if mode == "full":
         from hagoromo.image.full_picture import full_picture
 
-        points = pixel_points(settings.samples, settings.seed)
         return full_picture(scene, settings, points, progress=progress)
-    return picture(scene, settings, SceneCache(), pixel_points(settings.samples, settings.seed), progress=progress)
+    return picture(scene, settings, SceneCache(), points, progress=progress)
+
+
+def with_layers(image: Image, scene: Scene, settings: Settings) -> Image:
+    """A picture of a scene with the layers of what it shows."""
+    from hagoromo.image.layers import layers_of, names_of_materials
+
+    record = image.metadata | {"materials": names_of_materials(scene)}
+    return replace(image, layers=layers_of(scene, settings), metadata=record)
 
 
 def _check_mode(settings: Settings, mode: str) -> None:

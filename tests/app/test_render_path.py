@@ -1,5 +1,7 @@
 """`render --mode path` on the command line, and what it refuses."""
 
+import sys
+
 import numpy as np
 
 import hagoromo as hg
@@ -53,3 +55,13 @@ def test_an_interrupt_leaves_the_picture_so_far_and_resume_goes_on(scene, tmp_pa
     assert np.array_equal(one.weights, other.weights) and one.sums is None
     assert "not unfinished" in refused(*command, picture, "--resume")
     assert "nothing to resume" in refused(*command, tmp_path / "c.exr", "--resume")
+
+
+def test_denoising_asks_for_its_extra(monkeypatch, scene, refused, tmp_path):
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    assert "pip install 'hagoromo[denoise]'" in refused("render", scene(), "--denoise", "--out", tmp_path / "a.exr")
+
+
+def test_the_command_writes_layers(scene, tmp_path):
+    assert main(["render", str(scene()), "--layers", "--out", str(tmp_path / "a.exr")]) == 0
+    assert "depth.Z" in hg.info(tmp_path / "a.exr")
