@@ -22,10 +22,13 @@ from hagoromo.camera.pose import inverse_pose, pose_of
 from hagoromo.errors import InputError
 from hagoromo.image.scene import Scene
 from hagoromo.view.gate import Gate, gated_server
+from hagoromo.view.own_panel import OwnPanel
+from hagoromo.view.panel import Panel
 from hagoromo.view.watcher import Desk, Watcher
 
 WAIT_S = 0.5  # for something to do; Ctrl-C is heard within
 JPEG_QUALITY = 90  # of pictures that a better one follows; the last is lossless
+NOTICE_S = 8.0  # for which a notice stays
 SURROUND = 24  # display value beside a picture of another shape than the window
 
 
@@ -37,11 +40,14 @@ class Browser:
         gate = Gate()
         self.desk, self.server = desk, gated_server(host, port, gate)
         self.events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self.watchers: dict[int, tuple[Any, Watcher]] = {}
+        self.watchers: dict[int, tuple[OwnPanel, Watcher]] = {}
         shown = f"[{host}]" if ":" in host else host
         self.address = f"http://{shown}:{self.server.get_port()}/?token={gate.token}"
         self._place_cameras()
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self.server.gui.main_panel.dock_right()
+        self.panel = Panel(self.server, desk, self._told)
+        self.server.scene.on_click()(self._told(self._clicked))
         self.server.on_client_connect(self._told(self._joins))
         self.server.on_client_disconnect(self._told(self._leaves))
 
@@ -81,11 +87,12 @@ class Browser:
     def _show(self) -> bool:
         """Send each viewer its next picture; whether there was any."""
         any_shown = False
-        for client, watcher in list(self.watchers.values()):
+        for own, watcher in list(self.watchers.values()):
+            client = own.client
             try:
                 shown = watcher.next()
             except InputError as error:
-                self.say(client, str(error))
+                client.add_notification("Hagoromo", str(error), auto_close_seconds=NOTICE_S)
                 continue
             if shown is None:
                 continue
@@ -96,14 +103,11 @@ class Browser:
             client.flush()
         return any_shown
 
-    def say(self, client: Any, text: str) -> None:
-        """Tell a viewer something in a few words."""
-        client.add_notification("Hagoromo", text, auto_close_seconds=8.0)
-
     def _joins(self, client: Any) -> None:
         watcher = Watcher(self.desk)
-        self.watchers[client.client_id] = client, watcher
-        self._moved(client.camera)
+        own = OwnPanel(client, watcher, self.panel)
+        self.watchers[client.client_id] = own, watcher
+        own.jump(self.desk.scene.camera)
         client.camera.on_update(self._told(self._moved))
 
     def _leaves(self, client: Any) -> None:
@@ -112,12 +116,16 @@ class Browser:
     def _moved(self, camera: Any) -> None:
         if camera.client.client_id not in self.watchers:
             return
-        _, watcher = self.watchers[camera.client.client_id]
+        own, watcher = self.watchers[camera.client.client_id]
         watcher.fit(camera.image_width, camera.image_height)
-        watcher.look_from(pose_from_viser(camera.wxyz, camera.position))
+        own.moved(pose_from_viser(camera.wxyz, camera.position))
         fov = field_of_view(self.desk.scene.camera, camera.aspect)
         if abs(fov - camera.fov) > 1e-4:
             camera.fov = fov
+
+    def _clicked(self, event: Any) -> None:
+        if event.client_id in self.watchers:
+            self.watchers[event.client_id][0].clicked(*event.screen_pos)
 
     def _place_cameras(self) -> None:
         """Cameras of new viewers stand where that of the scene does, and turn about the matter that it sees."""

@@ -27,12 +27,13 @@ class Development:
     """How the weights of a picture become one for people.
 
     stops: exposure, in stops above that of the first picture. white: what is shown as white: "first lamp", or the name
-    of an illuminant. tone: of TONES, the curve of bright values.
+    of an illuminant. tone: of TONES, the curve of bright values. layer: of LAYERS, what the picture shows.
     """
 
     stops: float = 0.0
     white: str = "first lamp"
     tone: str = "clipped"
+    layer: str = "picture"
 
 
 TONES = ("clipped", "shoulder")

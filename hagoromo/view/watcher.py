@@ -19,6 +19,15 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.publication.weight_stack import limited
 from hagoromo.view.development import developed, metered
+from hagoromo.view.layers import (
+    OF_LIGHT,
+    OF_MATTER,
+    LayerPicture,
+    light_layer,
+    matter_pictures,
+    opacity_layer,
+    shadow_pictures,
+)
 from hagoromo.view.scene_files import SceneFiles
 from hagoromo.view.view_state import History, ViewState
 
@@ -89,7 +98,9 @@ class Watcher:
         self.desk, self.longest = desk, longest
         self.pose: NDArray[np.float64] | None = None  # of its camera; None: that of the scene
         self.image: Image | None = None
-        self._pictures: Iterator[Image] = iter(())
+        self.layer: LayerPicture | None = None  # in place of the image
+        self._pictures: Iterator[Image | LayerPicture] = iter(())
+        self._window = (0, 0)
         self._of: tuple[Any, ...] = ()  # what the pictures are of
         self._marched: Scene | None = None
         self._shown: tuple[Any, ...] = ()
@@ -102,8 +113,10 @@ class Watcher:
         self.pose = None if near else world_to_camera
 
     def fit(self, width: int, height: int) -> None:
-        """Its window is width × height px: more pixels would not be seen."""
+        """Its window is width × height px: no more pixels are seen, and another shape is sent anew."""
         self.longest = int(np.clip(max(width, height), SHORTEST_SIDE, LONGEST_SIDE))
+        if (width, height) != self._window:
+            self._window, self._shown = (width, height), ()
 
     def state(self) -> ViewState:
         """The desk's state from where it looks."""
@@ -117,33 +130,55 @@ class Watcher:
     def next(self) -> Shown | None:
         """Its next picture; None where the last one stands. `InputError` where it looks at nothing."""
         self._begin()
-        image = next(self._pictures, None)
-        if image is not None:
-            self.image = image
-        kept = self.desk.state.tables, self.desk.state.development
-        if self.image is None or (image is None and self._shown == kept):
+        new = next(self._pictures, None)
+        if isinstance(new, Image):
+            self.image, self.layer = new, None
+        elif new is not None:
+            self.layer = new
+        of = self.desk.state.tables, self.desk.state.development
+        if (self.image is None and self.layer is None) or (new is None and self._shown == of):
             return None
-        self._shown = kept
-        share = self.image.metadata["preview"]["share"]
-        return Shown(self._developed(self.image), share >= 1.0)
+        self._shown = of
+        if self.layer is not None:
+            return Shown(self.layer.picture, self.layer.share >= 1.0)
+        assert self.image is not None
+        return Shown(self._developed(self.image), self.image.metadata["preview"]["share"] >= 1.0)
+
+    def relit(self) -> Image | None:
+        """The image that its picture was developed from, under the desk's lamps; None where the picture has none."""
+        return None if self.image is None or self.layer is not None else self._relit(self.image)
 
     def _begin(self) -> None:
         """Begin pictures anew if what is marched has changed."""
         state = self.desk.state
         pose = self.desk.scene.camera.world_to_camera if self.pose is None else self.pose
-        of = state.marched(), pose.tobytes(), self.longest, self.desk.settings
+        layer = state.development.layer
+        march = "light" if layer in OF_LIGHT else layer
+        strengths = str(state.tables["lamp"]) if march == "shadow" else ""
+        of = march, strengths, state.marched(), pose.tobytes(), self.longest, self.desk.settings
         if of == self._of and self._marched and _same_weights(self._marched, self.desk.scene, self.desk.settings):
             return
         self._of, self._pictures = of, iter(())
         self._marched = self.scene()
-        self._pictures = self.desk.preview.pictures(self._marched)
+        self._pictures = self._pictures_of(march, self._marched)
+
+    def _pictures_of(self, march: str, scene: Scene) -> Iterator[Image | LayerPicture]:
+        preview, settings = self.desk.preview, self.desk.settings
+        if march in OF_MATTER:
+            return matter_pictures(scene, settings, preview.cache, march, preview.rays[False])
+        images = preview.pictures(scene)
+        return shadow_pictures(images, scene, settings, preview.cache) if march == "shadow" else images
 
     def _developed(self, image: Image) -> NDArray[np.uint8]:
         desk = self.desk
-        image, response = self._relit(image), desk.scene.camera.response
+        image, response, development = self._relit(image), desk.scene.camera.response, desk.state.development
         if desk.factor is None:
-            desk.factor = metered(image, desk.state.development, response)
-        return developed(image, desk.state.development, response, desk.factor)
+            desk.factor = metered(image, development, response)
+        if development.layer == "opacity":
+            return opacity_layer(image)
+        if development.layer != "picture":
+            image = light_layer(image, development.layer)
+        return developed(image, development, response, desk.factor)
 
     def _relit(self, image: Image) -> Image:
         """The image under the desk's strengths and spectra, if they are not those that it was marched under."""

@@ -1,0 +1,119 @@
+"""Own panel: what each viewer has alone: its camera in numbers, its probe, and what it writes."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.pose import inverse_pose
+from hagoromo.errors import InputError
+from hagoromo.image.render import render
+from hagoromo.view.probe import WAVELENGTHS, Probe, probe, probe_text
+from hagoromo.view.watcher import Watcher
+
+JUMP_S = 2.0  # after which a camera that did not arrive is where it says
+
+
+class OwnPanel:
+    """The panel of one viewer, `client` of viser, whose pictures are those of `watcher`."""
+
+    def __init__(self, client: Any, watcher: Watcher, panel: Any) -> None:
+        """`panel`: the one that all viewers share, which says what was done."""
+        self.client, self.watcher, self.panel = client, watcher, panel
+        self.last: Probe | None = None
+        self.aim: NDArray[np.float64] | None = None  # place to which the camera jumps
+        self.jumped_at = 0.0
+        gui, told = client.gui, panel.told
+        with gui.add_folder("Camera", expand_by_default=False):
+            camera = watcher.desk.scene.camera
+            self.eye = gui.add_vector3("eye [m]", tuple(camera.position), step=1e-4)
+            self.target = gui.add_vector3("target [m]", tuple(panel.middle), step=1e-4)
+            gui.add_button("look from there").on_click(told(lambda _: self.look(self.eye.value, self.target.value)))
+            gui.add_button("the scene's camera").on_click(told(lambda _: self.jump(watcher.desk.scene.camera)))
+        self.folder = gui.add_folder("Probe", expand_by_default=False)
+        with self.folder:
+            self.said = gui.add_markdown("Click into the picture.")
+            self.plot: Any = None
+        with gui.add_folder("Write", expand_by_default=False):
+            gui.add_button("write scene.toml").on_click(told(lambda _: self.write(False)))
+            gui.add_button("save picture").on_click(told(lambda _: self.write(True)))
+
+    def look(self, eye: Any, target: Any) -> None:
+        """Look from `eye` at `target`, +z up."""
+        try:
+            self.jump(self.watcher.desk.scene.camera.look_at(eye, target), target)
+        except InputError as error:
+            self.panel.say(f"not done: {error}")
+
+    def jump(self, camera: Camera, target: Any = None) -> None:
+        """Look from where `camera` stands."""
+        place, axes = camera.position, camera.world_to_camera
+        depth = float(axes[2, :3] @ (self.panel.middle - place))
+        aim = place + axes[2, :3] * (depth if depth > 0.0 else 1.0) if target is None else np.asarray(target)
+        self.watcher.pose = None if camera is self.watcher.desk.scene.camera else camera.world_to_camera
+        self.aim, self.jumped_at = place, time.monotonic()
+        own = self.client.camera
+        with self.client.atomic():
+            own.up_direction, own.position, own.look_at = -axes[1, :3], place, aim
+
+    def moved(self, world_to_camera: NDArray[np.float64]) -> None:
+        """The viewer's camera moved to a (4, 4) pose.
+
+        A browser tells where its camera was before it hears that it jumped: that is not heeded for a moment.
+        """
+        if self.aim is not None:
+            there = np.allclose(inverse_pose(world_to_camera)[:3, 3], self.aim, rtol=1e-4, atol=1e-6)
+            if not there and time.monotonic() - self.jumped_at < JUMP_S:
+                return
+            self.aim = None
+            if there:
+                return
+        self.watcher.look_from(world_to_camera)
+        camera = self.client.camera
+        for widget, value in ((self.eye, camera.position), (self.target, camera.look_at)):
+            widget.value = tuple(np.round(value, 6).tolist())
+
+    def clicked(self, x: float, y: float) -> None:
+        """A click at shares (x, y) of the window."""
+        image = self.watcher.relit()
+        if image is None:
+            self.said.content = "The probe reads the picture: choose a layer of light."
+            return
+        height, width = image.alpha.shape
+        aspect, own = self.client.camera.aspect, width / height
+        x, y = (0.5 + (x - 0.5) * max(aspect / own, 1.0), 0.5 + (y - 0.5) * max(own / aspect, 1.0))
+        if not (0.0 <= x < 1.0 and 0.0 <= y < 1.0):
+            return
+        before, self.last = self.last, probe(image, x, y)
+        self.said.content = probe_text(self.last, before)
+        self._draw(self.last, before)
+
+    def _draw(self, now: Probe, before: Probe | None) -> None:
+        from viser import uplot
+
+        curves = [("now", now.values, "#ffb000"), ("before", (before or now).values, "#648fff")]
+        data = (WAVELENGTHS, *(np.nan_to_num(values) for _, values, _ in curves))
+        series = (uplot.Series(label="λ [nm]"), *(uplot.Series(label=name, stroke=ink) for name, _, ink in curves))
+        if self.plot is None:
+            with self.folder:
+                self.plot = self.client.gui.add_uplot(data, series, scales={"x": uplot.Scale(time=False)}, aspect=1.6)
+        else:
+            self.plot.data = data
+
+    def write(self, with_picture: bool) -> None:
+        """Write the scene as this viewer sees it, and the picture that `render` makes of it."""
+        try:
+            path = self.watcher.desk.files.write(self.watcher.state())
+            said = f"wrote {path.name}"
+            if with_picture:
+                self.panel.say(f"{said}; renders it …")
+                image = render(path)
+                made = image.save(path.with_suffix(".exr"), self.watcher.desk.scene.camera.response)
+                said = f"{said}, {', '.join(one.name for one in made)}"
+        except (InputError, OSError) as error:
+            said = f"not done: {error}"
+        self.panel.say(said)

@@ -1,0 +1,190 @@
+"""Panel: the controls of a desk as widgets and gizmos of viser, which all viewers see and move."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.view.controls import Choice, Colour, Control, Place, Slider, controls
+from hagoromo.view.view_state import ViewState
+from hagoromo.view.watcher import Desk
+
+PAUSE_S = 1.0  # edits of one control that are this far apart are two
+GIZMO_SHARE = 0.12  # size of a gizmo, of the camera's distance
+READY = "Drag: turn. Right button: shift. Wheel: nearer. Click: probe."
+
+
+class Panel:
+    """The controls of `desk` at a viser server."""
+
+    def __init__(self, server: Any, desk: Desk, told: Callable[[Callable[..., None]], Callable[..., Any]]) -> None:
+        """`told`: makes a callback of viser of a function that this thread is to call."""
+        self.server, self.desk, self.told = server, desk, told
+        self.first = desk.state
+        self.controls: dict[str, Control] = {}
+        self.widgets: dict[str, Any] = {}
+        self.gizmos: dict[str, Any] = {}
+        self.folders: list[Any] = []
+        self.edited_at = 0.0
+        self._shape: tuple[tuple[str, str], ...] = ()  # names and folders of the widgets
+        gui = server.gui
+        self.message = gui.add_markdown(READY)
+        acts = {"undo": self.undo, "redo": self.redo, "add a lamp": self.add_lamp}
+        gui.add_button_group("", tuple(acts)).on_click(told(lambda event: acts[event.target.value]()))
+        self.refresh()
+
+    def say(self, text: str) -> None:
+        """Show a line above the controls."""
+        self.message.content = text
+
+    def edit(self, name: str, value: Any) -> None:
+        """A viewer set a control."""
+        control = self.controls.get(name)
+        if control is None or _same(control.get(self.desk.state), value):
+            return
+        if time.monotonic() - self.edited_at > PAUSE_S:
+            self.desk.history.close()
+        self.edited_at = time.monotonic()
+        self._try(lambda state: control.put(state, value), name)
+
+    def undo(self) -> None:
+        """Take the last edit back."""
+        edit = self.desk.undo()
+        self.say("there is nothing to take back" if edit is None else f"taken back: {edit}")
+        self.refresh()
+
+    def redo(self) -> None:
+        """Make it again."""
+        edit = self.desk.redo()
+        self.say("there is nothing to make again" if edit is None else f"made again: {edit}")
+        self.refresh()
+
+    def add_lamp(self) -> None:
+        """A far lamp from behind the camera, as strong as the first lamp is at the middle of the scene."""
+        scene = self.desk.scene
+        irradiance = scene.lamps[0].direction_and_irradiance(self.middle)[1]
+        strength = float(np.max(irradiance)) or 1.0
+        lamp = {"name": f"lamp {len(scene.lamps) + 1}", "intensity": strength}
+        to_lamp = scene.camera.position - self.middle
+        self._try(lambda state: state.with_lamp(lamp | {"to_lamp": to_lamp.tolist()}), "add a lamp")
+
+    def remove_lamp(self, number: int) -> None:
+        """Remove a lamp."""
+        self._try(lambda state: state.without_lamp(number), "remove a lamp")
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) of the matter [m]."""
+        corners = np.concatenate([thing.corners() for thing in (*self.desk.scene.boxes, *self.desk.scene.surfaces)])
+        return 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+
+    def refresh(self, but: str = "") -> None:
+        """Show the desk's state; `but`: a control that a hand holds."""
+        found = controls(self.desk.state, self.first, self.desk.scene)
+        shape = tuple((one.name, one.folder) for one in found)
+        self.controls = {one.name: one for one in found}
+        if shape != self._shape:
+            self._build(found)
+            return
+        for name, widget in self.widgets.items():
+            if name != but:
+                self._set(widget, self.controls[name].get(self.desk.state))
+                self._place_gizmo(name)
+
+    def _try(self, change: Callable[[ViewState], ViewState], name: str) -> None:
+        """Make an edit, or say why it cannot be made."""
+        try:
+            self.desk.edit(change(self.desk.state), name)
+        except InputError as error:
+            self.say(f"not done: {error}")
+            self.refresh()
+            return
+        self.say(READY)
+        self.refresh(but=name)
+
+    def _build(self, found: list[Control]) -> None:
+        """All widgets anew."""
+        for old in (*self.folders, *self.gizmos.values()):
+            old.remove()
+        self.folders, self.widgets, self.gizmos = [], {}, {}
+        for folder in dict.fromkeys(one.folder for one in found):
+            with self.server.gui.add_folder(folder, expand_by_default=folder == "Picture") as made:
+                for control in (one for one in found if one.folder == folder):
+                    self.widgets[control.name] = self._widget(control)
+                if folder.startswith("Lamp "):
+                    number = int(folder.split()[1]) - 1
+                    self._button("remove it", lambda number=number: self.remove_lamp(number))
+            self.folders.append(made)
+        for control in found:
+            if isinstance(control.kind, Place):
+                self._add_gizmo(control)
+        self._shape = tuple((one.name, one.folder) for one in found)
+
+    def _widget(self, control: Control) -> Any:
+        gui, kind, value = self.server.gui, control.kind, control.get(self.desk.state)
+        if isinstance(kind, Slider):
+            shown = min(max(value, kind.least), kind.most)
+            widget = gui.add_slider(control.label, kind.least, kind.most, kind.step, shown)
+        elif isinstance(kind, Choice):
+            names = kind.names if value in kind.names else (value, *kind.names)
+            widget = gui.add_dropdown(control.label, names, initial_value=value)
+        elif isinstance(kind, Colour):
+            widget = gui.add_rgb(control.label, value)
+        else:
+            widget = gui.add_vector3(control.label, value, step=1e-4)
+        widget.on_update(self.told(lambda event: self.edit(control.name, event.target.value)))
+        return widget
+
+    def _set(self, widget: Any, value: Any) -> None:
+        if not _same(widget.value, value):
+            widget.value = value
+
+    def _button(self, label: str, act: Callable[[], None]) -> None:
+        self.server.gui.add_button(label).on_click(self.told(lambda _: act()))
+
+    def _add_gizmo(self, control: Control) -> None:
+        """A thing to drag for a place, with its name; a far lamp stands on a ball around the middle of the scene."""
+        away = float(np.linalg.norm(self.desk.scene.camera.position - self.middle))
+        name = f"/lamps/{len(self.gizmos)}"
+        gizmo = self.server.scene.add_transform_controls(name, scale=GIZMO_SHARE * away, disable_rotations=True)
+        self.server.scene.add_label(f"{name}/name", control.folder.partition(" ")[2])
+        self.gizmos[control.name] = gizmo
+        self._place_gizmo(control.name)
+        gizmo.on_update(self.told(lambda event: self._dragged(control.name, event.phase)))
+
+    def _place_gizmo(self, name: str) -> None:
+        if name not in self.gizmos:
+            return
+        control = self.controls[name]
+        assert isinstance(control.kind, Place)
+        place = np.asarray(control.get(self.desk.state), np.float64)
+        if control.kind.away is not None:
+            place = self.middle + place / np.linalg.norm(place) * control.kind.away
+        if not _same(self.gizmos[name].position, place):
+            self.gizmos[name].position = place
+
+    def _dragged(self, name: str, phase: str) -> None:
+        """A viewer drags a lamp."""
+        if name not in self.gizmos:
+            return
+        control, place = self.controls[name], np.asarray(self.gizmos[name].position)
+        assert isinstance(control.kind, Place)
+        if control.kind.away is not None:
+            place = (place - self.middle) / control.kind.away
+        self.edit(name, tuple(place.tolist()))
+        if name in self.widgets:
+            self._set(self.widgets[name], self.controls[name].get(self.desk.state))
+        if phase == "end":
+            self.desk.history.close()
+            self._place_gizmo(name)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two values of a control are alike, but for rounding."""
+    if isinstance(one, str) or isinstance(other, str):
+        return one == other
+    return bool(np.allclose(np.asarray(one, np.float64), np.asarray(other, np.float64), rtol=1e-9, atol=1e-12))
