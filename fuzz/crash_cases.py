@@ -256,6 +256,9 @@ CASES = (
     Case("convert to NRRD", _small_box, ("convert", "box.zarr"), ("out.nrrd",)),
     Case("convert to VTI", _small_box, ("convert", "box.zarr"), ("out.vti",)),
     Case("convert to .vol", _small_box, ("convert", "box.zarr"), ("out.vol",)),
+    Case("convert to HDR", _image, ("convert", "scene.exr"), ("out.hdr",)),
+    Case("convert to TIFF", _image, ("convert", "scene.exr"), ("out.tif",)),
+    Case("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
     Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
     Case(

@@ -214,3 +214,18 @@ def development(path: Path) -> None:
     write_png(path.with_name("a.png"), DEEP)
     develop([path.with_name("a.png")], exposures_s=(0.1,), black=512.0).save(path)
     path.with_name("a.png").unlink()
+
+
+def hdr(path: Path) -> None:
+    """Radiance's HDR, packed."""
+    from hagoromo.files.hdr import write_hdr
+
+    write_hdr(path, np.random.default_rng(7).random((13, 17, 3)).astype(np.float32))
+
+
+def spectral(path: Path) -> None:
+    """Spectral EXR."""
+    from hagoromo.image.spectral_exr import SpectralPicture, write_spectral_exr
+
+    values = np.random.default_rng(8).random((5, 7, 4)).astype(np.float32)
+    write_spectral_exr(path, SpectralPicture(values, np.array([450.0, 500.0, 550.0, 600.0]), True))

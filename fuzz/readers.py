@@ -105,6 +105,12 @@ def _float_exposure(path: Path) -> Any:
     return compare(path, path), _pixels(path)
 
 
+def _picture(path: Path) -> Any:
+    from hagoromo.image.any_picture import read_any_picture
+
+    return read_any_picture(path).linear
+
+
 def _late(module: str, name: str) -> Callable[[Path], Any]:
     """A function of the package by name, imported when it is called: workers start quickly."""
 
@@ -216,6 +222,8 @@ SIMPLE = (
     Reader("tiles.exr", pictures.exr_tiles, _float_exposure, share=0.1),
     Reader("parts.exr", pictures.exr_parts, _pixels, share=0.1),
     Reader("rendered.exr", pictures.rendered, _late("hagoromo.image.image", "read_image")),
+    Reader("a.hdr", pictures.hdr, _picture),
+    Reader("spectral.exr", pictures.spectral, _late("hagoromo.image.spectral_exr", "read_spectral_exr")),
     Reader("8-bit.png", pictures.png, _pixels),
     Reader("16-bit.png", pictures.png_deep, _pixels),
     Reader("palette.png", pictures.png_kinds, _pixels),

@@ -131,7 +131,13 @@ from .image.spectra.spectrum_colour import (
     spectrum_colour as spectrum_colour,
     spectrum_difference as spectrum_difference,
 )
-from .image.compare import Comparison as Comparison, compare as compare
+from .image.compare import Comparison as Comparison, compare as compare, delta_e_map as delta_e_map
+from .image.spectral_exr import (
+    SpectralPicture as SpectralPicture,
+    read_spectral_exr as read_spectral_exr,
+    spectral_picture as spectral_picture,
+    write_spectral_exr as write_spectral_exr,
+)
 from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight

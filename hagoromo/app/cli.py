@@ -42,7 +42,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.names import printable
-from hagoromo.files.whole import names_written, replaceable_file, replaceable_files, whole_folder
+from hagoromo.files.whole import names_written, replaceable_file, replaceable_files, whole_file, whole_folder
 
 DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
 DESCRIPTION = f"From calibrated photographs to measured reflectance, volume boxes and rendered images. {HELP}"
@@ -333,15 +333,28 @@ def batch(
 
 
 @verb(verbs)
-def compare(a: Positional[Path], b: Positional[Path], mask: Path | None = None, peak: float | None = None) -> None:
-    """Two images → JSON on standard output: psnr, ssim, delta_e_2000, relative_rmse.
+def compare(
+    a: Positional[Path],
+    b: Positional[Path],
+    mask: Path | None = None,
+    peak: float | None = None,
+    map: Path | None = None,
+    force: Force = False,
+) -> None:
+    """Two images → JSON on standard output: psnr, ssim, delta_e_2000, relative_rmse; and a map of ΔE00.
 
     Args:
-        a: image, PNG or EXR.
-        b: its reference, of the same kind.
+        a: image: PNG, JPEG, TIFF, EXR or HDR.
+        b: its reference.
         mask: PNG that is not black where the images are compared.
-        peak: value of white in EXR files (default: the largest of the reference).
+        peak: value of white in EXR and HDR files (default: the largest of the reference; needed beside a PNG).
+        map: PNG of ΔE00, pixel by pixel: black is 0, pale yellow 10 and more.
     """
+    if map is not None:
+        from hagoromo.image.compare import map_picture
+
+        with whole_file(map, force) as partial:
+            hg.write_png(partial, map_picture(hg.delta_e_map(a, b, mask, peak)), srgb=True)
     print(finite_json(hg.compare(a, b, mask, peak).record(), "the comparison"))
 
 

@@ -16,7 +16,7 @@ from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 def convert(
     source: Positional[Path],
     out: Out,
-    to: Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"] | None = None,
+    to: Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury", "spectral"] | None = None,
     images: Path | None = None,
     scale: float | None = None,
     window: tuple[float, float] | None = None,
@@ -25,14 +25,17 @@ def convert(
     axis: Path | None = None,
     material: Path | None = None,
     field: Literal["density", "axis", "colour"] = "density",
+    peak: float | None = None,
     force: Force = False,
 ) -> None:
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
-    (NRRD, MetaImage, NIfTI, VTI, TIFF stack, …) → a volume box; a box → NRRD, VTI, .vol.
+    (NRRD, MetaImage, NIfTI, VTI, TIFF stack, …) → a volume box; a box → NRRD, VTI, .vol;
+    a picture → EXR, HDR, TIFF (16 bits), PNG.
 
     Args:
-        source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, Middlebury's _par.txt; a volume or a box.
-        to: format of cameras (default: by the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP).
+        source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, a _par.txt; volume, box, or picture.
+        to: format of cameras (default: by the suffix: .yml OpenCV, .json nerfstudio, .txt Middlebury, none COLMAP); or
+            spectral, the spectra of a rendered EXR in the layout of Fichet et al.
         images: folder of the images; the result is then a capture.
         scale: density that a stored 1 stands for; volumes of whole numbers need it, or a window.
         window: stored numbers of density 0 and of density 1; what lies beyond is cut off.
@@ -40,11 +43,12 @@ def convert(
         mean_free_path_mm: mean free path of light where the density is 1 (default: 0.5).
         axis: volume of the axes of the micro-elements (default: they point down the slope of the density).
         material: TOML with a table [material], as recipes have (default: a matt grey).
+        peak: linear value that a picture for the display shows white (default: 1).
         field: which field of a box is written; VTI holds all.
     """
     from hagoromo.app.formats.convert import VolumeOptions
 
-    options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field)
+    options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak)
     with progress_bar("convert") as progress:
         result = hg.convert(source, out, to, images, force, options, progress)
     if isinstance(result, dict):

@@ -26,16 +26,23 @@ PALETTE = 3  # colour type
 ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 LAST_FILTER = 4  # Paeth's
 PIECE = 1 << 20  # bytes that are unpacked at a time
+AFTER_HEADER = len(SIGNATURE) + 25  # bytes: behind IHDR
 LONGEST_SIDE, MOST_PIXELS = 1_000_000, 1 << 30  # what OpenCV decodes
 
 
-def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16."""
-    write_bytes(path, png_bytes(image))
+def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> None:
+    """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16.
+
+    srgb: say in the file that its colours are sRGB's, so that other programs show them so.
+    """
+    write_bytes(path, png_bytes(image, srgb))
 
 
-def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """The content of a PNG file of `image`: (height, width), (height, width, 3) or (…, 4), uint8 or uint16."""
+def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> bytes:
+    """The content of a PNG file of `image`: (height, width), (height, width, 3) or (…, 4), uint8 or uint16.
+
+    srgb: as of `write_png`.
+    """
     import cv2
 
     if image.dtype not in (np.uint8, np.uint16):
@@ -45,7 +52,12 @@ def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     done, encoded = cv2.imencode(".png", swapped(image))
     if not done:
         raise OSError(f"an image of shape {image.shape} could not be encoded as PNG")
-    return encoded.tobytes()
+    data = encoded.tobytes()
+    return data[:AFTER_HEADER] + SRGB_CHUNKS + data[AFTER_HEADER:] if srgb else data
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
 def png_data_uri(image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
@@ -175,3 +187,11 @@ def _check_lines(packed: Sequence[bytes], lines: Sequence[tuple[int, int]]) -> N
         raise ValueError("there are fewer than its header says")
     if unpacker.unused_data:
         raise ValueError("there is more behind them")
+
+
+# sRGB with the rendering intent perceptual; for programs that do not know it, gamma and primaries (PNG, 11.3.2.5)
+SRGB_CHUNKS = (
+    _chunk(b"sRGB", b"\0")
+    + _chunk(b"gAMA", struct.pack(">I", 45455))
+    + _chunk(b"cHRM", struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000))
+)

@@ -1,4 +1,4 @@
-"""TIFF: images of 8 or 16 bits or float, as cameras and other programs write them. Read only."""
+"""TIFF: images of 8 or 16 bits or float, as cameras and other programs write them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hagoromo.files.memory import require
 from hagoromo.files.png import swapped
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import opencv_silenced, tifffile_silenced
+from hagoromo.files.whole import whole_file
 
 PIXEL_TYPES = (np.uint8, np.uint16, np.float32)
 
@@ -47,6 +48,15 @@ def read_tiff(path: str | Path) -> NDArray:
     if image.shape != shape or image.dtype != kind:
         raise InputError(f"{source} is cut off or damaged: copy it again")
     return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
+
+
+def write_tiff(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    """Write display values (height, width[, 3]), 8 or 16 bits, packed without loss."""
+    import tifffile
+
+    with whole_file(path, force=True) as partial:
+        kind = "rgb" if image.ndim == 3 else "minisblack"
+        tifffile.imwrite(partial, image, photometric=kind, compression="deflate", software="", datetime=False)
 
 
 def _unpacked(path: Path) -> NDArray:

@@ -10,19 +10,20 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.exr import read_exr
+from hagoromo.files.exr import read_header
 from hagoromo.files.png import read_png
+from hagoromo.image.any_picture import AnyPicture, picture_of, read_any_picture
 from hagoromo.image.image import Image
 from hagoromo.light.colour import delta_e_2000, srgb_decode
 
 WINDOW = 11  # px, side of the window of ssim: 3.5 standard deviations of 1.5 px to either side
-RGB = ("R", "G", "B")
+MAP_WHITE = 10.0  # ΔE00 that a map shows brightest
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,6 @@ class Comparison:
         return asdict(self)
 
 
-class _Picture(NamedTuple):
-    """values: (height, width, 1 or 3), linear or, where `displayed`, display values in 0…1."""
-
-    name: str
-    values: NDArray[np.float64]
-    displayed: bool
-
-
 def compare(
     a: str | Path | ArrayLike | Image,
     b: str | Path | ArrayLike | Image,
@@ -59,19 +52,64 @@ def compare(
 ) -> Comparison:
     """Differences of image `a` from its reference `b`, where `mask` is not black.
 
-    a, b: two PNG or two EXR files, arrays (height, width[, 1 or 3]) or `Image`s. mask: a PNG file or an array (height,
-    width). peak: of linear images, the value that is white. `InputError` for one image of display values and one of
-    linear values, a peak of display values or one that is not above 0, sizes that differ, values that are not finite,
-    and an empty mask.
+    a, b: files (PNG, JPEG, TIFF, EXR, HDR), arrays (height, width[, 1 or 3]) or `Image`s. mask: a PNG file or an array
+    (height, width). peak: of linear images, the value that is white; with it, display values and linear ones are
+    compared, as linear. `InputError` for that without a peak, a peak of two images of display values or one that is
+    not above 0, sizes that differ, values that are not finite, and an empty mask.
 
     >>> reference = np.full((16, 16, 3), 0.5)
     >>> difference = hg.compare(1.02 * reference, reference, peak=1.0)
     >>> round(difference.relative_rmse, 4), round(difference.psnr), difference.pixels  # psnr: 20 log10(1/0.01) dB
     (0.02, 40, 256)
     """
+    one, other, inside = _alike(a, b, mask, peak)
+    return _differences(one.values, other.values, inside, 1.0 if one.displayed else peak, one.displayed)
+
+
+def delta_e_map(
+    a: str | Path | ArrayLike | Image,
+    b: str | Path | ArrayLike | Image,
+    mask: str | Path | ArrayLike | None = None,
+    peak: float | None = None,
+) -> NDArray[np.float64]:
+    """CIEDE2000 of each pixel of image `a` from its reference `b`: (height, width), 0 outside `mask`; see `compare`.
+
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> bool((hg.delta_e_map(1.02 * reference, reference, peak=1.0) > 0.3).all())
+    True
+    """
+    one, other, inside = _alike(a, b, mask, peak)
+    white = float(other.values[inside].max()) if peak is None else peak
+    if not white > 0.0:
+        raise InputError("the reference is black: there is nothing to compare with")
+    linear = [each.linear if each.displayed else np.clip(each.values / white, 0.0, None) for each in (one, other)]
+    linear = [np.where(inside[..., None], each, 0.0) for each in linear]
+    return np.asarray(delta_e_2000(*(np.broadcast_to(each, (*inside.shape, 3)) for each in linear)))
+
+
+def map_picture(map_of: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """ΔE00 0 to MAP_WHITE as Matplotlib's colours inferno, black to pale yellow: (height, width, 3)."""
+    import matplotlib
+
+    return matplotlib.colormaps["inferno"](np.clip(map_of / MAP_WHITE, 0.0, 1.0), bytes=True)[..., :3]
+
+
+def _alike(
+    a: Any, b: Any, mask: str | Path | ArrayLike | None, peak: float | None
+) -> tuple[AnyPicture, AnyPicture, NDArray[np.bool_]]:
+    """Both pictures, of one size and both linear or both display values, and where they are compared."""
     one, other = _read(a, "the first image"), _read(b, "the second image")
     if one.displayed != other.displayed:
-        raise InputError(f"{one.name} and {other.name} cannot be compared: give two PNG or two EXR files")
+        if peak is None:
+            raise InputError(
+                f"{one.name} and {other.name} cannot be compared: give two PNG or two EXR files, or the linear value "
+                f"that is white, the peak (--peak)"
+            )
+        if not 0.0 < peak < np.inf:
+            raise InputError(f"the peak is {peak}: give a number above 0")
+        one, other = (
+            AnyPicture(each.name, each.linear * (peak if each.displayed else 1.0), False) for each in (one, other)
+        )
     if peak is not None and (one.displayed or not 0.0 < peak < np.inf):
         raise InputError(f"the peak is {peak}: give a number above 0, for EXR files (a PNG's is the display's white)")
     if one.values.shape != other.values.shape:
@@ -81,7 +119,7 @@ def compare(
     for picture in (one, other):
         if not np.isfinite(picture.values[inside]).all():
             raise InputError(f"{picture.name} has values that are not finite: mask them")
-    return _differences(one.values, other.values, inside, 1.0 if one.displayed else peak, one.displayed)
+    return one, other, inside
 
 
 def _differences(
@@ -114,37 +152,14 @@ def _differences(
     )
 
 
-def _read(source: str | Path | ArrayLike | Image, unnamed: str) -> _Picture:
-    """Of an EXR its R, G, B or its only channel; of a PNG or whole numbers their share of the largest number."""
+def _read(source: str | Path | ArrayLike | Image, unnamed: str) -> AnyPicture:
     if isinstance(source, Image):
-        return _Picture(unnamed, source.linear_srgb().astype(np.float64), False)
+        return AnyPicture(unnamed, source.linear_srgb().astype(np.float64), False)
     if not isinstance(source, (str, Path)):
-        return _picture(unnamed, np.asarray(source))
-    suffix = Path(source).suffix.lower()
-    if suffix == ".png":
-        return _picture(str(source), read_png(source))
-    if suffix != ".exr":
-        raise InputError(f"{source} cannot be compared: give two PNG or two EXR files")
-    layers, header = read_exr(source)
-    if "denoised" in header:
+        return picture_of(unnamed, np.asarray(source))
+    if Path(source).suffix.lower() == ".exr" and "denoised" in read_header(source):
         raise InputError(f"{source} was denoised, so that its noise is guessed away: compare the picture without")
-    names = RGB if set(RGB) <= set(layers) else tuple(layers)
-    if len(names) not in (1, 3):
-        raise InputError(
-            f"{source} has the channels {', '.join(layers)}: give an EXR with R, G and B, or with one channel"
-        )
-    return _picture(str(source), np.stack([layers[name] for name in names], axis=2))
-
-
-def _picture(name: str, image: NDArray) -> _Picture:
-    if image.ndim not in (2, 3):
-        raise InputError(f"{name} has the shape {image.shape}: give (height, width) or (height, width, channels)")
-    displayed = image.dtype.kind in "ui"
-    values = image.astype(np.float64) / (np.iinfo(image.dtype).max if displayed else 1.0)
-    values = values[..., None] if values.ndim == 2 else values[..., :3]
-    if values.shape[2] not in (1, 3):
-        raise InputError(f"{name} has {values.shape[2]} channels: give one or three")
-    return _Picture(name, values, displayed)
+    return read_any_picture(source)
 
 
 def _read_mask(mask: str | Path | ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -213,7 +213,7 @@ class Image:
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
-            write_png(png, srgb_encode(shown * auto_exposure(shown, self.alpha)))
+            write_png(png, srgb_encode(shown * auto_exposure(shown, self.alpha)), srgb=True)
         return [target, picture]
 
     def _parts(self, response: Response | None, names: Sequence[str]) -> dict[str, NDArray]:

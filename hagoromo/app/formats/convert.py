@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from hagoromo.app.formats.find import format_of
 from hagoromo.app.formats.table import FORMATS, suffixes
@@ -15,11 +15,14 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.whole import replaceable_file
+from hagoromo.image.any_picture import convert_picture
+from hagoromo.image.image import read_image
+from hagoromo.image.spectral_exr import spectral_picture, write_spectral_exr
 from hagoromo.photograph.gather import gather, size_of_images
 from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
 from hagoromo.progress import Progress, silent
 
-BOX = ".zarr"
+BOX, SPECTRAL = ".zarr", "spectral"
 NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0, "name": "neutral"}
 
 
@@ -27,6 +30,7 @@ NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.
 class VolumeOptions:
     """What a volume file does not say of a box, and which field of a box is written; see the recipes of kind volume.
 
+    peak: of a picture that becomes one for the display, the linear value that is white.
     material: TOML with the table [material] of recipes; None: a matt grey that sends back π/4 of the light.
     """
 
@@ -37,12 +41,13 @@ class VolumeOptions:
     axis: Path | None = None
     material: Path | None = None
     field: Field = "density"
+    peak: float | None = None
 
 
 def convert(
     source: str | Path,
     out: str | Path,
-    to: CameraFormat | None = None,
+    to: CameraFormat | Literal["spectral"] | None = None,
     images: str | Path | None = None,
     force: bool = False,
     volume: VolumeOptions | None = None,
@@ -52,6 +57,7 @@ def convert(
 
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
+    A picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as NRRD, VTI or .vol. `volume`:
     what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and contradictions.
 
@@ -71,10 +77,14 @@ def convert(
         return _volume_in(source, out, volume or VolumeOptions(), force, progress)
     if found.holds == "box":
         return _volume_out(source, out, volume or VolumeOptions(), force)
+    if found.holds == "picture":
+        return _picture(source, out, to, volume or VolumeOptions(), force)
     if found.holds not in ("cameras", "result"):
         raise InputError(f"{source} is {found.name}, which is not converted: {suffixes('cameras', 'volume')} are")
     if images is None:
         views = read_views(source)
+        if to == SPECTRAL:
+            raise InputError(f"{source} holds cameras: spectral is for a rendered image (EXR)")
         write_views(out, views, to, force)
         return views
     if to is not None:
@@ -84,6 +94,17 @@ def convert(
     capture = gather(read_views(source, size_of_images(images)), images)
     capture.save(out, force)
     return capture
+
+
+def _picture(source: str | Path, out: Path, to: str | None, options: VolumeOptions, force: bool) -> None:
+    """A picture as another, or the spectral radiance of a rendered image."""
+    if to != SPECTRAL:
+        convert_picture(source, out, options.peak, force)
+        return
+    if out.suffix.lower() != ".exr":
+        raise InputError(f"a spectral picture is an EXR: give --out NAME.exr, given {out.name}")
+    replaceable_file(out, force)
+    write_spectral_exr(out, spectral_picture(read_image(source)))
 
 
 def _volume_in(source: str | Path, out: Path, options: VolumeOptions, force: bool, progress: Progress) -> None:

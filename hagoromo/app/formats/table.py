@@ -37,14 +37,24 @@ PICTURES = (
     ),
     Format(
         "PNG", "picture", (".png",), "hagoromo.files.png:read_png", "hagoromo.files.png:write_png", "OpenCV", "Pillow",
-        "colour profiles are not applied",
+        "colour profiles are not applied; pictures for people say that they are sRGB",
+    ),
+    Format(
+        "Radiance HDR", "picture", (".hdr",), "hagoromo.files.hdr:read_hdr", "hagoromo.files.hdr:write_hdr", "OpenCV",
+        "our own bytes", "EXPOSURE and PRIMARIES; out: 8 bits of the brightest channel, what is below 0",
+    ),
+    Format(
+        "spectral EXR (Fichet et al.)", "picture", (".exr",), "hagoromo.image.spectral_exr:read_spectral_exr",
+        "hagoromo.image.spectral_exr:write_spectral_exr", "as OpenEXR", "OpenEXR, colour-science",
+        "polarisation, bispectral channels; out: one spectrum a pixel in place of the weights",
     ),
     Format(
         "JPEG", "picture", (".jpg", ".jpeg"), "hagoromo.files.picture:read_picture", "", "OpenCV", "Pillow",
         "colour profiles are not applied",
     ),
     Format(
-        "TIFF", "picture", (".tif", ".tiff"), "hagoromo.files.tiff:read_tiff", "", "tifffile, OpenCV", "Pillow",
+        "TIFF", "picture", (".tif", ".tiff"), "hagoromo.files.tiff:read_tiff", "hagoromo.files.tiff:write_tiff",
+        "tifffile, OpenCV", "Pillow",
         "all pages but the first, colour profiles",
     ),
     Format("camera RAW", "picture", RAW_SUFFIXES, "hagoromo.files.raw:read_raw", "", "rawpy", "tifffile", "notes"),
