@@ -23,7 +23,7 @@ data: $(READY)
 	$(BIN)/python -m tests.data
 
 demo: $(READY)
-	$(BIN)/hagoromo demo --out out/demo --force
+	$(BIN)/hagoromo demo --out out/demo --force --open-page
 
 test: $(READY)
 	$(BIN)/ruff check --quiet .

@@ -277,6 +277,8 @@ def _filled(case: Case, folder: Path, force: bool, point: int, way: str, old: Se
         wrong = _neither(case, *(states(case, one) for one in (found, old, new)))
         left = sorted(set(found) - set(old) - set(new))
         wrong = wrong or (f"left behind: {', '.join(left[:5])}" if left else "")
+    elif case.grows and states(case, found) != states(case, old):
+        wrong = _neither(case, *(states(case, one) for one in (found, old, new)))
     elif case.resumes:
         wrong = "" if states(case, found) == states(case, old) else "the target has changed"
     else:
@@ -292,9 +294,15 @@ def _filled(case: Case, folder: Path, force: bool, point: int, way: str, old: Se
 def _neither(case: Case, found: list[Seen], old: list[Seen], new: list[Seen]) -> str:
     """The first target that is neither old nor new; "" if there is none."""
     for name, state, before, after in zip(case.targets, found, old, new, strict=True):
-        if state not in (before, after):
+        if state not in (before, after) and not (case.grows and _has_grown(name, state, after)):
             return f"{name} is {'lost' if not state else 'neither old nor new'}"
     return ""
+
+
+def _has_grown(name: str, state: Seen, after: Seen) -> bool:
+    """Whether a folder has its page, and no file that the whole one lacks, but for work that was cut off."""
+    plain = {path for path in state if not any(part.startswith(".") for part in path.split("/"))}
+    return f"{name}/report.html" in plain and plain <= after.keys()
 
 
 def _unlike(found: Seen, wanted: Seen) -> str:

@@ -56,8 +56,9 @@ class Case:
 
     A target without suffix, or with .zarr, is a folder. out: the argument of --out, if it is not the first target.
     apart: the targets do not belong together, each is old or new, whatever the others are. resumes: whether its work is
-    kept after a fault. forces: whether it has --force; what has not always replaces. fails: exit statuses for a full
-    disk. slow: so many times fewer points are tried. prepare: called once in the process that runs it.
+    kept after a fault. grows: the first target has a report.html early, whole, and gets more files. forces: whether it
+    has --force; what has not always replaces. fails: exit statuses for a full disk. slow: so many times fewer points
+    are tried. prepare: called once in the process that runs it.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Case:
     out: str = ""
     apart: bool = False
     resumes: bool = False
+    grows: bool = False
     forces: bool = True
     fails: tuple[int, ...] = (2,)
     slow: int = 1
@@ -297,5 +299,5 @@ CASES = (
         "batch", _batch, ("batch", "batch.toml"), ("out/models/a", "out/models/b", "out/yaml/a.yml", "out/yaml/b.yml"),
         out="out", apart=True, fails=(1, 2),
     ),
-    Case("demo", _nothing, ("demo",), ("out",), slow=15, prepare=_smaller_demo),
+    Case("demo", _nothing, ("demo",), ("out",), grows=True, slow=15, prepare=_smaller_demo),
 )  # fmt: skip

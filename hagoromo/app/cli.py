@@ -25,6 +25,7 @@ import hagoromo as hg
 from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app import convert_verb as convert_verb
+from hagoromo.app import demo_verb as demo_verb
 from hagoromo.app import exporting as exporting
 from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import spectra_verb as spectra_verb
@@ -119,18 +120,6 @@ def _from_box(text: str) -> str:
     rows = [ANSI.sub("", row).strip("│|╭╮╰╯+ ") for row in text.splitlines()[1:-1]]
     clauses = " ".join("\n" if set(row) in ({"─"}, {"-"}) else row for row in rows).split("\n")
     return "; ".join(printable(clause) for clause in clauses if clause.strip())
-
-
-@verb(verbs)
-def demo(out: Out, size: Literal["small", "full"] = "small", force: Force = False) -> None:
-    """The paper end to end: simulated photographs, measurement, volume boxes, figures 6–8, report.html.
-
-    Args:
-        size: small takes minutes on two cores; full makes larger pictures.
-    """
-    with progress_bar("demo") as progress:
-        report = hg.demo(out, size=size, force=force, progress=progress)
-    wrote(report)
 
 
 @verb(verbs)

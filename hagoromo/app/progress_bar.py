@@ -19,8 +19,8 @@ LINE_SHARE = 0.1  # of the work, after which a line is due
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Progress]:
-    """Progress of the command called `title`, shown on standard error.
+def progress_bar(title: str, by_step: bool = False) -> Iterator[Progress]:
+    """Progress of the command called `title`, shown on standard error. by_step: without a terminal, a line a step.
 
     Each call raises `KeyboardInterrupt` if the command was interrupted and the interrupt was swallowed.
     """
@@ -28,7 +28,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         yield _heeded
         return
     if not sys.stderr.isatty():
-        yield progress_lines(title)
+        yield step_lines(title) if by_step else progress_lines(title)
         return
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -69,6 +69,30 @@ def progress_lines(title: str, clock: Callable[[], float] = time.monotonic) -> P
         last_s, last_share, last_step = clock(), share, step
         parts = [f"{100.0 * share:.0f} %", escaped(step), time_left(share, last_s - start)]
         print(f"{title}: {', '.join(part for part in parts if part)}", file=sys.stderr, flush=True)
+
+    return shown
+
+
+def step_lines(title: str, clock: Callable[[], float] = time.monotonic) -> Progress:
+    """Progress as a plain line on standard error for each step that is done, with its time and that of all so far.
+
+    A step is what stands before the first colon of what is said.
+    """
+    start = last_s = clock()
+    last_step = ""
+
+    def shown(share: float, step: str = "") -> None:
+        nonlocal last_s, last_step
+        heed()
+        step = step.split(":")[0]
+        if step == last_step:
+            return
+        now = clock()
+        if last_step:
+            spent = f"{now - last_s:.1f} s, {now - start:.0f} s in all"
+            parts = [f"{escaped(last_step)} took {spent}", f"{100.0 * share:.0f} %", time_left(share, now - start)]
+            print(f"{title}: {', '.join(part for part in parts if part)}", file=sys.stderr, flush=True)
+        last_s, last_step = now, step
 
     return shown
 

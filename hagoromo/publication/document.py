@@ -17,6 +17,7 @@ from hagoromo.version import __version__
 
 FOLDER = "page"
 STACK_MARK = "// <stack.js>\n"
+WIDE = 2.0  # width of a picture over its height, from which its controls stand below it
 ABOUT = "Measured from photographs; lit as it was measured."
 
 
@@ -51,7 +52,10 @@ def viewer_html(viewer: Viewer, alone: bool = False) -> Markup:
     blocks += [(f"hv-tile-{key}", "text/plain", text) for key, text in viewer.tiles.items()]
     blocks += [(key, "text/plain", text) for key, text in viewer.photographs.items()]
     held = "\n".join(f'<script type="{kind}" id="{key}">{text}</script>' for key, kind, text in blocks)
-    return Markup(f"{part('viewer.html')}{held}\n<script>{script()}</script>")
+    html = part("viewer.html")
+    if viewer.data["width"] > WIDE * viewer.data["height"]:
+        html = html.replace('class="hv"', 'class="hv hv-wide"', 1)
+    return Markup(f"{html}{held}\n<script>{script()}</script>")
 
 
 @cache

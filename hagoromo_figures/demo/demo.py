@@ -1,9 +1,14 @@
-"""Demo: the paper end to end: simulated photographs → measurement → volume boxes → figures 6–8 → report.html."""
+"""Demo: the paper end to end: simulated photographs → measurement → volume boxes → figures 6–8 → report.html.
+
+The page is there as soon as the materials are measured, and grows with every figure. Photographs with their
+measurement, volume boxes and figures come from the cache where they were made before.
+"""
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -11,143 +16,136 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo import __version__, backend
-from hagoromo.camera.camera import Camera
+from hagoromo.cluster.cluster import workers_of
 from hagoromo.errors import InputError
-from hagoromo.files.record import write_json
-from hagoromo.files.whole import whole_folder
-from hagoromo.image.image import Image, read_image
-from hagoromo.image.render import render
-from hagoromo.image.settings import Settings
-from hagoromo.image.simulate import simulate, visible_shape
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.known_shape import measure_known_shape
-from hagoromo.photograph.capture import load_capture, save_capture
+from hagoromo.files.cache import cache
+from hagoromo.files.record import read_json, write_json
+from hagoromo.files.whole import whole_folder, write_bytes
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo_figures.demo.figures import PAPER_FIGURES, Cast
-from hagoromo_figures.demo.measurement import coverage, named, rightly_labelled, rows
-from hagoromo_figures.demo.relit import relit
-from hagoromo_figures.demo.report import Report, write_report
-from hagoromo_figures.demo.samples import FOCAL_MM, LAMP_SPECTRUM, PRESET, bench, bench_camera, true_reflectances
+from hagoromo.reflectance.material.materials_file import read_materials
+from hagoromo_figures.demo.drawn import Files, drawn
+from hagoromo_figures.demo.measured import measured, reflectances_of
+from hagoromo_figures.demo.report import Report, write_growing, write_report
+from hagoromo_figures.demo.size import SIZES, Size
 
-LAMPS_MEASURED = 3  # number of lamps for the measurement; the photograph under the last is held out
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
-
-
-@dataclass(frozen=True)
-class Size:
-    """Size of the demo: binning and rays per pixel of capture and figures; resolution and names of the figures.
-
-    without: parts that no figure has.
-    """
-
-    capture_binning: int
-    capture_samples: int
-    figure_binning: int
-    figure_samples: int
-    resolution: float
-    figures: tuple[str, ...] = tuple(PAPER_FIGURES)
-    seed: int = 1
-    without: tuple[str, ...] = ()
-
-
-SIZES = {
-    "tiny": Size(
-        capture_binning=8,
-        capture_samples=1,
-        figure_binning=16,
-        figure_samples=1,
-        resolution=0.4,
-        figures=("figure_7_skin",),
-        without=("habit", "linen", "veil"),  # to drape and weave them takes most of the time
-    ),
-    "small": Size(capture_binning=2, capture_samples=4, figure_binning=4, figure_samples=4, resolution=0.5),
-    "full": Size(capture_binning=2, capture_samples=4, figure_binning=2, figure_samples=4, resolution=1.0),
-}
-SHARES = {"capture": 0.1, "measurement": 0.15, "relit view": 0.05, "figures": 0.68, "report": 0.02}  # of the time
+MEASURED, DRAWN = 0.15, 0.98  # of the time, when the materials are measured, and when the figures are there
+NOTE = "results.json"
 
 
 @dataclass
-class Stages:
-    """Report progress by stage, and record the duration of each stage [s]."""
+class Steps:
+    """Tells of the progress by steps, and records how long each took [s]."""
 
     progress: Progress
     seconds: dict[str, float] = field(default_factory=dict)
-    done: float = 0.0
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Progress]:
-        """Progress of the stage called `name`."""
-        start, share = time.perf_counter(), SHARES[name]
-        self.progress(self.done, name)
-        yield part_of(self.progress, self.done, share, name)
-        self.done += share
+    def step(self, name: str, begin: float, end: float) -> Iterator[Progress]:
+        """Progress of the step called `name`, from share `begin` to `end` of the whole."""
+        start = time.perf_counter()
+        self.progress(begin, name)
+        yield part_of(self.progress, begin, end - begin, name)
         self.seconds[name] = time.perf_counter() - start
 
 
-def demo(out: str | Path, size: str = "small", force: bool = False, progress: Progress = silent) -> Path:
-    """Run the demo into the folder `out`, completely or not at all; returns the path of its report.html.
+def demo(
+    out: str | Path,
+    size: str = "small",
+    force: bool = False,
+    progress: Progress = silent,
+    scheduler: str | int | None = None,
+    opened: Callable[[Path], object] = lambda page: None,
+) -> Path:
+    """Run the demo into the folder `out`; returns the path of its report.html.
 
     size: small (minutes on two cores) or full (larger pictures, finer boxes). The same size gives the same numbers.
-    `InputError` for an unknown size or an existing folder without `force`.
+    scheduler: see `render`; its workers draw the figures. opened: is called with the page once it is there, before the
+    figures: it shows what was measured, and each figure once it is drawn.
+
+    The folder appears with that page, whole; a run that ends before the last figure leaves it so, and the same command
+    begins anew. `InputError` for an unknown size or an existing folder without `force`.
     """
     if size not in SIZES:
         raise InputError(f"size is {size!r}: give one of small, full")
-    stages = Stages(progress)
-    with whole_folder(out, force) as home:
-        _run(home, size, SIZES[size], stages)
-    stages.progress(1.0, "")
-    return Path(out) / "report.html"
+    steps, target = Steps(progress), Path(out)
+    with whole_folder(target, force or _is_unfinished(target)) as home:
+        report = _begun(home, size, SIZES[size], steps)
+    opened(target / "report.html")
+    for name, files in _figures(target, SIZES[size], steps, scheduler):
+        for suffix, data in files.items():
+            write_bytes(target / "figures" / f"{name}{suffix}", data)
+        report.figures.append(name)
+        write_growing(target, report, steps.seconds)
+    with steps.step("report", DRAWN, 1.0):
+        record = {**report.record, "seconds": {key: round(value, 2) for key, value in steps.seconds.items()}}
+        write_report(target, Report(record, report.part, report.figures))
+        write_growing(target, report, steps.seconds)
+        write_json(target / NOTE, record | {"finished": True})
+    progress(1.0, "")
+    return target / "report.html"
 
 
-def _run(home: Path, name: str, size: Size, stages: Stages) -> None:
-    camera = bench_camera(size.capture_binning)
-    response, lamp = camera.response, Spectrum.named(LAMP_SPECTRUM)
-    assert response is not None
-    truth = true_reflectances(camera)
-    samples = bench(truth, camera)
-    settings = Settings(samples=size.capture_samples, seed=size.seed)
-    with stages.stage("capture") as progress:
-        save_capture(simulate(samples, settings, "samples", progress, percentile=100.0), home / "capture")
-        surface = visible_shape(samples).surface
-    with stages.stage("measurement") as progress:
-        capture = load_capture(home / "capture", frames=slice(0, LAMPS_MEASURED))
-        measurement = named(measure_known_shape(capture, progress=progress), surface, list(truth))
-        (home / "measure").mkdir()
-        measurement.write_into(home / "measure")
-        table = rows(measurement.materials, truth, response, lamp)
-        reflectances = {material.name: material.reflectance(response, lamp) for material in measurement.materials}
-    with stages.stage("relit view"):
-        aside = load_capture(home / "capture", frames=slice(LAMPS_MEASURED, None)).photographs[0]
-        view = relit(samples, reflectances, aside, surface >= 0, settings)
-        view.write(home / "relit")
-    with stages.stage("figures") as progress:
-        figures = _figures(home, reflectances, size, progress)
-    with stages.stage("report"):
+def _begun(home: Path, name: str, size: Size, steps: Steps) -> Report:
+    """All but the figures, in `home`."""
+    with steps.step("measurement", 0.0, MEASURED) as progress:
+        part = cache().kept(
+            ["measured", size.of_capture(), len(size.figures)],
+            lambda folder: _copied(folder, home),
+            lambda: measured(home, size, progress),
+            lambda part, folder: _keep(part, folder, home),
+        )
+        (home / "figures").mkdir()
         record = {
             "hagoromo": __version__,
             "backend": backend.name(),
             "versions": {package: version(package) for package in PACKAGES},
             "size": {"name": name, **asdict(size)},
-            "table": [row.record() for row in table],
-            "coverage": coverage(table),
-            "rightly_labelled": rightly_labelled(measurement, surface, list(truth)),
-            "relit": {"measured": view.measured, "ideal": view.ideal},
-            "seconds": {key: round(value, 2) for key, value in stages.seconds.items()},
+            **part["record"],
         }
-        write_json(home / "results.json", record)
-        report = Report(record, capture, aside, measurement, table, truth, reflectances, view, figures)
-        write_report(home / "report.html", report)
+        report = Report(record, part, [])
+    write_report(home, report)
+    write_growing(home, report, steps.seconds)
+    write_json(home / NOTE, record | {"finished": False})
+    return report
 
 
-def _figures(home: Path, reflectances: dict[str, Any], size: Size, progress: Progress) -> dict[str, Image]:
-    """Render every figure to EXR and PNG; returns the images as read from their files."""
-    camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
-    (home / "figures").mkdir()
-    cast = Cast(reflectances, size.resolution, size.seed, size.without)
-    for k, figure in enumerate(size.figures):
-        of_figure = part_of(progress, k / len(size.figures), 1.0 / len(size.figures), figure.replace("_", " "))
-        scene = cast.scene(figure, camera, part_of(of_figure, 0.0, 0.5, "boxes"))
-        settings = Settings(samples=size.figure_samples, seed=size.seed)
-        image = render(scene, settings, part_of(of_figure, 0.5, 0.5, "rays"))
-        image.save(home / "figures" / f"{figure}.exr", camera.response)
-    return {figure: read_image(home / "figures" / f"{figure}.exr") for figure in size.figures}
+def _keep(part: dict[str, Any], folder: Path, home: Path) -> None:
+    shutil.copytree(home, folder / "files")
+    write_json(folder / "part.json", part)
+
+
+def _copied(folder: Path, home: Path) -> dict[str, Any]:
+    """A part of the cache, whose files are copied to `home`."""
+    part = read_json(folder / "part.json")
+    shutil.copytree(folder / "files", home, dirs_exist_ok=True)
+    return part
+
+
+def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) -> Iterator[tuple[str, Files]]:
+    """Every figure once it is drawn, here or on the workers of `scheduler`."""
+    found = reflectances_of(read_materials(home / "measure" / "materials.json"), size)
+    materials = {name: reflectance.record() for name, reflectance in found.items()}
+    shares = [MEASURED + (DRAWN - MEASURED) * k / len(size.figures) for k in range(len(size.figures) + 1)]
+    if scheduler is None:
+        for name, begin, end in zip(size.figures, shares, shares[1:], strict=False):
+            with steps.step(name.replace("_", " "), begin, end) as progress:
+                files = drawn(name, materials, size, progress)
+            yield name, files
+        return
+    start = time.perf_counter()
+    with workers_of(scheduler) as cluster:
+        for done, (number, files) in enumerate(cluster.results(drawn, ((n, materials, size) for n in size.figures))):
+            name = size.figures[number].replace("_", " ")
+            steps.progress(shares[done + 1], name)
+            steps.seconds[name], start = time.perf_counter() - start, time.perf_counter()
+            yield size.figures[number], files
+
+
+def _is_unfinished(target: Path) -> bool:
+    """Whether a folder is that of a demo that ended before its last figure."""
+    try:
+        note = read_json(target / NOTE)
+    except (InputError, OSError):
+        return False
+    return isinstance(note, dict) and note.get("finished") is False

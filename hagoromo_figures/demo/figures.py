@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.kept_box import kept_box
 from hagoromo.progress import Progress
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
@@ -102,7 +103,10 @@ class Cast:
     def _box(self, who: str, part: str) -> VolumeBox:
         if (who, part) not in self._boxes:
             material = self.materials[PART_MATERIALS[who][part]]
-            self._boxes[who, part] = figure_part(who, part, material, self.resolution, self.seed).box()
+            self._boxes[who, part] = kept_box(
+                [who, part, material.record(), self.resolution, self.seed],
+                lambda: figure_part(who, part, material, self.resolution, self.seed).box(),
+            )
         return self._boxes[who, part]
 
 

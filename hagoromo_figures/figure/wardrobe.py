@@ -27,7 +27,7 @@ PATH = 0.035  # mean free path of light in fibres
 HEM = 3.0  # voxels of the chart over which presence falls at a hem
 NARROW = 3.0  # [voxels of the chart] width of the narrowest fold that the chart resolves
 CHART_MARGIN = 2.0  # voxels of the chart around the cloth
-COARSEST = 0.75  # least resolution of the drape: a coarser grid folds the cloth so sharply that its chart has gaps
+COARSEST = 0.77  # least resolution of the drape: a coarser grid folds so sharply that its chart has gaps
 
 
 class Garment(NamedTuple):

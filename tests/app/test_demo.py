@@ -1,12 +1,18 @@
 """The demo runs the paper end to end, says what is true of it, and leaves all or nothing."""
 
 import base64
+import io
+import pickle
 import re
+import shutil
+from contextlib import contextmanager, redirect_stderr
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
+from hagoromo.app.progress_bar import step_lines
 from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.errors import InputError
@@ -16,7 +22,10 @@ from hagoromo.image.image import read_image
 from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture
+from hagoromo.publication.document import script_hash
 from hagoromo.reflectance.material.materials_file import read_materials
+from hagoromo_figures.demo import demo as module
+from hagoromo_figures.demo import drawn as drawing
 from hagoromo_figures.demo.demo import SIZES, demo
 from hagoromo_figures.demo.samples import bench, bench_camera, true_reflectances
 from tests.judges import intervals_hold
@@ -29,12 +38,30 @@ def told():
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory, told):
+def kept(tmp_path_factory):
+    """The folder of a cache."""
+    return tmp_path_factory.mktemp("cache") / "kept"
+
+
+@pytest.fixture(scope="module")
+def first_page(tmp_path_factory):
+    """Where the folder is copied to once the page is there."""
+    return tmp_path_factory.mktemp("first") / "out"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory, told, kept, first_page):
     """The folder of a tiny demo."""
     folder = tmp_path_factory.mktemp("demo") / "out"
-    assert (
-        demo(folder, size="tiny", progress=lambda share, step="": told.append((share, step))) == folder / "report.html"
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HAGOROMO_CACHE", str(kept))
+        made = demo(
+            folder,
+            size="tiny",
+            progress=lambda share, step="": told.append((share, step)),
+            opened=lambda page: shutil.copytree(page.parent, first_page),
+        )
+    assert made == folder / "report.html"
     return folder
 
 
@@ -75,8 +102,13 @@ def test_the_measurement_never_saw_the_lamp_kept_aside(out):
 
 
 def test_the_page_is_self_contained(page):
-    """All that it shows is inside: no script, no link, no image but data; every image decodes."""
-    assert "<script" not in page and "<link" not in page and "@import" not in page
+    """All that it shows is inside: no script but the viewer's own, no link, no image but data; every image decodes."""
+    assert "<link" not in page and "@import" not in page and "<iframe" not in page
+    assert page.count(f"script-src {script_hash()};") == 1 and page.count("default-src 'none'") == 1
+    kinds = re.findall(r"<script([^>]*)>", page)
+    assert kinds.count("") == 1 and all(
+        re.match(r'( type="(application/json|text/plain)" id="hv-.*)?$', k) for k in kinds
+    )
     addresses = set(re.findall(r'https?://[^"\s)]+', page))
     assert all(address.startswith("http://www.w3.org/") for address in addresses), addresses  # names of XML only
     sources = re.findall(r'src="([^"]*)"', page)
@@ -84,7 +116,7 @@ def test_the_page_is_self_contained(page):
     for source in sources:
         data = base64.b64decode(source.split(",", 1)[1])
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) is not None
-    assert page.count("<svg") == page.count("</svg>") == 3
+    assert page.count("<svg") == page.count("</svg>") == 3 + 2  # two are the viewer's
 
 
 def test_the_page_says_what_was_measured(out, page):
@@ -115,7 +147,7 @@ def test_boxes_hold_what_was_measured(out):
 def test_progress_is_told_by_stage_and_only_rises(told, out):
     shares = [share for share, _ in told]
     assert shares == sorted(shares) and shares[-1] == 1.0
-    for stage in ("capture", "measurement", "relit view", "figures", "report"):
+    for stage in ("measurement: photographs", "measurement: materials", "figure 7 skin: rays", "report"):
         assert any(step.startswith(stage) for _, step in told)
 
 
@@ -132,6 +164,88 @@ def test_an_interrupt_leaves_nothing(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         demo(tmp_path / "new" / "out", size="tiny", progress=interrupted)
     assert [path for path in tmp_path.rglob("*") if path.name != "new"] == []
+
+
+def test_the_page_begins_with_the_samples_and_what_was_found(page):
+    """First what can be lit, then words, then figures; tables of all parameters come later."""
+    body = page[page.index("<body>") :]
+    order = ['id="hv-canvas"', "<h1>", "What was found", "Figures 6 to 8", "Table 1."]
+    places = [body.index(part) for part in order]
+    assert places == sorted(places)
+    assert [int(n) for n in re.findall(r"<b>Table (\d+)\.</b>", page)] == list(range(1, page.count("<b>Table") + 1))
+
+
+def test_the_page_is_there_before_the_figures_and_shows_them_as_they_come(out, first_page):
+    early = (first_page / "report.html").read_text(encoding="utf-8")
+    assert 'id="hv-canvas"' in early and "What was found" in early and "Table 1." in early
+    assert 'src="figures.html"' in early and "frame-src 'self' file:" in early
+    assert "0 of 1 figures are drawn" in (growing := (first_page / "figures.html").read_text(encoding="utf-8"))
+    assert 'http-equiv="refresh"' in growing and read_json(first_page / "results.json")["finished"] is False
+    assert list((first_page / "figures").iterdir()) == []
+    final = (out / "figures.html").read_text(encoding="utf-8")
+    assert "1 of 1 figures are drawn" in final and "refresh" not in final and "<img" in final
+    assert read_json(out / "results.json")["finished"] is True
+
+
+def test_a_second_run_has_the_same_files_and_makes_nothing_again(out, kept, tmp_path, monkeypatch):
+    """All but the times that it took."""
+    monkeypatch.setenv("HAGOROMO_CACHE", str(kept))
+    monkeypatch.setattr(module, "measured", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(drawing, "render", lambda *_: pytest.fail("drawn again"))
+    demo(tmp_path / "again", size="tiny")
+    files = [file.relative_to(out) for file in sorted(out.rglob("*")) if file.is_file()]
+    for file in files:
+        if file.name not in ("report.html", "figures.html", "results.json"):
+            assert (tmp_path / "again" / file).read_bytes() == (out / file).read_bytes(), file
+    assert len(files) == len([file for file in (tmp_path / "again").rglob("*") if file.is_file()])
+
+
+def test_workers_draw_the_same_figures(out, kept, tmp_path, monkeypatch):
+    """Their tasks are plain data; this process is the worker."""
+
+    @contextmanager
+    def one_worker(scheduler):
+        yield SimpleNamespace(
+            results=lambda work, tasks: ((k, work(*pickle.loads(pickle.dumps(task)))) for k, task in enumerate(tasks))
+        )
+
+    monkeypatch.setenv("HAGOROMO_CACHE", str(kept))
+    monkeypatch.setattr(module, "workers_of", one_worker)
+    told = []
+    demo(tmp_path / "out", "tiny", progress=lambda share, step="": told.append(share), scheduler=1)
+    name = "figures/figure_7_skin.exr"
+    assert (tmp_path / "out" / name).read_bytes() == (out / name).read_bytes()
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+def test_a_run_that_ends_early_leaves_the_page_and_the_same_command_begins_anew(kept, tmp_path, monkeypatch):
+    monkeypatch.setenv("HAGOROMO_CACHE", str(kept))
+
+    def interrupted(share, step=""):
+        if step.startswith("figure 7"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        demo(tmp_path / "out", size="tiny", progress=interrupted)
+    assert "What was found" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    demo(tmp_path / "out", size="tiny")
+    with pytest.raises(InputError, match="exists"):
+        demo(tmp_path / "out", size="tiny")
+
+
+def test_without_a_terminal_there_is_a_line_a_step():
+    """Each with its time; what stands after the first colon is part of a step."""
+    times = iter([0.0, 0.0, 2.0, 7.5, 9.0])
+    said = io.StringIO()
+    with redirect_stderr(said):
+        shown = step_lines("demo", lambda: next(times))
+        for share, step in ((0.0, "one"), (0.1, "one: part"), (0.2, "two"), (0.75, "two: end"), (1.0, "")):
+            shown(share, step)
+    assert said.getvalue().splitlines() == [
+        "demo: one took 2.0 s, 2 s in all, 20 %, about 8 s left",
+        "demo: two took 5.5 s, 8 s in all, 100 %",
+    ]
 
 
 def test_an_unknown_size_is_refused(tmp_path):

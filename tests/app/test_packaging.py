@@ -129,7 +129,7 @@ def test_the_wheel_runs_where_it_is_installed(dist, tmp_path):
     """)
     shown = subprocess.run([python, "-c", code], cwd=tmp_path, env=environment, capture_output=True, check=True)
     paths = shown.stdout.decode("utf-8").splitlines()
-    assert len(paths) == 5 and all(Path(path).is_relative_to(own) for path in paths)
+    assert len(paths) == 8 and all(Path(path).is_relative_to(own) for path in paths)
 
 
 def test_constraints_pin_every_requirement_to_a_version_that_it_allows():

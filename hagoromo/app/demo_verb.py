@@ -1,0 +1,48 @@
+"""The command that runs the paper end to end."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Literal
+
+import hagoromo as hg
+from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
+
+
+@verb(verbs)
+def demo(
+    out: Out,
+    size: Literal["small", "full"] = "small",
+    open_page: bool = False,
+    scheduler: Scheduler = None,
+    force: Force = False,
+) -> None:
+    """The paper end to end: simulated photographs, measurement, volume boxes, figures 6–8, report.html.
+
+    The page is there after the measurement and grows with every figure. A second run takes what it can from the cache.
+
+    Args:
+        size: small takes minutes on two cores; full makes larger pictures.
+        open_page: show the page in the browser as soon as it is there, where there is a screen.
+    """
+
+    def opened(page: Path) -> None:
+        address = page.resolve().as_uri()
+        say(f"the page is there and grows: {address}")
+        sys.stdout.flush()
+        if open_page and _has_screen():
+            import webbrowser
+
+            webbrowser.open(address)
+
+    with progress_bar("demo", by_step=True) as progress:
+        report = hg.demo(out, size=size, force=force, progress=progress, scheduler=scheduler, opened=opened)
+    wrote(report)
+
+
+def _has_screen() -> bool:
+    """Whether a browser would show itself; elsewhere one that runs in the terminal might be begun."""
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
