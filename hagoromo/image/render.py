@@ -87,7 +87,8 @@ def render(
         # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
         from hagoromo.image.scene_file import load_for_picture, load_scene
 
-        loaded, stated = load_for_picture(scene, settings) if mode == "march" else load_scene(scene)
+        loading, progress = part_of(progress, 0.0, LOADING), part_of(progress, LOADING, 1.0 - LOADING)
+        loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
         scene, settings = loaded, settings or stated
     settings = settings or Settings()
     image = _by_mode(mode, scene, settings, progress, unfinished)
