@@ -104,7 +104,10 @@ def test_a_spectral_exr_holds_the_radiance_of_the_image(tmp_path):
     )
     assert channels["S0.550,000000nm"] == pytest.approx(expected, rel=1e-5)
     spectrum = np.array([channels[name][2, 3] for name in names])
-    xyz = colour.sd_to_XYZ(colour.SpectralDistribution(spectrum, range(400, 701, 10)), method="Integration")
+    shape = colour.SpectralShape(400, 700, 10)
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
+    light = colour.SpectralDistribution(spectrum, shape.wavelengths)
+    xyz = colour.sd_to_XYZ(light, observer, colour.sd_ones(shape), method="Integration")
     assert xyz / xyz[1] == pytest.approx(image.xyz()[2, 3] / image.xyz()[2, 3, 1], rel=5e-3)
 
 
