@@ -19,6 +19,7 @@ from tables import (
     equal_error_table,
     march_table,
     open_table,
+    orders_table,
     page_frames_table,
     scale_table,
     scaling_table,
@@ -34,7 +35,7 @@ FIGURES = PAGE.parent / "figures"
 TABLES = {
     "march": march_table, "scaling": scaling_table, "scale": scale_table, "bound": bound_table,
     "equal_error": equal_error_table, "page_frames": page_frames_table,
-    "spectra_image": spectra_image_table,
+    "spectra_image": spectra_image_table, "orders": orders_table,
 }  # fmt: skip
 PLOTS = {"scaling": growth, "bound": bound}
 

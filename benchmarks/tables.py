@@ -48,6 +48,27 @@ def equal_error_table(found: Mapping[str, Any]) -> str:
     return f"{table(head, rows)}\n\nTimes are in units of the yardstick's; medians of {found['rounds']} rounds."
 
 
+def orders_table(found: Mapping[str, Any]) -> str:
+    """All orders of light at equal error, ours and Mitsuba's."""
+    head = {
+        "matter": "matter", "by": "by", "walks": "walks or rays a pixel", "percent": "error [%]", "cpu_s": "CPU [s]",
+        "ratio": "CPU over path's", "mean": "mean over the truth's", "memory": "light over bricks [%]",
+    }  # fmt: skip
+    path = {row["matter"]: row["cpu_s"] for row in found["rows"] if row["by"] == "path"}
+    percent = {"error": "percent", "memory": "memory"}
+    rows = [
+        dict.fromkeys(head, "")
+        | {key: row[key] for key in head if key in row}
+        | {"ratio": row["cpu_s"] / path[row["matter"]]}
+        | {name: 100 * row[key] for key, name in percent.items() if key in row}
+        for row in found["rows"]
+    ]
+    return (
+        f"{table(head, rows)}\n\nPictures of {found['pixels']}² pixels; an error of at most "
+        f"{100 * found['error']:g} % was asked for; medians of {found['rounds']} rounds, seeds {found['seeds']}"
+    )
+
+
 def scaling_table(found: Mapping[str, Rows]) -> str:
     """Growth with resolution, pixels, lamps and boxes."""
     parts = ["![Time of a frame against resolution, pixels, lamps and boxes](figures/scaling.png)"]
