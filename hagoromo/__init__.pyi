@@ -16,6 +16,8 @@ from .files.exr import read_exr as read_exr, write_exr as write_exr
 from .light.spectrum import Spectrum as Spectrum
 from .light.lamp_profile import LampProfile as LampProfile
 from .light.lamp import Lamp as Lamp
+from .light.area_lamp import AreaLamp as AreaLamp
+from .light.environment import Environment as Environment
 from .light.colour import (
     delta_e_2000 as delta_e_2000,
     srgb_decode as srgb_decode,

@@ -53,6 +53,16 @@ def pose_of(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
     return pose
 
 
+def turned_about_axes(degrees: ArrayLike) -> NDArray[np.float64]:
+    """(3, 3) rotation by three angles [°]: about x, then y, then z of the world."""
+    rotation = np.eye(3)
+    for axis, angle in enumerate(np.radians(np.asarray(degrees, np.float64))):
+        turn, (i, j) = np.eye(3), ((axis + 1) % 3, (axis + 2) % 3)
+        turn[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+        rotation = turn @ rotation
+    return rotation
+
+
 def inverse_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """The inverse of a rigid (4, 4) transformation."""
     return pose_of(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])

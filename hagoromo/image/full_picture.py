@@ -17,6 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.higher_orders import albedos_of, check_matter
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -58,6 +59,10 @@ def full_picture(
             raise InputError(
                 f"volume box {box.name!r} has texels: mode full takes boxes without; use mode march or path"
             )
+    lit_points, points_of_light = lit_by_points(scene, settings)
+    if points_of_light:
+        image = full_picture(lit_points, settings, points, cache, progress)
+        return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
     kept = cache or SceneCache()
     bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))  # one choice for all batches
     batches = batches_of(scene.lamps, bands.count, settings.separate_lamps)

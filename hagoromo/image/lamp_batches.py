@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hagoromo.files.memory import require
 from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
-from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp import Lamp, by_place
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.lighting import Palette
 
@@ -26,14 +26,17 @@ Batch = list[int]  # numbers of lamps in their scene
 def lamp_batches(lamps: Sequence[Lamp]) -> list[Batch]:
     """The lamps in batches of one size, the last one smaller: all of them in one, or LAMPS_AT_ONCE in each at most.
 
-    Those of one kind stand together: batches whose lamps are of the same kinds have the same kernels.
+    Those of one kind stand together: batches whose lamps are of the same kinds have the same kernels. Lamps at one
+    place count as one.
     """
-    count = -(-len(lamps) // LAMPS_AT_ONCE)
-    if count == 1:
+    places = by_place(lamps)
+    count = -(-len(places) // LAMPS_AT_ONCE)
+    if count <= 1:
         return [list(range(len(lamps)))]
-    size = -(-len(lamps) // count)
-    order = sorted(range(len(lamps)), key=lambda number: _kind(lamps[number]))
-    return [order[first : first + size] for first in range(0, len(lamps), size)]
+    size = -(-len(places) // count)
+    order = sorted(places, key=lambda numbers: _kind(lamps[numbers[0]]))
+    batches = [order[first : first + size] for first in range(0, len(places), size)]
+    return [[number for numbers in batch for number in numbers] for batch in batches]
 
 
 def _kind(lamp: Lamp) -> tuple[bool, bool, bool, bytes]:
@@ -73,12 +76,12 @@ def under_batches(
     variance: NDArray[np.float32] | None = None
     image: Image | None = None
     for number, batch in enumerate(batches):
-        lit = scene.with_lamps(*(scene.lamps[lamp] for lamp in batch))
+        lit = scene.under(batch)
         image = image_of(number, lit, part_of(progress, number / len(batches), 1.0 / len(batches)))
         if len(batches) == 1:
             return image
         if total is None:
-            total = WeightsOfLamps(image.palette.with_lamps(scene.lamps, separate), image.alpha.shape)
+            total = WeightsOfLamps(image.palette.with_lamps(scene.lights, separate), image.alpha.shape)
             variance = None if image.variance is None else np.zeros_like(image.variance)
         total.add(batch, image.palette, image.weights)
         variance = None if variance is None or image.variance is None else variance + image.variance

@@ -16,6 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.higher_orders import albedos_of, check_matter
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.origin import scene_from
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, palette_of_scene, reflectances_of
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -26,6 +27,7 @@ from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.lighting import distinct
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
+from hagoromo.transport.path.lights import Lights
 from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers
 from hagoromo.transport.path.scatter import Scattering
 
@@ -47,9 +49,10 @@ def path_picture(
     for box in scene.boxes:
         check_matter(box)
     batches, cache = lamp_batches(scene.lamps), SceneCache()
-    bands = bands_of(albedos_of(scene), distinct([lamp.spectrum for lamp in scene.lamps]))
-    scattered = _Scattered(bands, scene.lamps[0].spectrum)
-    lit = [scene.with_lamps(*(scene.lamps[lamp] for lamp in batch)) for batch in batches]
+    batches[0] += range(len(scene.lamps), len(scene.lights))
+    bands = bands_of(albedos_of(scene), distinct([light.spectrum for light in scene.lights]))
+    scattered = _Scattered(bands, scene.lights[0].spectrum)
+    lit = [scene.under(batch) for batch in batches]
     sums = [_sums(each, settings, scattered) for each in lit]
     if unfinished is not None:
         sums_of(unfinished, metadata(scene, settings), sums)
@@ -98,7 +101,7 @@ def _walk(
 ) -> None:
     """Walk until all is in `sums`. batch: its number, and its share of the time that the picture may take."""
     number, share = batch
-    prepared = PreparedScene(scene, replace(settings, shadows="none"), cache)
+    prepared = PreparedScene(scene, replace(settings, shadows="none"), cache, together=False)
     stream = _Stream(prepared, walks_of(scene, prepared, scattered.bands), settings, number)
     stop, at_once = Stop(settings, share), walks_at_once(stream, sums.pixels)
     while stop.goes_on(sums):
@@ -112,7 +115,17 @@ def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     """A prepared scene as walks need it."""
     scattering = Scattering(reflectances_of(scene), prepared.lighting.materials)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
-    return Walks(matter, prepared.surfaces, prepared.first_on_surface, prepared.lighting, scattering, bands)
+    first, lights = prepared.first_on_surface, lights_of(scene, prepared)
+    return Walks(matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights)
+
+
+def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:
+    """The area lamps and the environment of a scene for walks; None where it has neither."""
+    if not scene.area_lamps and scene.environment is None:
+        return None
+    groups = prepared.palette.lamp_groups[len(scene.lamps) :]
+    placed = scene_from(scene, prepared.origin)
+    return Lights(prepared.lighting.lamps, placed.area_lamps, scene.environment, groups, reflectances_of(scene))
 
 
 def walks_at_once(stream: _Stream, pixels: int) -> int:

@@ -16,6 +16,7 @@ from pathlib import Path
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches
+from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import scene_from, scene_origin
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, picture, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
@@ -74,17 +75,19 @@ class Preview:
     def pictures(self, scene: Scene) -> Iterator[Image]:
         """Pictures of `scene`; the last one is what `render` gives."""
         start, size = time.perf_counter(), scene.camera.width * scene.camera.height
+        whole, (scene, points_of_light) = scene, lit_by_points(scene, self.settings)
+        record = metadata(whole, self.settings) | points_of_light
         new_shadows = self.cache.key("maps")[:1] != (
             shadow_casters(scene_from(scene, scene_origin(scene)), self.settings),
         )
         coarse = strides(size, self.rays[new_shadows])
         points = pixel_points(self.settings.samples, self.settings.seed)
         if len(lamp_batches(scene.lamps)) > 1:
-            yield from self._in_batches(scene, coarse)
+            for image in self._in_batches(scene, coarse):
+                yield replace(image, metadata=image.metadata | record)
             return
         steps = [(stride, pixel_points(1, 0)[0]) for stride in coarse] + [(1, point) for point in points]
         work = [stride**-2 for stride, _ in steps]
-        record = metadata(scene, self.settings)
         for number, (stride, point) in enumerate(steps):
             if number <= len(coarse):  # each coarse picture and the first whole one start anew
                 prepared = PreparedScene(scene, self.settings, self.cache, stride)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
+from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.render import PreparedScene
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -42,7 +43,7 @@ class RayMarch:
 
     def __init__(self, scene: Scene, settings: Settings | None = None, differentiable: bool = False) -> None:
         self.scene = scene
-        self._prepared = PreparedScene(scene, settings or Settings())
+        self._prepared = PreparedScene(lit_by_points(scene, settings or Settings())[0], settings or Settings())
         self.palette = self._prepared.palette
         if differentiable and self._prepared.medium is not None:
             self._prepared.medium.voxels = _plain_voxels(self._prepared.medium)

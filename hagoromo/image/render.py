@@ -18,10 +18,12 @@ from hagoromo.errors import InputError
 from hagoromo.image.cut import CutRays
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surfaces
+from hagoromo.light.lamp import by_place
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import R3, Film
@@ -137,8 +139,13 @@ def picture(
 ) -> Image:
     """The image of a scene, by rays through `points` of every pixel; stride: see `Film`.
 
-    Under many lamps it is the sum of those under batches of them; the coverage is that of the last.
+    Under many lamps it is the sum of those under batches of them; the coverage is that of the last. Area lamps and an
+    environment are many lamps, see `lit_by_points`.
     """
+    lit, points_of_light = lit_by_points(scene, settings)
+    if points_of_light:
+        image = picture(lit, settings, cache, points, stride, progress)
+        return replace(image, metadata=metadata(scene, settings) | points_of_light)
 
     def under(number: int, lit: Scene, part: Progress) -> Image:
         return _under_one_batch(lit, settings, cache, points, stride, part)
@@ -174,7 +181,7 @@ def reflectances_of(scene: Scene) -> list[Reflectance]:
 def palette_of_scene(scene: Scene, settings: Settings) -> Palette:
     """The colours that the weights of a scene's picture are of, without bands of higher orders."""
     colours = palette_of(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis], [])
-    return colours.with_lamps(scene.lamps, settings.separate_lamps)
+    return colours.with_lamps(scene.lights, settings.separate_lamps)
 
 
 class SceneCache:
@@ -202,9 +209,17 @@ class PreparedScene:
     ahead: depth at which the camera's rays begin, in front of all matter [m].
     cache: what an earlier scene left on the device; values that did not change are used again.
     stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
+    together: see `Lighting`; where there are shadow maps, lamps at one place always are.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, cache: SceneCache | None = None, stride: int = 1) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings,
+        cache: SceneCache | None = None,
+        stride: int = 1,
+        together: bool = True,
+    ) -> None:
         cache, world, self.origin = cache or SceneCache(), scene, scene_origin(scene)
         scene = scene_from(world, self.origin)
         self.camera = camera = scene.camera
@@ -228,7 +243,8 @@ class PreparedScene:
         elif self.medium and settings.shadows == "map":
             boxes_shade = _maps(scene, settings, self.medium, cache, texels)
         attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
-        self.lighting = Lighting(scene.lamps, Materials(reflectances, self.palette), attenuation, bases)
+        materials = Materials(reflectances, self.palette)
+        self.lighting = Lighting(scene.lamps, materials, attenuation, bases, together)
 
     def camera_radiance(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
         """`radiance` along rays of the camera, which begin `ahead` of it."""
@@ -335,11 +351,12 @@ def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> 
 def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:
     """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
     casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
+    lamps = [scene.lamps[numbers[0]] for numbers in by_place(scene.lamps)]
     resolution = resolution or fitting_resolution(medium.boxes, settings.tolerance)
     if texels:
         resolution = min(resolution, max(texels, COARSEST_MAP))
         if cache.key("maps")[:1] == (casters,):
             resolution = max(resolution, *cache.key("maps")[1:])
     return cache.get(
-        "maps", (casters, resolution), lambda: mapped_attenuation(medium, scene.lamps, resolution, settings.tolerance)
+        "maps", (casters, resolution), lambda: mapped_attenuation(medium, lamps, resolution, settings.tolerance)
     )

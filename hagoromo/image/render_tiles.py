@@ -21,6 +21,7 @@ from hagoromo.files.content import content_with_named
 from hagoromo.files.memory import require
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
+from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, load_for_picture
@@ -139,7 +140,7 @@ def _ready(order: SceneOrder, batch: int) -> tuple[Scene, PreparedScene]:
             raise InputError(
                 f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
             )
-        _held[order] = load_for_picture(order.path, order.settings)[0], SceneCache()
+        _held[order] = lit_by_points(load_for_picture(order.path, order.settings)[0], order.settings)[0], SceneCache()
     scene, cache = _held[order]
     if batch not in _lit:
         _lit.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.surface import Surface
+from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.environment import Environment, EnvironmentPart
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.volume.box import VolumeBox
@@ -21,7 +24,8 @@ PLACE_ERROR = 1e-3  # largest error of places in double precision, in voxels or 
 class Scene:
     """What is photographed, by which camera, under which lamps.
 
-    Raises `InputError` for a scene without lamps or matter, a lamp inside a volume box, or a camera that sees nothing.
+    area_lamps: lamps with a size. environment: light from all around, where there is any.
+    Raises `InputError` for a scene without lamps or matter, or a camera that sees nothing.
 
     >>> camera = hg.Camera(64, 48, (90, 90), (32, 24)).look_at(eye=(0, -1, 0.2), target=(0, 0, 0))
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
@@ -34,11 +38,13 @@ class Scene:
     lamps: tuple[Lamp, ...]
     boxes: tuple[VolumeBox, ...] = ()
     surfaces: tuple[Surface, ...] = ()
+    area_lamps: tuple[AreaLamp, ...] = ()
+    environment: Environment | None = None
 
     def __post_init__(self) -> None:
-        for key in ("lamps", "boxes", "surfaces"):
+        for key in ("lamps", "boxes", "surfaces", "area_lamps"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
-        if not self.lamps:
+        if not self.lights:
             raise InputError("the scene has no lamp: give at least one")
         if not self.boxes and not self.surfaces:
             raise InputError("the scene is empty: give at least one volume box or surface")
@@ -50,13 +56,6 @@ class Scene:
                     f"surface {surface.name!r} has transmission: light passes through matter of volume boxes only; "
                     "give transmission = 0"
                 )
-        for number, lamp in enumerate(self.lamps):
-            for box in self.boxes:
-                if lamp.position is not None and box.contains(lamp.position):
-                    where = ", ".join(f"{x:g}" for x in lamp.position)
-                    raise InputError(
-                        f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out"
-                    )
         if not any(_in_view(self.camera, thing.corners()) for thing in (*self.boxes, *self.surfaces)):
             where = np.round(self.camera.position, 4).tolist()
             raise InputError(f"the camera at {where} m looks at nothing: turn it towards the scene")
@@ -72,8 +71,23 @@ class Scene:
         return replace(self, camera=camera)
 
     def with_lamps(self, *lamps: Lamp) -> Scene:
-        """The same scene under other lamps."""
-        return replace(self, lamps=lamps)
+        """The same scene under other lamps, and no other light."""
+        return replace(self, lamps=lamps, area_lamps=(), environment=None)
+
+    @property
+    def lights(self) -> tuple[Lamp | AreaLamp | EnvironmentPart, ...]:
+        """Lamps, area lamps and the parts of the environment, as a palette orders them."""
+        return *self.lamps, *self.area_lamps, *(self.environment.parts if self.environment else ())
+
+    def under(self, numbers: Sequence[int]) -> Scene:
+        """The same scene under some of its `lights`, by their numbers; of an environment all parts or none."""
+        lamps, end = len(self.lamps), len(self.lamps) + len(self.area_lamps)
+        return replace(
+            self,
+            lamps=tuple(self.lamps[k] for k in numbers if k < lamps),
+            area_lamps=tuple(self.area_lamps[k - lamps] for k in numbers if lamps <= k < end),
+            environment=self.environment if any(k >= end for k in numbers) else None,
+        )
 
     def record(self) -> dict[str, Any]:
         """The scene as plain values, for the metadata of images."""
@@ -85,6 +99,8 @@ class Scene:
                 "response": self.camera.response.name if self.camera.response else None,
             },
             "lamps": [record_from_lamp(lamp) for lamp in self.lamps],
+            **({"area_lamps": [lamp.record() for lamp in self.area_lamps]} if self.area_lamps else {}),
+            **({"environment": self.environment.record()} if self.environment else {}),
             "boxes": [
                 {
                     "name": box.name, "voxels": list(box.bricks.shape[::-1]), "voxel_size": box.voxel_size,
@@ -99,6 +115,18 @@ class Scene:
                 for s in self.surfaces
             ],
         }  # fmt: skip
+
+
+def check_lamps_outside(scene: Scene) -> None:
+    """`InputError` for a lamp inside a volume box, whose light the march does not follow."""
+    for number, lamp in enumerate(scene.lamps):
+        for box in scene.boxes:
+            if lamp.position is not None and box.contains(lamp.position):
+                where = ", ".join(f"{x:g}" for x in lamp.position)
+                raise InputError(
+                    f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out, "
+                    f"or render by mode path"
+                )
 
 
 def _check_place(thing: VolumeBox | Surface) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import LARGEST_SIDE, PRESETS, Camera
 from hagoromo.camera.formats.camera_file import read_camera
+from hagoromo.camera.pose import turned_about_axes
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
@@ -38,6 +39,7 @@ from hagoromo.files.record import (
 from hagoromo.files.stores import address
 from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_lights import SceneAreaLamp, SceneEnvironment, area_lamp_from, environment_from
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
@@ -138,12 +140,16 @@ class RenderRecord(Record, frozen=True, kw_only=True):
 
 
 class SceneRecord(Record, frozen=True, kw_only=True):
-    """A scene: camera, lamps, volume boxes, surfaces; metres, paths inside the folder of the file."""
+    """A scene: camera, light, volume boxes, surfaces; metres, paths inside the folder of the file."""
 
     version_key = "format_version"
 
     camera: Annotated[dict[str, Any], like(SceneCamera), about("the camera")]
     lamp: Annotated[list[Annotated[dict[str, Any], like(LampRecord)]], up_to(MOST_PLACES), about("the lamps")] = []
+    area_lamp: Annotated[
+        list[Annotated[dict[str, Any], like(SceneAreaLamp)]], up_to(MOST_PLACES), about("the lamps with a size")
+    ] = []
+    environment: Annotated[dict[str, Any] | None, like(SceneEnvironment), about("light from all around")] = None
     box: Annotated[list[Annotated[dict[str, Any], like(SceneBox)]], up_to(MOST_PLACES), about("the volume boxes")] = []
     surface: Annotated[
         list[Annotated[dict[str, Any], like(SceneSurface)]], up_to(MOST_PLACES), about("the surfaces")
@@ -216,6 +222,8 @@ def scene_from_tables(
             tuple(lamp_from_record(one, folder, f"{path} lamp {i + 1}") for i, one in enumerate(record.lamp)),
             tuple(_box(one, folder, f"{path} box {i + 1}", read) for i, one in enumerate(record.box)),
             tuple(_surface(one, folder, f"{path} surface {i + 1}", read) for i, one in enumerate(record.surface)),
+            tuple(area_lamp_from(one, folder, f"{path} area_lamp {i + 1}") for i, one in enumerate(record.area_lamp)),
+            environment_from(record.environment, folder, f"{path} [environment]"),
         )
         return scene, _settings(record, path)
     except InputError as error:
@@ -317,10 +325,7 @@ def _pose(key: Place, where: str) -> NDArray[np.float64]:
             raise InputError(f"{where}: pose says all: leave position and rotation_deg out")
         return np.reshape(key.pose, (4, 4))
     pose = np.eye(4)
-    for axis, angle in enumerate(np.radians(key.rotation_deg or NOWHERE)):
-        turn, (i, j) = np.eye(4), ((axis + 1) % 3, (axis + 2) % 3)
-        turn[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
-        pose = turn @ pose
+    pose[:3, :3] = turned_about_axes(key.rotation_deg or NOWHERE)
     pose[:3, 3] = key.position or NOWHERE
     return pose
 

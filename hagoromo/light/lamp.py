@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,6 +145,16 @@ class Lamp:
         position = None if self.position is None else self.position + np.asarray(by)
         to_lamp = None if self.to_lamp is None else self.to_lamp + np.asarray(by)
         return replace(self, position=position, to_lamp=to_lamp)
+
+
+def by_place(lamps: Sequence[Lamp]) -> list[list[int]]:
+    """Numbers of the lamps, those together that stand at one place and shine alike in their directions."""
+    places: dict[tuple[bytes | float | int | None, ...], list[int]] = {}
+    for number, lamp in enumerate(lamps):
+        vectors = (None if v is None else v.tobytes() for v in (lamp.position, lamp.to_lamp, lamp.axis))
+        profile = None if lamp.profile is None else id(lamp.profile)
+        places.setdefault((*vectors, lamp.axis_power, profile, lamp.roll), []).append(number)
+    return list(places.values())
 
 
 def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays, lookup, opaque_vector
 from hagoromo.errors import InputError
-from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp import Lamp, by_place
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS, element_weights, graded_place, sphere_body, sphere_table
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
@@ -39,6 +39,20 @@ SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
 # (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], place in a texel)
 # → transmittance 0…1
 Attenuation = Callable[[int, Array3f, Array3f, Float, Float, TexelHit | None], Float]
+
+
+class Light(Protocol):
+    """A lamp of any kind as a palette knows it."""
+
+    @property
+    def name(self) -> str:
+        """Its name; empty for none."""
+        ...
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """The relative spectrum of its light."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -77,7 +91,7 @@ class Palette:
         """Number of weights of a pixel."""
         return len(self.lamps) * len(self.colours)
 
-    def with_lamps(self, lamps: Sequence[Lamp], separate: bool = False) -> Palette:
+    def with_lamps(self, lamps: Sequence[Light], separate: bool = False) -> Palette:
         """With the groups of `lamps`: those of one spectrum together, or each lamp its own (`separate`)."""
         spectra = [lamp.spectrum for lamp in lamps]
         distinct_spectra = tuple(spectra) if separate else distinct(spectra)
@@ -237,7 +251,8 @@ class Materials:
 class LampRow(NamedTuple):
     """A lamp as kernels read it: where it is [m], or the direction to it; its intensity; and its group in the palette.
 
-    emission: relative intensity over the direction; None for a lamp that shines alike all around.
+    emission: relative intensity over the direction; None for a lamp that shines alike all around. shares: of lamps at
+    one place, each one's group and its share of the intensity, in place of one group.
     """
 
     where: Array3f
@@ -245,6 +260,12 @@ class LampRow(NamedTuple):
     near: bool
     group: int
     emission: Emission | None
+    shares: Sequence[tuple[int, Float]] = ()
+
+    @property
+    def groups(self) -> Sequence[tuple[int, Float]]:
+        """Each group of its light, and its share."""
+        return self.shares or [(self.group, 1.0)]
 
 
 class HigherOrders(Protocol):
@@ -268,8 +289,10 @@ class Lighting:
         materials: Materials,
         attenuation: Attenuation | None = None,
         bases: Sequence[Sequence[Spectrum]] = (),
+        together: bool = False,
     ) -> None:
-        """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none).
+        """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none). together:
+        whether lamps at one place are one of `self.lamps`; `attenuation` counts these.
 
         `InputError` for more than MOST_LAMPS lamps, or one with an intensity per channel.
         """
@@ -283,16 +306,19 @@ class Lighting:
         bodies = materials.palette.bodies
         self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
         self.lamps: list[LampRow] = []
-        for number, lamp in enumerate(lamps):
-            if not isinstance(lamp.intensity, (int, float)):
-                raise InputError(f"lamp {lamp.name!r} has an intensity per channel: rendering needs one and a spectrum")
+        for numbers in by_place(lamps) if together else [[number] for number in range(len(lamps))]:
+            lamp, strengths = lamps[numbers[0]], [_strength(lamps[number]) for number in numbers]
             place = lamp.position if lamp.position is not None else lamp.to_lamp
             assert place is not None
-            groups = materials.palette.lamp_groups
-            group = groups[number] if groups else position_of(lamp.spectrum, materials.palette.lamps)
-            intensity = dr.opaque(jit.Float, float(lamp.intensity))
-            near = lamp.position is not None
-            self.lamps.append(LampRow(opaque_vector(place), intensity, near, group, emission_of(lamp)))
+            of_lamps, near = materials.palette.lamp_groups, lamp.position is not None
+            groups = [
+                of_lamps[n] if of_lamps else position_of(lamps[n].spectrum, materials.palette.lamps) for n in numbers
+            ]
+            total = sum(strengths)
+            shares = [dr.opaque(jit.Float, one / total if total > 0.0 else 0.0) for one in strengths]
+            each = list(zip(groups, shares, strict=True)) if len(numbers) > 1 else []
+            intensity = dr.opaque(jit.Float, total)
+            self.lamps.append(LampRow(opaque_vector(place), intensity, near, groups[0], emission_of(lamp), each))
 
     @property
     def channels(self) -> int:
@@ -311,7 +337,7 @@ class Lighting:
 
     def arriving(self, lamp: int, point: Array3f) -> tuple[Array3f, Float, Float]:
         """Unit direction to a lamp, the distance to it [m] and its irradiance at `point`, without shadows."""
-        where, intensity, near, _, emission = self.lamps[lamp]
+        where, intensity, near, _, emission, _ = self.lamps[lamp]
         to_lamp, distance, irradiance = where, math.inf, intensity
         if near:
             offset = where - point
@@ -373,8 +399,9 @@ class Lighting:
         colours = len(self.materials.palette.colours)
         channels: list[Any] = [arrays().Float(0)] * self.materials.palette.channels
         for k, each in enumerate(light):
-            channel = self.lamps[k // colours].group * colours + k % colours
-            channels[channel] = channels[channel] + each
+            for group, share in self.lamps[k // colours].groups:
+                channel = group * colours + k % colours
+                channels[channel] = channels[channel] + each * share
         return channels
 
     def _transmittance(
@@ -396,6 +423,13 @@ class Lighting:
             true_fn=lambda *place: attenuation(lamp, *place),
             false_fn=lambda *place: Float(0),
         )
+
+
+def _strength(lamp: Lamp) -> float:
+    """The intensity of a lamp that has one."""
+    if not isinstance(lamp.intensity, (int, float)):
+        raise InputError(f"lamp {lamp.name!r} has an intensity per channel: rendering needs one and a spectrum")
+    return float(lamp.intensity)
 
 
 def palette_of(reflectances: Sequence[Reflectance], bases: Sequence[Spectrum], lamps: Sequence[Spectrum]) -> Palette:

@@ -155,8 +155,10 @@ def test_a_lamp_between_boxes_is_mapped_all_around():
 
 
 def test_a_lamp_inside_a_box_is_refused():
-    with pytest.raises(InputError, match="stands inside the volume box"):
-        Scene(CAMERA, (Lamp(position=(0, 0, 0.06)),), (ball((0, 0, 0.06), 0.06, 30.0, 16),))
+    scene = Scene(CAMERA, (Lamp(position=(0, 0, 0.06)),), (ball((0, 0, 0.06), 0.06, 30.0, 16),))
+    for mode in ("march", "full"):
+        with pytest.raises(InputError, match=r"stands inside the volume box.*mode path"):
+            render(scene, mode=mode)
 
 
 def test_a_camera_that_looks_away_is_refused():

@@ -43,9 +43,10 @@ def with_lamps(
         for part in range(scattering.parts):
             leaves = scattering.from_lamp(sample.material, part, sample.axis, to_lamp).numbers()
             for band in range(bands):
-                channel = sent[lighting.lamps[number].group * bands + band]
-                factor = light * sample.colours[part * bands + band]
-                channel[:] = [dr.fma(factor, new, old) for new, old in zip(leaves, channel, strict=True)]
+                for group, share in lighting.lamps[number].groups:
+                    channel = sent[group * bands + band]
+                    factor = light * sample.colours[part * bands + band] * share
+                    channel[:] = [dr.fma(factor, new, old) for new, old in zip(leaves, channel, strict=True)]
     return sent
 
 

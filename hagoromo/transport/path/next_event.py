@@ -13,12 +13,18 @@ from hagoromo.transport.lighting import LampRow
 
 
 class LampDrawn(NamedTuple):
-    """Unit direction to the lamp, its distance [m], its irradiance facing it over its probability, and its group."""
+    """Unit direction to the lamp, its distance [m], its irradiance facing it over its probability, and its group.
+
+    tints: factor on the irradiance for every group, in place of one group; density: of the direction [1/sr], 0 where a
+    walk cannot go there by chance. Both of lamps with a size, see `Lights`.
+    """
 
     to_lamp: Array3f
     distance: Float
     irradiance: Float
     group: UInt
+    tints: Sequence[Float] | None = None
+    density: Float = 0.0
 
 
 def lamp_drawn(lamps: Sequence[LampRow], point: Array3f, number: Float) -> LampDrawn:
@@ -28,7 +34,7 @@ def lamp_drawn(lamps: Sequence[LampRow], point: Array3f, number: Float) -> LampD
     of all of them, whichever it is.
     """
     jit = arrays()
-    each = [_seen(lamp, point) for lamp in lamps]
+    each = [seen_lamp(lamp, point) for lamp in lamps]
     total = sum((irradiance for _, _, irradiance in each), jit.Float(0))
     to_lamp, distance, _ = each[0]
     distance, group, below = jit.Float(distance), jit.UInt(lamps[0].group), each[0][2]
@@ -40,7 +46,7 @@ def lamp_drawn(lamps: Sequence[LampRow], point: Array3f, number: Float) -> LampD
     return LampDrawn(to_lamp, distance, total, group)
 
 
-def _seen(lamp: LampRow, point: Array3f) -> tuple[Array3f, Float, Float]:
+def seen_lamp(lamp: LampRow, point: Array3f) -> tuple[Array3f, Float, Float]:
     """Direction to a lamp, its distance, and its irradiance on what faces it, unshadowed."""
     to_lamp, distance, irradiance = lamp.where, math.inf, lamp.intensity
     if lamp.near:

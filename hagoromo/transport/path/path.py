@@ -21,6 +21,7 @@ from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.free_flight import Collision, Matter, Random, first_collision, transmittance
+from hagoromo.transport.path.lights import Lights, share_of_drawn
 from hagoromo.transport.path.next_event import LampDrawn, lamp_drawn
 from hagoromo.transport.path.scatter import Scattering
 
@@ -41,9 +42,12 @@ class SurfaceHits(Protocol):
 
 @dataclass
 class Event:
-    """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0."""
+    """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0.
+    distance: from where the walk was before [m]; infinity: it met nothing.
+    """
 
     there: Bool
+    distance: Float
     point: Array3f
     axis: Array3f
     face: Array3f
@@ -62,10 +66,11 @@ class Walks:
         lighting: Lighting,
         scattering: Scattering,
         bands: Bands,
+        lights: Lights | None = None,
     ) -> None:
-        """first_on_surface: number of the material of the first surface."""
+        """first_on_surface: number of the material of the first surface. lights: of a scene with lamps of a size."""
         self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
-        self.lighting, self.scattering, self.bands = lighting, scattering, bands
+        self.lighting, self.scattering, self.bands, self.lights = lighting, scattering, bands, lights
         palette = lighting.materials.palette
         self.colours, self.parts, self.groups = len(palette.colours), palette.parts, len(palette.lamps)
         self.in_bands = lookup(arrays().Float, bands.of(palette.colours).astype(np.float32))
@@ -80,10 +85,10 @@ class Walks:
         jit, materials = arrays(), self.lighting.materials
         far = dr.full(jit.Float, dr.inf, dr.width(direction))
         nothing = jit.Array3f(0.0)
-        event = Event(jit.Bool(False), nothing, nothing, nothing, jit.UInt(0), [])
+        event = Event(jit.Bool(False), far, nothing, nothing, nothing, jit.UInt(0), [])
         if self.surfaces is not None:
             far, point, normal, face, surface = self.surfaces.hit(origin, direction)
-            event = Event(dr.isfinite(far), point, normal, face, self.first_on_surface + surface, [])
+            event = Event(dr.isfinite(far), far, point, normal, face, self.first_on_surface + surface, [])
         if self.matter is None:
             event.coefficients = materials.coefficients(event.material)
             return event, random
@@ -92,6 +97,7 @@ class Walks:
         axis, material = self._element(found, direction, inside, random.next_float32())
         event = Event(
             event.there | inside,
+            dr.select(inside, found.distance, far),
             dr.select(inside, dr.fma(direction, dr.select(inside, found.distance, 0.0), origin), event.point),
             dr.select(inside, axis, event.axis),
             dr.select(inside, nothing, event.face),
@@ -136,9 +142,13 @@ class Walks:
 
     def lamp(self, event: Event, to_eye: Array3f, random: Random) -> tuple[LampDrawn, list[Float], Random]:
         """A lamp drawn for the event, and the weights of the light of it that the eye sees: see `Palette.parts`."""
-        lamp = lamp_drawn(self.lighting.lamps, event.point, random.next_float32())
+        if self.lights is None:
+            lamp = lamp_drawn(self.lighting.lamps, event.point, random.next_float32())
+        else:
+            lamp, random = self.lights.drawn(event.point, self.groups, random)
         weights = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye)
-        lit = event.there & (sum(weights[1:], weights[0]) > 0.0) & (lamp.irradiance > 0.0)
+        f = sum(weights[1:], weights[0])
+        lit = event.there & (f > 0.0) & (lamp.irradiance > 0.0)
         if self.surfaces is not None:
             lit &= self.surfaces.visible(event.point, lamp.to_lamp, lamp.distance)
         passed = dr.select(lit, arrays().Float(1), 0.0)
@@ -146,6 +156,8 @@ class Walks:
             passed, random = transmittance(self.matter, event.point, lamp.to_lamp, lamp.distance, lit, random)
         seen = lit & (passed > 0.0)
         irradiance = lamp.irradiance * passed
+        if self.lights is not None:
+            irradiance *= share_of_drawn(lamp, self.lights.spread(event.material, f))
         return lamp, [dr.select(seen, irradiance * weight, 0.0) for weight in weights], random
 
     def mixed(self, coefficients: list[Float], weights: Sequence[Float]) -> list[Float]:
@@ -176,8 +188,55 @@ class Walks:
         in_bands = self.mixed(coefficients, weights)
         light += [dr.select(first, 0.0, old * new) for old, new in zip(carried, in_bands, strict=True)]
         each = len(light)
+        if lamp.tints is not None:
+            return [dr.fma(lamp.tints[k // each], light[k % each], old) for k, old in enumerate(channels)]
         own = [jit.Bool(True)] if self.groups == 1 else [lamp.group == group for group in range(self.groups)]
         return [old + dr.select(own[k // each], light[k % each], 0.0) for k, old in enumerate(channels)]
+
+    def met(
+        self,
+        channels: list[Float],
+        origin: Array3f,
+        direction: Array3f,
+        event: Event,
+        events: UInt,
+        onwards: Onwards,
+        carried: list[Float],
+    ) -> list[Float]:
+        """The channels with the light that a walk meets on its way to an event: after the first one among the colours,
+        else among the bands, which together are 1 at every wavelength.
+        """
+        assert self.lights is not None
+        first, one = events == 0, events == 1
+        light = self.lights.met(origin, direction, event.distance, onwards.spread, first, self.groups)
+        weights = [dr.select(one, weight, 0.0) for weight in onwards.weights]
+        weights += [dr.select(one, 0.0, old) for old in carried]
+        each = len(weights)
+        return [dr.fma(light[k // each], weights[k % each], old) for k, old in enumerate(channels)]
+
+    def goes_on(self, events: UInt, most: UInt) -> Bool:
+        """Whether a walk goes on after some events: from the last one only to meet lights."""
+        return events < most if self.lights is None else events <= most
+
+    def onwards(
+        self, event: Event, direction: Array3f, to_eye: Array3f, sent: Sequence[Float], stays: Float
+    ) -> Onwards:
+        """What a walk takes along from an event; stays: the chance that it goes on."""
+        assert self.lights is not None
+        f = self.lighting.materials.weights(event.material, event.axis, direction, to_eye)
+        scale = dr.rcp(dr.fmax(stays, 1e-30))
+        weights = [share * sent[part] * scale for share, part in zip(event.coefficients, self.parts, strict=True)]
+        return Onwards(self.lights.spread(event.material, sum(f[1:], f[0])), weights)
+
+
+@dataclass
+class Onwards:
+    """What a walk takes along where it may meet lights: about the density of its direction [1/sr], and its weight for
+    each colour of the palette after its first event.
+    """
+
+    spread: Float
+    weights: list[Float]
 
 
 @dr.syntax
@@ -192,23 +251,28 @@ def light_of_walks(
     channels = [dr.zeros(jit.Float, count) for _ in range(walks.channels)]
     carried = [dr.full(jit.Float, 1.0, count) for _ in range(walks.bands.count)]
     events, alive = dr.zeros(jit.UInt, count), dr.full(jit.Bool, True, count)
+    colours = walks.colours if walks.lights is not None else 0
+    onwards = Onwards(dr.full(jit.Float, dr.inf, count), [dr.zeros(jit.Float, count) for _ in range(colours)])
     while alive:
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
+        if dr.hint(walks.lights is not None, mode="scalar"):
+            channels = walks.met(channels, origin, direction, event, events, onwards, carried)
+            event.there &= events < most
         lamp, weights, random = walks.lamp(event, to_eye, random)
         channels = walks.added(channels, events == 0, lamp, event.coefficients, weights, carried)
         events += dr.select(event.there, 1, jit.UInt(0))
         numbers = five_of(random)
         direction, sent, good = walks.scattering.drawn(event.material, event.axis, to_eye, numbers)
-        onwards = walks.mixed(event.coefficients, sent)
-        carried = products(carried, onwards)
-        alive = event.there & good & (events < most)
+        carried = products(carried, walks.mixed(event.coefficients, sent))
+        alive = event.there & good & walks.goes_on(events, most)
         alive &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)
         origin = event.point
-        brightest = largest(carried)
-        stays = dr.fmin(brightest * (1.0 / FAINT), 1.0)
+        stays = dr.fmin(largest(carried) * (1.0 / FAINT), 1.0)
         alive &= random.next_float32() < stays
         carried = [old / dr.fmax(stays, 1e-30) for old in carried]
+        if dr.hint(walks.lights is not None, mode="scalar"):
+            onwards = walks.onwards(event, direction, to_eye, sent, stays)
     return channels, events
 
 

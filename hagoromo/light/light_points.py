@@ -1,0 +1,182 @@
+"""Light points: area lamps and environments as few point lamps or far lamps, as the march takes them.
+
+An environment is cut into regions of equal light (median cut, Debevec 2005), each a far lamp at the middle of its light
+with all of its irradiance. A rectangle is cut into equal parts, each a point lamp that shines as cosθ; a sphere into
+patches that do so outwards. There are as many as a stated error needs: of the light that comes from one half of all
+directions, and of what it gives on a plane, over 100 halves, as a share of all the light. The first is what an edge
+lets through too much or too little.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.environment import Environment
+from hagoromo.light.lamp import Lamp
+
+COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # of points; the last is the most
+FINE = 2048  # points of an area lamp that stand for all of it
+HALVES = 100  # of all directions
+WIDEST_MAP = 128  # rows of a map up to which all its pixels are cut; of a larger one, blocks of them
+GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad], turn between neighbours of a sunflower
+Array = NDArray[np.float64]
+
+
+class LightPoints(NamedTuple):
+    """Point lamps or far lamps in place of a light, how many places they are at, and their error."""
+
+    lamps: list[Lamp]
+    places: int
+    error: float
+
+
+def environment_points(environment: Environment, tolerance: float) -> LightPoints:
+    """Far lamps in place of an environment, those of its parts together at each place."""
+    ways, light = _blocks(environment)  # (rows, columns, 3) times their light, (rows, columns, parts)
+    total = light.sum(axis=2)
+    unit = ways / np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), 1e-300)
+    truth = _halves(unit.reshape(-1, 3), total.ravel())
+    for count in COUNTS:
+        cut = [(ways[region].sum(axis=(0, 1)), light[region].sum(axis=(0, 1))) for region in _regions(total, count)]
+        middles = np.array([way / np.linalg.norm(way) for way, _ in cut])
+        error = _error(_halves(middles, np.array([each.sum() for _, each in cut])), truth)
+        if error <= tolerance or len(cut) < count:
+            break
+    lamps = [
+        Lamp(to_lamp=way, intensity=float(irradiance), spectrum=part.spectrum, name=part.name)
+        for way, (_, each) in zip(middles, cut, strict=True)
+        for part, irradiance in zip(environment.parts, each, strict=True)
+    ]
+    return LightPoints(lamps, len(cut), error)
+
+
+def area_points(lamp: AreaLamp, low: Array, high: Array, tolerance: float) -> LightPoints:
+    """Point lamps in place of an area lamp that lights what is between the corners `low` and `high` (3,) [m]."""
+    probes = low + (high - low) * 0.5 * np.array(list(np.ndindex(3, 3, 3)), np.float64)
+    fine = _lamps(lamp, FINE)
+    truth = [_light_at(probe, fine) for probe in probes]
+    for count in COUNTS:
+        lamps = _lamps(lamp, count)
+        error = max(_error(_light_at(probe, lamps), whole) for probe, whole in zip(probes, truth, strict=True))
+        if error <= tolerance:
+            break
+    return LightPoints(lamps, len(lamps), error)
+
+
+def _blocks(environment: Environment) -> tuple[Array, Array]:
+    """Of blocks of pixels: their light [irradiance] times the unit direction it comes from, (rows, columns, 3), and
+    their light, (rows, columns, parts).
+    """
+    height, width = environment.values.shape[:2]
+    side = -(-height // WIDEST_MAP)
+    light = np.stack([part.radiance for part in environment.parts], axis=-1) * environment.solid_angles[:, None, None]
+    rows, columns = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
+    # of a dark pixel, too, the direction is kept
+    ways = environment.directions(rows, columns) * np.maximum(light.sum(axis=2, keepdims=True), 1e-30)
+    sums = [
+        np.add.reduceat(np.add.reduceat(v, range(0, height, side)), range(0, width, side), 1) for v in (ways, light)
+    ]
+    return sums[0], sums[1]
+
+
+def _regions(light: Array, count: int) -> list[tuple[slice, slice]]:
+    """At most `count` regions of a map, each cut where half of its light is: first the one of most light and width."""
+    height, width = light.shape
+    sums = np.pad(light.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    whole: list[tuple[float, int, int, int, int]] = []
+    done = []
+
+    def put(top: int, bottom: int, left: int, right: int) -> None:
+        held = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+        solid = (math.cos(math.pi * top / height) - math.cos(math.pi * bottom / height)) * (right - left)
+        heapq.heappush(whole, (-float(held) * math.sqrt(solid), top, bottom, left, right))
+
+    put(0, height, 0, width)
+    while whole and len(whole) + len(done) < count:
+        _, top, bottom, left, right = region = heapq.heappop(whole)
+        middle = math.sin(math.pi * 0.5 * (top + bottom) / height)
+        down, across = bottom - top, 2.0 * (right - left) * middle * height / width
+        if max(bottom - top, right - left) == 1:
+            done.append(region)
+        elif right - left == 1 or (down >= across and bottom - top > 1):
+            at = top + _half(light[top:bottom, left:right].sum(axis=1))
+            put(top, at, left, right)
+            put(at, bottom, left, right)
+        else:
+            at = left + _half(light[top:bottom, left:right].sum(axis=0))
+            put(top, bottom, left, at)
+            put(top, bottom, at, right)
+    every = [*done, *whole]
+    lit = [
+        (slice(top, bottom), slice(left, right)) for _, top, bottom, left, right in sorted(every, key=lambda r: r[1:])
+    ]
+    return [region for region in lit if light[region].any()]
+
+
+def _half(light: Array) -> int:
+    """Where a row of two or more entries is cut: half of its light is on either side, about."""
+    sums = np.cumsum(light)
+    return int(np.clip(np.searchsorted(sums, 0.5 * sums[-1]) + 1, 1, len(light) - 1))
+
+
+def _lamps(lamp: AreaLamp, count: int) -> list[Lamp]:
+    """`count` point lamps, all alike, spread over an area lamp; of a sphere one alone shines from its middle."""
+    if lamp.radius is None:
+        assert lamp.edges is not None
+        first, second = np.linalg.norm(lamp.edges, axis=1)
+        across = 2 ** min(max(round(0.5 * math.log2(count * first / second)), 0), round(math.log2(count)))
+        shares = np.stack(np.meshgrid(*((np.arange(n) + 0.5) / n - 0.5 for n in (across, count // across))), axis=-1)
+        places = lamp.position + shares.reshape(-1, 2) @ lamp.edges
+        axes = [lamp.normal] * count
+    elif count == 1:
+        intensity = math.pi * lamp.radius**2 * lamp.radiance
+        return [Lamp(lamp.position, intensity=intensity, spectrum=lamp.spectrum, name=lamp.name)]
+    else:
+        axes = list(_sunflower(count))
+        places = lamp.position + lamp.radius * np.array(axes)
+    each = lamp.radiance * lamp.area / count
+    return [
+        Lamp(place, intensity=each, spectrum=lamp.spectrum, name=lamp.name, axis=axis)
+        for place, axis in zip(places, axes, strict=True)
+    ]
+
+
+def _light_at(point: Array, lamps: Sequence[Lamp]) -> Array:
+    """`_halves` of what point lamps give there."""
+    places = np.array([lamp.position for lamp in lamps])
+    away = places - point
+    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
+    ways = away / distance[:, None]
+    facing = np.ones(len(lamps)) if lamps[0].axis is None else np.array([-lamp.axis for lamp in lamps]) * ways  # type: ignore[operator]
+    facing = facing if facing.ndim == 1 else np.maximum(facing.sum(axis=1), 0.0)
+    return _halves(ways, float(lamps[0].intensity) * facing / distance**2)  # type: ignore[arg-type]
+
+
+def _halves(ways: Array, light: Array) -> Array:
+    """Of light (n,) from unit directions (n, 3): what comes from each of HALVES, and what it gives there on a plane
+    that faces its middle; then all of the light: (3, HALVES).
+    """
+    cosine = ways @ _sunflower(HALVES).T
+    sums = (cosine > 0.0).T @ light, np.maximum(cosine, 0.0).T @ light
+    return np.array([*sums, np.full(HALVES, light.sum())])
+
+
+def _error(few: Array, whole: Array) -> float:
+    """The largest of the root mean squares of the three differences, over all of the light; 0 where there is none."""
+    if not whole[2, 0] > 0.0:
+        return 0.0
+    return float(np.sqrt(np.mean((few - whole) ** 2, axis=1)).max()) / float(whole[2, 0])
+
+
+def _sunflower(count: int) -> Array:
+    """Unit directions (count, 3), evenly spread."""
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    turn, aside = GOLDEN * np.arange(count), np.sqrt(1.0 - z * z)
+    return np.stack([aside * np.cos(turn), aside * np.sin(turn), z], axis=1)

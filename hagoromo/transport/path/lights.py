@@ -1,0 +1,141 @@
+"""Lights: the lamps of a scene that walks may also meet by themselves, area lamps and an environment.
+
+One of them, or of the other lamps, is drawn at each event, and the direction that a walk goes on in may meet one. Both
+are estimates of the same light: each counts by the balance heuristic (Veach & Guibas 1995). The density of the walk's
+directions is known for planes only, so that in its place stands f over the albedo, which it follows nearly: any
+density, the same in both places, leaves the sum without bias.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
+from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.environment import Environment
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.crossing import selected
+from hagoromo.transport.lighting import LampRow
+from hagoromo.transport.path.area_light import area_light
+from hagoromo.transport.path.environment_light import EnvironmentLight
+from hagoromo.transport.path.free_flight import Random
+from hagoromo.transport.path.next_event import LampDrawn, seen_lamp
+
+LEAST_ALBEDO = 1e-3
+
+
+class Lights:
+    """Area lamps and the environment, beside the other lamps of a scene; places count from the scene's origin."""
+
+    def __init__(
+        self,
+        lamps: Sequence[LampRow],
+        area_lamps: Sequence[AreaLamp],
+        environment: Environment | None,
+        groups: Sequence[int],
+        reflectances: Sequence[Reflectance],
+    ) -> None:
+        """groups: in the palette, of every area lamp, then of every part of the environment. reflectances: in the order
+        of their materials.
+        """
+        self.lamps, self.areas = lamps, [area_light(lamp) for lamp in area_lamps]
+        self.area_groups, self.part_groups = list(groups[: len(area_lamps)]), list(groups[len(area_lamps) :])
+        self.environment = None if environment is None else EnvironmentLight(environment)
+        sent = [math.pi * r.alpha + r.interface_albedo + r.transmission for r in reflectances]
+        self.albedo = lookup(arrays().Float, np.maximum(np.array(sent, np.float32), LEAST_ALBEDO))
+
+    def spread(self, material: UInt, light: Float) -> Float:
+        """About the density of the directions that a walk goes on in [1/sr]; light: f there, body and interface."""
+        return light / dr.gather(arrays().Float, self.albedo, material)
+
+    def drawn(self, point: Array3f, groups: int, random: Random) -> tuple[LampDrawn, Random]:
+        """A light, drawn about in the share that it has of the irradiance, and a direction to it; groups: how many."""
+        jit = arrays()
+        choice, u, v, across, down = (random.next_float32() for _ in range(5))
+        nothing = jit.Float(0)
+        chosen = LampDrawn(jit.Array3f(0, 0, 1), nothing, nothing, jit.UInt(0), [nothing] * groups, nothing)
+        each = [seen_lamp(lamp, point) for lamp in self.lamps]
+        shares = [light for _, _, light in each] + [light.share(point) for light in self.areas]
+        shares += [] if self.environment is None else [self.environment.share()]
+        total, below = sum(shares, nothing), nothing
+        for number, share in enumerate(shares):
+            above = below + share
+            here = (choice * total >= below) & (choice * total < above) & (share > 0.0)
+            below, chance, area = above, share / total, number - len(self.lamps)
+            if area < 0:
+                way, away, _ = each[number]
+                new = LampDrawn(
+                    way, jit.Float(away), total, jit.UInt(0), _one(self.lamps[number].group, groups), nothing
+                )
+            elif area < len(self.areas):
+                light = self.areas[area]
+                to_light = light.drawn(point, u, v)
+                strength = _over(light.radiance, to_light.density * chance)
+                tints = _one(self.area_groups[area], groups)
+                new = LampDrawn(*to_light[:2], strength, jit.UInt(0), tints, to_light.density * chance)
+            else:
+                assert self.environment is not None
+                to_light, pixel = self.environment.drawn(u, v, across, down)
+                tints = self._by_groups(self.environment.radiance_of(pixel), groups)
+                density = to_light.density * chance
+                new = LampDrawn(*to_light[:2], _over(jit.Float(1), density), jit.UInt(0), tints, density)
+            chosen = LampDrawn(*(selected(here, one, other) for one, other in zip(new, chosen, strict=True)))
+        return chosen, random
+
+    def met(
+        self, origin: Array3f, direction: Array3f, event: Float, spread: Float, first: Bool, groups: int
+    ) -> list[Float]:
+        """Radiance of every group that a walk meets on its way to its next event, at a distance [m] (infinity: none).
+
+        origin: of the walk's event before. spread: as it was there for this direction; infinity where no light could
+        have been drawn. first: whether the walk comes from the camera, and meets what is visible.
+        """
+        jit = arrays()
+        shares = [seen_lamp(lamp, origin)[2] for lamp in self.lamps] + [light.share(origin) for light in self.areas]
+        shares += [] if self.environment is None else [self.environment.share()]
+        total, light = sum(shares, jit.Float(0)), [jit.Float(0)] * groups
+        for area, group, share in zip(self.areas, self.area_groups, shares[len(self.lamps) :], strict=False):
+            seen = area.seen(origin, direction)
+            counts = _balance(spread, seen.density * share / total, first, area.visible)
+            there = seen.there & (seen.distance < event)
+            light[group] = light[group] + dr.select(there, area.radiance * counts, 0.0)
+        if self.environment is not None:
+            pixel = self.environment.pixel(direction)
+            density = self.environment.density_of(pixel) * shares[-1] / total
+            counts = _balance(spread, density, first, self.environment.visible)
+            counts = dr.select(dr.isinf(event), counts, 0.0)
+            parts = self._by_groups(self.environment.radiance_of(pixel), groups)
+            light = [old + counts * new for old, new in zip(light, parts, strict=True)]
+        return light
+
+    def _by_groups(self, parts: Sequence[Float], groups: int) -> list[Float]:
+        """Radiance of every group from that of every part of the environment."""
+        light = [arrays().Float(0)] * groups
+        for group, part in zip(self.part_groups, parts, strict=True):
+            light[group] = light[group] + part
+        return light
+
+
+def share_of_drawn(lamp: LampDrawn, spread: Float) -> Float:
+    """What the light of a drawn lamp counts, where a walk could have met it, too."""
+    return dr.select(lamp.density > 0.0, lamp.density / (lamp.density + spread), 1.0)
+
+
+def _balance(spread: Float, density: Float, first: Bool, visible: bool) -> Float:
+    """What light counts that was met: all of it where it could not be drawn."""
+    both = dr.select(dr.isinf(spread), 1.0, spread / dr.fmax(spread + density, 1e-30))
+    return dr.select(first, 1.0 if visible else 0.0, both)
+
+
+def _one(group: int, groups: int) -> list[Float]:
+    """1 for one group, 0 for the others."""
+    return [arrays().Float(float(k == group)) for k in range(groups)]
+
+
+def _over(light: Float, density: Float) -> Float:
+    """Light over its density; 0 where there is none."""
+    return dr.select(density > 0.0, light / dr.fmax(density, 1e-30), 0.0)
