@@ -21,6 +21,23 @@ def exr(path: Path) -> None:
     write_exr(path, {name: COLOUR[..., k] for k, name in enumerate("RGB")}, {"undistorted": "yes"})
 
 
+def map_exr(path: Path) -> None:
+    """An environment."""
+    write_exr(path, {name: np.resize(COLOUR[..., k], (8, 16)) for k, name in enumerate("RGB")})
+
+
+def map_hdr(path: Path) -> None:
+    """An environment, its lines packed in runs and as they are."""
+    lines = np.resize(COLOUR, (8, 16, 4))
+    lines[..., 3] = 124 + lines[..., 3] % 8  # radiance about 1
+    lines[:4] = lines[:4, :1]
+    packed = b""
+    for number, line in enumerate(lines):
+        rows = (bytes([128 + 16, row[0]]) if number < 4 else bytes([16, *row]) for row in line.T)
+        packed += b"\2\2\0\x10" + b"".join(rows)
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + packed)
+
+
 def exr_tiles(path: Path) -> None:
     """Tiles of half floats."""
     import OpenEXR

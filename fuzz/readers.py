@@ -167,6 +167,7 @@ def _sheet(path: Path) -> Any:
 LOAD_SCENE = _late("hagoromo.image.scene_file", "load_scene")
 READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
 LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
+READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
@@ -198,6 +199,8 @@ SIMPLE = (
     Reader("colmap-text", _colmap_model(True), _colmap, "model"),
     Reader("colmap-binary", _colmap_model(False), _colmap, "model"),
     Reader("wif.wif", records.text(records.WIF), _draft),
+    Reader("map.hdr", pictures.map_hdr, READ_MAP),
+    Reader("map.exr", pictures.map_exr, READ_MAP, share=0.3),
     Reader("ies.ies", records.text(records.IES), _info),
     Reader("mesh.ply", records.text(records.PLY), READ_MESH),
     Reader("mesh.obj", records.text(records.OBJ), READ_MESH),
