@@ -51,6 +51,10 @@ def full_picture(
 
     `InputError` for surfaces, and for a box whose matter would send on more light than it takes, or has texels.
     """
+    lit, points_of_light = lit_by_points(scene, settings)
+    if points_of_light:
+        image = full_picture(lit, settings, points, cache, progress)
+        return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
     if scene.surfaces:
         raise InputError(f"the scene has surfaces ({len(scene.surfaces)}): mode full takes volume boxes only as yet")
     for box in scene.boxes:
@@ -59,10 +63,6 @@ def full_picture(
             raise InputError(
                 f"volume box {box.name!r} has texels: mode full takes boxes without; use mode march or path"
             )
-    lit_points, points_of_light = lit_by_points(scene, settings)
-    if points_of_light:
-        image = full_picture(lit_points, settings, points, cache, progress)
-        return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
     kept = cache or SceneCache()
     bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))  # one choice for all batches
     batches = batches_of(scene.lamps, bands.count, settings.separate_lamps)
