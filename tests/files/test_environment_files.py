@@ -5,30 +5,16 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.errors import InputError
-from hagoromo.files.hdr import read_hdr
+from hagoromo.files.hdr import write_hdr
 from hagoromo.image.scene_file import load_scene
 from tests.ball_scene import KEY, ball_scene
 
 SKY = np.random.default_rng(1).random((16, 32, 3)).astype(np.float32) ** 8 * 40.0
 
 
-def written(path, pixels=SKY):
-    """By OpenCV: packed in runs from 8 pixels on, else as they are."""
-    import cv2
-
-    assert cv2.imwrite(str(path), np.ascontiguousarray(pixels[..., ::-1]))
+def written(path):
+    write_hdr(path, SKY)
     return path
-
-
-@pytest.mark.parametrize("shape", [(16, 32), (3, 6), (5, 300)])
-def test_radiance_pictures_of_opencv_are_read(tmp_path, shape):
-    """To half of the last bit of the mantissa that the brightest channel has: 2⁻⁸ of it."""
-    pixels = np.resize(SKY, (*shape, 3))
-    pixels[1:3, 2:] = 0.25  # runs
-    read = read_hdr(written(tmp_path / "sky.hdr", pixels))
-    assert read.shape == pixels.shape and read.dtype == np.float32
-    assert (np.abs(read - pixels) <= pixels.max(axis=2, keepdims=True) / 128).all()
-    assert (read[1, 2:] == 0.25).all()
 
 
 def test_an_environment_is_the_same_from_both_formats(tmp_path):
@@ -144,10 +130,9 @@ def test_what_is_no_map_of_light_is_refused(values, said):
     ("spoil", "said"),
     [
         (lambda data: data[:-20], "cut off or damaged"),
-        (lambda data: data[:40], "no line '-Y height"),
-        (lambda data: data.replace(b"-Y 16 +X 32", b"-Y 99999999 +X 99999999"), "GiB of memory"),
-        (lambda data: data.replace(b"-Y 16 +X 32", b"+X 32 -Y 16"), "no line '-Y height"),
-        (lambda data: data.replace(b"_rgbe", b"_xyze"), "XYZ"),
+        (lambda data: data[:40], "no picture of Radiance"),
+        (lambda data: data.replace(b"-Y 16 +X 32", b"-Y 999999 +X 999999"), "GiB of memory"),
+        (lambda data: data.replace(b"-Y 16 +X 32", b"+X 32 -Y 16"), "no picture of Radiance"),
         (lambda data: b"BM" + data, "not an EXR"),
     ],
 )
