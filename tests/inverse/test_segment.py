@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hagoromo.measurement.known_shape import measure_known_shape
-from hagoromo.measurement.material.segment import segment
+from hagoromo.measurement.material.segment import _joined, segment
 from tests.inverse.simulated_ball import Truth, simulate
 
 SIZE = 61
@@ -52,6 +52,16 @@ def test_two_colours_that_do_not_touch_are_two():
     """Parted by a third: three materials, none of which is joined with another."""
     share = np.where(ROWS < -0.2, 0.0, np.where(ROWS > 0.2, 1.0, 0.5))
     assert segment(ball(share)).max() == 2
+
+
+def test_stray_pixels_do_not_join_two_materials():
+    """Two squares apart from each other; noise gave a few pixels of the one the other's label and half its colour."""
+    labels, colours = np.full((70, 150), -1), np.full((70, 150, 2), np.nan)
+    for number in range(2):
+        square = slice(5, 65), slice(5 + 75 * number, 65 + 75 * number)
+        labels[square], colours[square] = number, (0.07 * number, 0.0)
+    labels[30:32, 30:32], colours[30:32, 30:32] = 1, (0.01, 0.0)
+    assert _joined(labels, colours).max() == 1
 
 
 def test_a_gradient_is_measured_as_one_material_of_a_colour_per_pixel():

@@ -26,6 +26,7 @@ MOST_BINS = 512
 ACROSS = 2  # [px] between the two pixels of a pair across a border: the one between them may be mixed
 LEAST_STEP = 0.5  # of the difference of two colours, over ACROSS pixels of their border: below, it is a gradient
 FEWEST_PAIRS = 5  # across a border, for its step to be known
+LEAST_BORDER = 0.25  # length over the side of the smaller material as a square; stray pixels have shorter borders
 
 
 class BodyColour(NamedTuple):
@@ -162,7 +163,8 @@ def _step(labels: NDArray[np.int64], colours: Array, pair: tuple[int, int], diff
         steps += [change[forth], -change[back]]
     known = np.concatenate(steps)
     known = known[np.isfinite(known)]
-    return float(np.median(known)) if len(known) >= FEWEST_PAIRS else np.inf
+    side = np.sqrt(min(np.sum(labels == number) for number in pair))
+    return float(np.median(known)) if len(known) >= max(FEWEST_PAIRS, ACROSS * LEAST_BORDER * side) else np.inf
 
 
 def _by_size(labels: NDArray, least: float) -> NDArray[np.int64]:
