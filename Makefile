@@ -112,7 +112,7 @@ first-order: $(READY)
 # Recipes by modes march, full and path, side by side (minutes): docs/orders.md.
 orders: $(READY)
 	$(BIN)/python -m studies.orders examples/recipes --out out/orders --force
-	cp out/orders/orders.md docs/ && cp out/orders/orders.png docs/figures/
+	cp out/orders/orders.md docs/ && cp out/orders/orders.png out/orders/orders_colour.png docs/figures/
 
 # Workers on this machine, one of them killed, and a simulation of many (minutes): docs/cluster.md.
 cluster: $(READY)

@@ -2,7 +2,7 @@
 
     python -m studies.orders examples/recipes --out out/orders
 
-Leaves: results.json, orders.md and orders.png, which belong to docs.
+Leaves: results.json, orders.md, orders.png and orders_colour.png, which belong to docs.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from studies.orders_colour import colour_row
+from studies.orders_colour import plot as plot_colour
 from studies.table import print_table
 
 MODES = "march", "full", "path"
+TITLES = "march: the first order", "full", "path", "march − path", "full − path"
 BLOCK = 8  # px a side of the blocks by which full and path are compared: the noise of path is small in their means
 LARGEST_SHOWN = 0.2  # difference over the mean at the ends of the colours
 AWAY = 25.0  # fields of view from the middle to the camera
@@ -57,32 +60,43 @@ def orders_study(
 
     pixels: a side of the pictures. samples: walks a pixel of mode path, and rays a pixel of march and full to 4.
     """
-    rows, shown = [], {}
+    rows: list[dict[str, Any]] = []
+    scenes: dict[str, hg.Scene] = {}
+    shown: dict[str, dict[str, hg.Image]] = {}
     with hg.whole_folder(out, force) as home:
         chosen = only or tuple(SUBJECTS)
         for number, name in enumerate(chosen):
             subject = SUBJECTS[name]
-            progress(number / len(chosen), subject.title)
-            images, seconds = images_of(Path(recipes), subject, pixels, samples)
+            progress(0.9 * number / len(chosen), subject.title)
+            scenes[name] = scene_of(box_of(Path(recipes), subject), subject, pixels)
+            images, seconds = images_of(scenes[name], samples)
             rows.append(row(subject, images, seconds))
-            shown[subject.title] = images
+            shown[name] = images
         record = {"hagoromo": hg.__version__, "pixels": pixels, "samples": samples, "seed": 0, "rows": rows}
+        if {"linen", "backlit"} <= set(shown):
+            progress(0.9, "colour of white linen")
+            photographs = {"front": shown["linen"]["path"], "behind": shown["backlit"]["path"]}
+            truth = WHITE_LINEN["material"]["body_colour"]
+            record["colour"], pictures = colour_row(scenes["linen"], scenes["backlit"], photographs, truth)
+            plot_colour(home / "orders_colour.png", pictures)
         hg.write_json(home / "results.json", record)
-        plot(home / "orders.png", shown)
+        plot(home / "orders.png", {SUBJECTS[name].title: images for name, images in shown.items()})
         page = hg.page_text("orders.md.j2", "studies", **record)
         (home / "orders.md").write_text(page, encoding="utf-8", newline="\n")
     return record
 
 
-def images_of(
-    recipes: Path, subject: Subject, pixels: int, samples: int
-) -> tuple[dict[str, hg.Image], dict[str, float]]:
-    """The image of a subject by each mode, and the processor seconds that it took."""
+def box_of(recipes: Path, subject: Subject) -> hg.VolumeBox:
+    """The box of a subject."""
     record: dict[str, Any] = hg.read_toml(recipes / f"{subject.recipe}.toml") | {"extinction": "projected"}
     for key, value in subject.changed.items():
         old = record.get(key)
         record[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
-    scene = scene_of(hg.build(record), subject, pixels)
+    return hg.build(record)
+
+
+def images_of(scene: hg.Scene, samples: int) -> tuple[dict[str, hg.Image], dict[str, float]]:
+    """The image of a scene by each mode, and the processor seconds that it took."""
     images, seconds = {}, {}
     for mode in MODES:
         settings = hg.Settings(samples if mode == "path" else min(samples, 4))
@@ -129,26 +143,27 @@ def in_blocks(values: Array) -> Array:
 
 
 def plot(path: Path, shown: Mapping[str, Mapping[str, hg.Image]]) -> None:
-    """A row for each subject: the modes, exposed alike, and how much full differs from path."""
+    """A row for each subject: the modes, exposed alike, and how much march and full differ from path."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 3.2 * len(shown)), layout="constrained")
-    axes: Any = figure.subplots(len(shown), len(MODES) + 1, squeeze=False)
+    figure = Figure(figsize=(16.0, 3.2 * len(shown)), layout="constrained")
+    axes: Any = figure.subplots(len(shown), len(MODES) + 2, squeeze=False)
     last: Any = None
     for line, (title, images) in zip(axes, shown.items(), strict=True):
         linear = {mode: hg.srgb_from_xyz(images[mode].xyz()) for mode in MODES}
         white = 0.9 / max(float(np.percentile(linear["path"], 99.5)), 1e-30)
         for axis, mode in zip(line, MODES, strict=False):
             axis.imshow(hg.srgb_encode(np.clip(white * linear[mode], 0.0, 1.0)))
-        light = {mode: in_blocks(images[mode].xyz()[..., 1].astype(float)) for mode in ("full", "path")}
-        difference = 100.0 * (light["full"] - light["path"]) / light["path"].mean()
+        light = {mode: in_blocks(images[mode].xyz()[..., 1].astype(float)) for mode in MODES}
         ends = {"vmin": -100.0 * LARGEST_SHOWN, "vmax": 100.0 * LARGEST_SHOWN}
-        last = line[-1].imshow(difference, cmap="RdBu_r", **ends)
+        for axis, mode in zip(line[-2:], ("march", "full"), strict=True):
+            difference = 100.0 * (light[mode] - light["path"]) / light["path"].mean()
+            last = axis.imshow(difference, cmap="RdBu_r", **ends)
         line[0].set_ylabel(title, fontsize=10)
         for axis in line:
             axis.set_xticks([])
             axis.set_yticks([])
-    for axis, title in zip(axes[0], ("march: the first order", "full", "path", "full − path"), strict=True):
+    for axis, title in zip(axes[0], TITLES, strict=True):
         axis.set_title(title, fontsize=10)
     bar = figure.colorbar(last, ax=axes[:, -1], shrink=0.6)
     bar.set_label("difference of Y over the mean [%]", fontsize=9)
@@ -167,7 +182,8 @@ def main(
         samples: walks a pixel of mode path.
         force: replace an existing folder.
     """
-    record = orders_study(recipes, out, pixels, samples, force=force)
+    with hg.progress_bar("all orders of light") as progress:
+        record = orders_study(recipes, out, pixels, samples, force=force, progress=progress)
     heads = "subject", "all / first", "full / path", "full off path", "noise of path", "march, full, path [CPU s]"
     lines = [
         [
