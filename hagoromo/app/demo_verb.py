@@ -32,7 +32,8 @@ def demo(
     def opened(page: Path) -> None:
         address = page.resolve().as_uri()
         say(f"the page is there and grows: {address}")
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it is not, where no console is
+            sys.stdout.flush()
         if open_page and _has_screen():
             import webbrowser
 

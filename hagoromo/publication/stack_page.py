@@ -13,12 +13,14 @@ from hagoromo.publication.colours import PageColours
 from hagoromo.publication.document import Viewer, overhead
 from hagoromo.publication.export.lit import Array
 from hagoromo.publication.object_page import DISPLAY_KEY, GENTLE, ObjectPage, first_direction
-from hagoromo.publication.planes import pack_planes
+from hagoromo.publication.planes import Plane, pack_planes
 from hagoromo.publication.stack_basis import PackedStack, packed_stack
 from hagoromo.publication.weight_stack import WeightStack
 
 TRIES = 8
 SMALLEST_SIDE = 16  # px
+DEPTH_TOP = 65535
+LENGTHS = "Lengths are those of straight lines between two places where the line of sight first meets matter."
 
 
 def stack_page(stack: WeightStack, colours: PageColours, title: str, limit: int) -> tuple[ObjectPage, PackedStack]:
@@ -29,8 +31,10 @@ def stack_page(stack: WeightStack, colours: PageColours, title: str, limit: int)
     for _ in range(TRIES):
         stack = whole if factor == 1.0 else whole.reduced(factor)
         packed = packed_stack(stack, to_display, exposure)
-        text = pack_planes(packed.planes, stack.known)
-        data = _data(stack, packed, colours, title, exposure, factor)
+        lengths, planes = _lengths(stack)
+        text = pack_planes(packed.planes | planes, stack.known)
+        data = _data(stack, packed, colours, title, exposure, factor) | lengths
+        data["scales"] = packed.scales | lengths.get("scales", {})
         viewer = Viewer(data | {"tiles": [{"key": "0-0-0", "header": text.header}]}, {"0-0-0": text.text})
         rest = overhead(viewer)
         height, width = stack.alpha.shape
@@ -66,7 +70,6 @@ def _data(
         "pixel": factor,
         "side": max(width, height),
         "levels": [{"factor": 1, "width": width, "height": height, "tiles": 1}],
-        "hasScale": False,
         "scales": packed.scales,
         "stack": {
             "directions": [[float(f"{x:.9g}") for x in one] for one in functions.directions],
@@ -82,6 +85,20 @@ def _data(
     }
 
 
+def _lengths(stack: WeightStack) -> tuple[dict[str, Any], dict[str, Plane]]:
+    """What the ruler of the page needs, and the plane of depths."""
+    if stack.depth is None or stack.camera is None:
+        return {"hasScale": False}, {}
+    known = stack.known
+    low, high = float(stack.depth[known].min()), float(stack.depth[known].max())
+    high = max(high, low * (1.0 + 1e-6))
+    plane = np.rint(DEPTH_TOP * np.clip((stack.depth - low) / (high - low), 0.0, 1.0))
+    camera = stack.camera
+    focal, principal = list(camera.focal), list(camera.principal)
+    lengths = {"hasScale": True, "focal": focal, "principal": principal, "scales": {"depth": [low, high]}}
+    return lengths, {"depth": np.where(known, plane, 0.0).astype(np.uint16)}
+
+
 def _assumptions(stack: WeightStack, packed: PackedStack) -> list[str]:
     lamps, colours = stack.weights.shape[2:]
     spacing = math.degrees(math.sqrt(2.0 * math.pi / lamps))
@@ -92,4 +109,5 @@ def _assumptions(stack: WeightStack, packed: PackedStack) -> list[str]:
         f"Error between them: {packed.error_between:.1f} of 255, found by leaving out each lamp in turn. Highlights "
         "and edges of shadows narrower than the spacing of the lamps fade and come back as the lamp moves.",
         "The lamps are far away. The camera and the object cannot be moved.",
+        *([LENGTHS] if stack.depth is not None else []),
     ]

@@ -7,6 +7,7 @@ f = w_d c_b(λ) + w_s e: with the weights of each colour kept apart, spectra of 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
+from hagoromo.image.layers import layers_of
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -36,12 +38,15 @@ class WeightStack:
     """weights: (h, w, N, P) float32, radiance per unit of lamp spectrum and of colour, under a lamp of irradiance 1.
 
     alpha: (h, w) coverage 0…1. directions: (N, 3) unit, to the lamps, page's axes. colours: P spectra.
+    camera: that sees it, and depth: (h, w) of what it sees, along its axis [m]; None where lengths are not known.
     """
 
     weights: NDArray[np.float32]
     alpha: NDArray[np.float32]
     directions: NDArray[np.float64]
     colours: tuple[Spectrum, ...]
+    camera: Camera | None = None
+    depth: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         height, width, lamps, colours = self.weights.shape
@@ -64,7 +69,9 @@ class WeightStack:
                 plane = np.ascontiguousarray(self.weights[:, :, lamp, colour])
                 small[:, :, lamp, colour] = cv2.resize(plane, size, interpolation=cv2.INTER_AREA)
         alpha = cv2.resize(self.alpha, size, interpolation=cv2.INTER_AREA)
-        return replace(self, weights=small, alpha=alpha.astype(np.float32))
+        depth = None if self.depth is None else cv2.resize(self.depth, size, interpolation=cv2.INTER_NEAREST)
+        camera = self.camera and self.camera.resampled(*size, (width / size[0], height / size[1]))
+        return replace(self, weights=small, alpha=alpha.astype(np.float32), camera=camera, depth=depth)
 
 
 def weight_stack(scene: Scene, lamps: int, settings: Settings, progress: Progress = silent) -> WeightStack:
@@ -83,7 +90,21 @@ def weight_stack(scene: Scene, lamps: int, settings: Settings, progress: Progres
     image = render(lit, replace(settings, separate_lamps=True), progress)
     height, width, _ = image.weights.shape
     weights = image.weights.reshape(height, width, lamps, -1)[:, :, list(image.palette.lamp_groups)]
-    return WeightStack(np.maximum(weights, 0.0), image.alpha, directions, tuple(image.palette.colours))
+    seen = tuple(image.palette.colours)
+    depth = _depth(scene, settings, image.alpha > 0.0)
+    return WeightStack(np.maximum(weights, 0.0), image.alpha, directions, seen, scene.camera, depth)
+
+
+def _depth(scene: Scene, settings: Settings, known: NDArray[np.bool_]) -> NDArray[np.float32] | None:
+    """Depth (h, w) of what is met first, the mean over a pixel [m]; that of the nearest pixel where nothing was met."""
+    from scipy.ndimage import distance_transform_edt
+
+    depth = layers_of(scene, settings)["depth.Z"]
+    met = known & (depth > 0.0)
+    if not met.any():
+        return None
+    nearest: Any = distance_transform_edt(~met, return_distances=False, return_indices=True)
+    return depth[nearest[0], nearest[1]]
 
 
 def box_camera(box: VolumeBox, pixels: int) -> Camera:

@@ -102,6 +102,26 @@ def test_the_page_says_what_it_assumes_and_offers_nothing_else(browser, publishe
     assert published.size == published.path.stat().st_size < 5_000_000
 
 
+def test_the_ruler_says_millimetres_in_space(browser, published):
+    """Across the ball and along its depth: its voxels are 10 mm wide and its fuzz ends 5.5 of them from the middle."""
+    opened = Opened(browser, published.path)
+    data = opened.data()
+    middle, camera = np.full(3, 0.065), scene().camera
+    eye = camera.position
+    to_eye = (eye - middle) / np.linalg.norm(eye - middle)
+    right = np.cross(to_eye, (0.0, 0.0, 1.0)) * -1.0
+    right /= np.linalg.norm(right)
+    found = []
+    for radius in (0.0, 0.04):  # places of the matter that face the camera, so many m beside its middle
+        point = middle + radius * right + math.sqrt(0.053**2 - radius**2) * to_eye
+        found.append((camera.project(point[None])[0], point))
+    places = [[float(x) for x in pixel] for pixel, _ in found]
+    said = opened.page.evaluate("([a, b]) => hagoromo.length(a, b)", places)
+    true = 1000.0 * np.linalg.norm(found[0][1] - found[1][1])
+    assert said.endswith(" mm") and abs(float(said.split()[0]) / true - 1.0) < 0.15
+    assert data["hasScale"] and not opened.page.locator("#hv-shadows-label").is_visible()
+
+
 def test_smooth_light_is_stored_and_interpolated_nearly_exactly():
     """A sphere by Lambert, far from its edge, is a smooth function of the direction: an oracle without a renderer."""
     y, x = (np.mgrid[:23, :29] - np.array([11, 14])[:, None, None]) / 30.0

@@ -2,6 +2,7 @@
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("hv-data").textContent);
 const LAMPS = 4, COARSE = 512, MOST_TILES = 64, STEP = Math.PI / 90, VIEWS = data.views;
+const CASTS = !!data.scales.depth && !data.stack;  // shadows by the depth of the object; weights have theirs
 const canvas = byId("hv-canvas"), frame = byId("hv-frame"), overlay = byId("hv-overlay");
 const message = byId("hv-message"), status = byId("hv-status");
 const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
@@ -43,7 +44,7 @@ async function unpacked(header, text) {
 // ---------------------------------------------------------------- state
 
 const state = {
-  lamps: [], lamp: 0, camera: 0, balance: true, stops: 0, view: 0, shadows: !!data.scales.depth, enhance: 0, width: 10,
+  lamps: [], lamp: 0, camera: 0, balance: true, stops: 0, view: 0, shadows: CASTS, enhance: 0, width: 10,
   tool: "light", scale: 0, x: data.width / 2, y: data.height / 2, photograph: -1,
 };
 let stamp = 1, shadowStamp = 0, asked = false, relief = null, ruler = null, turn = 0;
@@ -625,7 +626,7 @@ function connect() {
   options(byId("hv-spectrum"), data.colours.lamps);
   options(byId("hv-camera"), data.colours.cameras);
   byId("hv-spectrum-label").hidden = byId("hv-camera-label").hidden = byId("hv-balance-label").hidden = !data.colours.exact;
-  byId("hv-shadows-label").hidden = !data.scales.depth;
+  byId("hv-shadows-label").hidden = !CASTS;
   byId("hv-view").hidden = !!data.stack;
   const assumed = byId("hv-assumptions");
   assumed.hidden = !(data.assumptions || []).length;
@@ -751,7 +752,7 @@ function key(happened) {
     "+": () => zoomTo("in"), "=": () => zoomTo("in"), "-": () => zoomTo("out"), 0: () => zoomTo("fit"), 1: () => zoomTo("one"),
     l: () => turnTo("light"), m: () => turnTo("move"), r: () => turnTo("ruler"),
     v: () => { state.view = (state.view + 1) % VIEWS.length; changed(); },
-    s: () => { state.shadows = !state.shadows && !!data.scales.depth; changed(); },
+    s: () => { state.shadows = !state.shadows && CASTS; changed(); },
     p: () => { if (data.photographs.length) compare(((state.photograph + 2) % (data.photographs.length + 1)) - 1); },
     "[": () => { state.stops = Math.max(state.stops - 0.25, -3); changed(); },
     "]": () => { state.stops = Math.min(state.stops + 0.25, 3); changed(); },
@@ -803,4 +804,4 @@ const ready = start().catch((error) => { message.hidden = false; message.textCon
 canvas.addEventListener("webglcontextlost", () => { message.hidden = false; message.textContent = "The graphics processor was reset: load the page again."; });
 const compared = () => state.photograph in photographTextures;  // whether the photograph has been decoded
 const picture = () => { draw(); return canvas.toDataURL(); };  // all that the page shows now, as a PNG
-window.hagoromo = { ready, state, pixels, picture, compared, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
+window.hagoromo = { ready, state, pixels, picture, compared, length: lengthText, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
