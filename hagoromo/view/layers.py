@@ -113,10 +113,7 @@ def shadow_pictures(
 
 def light_layer(image: Image, layer: str) -> Image:
     """An image with the body or the interface light alone."""
-    palette = image.palette
-    body = np.arange(len(palette.colours)) < len(palette.bodies)
-    kept = np.tile(body if layer == "body" else ~body, len(palette.lamps))
-    return replace(image, weights=np.where(kept, image.weights, np.float32(0.0)))
+    return image.part(layer)
 
 
 def opacity_layer(image: Image) -> NDArray[np.uint8]:

@@ -18,6 +18,10 @@ class Item(NamedTuple):
     millimetre: dict[str, Any] | None = None
 
 
+PROJECTED = {"extinction": "projected", "mean_free_path_mm": 0.015}  # as dense in the mean as the recipes
+LETS_THROUGH = {"alpha": 0.16, "beta": 0.2, "transmission": 0.38, "clearness": 0.3}  # keys of a material
+
+
 def _cloth(recipe: str, title: str, yarn_mm: float, fibre_um: float, **whole: Any) -> Item:
     """A cloth: hanging in folds or over a ball, a flat patch in which yarns, and one in which fibres are seen apart."""
     hanging = {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": yarn_mm / 7, "variants": 2} | whole
@@ -46,6 +50,16 @@ ITEMS = {
     "primary": _feather("primary", "Primary feather", (4.0, 55.0)),
     "covert": _feather("covert", "Covert", (2.0, 22.0)),
     "down": _feather("down", "Down", (3.0, 14.0)),
+    "linen_through": Item(
+        "linen", "White linen that lets light through",
+        {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": 0.34 / 7, "variants": 2}
+        | PROJECTED
+        | {"material": LETS_THROUGH | {"transmitted_colour": 0.95}},
+    ),
+    "primary_through": Item(
+        "primary", "Primary feather that lets light through",
+        PROJECTED | {"material": LETS_THROUGH, "marking_material": {"transmitted_colour": 0.25}},
+    ),
     "wing": Item("wing", "Wings", {}),
     "solid": Item("solid", "Solid", {}, {"voxel_mm": 0.1}, None),
     "cloth_10_cm": Item(

@@ -14,9 +14,11 @@ import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.reflectance.element import ELEMENTS, projected_area
+from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import VIEWS, reflectance_from_record
 from hagoromo.reflectance.torrance_sparrow import Weights
 from hagoromo.transport.lighting import Materials, palette_of
+from tests.files.test_schemas import material
 from tests.oracle.transmission import transmitted
 
 AXIS = np.array([0.36, -0.48, 0.8])
@@ -156,6 +158,16 @@ def test_files_keep_transmission_and_those_without_have_no_such_keys():
     assert usual.transmitted[0] is usual.body_colour
     opaque = replace(one, transmission=0.0).record()
     assert not {"transmission", "transmitted_colour", "clearness"} & opaque.keys()
+
+
+def test_a_measured_material_may_be_said_to_transmit(tmp_path):
+    """It is not measured: the table that names the material states it, and the default colour is white."""
+    hg.write_materials([material()], tmp_path / "materials.json")
+    table = {"file": "materials.json", "material": "silk", "transmission": 0.2, "clearness": 0.5}
+    silk = reflectance_from_table(table, tmp_path, "table", "cylinder")
+    assert (silk.transmission, silk.clearness, silk.transmitted[0].at(550.0)) == (0.2, 0.5, 1.0)
+    with pytest.raises(InputError, match=r"table: .*transmission is 1\.2"):
+        reflectance_from_table(table | {"transmission": 1.2}, tmp_path, "table", "cylinder")
 
 
 def test_matter_without_transmission_has_the_kernels_of_before():
