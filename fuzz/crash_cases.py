@@ -95,6 +95,12 @@ def _volume(folder: Path) -> None:
     np.save(folder / "a.npy", density)
 
 
+def _gltf(folder: Path) -> None:
+    from fuzz.meshes import glb
+
+    glb(folder / "a.glb")
+
+
 def _small_box(folder: Path) -> None:
     from fuzz.boxes import box
 
@@ -261,6 +267,8 @@ CASES = (
     Case("convert to HDR", _image, ("convert", "scene.exr"), ("out.hdr",)),
     Case("convert to TIFF", _image, ("convert", "scene.exr"), ("out.tif",)),
     Case("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
+    Case("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
+    Case("convert glTF to a scene", _gltf, ("convert", "a.glb"), ("out",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
     Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
     Case(

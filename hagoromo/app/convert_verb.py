@@ -30,7 +30,7 @@ def convert(
 ) -> None:
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
     (NRRD, MetaImage, NIfTI, VTI, TIFF stack, …) → a volume box; a box → NRRD, VTI, .vol;
-    a picture → EXR, HDR, TIFF (16 bits), PNG.
+    a picture → EXR, HDR, TIFF (16 bits), PNG; a glTF → a folder with scene.toml; a scene.toml → .glb.
 
     Args:
         source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, a _par.txt; volume, box, or picture.
@@ -51,7 +51,9 @@ def convert(
     options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak)
     with progress_bar("convert") as progress:
         result = hg.convert(source, out, to, images, force, options, progress)
-    if isinstance(result, dict):
+    if isinstance(result, list):
+        say(*(f"{'lost' if out.suffix else 'made up'}: {each}" for each in result))
+    elif isinstance(result, dict):
         if result:
             print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")
     elif result is not None:

@@ -237,5 +237,6 @@ FACTS: dict[str, Callable[[Path], Facts]] = {
     "RTI dome .lp": lambda path: {"kind": "lamps", "lamps": len(load_lamps(path))},
 }
 FACTS_OF_KIND: dict[str, Callable[[Path], Facts]] = {
-    "volume": _volume, "surface": _surface, "cameras": _cameras, "picture": _picture, "matter": _toml, "table": _csv,
+    "volume": _volume, "surface": _surface, "scene": _surface,
+    "cameras": _cameras, "picture": _picture, "matter": _toml, "table": _csv,
 }  # fmt: skip

@@ -50,6 +50,49 @@ def read_mesh(path: str | Path) -> Any:
     return mesh
 
 
+def read_gltf(path: str | Path) -> tuple[dict[str, Any], Any]:
+    """The JSON of a .glb or .gltf file, and its meshes at their places, a `trimesh.Scene`, without textures.
+
+    `InputError` as of `read_mesh`.
+    """
+    import trimesh
+
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".glb", ".gltf"):
+        raise InputError(f"{path} is no glTF: give a .glb or .gltf")
+    data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[suffix])
+    with reading(path, "glTF"), trimesh_silenced():
+        record = _gltf_record(data, suffix)
+        if not isinstance(record, dict):
+            raise InputError(f"{path} holds no glTF: it is damaged")
+        _check_gltf(record, str(path))
+        plain = {key: value for key, value in record.items() if key not in ("images", "textures", "samplers")}
+        plain["materials"] = [_plain_material(one) for one in _tables(record, "materials")]
+        files = _folder_files(Path(path).parent, GROWTH[suffix])
+        scene = trimesh.load_scene(
+            io.BytesIO(_with_record(data, plain, suffix)), file_type=suffix[1:], resolver=files, process=False
+        )
+    return record, scene
+
+
+def _plain_material(material: Mapping[str, Any]) -> dict[str, Any]:
+    """A material of glTF with its factors alone."""
+    rough = material.get("pbrMetallicRoughness")
+    kept = {key: rough[key] for key in ("baseColorFactor", "roughnessFactor") if key in rough} if rough else {}
+    return {"name": str(material.get("name", "")), "pbrMetallicRoughness": kept}
+
+
+def _with_record(data: bytes, record: Mapping[str, Any], suffix: str) -> bytes:
+    """The bytes of a glTF with another JSON."""
+    text = json.dumps(record).encode()
+    if suffix == ".gltf":
+        return text
+    text += b" " * (-len(text) % 4)
+    magic, version, _, old, kind = GLTF_START.unpack_from(data)
+    rest = data[GLTF_START.size + old :]
+    return GLTF_START.pack(magic, version, GLTF_START.size + len(text) + len(rest), len(text), kind) + text + rest
+
+
 def _folder_files(folder: Path, growth: float) -> Any:
     """What trimesh asks for the files that a mesh names: only those in its folder."""
     from trimesh.resolvers import Resolver

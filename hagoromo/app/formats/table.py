@@ -65,7 +65,16 @@ SURFACES = (
     Format("Wavefront OBJ", "surface", (".obj",), MESH, "", "trimesh", "Mitsuba", "materials"),
     Format("STL", "surface", (".stl",), MESH, "", "trimesh", "tests' own bytes", "colours"),
     Format("OFF", "surface", (".off",), MESH, "", "trimesh", "tests' own text", "colours"),
-    Format("glTF", "surface", (".glb", ".gltf"), MESH, "", "trimesh", "tests' own bytes", "materials; out: `export`"),
+    Format(
+        "glTF",
+        "scene",
+        (".glb", ".gltf"),
+        MESH,
+        "hagoromo.app.formats.gltf_scene:gltf_from_scene",
+        "trimesh (meshes), our own (cameras, lamps)",
+        "VTK, tests' own bytes",
+        "textures, gloss, spectra, orthographic cameras; out: volume boxes, distortion, the optical axis",
+    ),
 )
 OTHERS = (
     Format(
