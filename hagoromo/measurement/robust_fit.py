@@ -104,7 +104,7 @@ class Objective:
 def minimise(objective: Objective, theta: Array, free: NDArray[np.bool_], steps: int = MATERIAL_FIT_STEPS) -> Rows:
     """Rows theta (K, P) moved to their nearest minimum; parameters where `free` (P,) is false stay fixed.
 
-    β F₀ stays 0 or more, the others in their admissible range. `Rows.statuses` states which rows had not
+    The body and β F₀ stay 0 or more, the others in their admissible range. `Rows.statuses` states which rows had not
     converged after `steps` steps.
     """
     problem = RowsProblem(objective.evaluate, *_bounds(theta.shape[1]), free)
@@ -121,6 +121,7 @@ def at_bound(theta: Array) -> NDArray[np.bool_]:
 
 def _bounds(size: int) -> tuple[Array, Array]:
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    low[: channels_of(low)] = 0.0
     colours = colour_slice(channels_of(low))
     low[colours], high[colours] = -STRONGEST_CONTRAST, STRONGEST_CONTRAST
     low[TAIL], high[TAIL] = TAIL_RANGE

@@ -17,6 +17,7 @@ from scipy.stats import t as student
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import find_albedo_variation
+from hagoromo.measurement.material.hidden_body import is_hidden, profile_over_strength
 from hagoromo.measurement.material.interval import (
     Profile,
     degrees_of_freedom,
@@ -44,6 +45,7 @@ from hagoromo.measurement.material.uncertainty import (
     errors_of,
     identifiable_of,
     intervals_of,
+    intervals_of_hidden,
     is_identifiable,
     values_at,
 )
@@ -55,6 +57,10 @@ from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 WIDENED = "errors and intervals are wider by how far the highlight and the body are from the model"
+HIDDEN = (
+    "its body reflects nothing in a channel at least, or the highlight hides it: intervals are those of all bodies "
+    "that the photographs allow; one whose lamp is farther from where its mirror image is seen tells more"
+)
 DETECTION = 1e-4  # probability that noise lowers χ² as much as an interface term has to
 PRIOR_N = 1.5  # refractive index of most dielectrics, plastic, skin and fibre among them: 1.3–1.7
 
@@ -116,8 +122,11 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
     if chosen.tails is not None and not chosen.model.tails:
         over_tails = profile_over_tail(wide.fit)
     intervals = _with_wide(chosen, intervals_of(profile, over_tails))
+    if is_hidden(fit):
+        intervals |= intervals_of_hidden(profile_over_strength(fit))
     identifiable = identifiable_of(fit, intervals)
-    remarks, values, covered = _remarks(fitted, tested, profile), values_at(fit.theta), fit
+    remarks, values = _remarks(fitted, tested, profile), values_at(fit.theta)
+    covered = None if is_hidden(fit) else fit
     if not fit.free[-1]:
         remarks.append(f"n = {values['n']:.4g} was given, not measured")
     elif not identifiable["n"]:
@@ -125,6 +134,8 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
         start = np.where(np.arange(fit.theta.size) == fit.theta.size + LOG_N1, np.log(index - 1.0), fit.theta)
         values, covered = values_at(fit_as(observations, index, chosen.model, start).fit.theta), None
         remarks.append(f"n is not identifiable from these photographs: {index:.3g} was chosen, intervals allow any n")
+    if is_hidden(fit):
+        remarks.append(HIDDEN)
     remarks += model_remarks(chosen.tails, chosen.coloured, chosen.model, intervals["nu"][0], chosen.failure)
     unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
     if unknown:
@@ -150,7 +161,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
     fit, c = fitted.fit, channels_of(fitted.fit.theta)
     sweep, values = sweep_of_gloss(fit, n), values_at(fit.theta)
     intervals: dict[str, Any] = {
-        "alpha": swept_interval(sweep, alpha),
+        "alpha": tuple(max(bound, 0.0) for bound in swept_interval(sweep, alpha)),
         "beta": (0.0, math.inf),
         "gamma": GAMMA_RANGE,
         "n": N_RANGE if n is None else (n, n),

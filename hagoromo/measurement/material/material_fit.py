@@ -47,6 +47,7 @@ def fit_material(
 ) -> MaterialFit:
     """α c_b, β, γ and n of one material; n is fixed if given, β = 0 without `with_interface`.
 
+
     tails: whether the facets are Student's, with ν estimated, or Gaussian. coloured: whether the interface has a colour
     of its own, or that of the lamp. start: (P,) θ to start from; by default the best of many.
     Huber's loss gives the start. If the residuals are then as large as the noise, Tukey's biweight takes over: what

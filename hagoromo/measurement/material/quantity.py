@@ -24,7 +24,7 @@ from hagoromo.reflectance.torrance_sparrow import Cosines
 
 Quantity = Callable[[Array], tuple[Array, Array]]
 
-SMALLEST = 1e-12  # [1/sr] smallest β F₀ whose logarithm is taken
+SMALLEST = 1e-12  # [1/sr] smallest β F₀ whose logarithm is taken, and smallest α that is divided by
 NODES, NARROWEST = 64, 5e-4  # of the quadrature of the albedo: Gauss–Legendre nodes of each part, and φ₀ [rad]
 
 
@@ -49,7 +49,7 @@ def body_colour(channel: int) -> Quantity:
 
     def quantity(theta: Array) -> tuple[Array, Array]:
         c = channels_of(theta)
-        alpha = theta[:, :c].mean(axis=1)
+        alpha = np.maximum(theta[:, :c].mean(axis=1), SMALLEST)
         value, gradient = theta[:, channel] / alpha, np.zeros_like(theta)
         gradient[:, :c] = (np.eye(c)[channel] - value[:, None] / c) / alpha[:, None]
         return value, gradient

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.errors import InputError
 from hagoromo.least_squares import NORMAL_95
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.interval import Profile, interval, interval_of_n, interval_of_tail
@@ -65,13 +64,31 @@ def _intervals(profile: Profile) -> dict[str, Any]:
     if fit.free[colour_slice(channels)].any():
         shape["interface_colour"] = tuple(interval(profile, colour_of_interface(c)) for c in range(channels))
     return shape | {
-        "alpha": interval(profile, alpha),
+        "alpha": _above_nothing(interval(profile, alpha)),
         "beta": _exp(interval(profile, log_beta)),
         "gamma": _within(_exp(interval(profile, coordinate(LOG_GAMMA))), GAMMA_RANGE),
         "n": tuple(1.0 + bound for bound in _exp(interval_of_n(profile) if along_n else _index_interval(profile))),
         "specular_albedo": _exp(interval(profile, log_albedo)),
         "body_colour": tuple(interval(profile, body_colour(channel)) for channel in range(channels)),
     }
+
+
+def intervals_of_hidden(profile: Profile) -> dict[str, Any]:
+    """Those of a body that may be black: its colour may be any of mean 1. profile: along β F₀."""
+    c = channels_of(profile.fit.theta)
+    return {
+        "alpha": (0.0, max(interval(profile, alpha)[1], 0.0)),
+        "beta": _exp(interval(profile, log_beta)),
+        "gamma": _within(_exp(interval(profile, coordinate(LOG_GAMMA))), GAMMA_RANGE),
+        "n": tuple(1.0 + bound for bound in _exp(_index_interval(profile))),
+        "specular_albedo": _exp(interval(profile, log_albedo)),
+        "body_colour": ((0.0, float(c)),) * c,
+    }
+
+
+def _above_nothing(bounds: tuple[float, float]) -> tuple[float, float]:
+    """The bounds of α: no body reflects less than nothing."""
+    return max(bounds[0], 0.0), max(bounds[1], 0.0)
 
 
 def _index_interval(profile: Profile) -> tuple[float, float]:
@@ -156,13 +173,8 @@ def values_at(theta: Array) -> dict[str, Any]:
     """The parameters of θ, by their names in `MaterialEstimate`."""
     body, beta, gamma, n, nu, colour = unpack_theta(theta)
     mean = float(body.mean())
-    if not mean > 0.0:
-        raise InputError(
-            f"its body reflects nothing (α = {mean:.2g}): the highlight hides it in these photographs; add one whose "
-            "lamp stands farther from where its mirror image is seen"
-        )
     return {
-        "body_colour": tuple((body / mean).tolist()),
+        "body_colour": tuple((body / mean).tolist()) if mean > 0.0 else (1.0,) * len(body),
         "alpha": mean,
         "beta": beta,
         "gamma": gamma,
