@@ -35,7 +35,7 @@ def render(
 
     Args:
         scene: scene TOML.
-        mode: march computes single scattering, without noise; full solves light of all orders in volume boxes on
+        mode: march computes single scattering, without noise; full solves light of all orders on
             a coarse grid; path estimates it, with noise.
         tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
             0.04).

@@ -18,7 +18,9 @@ from hagoromo.image.higher_orders import albedos_of, check_matter
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.render import PreparedScene, SceneCache, metadata, shadow_casters
+from hagoromo.image.origin import scene_from
+from hagoromo.image.patch_meshes import patch_meshes
+from hagoromo.image.render import PreparedScene, SceneCache, metadata, reflectances_of, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
@@ -28,6 +30,9 @@ from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import cell_size
 from hagoromo.transport.field.field import Field
+from hagoromo.transport.field.joint import Joint, SurfaceLight
+from hagoromo.transport.field.links import LitSurfaces
+from hagoromo.transport.field.patches import Patches
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film
@@ -49,14 +54,12 @@ def full_picture(
 ) -> Image:
     """The image of a scene by rays through `points` of every pixel; see `render`.
 
-    `InputError` for surfaces, and for a box whose matter would send on more light than it takes, or has texels.
+    `InputError` for a box whose matter would send on more light than it takes, or has texels.
     """
     lit, points_of_light = lit_by_points(scene, settings)
     if points_of_light:
         image = full_picture(lit, settings, points, cache, progress)
         return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
-    if scene.surfaces:
-        raise InputError(f"the scene has surfaces ({len(scene.surfaces)}): mode full takes volume boxes only as yet")
     for box in scene.boxes:
         check_matter(box)
         if box.texel is not None:
@@ -89,15 +92,17 @@ def _under_one_batch(
     scene: Scene, settings: Settings, points: NDArray[np.float64], bands: Bands, cache: SceneCache, progress: Progress
 ) -> Image:
     prepared = PreparedScene(scene, settings, cache)
-    field = field_of(scene, prepared, settings, bands, cache)
-    prepared.lighting.field = field
+    field, surface_light = light_of(scene, prepared, settings, bands, cache)
+    prepared.lighting.field, prepared.lighting.surface_light = field, surface_light
     progress(SOLVING)
     film = Film(prepared.camera, prepared.lighting.channels, 1, prepared.ahead)
     for sample, point in enumerate(points):
         share = (1.0 - SOLVING) / len(points)
         film.add(prepared.camera_radiance, point, part_of(progress, SOLVING + sample * share, share))
     weights, alpha = film.mean()
-    record = metadata(scene, settings) | {"mode": "full", "bands_error": bands.error, "field": field.record()}
+    record = metadata(scene, settings) | {"mode": "full", "bands_error": bands.error}
+    record |= {"field": field.record()} if field else {}
+    record |= {"patches": surface_light.lit.patches.count} if surface_light else {}
     palette = replace(prepared.palette, bands=bands.spectra)
     return Image(in_groups(weights, prepared.palette, bands.count), alpha, palette, record)
 
@@ -110,13 +115,16 @@ def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:
     return Bands(bands.wavelengths[:1], 0.0) if grey else bands
 
 
-def field_of(scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands, cache: SceneCache) -> Field:
-    """The light of higher orders in a prepared scene, solved unless `cache` holds it."""
-    assert prepared.medium is not None
+def light_of(
+    scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands, cache: SceneCache
+) -> tuple[Field | None, SurfaceLight | None]:
+    """The light of higher orders in a prepared scene, and on its surfaces, solved unless `cache` holds it."""
     lamps = json.dumps([record_from_lamp(lamp) for lamp in scene.lamps], default=float)
     materials = tuple(material for box in scene.boxes for material in box.materials)
+    surfaces = tuple((surface.figure, surface.reflectance) for surface in scene.surfaces)
     figures = (
         materials,
+        surfaces,
         lamps,
         bands.wavelengths.tobytes(),
         prepared.palette.lamp_groups,
@@ -124,14 +132,22 @@ def field_of(scene: Scene, prepared: PreparedScene, settings: Settings, bands: B
         settings.orders,
         prepared.origin.tobytes(),
     )
-    channels = len(prepared.palette.lamps) * bands.count
-    size = cell_size(prepared.medium.boxes, channels)
 
-    def build() -> Field:
-        assert prepared.medium is not None
+    def build() -> tuple[Field | None, SurfaceLight | None]:
         colours = BandColours(bands, prepared.palette)
-        solver = Solver(prepared.medium, prepared.lighting, colours, Scattering(materials), size)
-        return Field(solver, solver.solved(settings.seed, settings.orders), colours)
+        scattering = Scattering(reflectances_of(scene))
+        solver = None
+        if prepared.medium is not None:
+            channels = len(prepared.palette.lamps) * bands.count
+            size = cell_size(prepared.medium.boxes, channels)
+            solver = Solver(prepared.medium, prepared.lighting, colours, scattering, size)
+        if prepared.surfaces is None:
+            assert solver is not None
+            return Field(solver, solver.solved(settings.seed, settings.orders), colours), None
+        patches = Patches(patch_meshes(scene_from(scene, prepared.origin)))
+        lit = LitSurfaces(prepared.surfaces, patches, prepared.lighting, colours, scattering, prepared.first_on_surface)
+        solution, surface_light = Joint(solver, lit, settings.seed).solved(settings.orders)
+        return Field(solver, solution, colours) if solver and solution else None, surface_light
 
     return cache.get("field", (shadow_casters(scene, settings), figures), build)
 

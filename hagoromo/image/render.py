@@ -56,7 +56,7 @@ def render(
     scheduler: address of a Dask scheduler, "local", or a number of processes, whose workers render the tiles of a scene
     file; the bits are the same. `InputError` for a file that describes no scene, and a scheduler that does not answer.
     mode: of MODES. "march": light that is scattered once, without noise. "full": light of all
-    orders in volume boxes, solved once on a coarse grid, without noise. "path": light of all orders, estimated without
+    orders, solved once on a coarse grid, without noise. "path": light of all orders, estimated without
     bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it
     raises `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
     unfinished: such a picture, to go on from to the bits of an uninterrupted run; mode path only.
@@ -277,6 +277,9 @@ class PreparedScene:
             coefficients = self.lighting.materials.coefficients(material)
             light, _ = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
             channels = self.lighting.in_groups(light)
+            if self.lighting.surface_light:
+                there = dr.isfinite(far)
+                channels += self.lighting.surface_light.radiance(point, normal, material, -direction, there)
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))

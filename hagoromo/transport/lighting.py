@@ -280,6 +280,16 @@ class HigherOrders(Protocol):
         ...
 
 
+class HigherOrdersOnSurfaces(Protocol):
+    """Light that was scattered before it arrives at a surface, see `hagoromo.transport.field.joint`."""
+
+    channels: int
+
+    def radiance(self, point: Array3f, normal: Array3f, material: UInt, to_eye: Array3f, there: Bool) -> list[Float]:
+        """Radiance of every channel that it becomes towards the eye."""
+        ...
+
+
 class Lighting:
     """Lamps as kernels read them, and the `attenuation` of their light on its way to a point; `field`, if solved."""
 
@@ -303,6 +313,7 @@ class Lighting:
             )
         jit, self.materials, self.attenuation = arrays(), materials, attenuation
         self.field: HigherOrders | None = None
+        self.surface_light: HigherOrdersOnSurfaces | None = None
         bodies = materials.palette.bodies
         self.voxel_bases = {box: [position_of(s, bodies) for s in basis] for box, basis in enumerate(bases) if basis}
         self.lamps: list[LampRow] = []
@@ -323,7 +334,8 @@ class Lighting:
     @property
     def channels(self) -> int:
         """Number of channels of the march: those of the palette, then those of the field."""
-        return self.materials.palette.channels + (self.field.channels if self.field else 0)
+        smooth = self.field or self.surface_light
+        return self.materials.palette.channels + (smooth.channels if smooth else 0)
 
     def with_voxel_colour(self, coefficients: list[Float], box: UInt, colour: Array4f) -> list[Float]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""

@@ -18,7 +18,6 @@ from hagoromo.errors import InputError
 from hagoromo.image.render import PreparedScene, SceneCache, pixel_points, render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
@@ -59,7 +58,7 @@ def light_along(scene, origins, ways, **settings):
     settings = Settings(tolerance=settings.pop("tolerance", 0.01), **settings)
     prepared = PreparedScene(scene, settings)
     bands = full.bands_of_scene(scene, prepared.palette.lamps)
-    prepared.lighting.field = full.field_of(scene, prepared, settings, bands, SceneCache())
+    prepared.lighting.field, _ = full.light_of(scene, prepared, settings, bands, SceneCache())
     channels, _ = prepared.radiance(vectors(origins), vectors(ways))
     body, _, higher = (np.array(channel, float) for channel in channels)
     return body, higher
@@ -315,6 +314,3 @@ def test_what_mode_full_cannot_do_is_said_in_one_line():
     box = cube(matter("cylinder"), 3.0)
     with pytest.raises(InputError, match=r'isotropic extinction.*set extinction = "projected"'):
         render(scene_of(replace(box, extinction="isotropic")), mode="full")
-    floor = Surface.floor(0.0, 1.0, matter("plane"))
-    with pytest.raises(InputError, match="mode full takes volume boxes only"):
-        render(replace(scene_of(box), surfaces=(floor,)), mode="full")

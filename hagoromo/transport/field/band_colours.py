@@ -25,6 +25,10 @@ class BandColours:
         parts = [[j for j, own in enumerate(self.of_part) if own == part] for part in range(self.parts)]
         return [sum(coefficients[j] * self._value(j, k) for j in part) for part in parts for k in range(self.count)]
 
+    def values_of(self, band: int) -> list[Float]:
+        """Values of all colours of the palette in a band."""
+        return [self._value(j, band) for j in range(len(self.of_part))]
+
     def _value(self, colour: int, band: int) -> Float:
         jit = arrays()
         return dr.gather(jit.Float, self.values, jit.UInt(colour * self.count + band))

@@ -25,7 +25,7 @@ from hagoromo.transport.field.matter_samples import MatterSamples, sampled
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers, nothing, sent_again, sent_from_lamps
-from hagoromo.transport.field.sweep import Ways, sweep
+from hagoromo.transport.field.sweep import Sight, Ways, sweep
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Medium
 
@@ -51,6 +51,7 @@ class Solver:
     ) -> None:
         """`size`: edge of a cell [m]. `scattering`: of the materials of all boxes, in order."""
         self.scattering, self.bands = scattering, colours.count
+        self.sight: Sight | None = None
         low, touched = grid_over(medium.boxes, size)
         voxel = min(box.voxel_size for box in medium.boxes)
 
@@ -105,19 +106,20 @@ class Solver:
         parts = self.fine_cells.places[: self.fine_cells.filled] % FINER
         groups = [np.flatnonzero((parts == part).all(axis=1)) for part in np.indices((FINER,) * 3).reshape(3, -1).T]
         numbers = [lookup(arrays().UInt, group.astype(np.uint32)) for group in groups if group.size]
-        each = [sweep(grid[0], sent, self.ways(random, grid), self.fine_cells, group)[0] for group in numbers]
+        fine = self.fine_cells
+        each = [sweep(grid[0], sent, self.ways(random, grid), fine, group, self.sight)[0] for group in numbers]
         order = lookup(arrays().UInt, np.argsort(np.concatenate(groups)).astype(np.uint32))
         return [[_joined(columns, order) for columns in zip(*c, strict=True)] for c in zip(*each, strict=True)]
 
     def _again(self, incident: Numbers, ways: Ways) -> Numbers:
         """What arrives in the cells of `incident` light that they send on."""
-        return sweep(self.cells, self.again(incident), ways, self.cells)[0]
+        return sweep(self.cells, self.again(incident), ways, self.cells, sight=self.sight)[0]
 
     def accelerated(self, random: np.random.Generator, once: Numbers) -> tuple[Numbers, float, int]:
         """Incident light of all orders in filled cells, its residual, and the number of sweeps; once: of the first."""
         ways, light = self.ways(random, self.grid, many_directions), once
         new, own = sweep(self.cells, self.again(light), ways, self.cells)
-        gain, steps = self._own_gain(own, ways), [Anderson() for _ in light]
+        gain, steps = self.own_gain(own, ways), [Anderson() for _ in light]
         residual, count = 1.0, 2
         while count < MOST_SWEEPS:
             new = added(once, new)
@@ -131,7 +133,7 @@ class Solver:
             new, count = self._again(light, ways), count + 1
         return light, residual, count
 
-    def _own_gain(self, own: Float, ways: Ways) -> list[Float]:
+    def own_gain(self, own: Float, ways: Ways) -> list[Float]:
         """1 / (1 − albedo · own) of every channel: what a unit of light becomes with what it gets back from itself."""
         unit = nothing(len(self.single), self.cells.filled)
         for numbers in unit:

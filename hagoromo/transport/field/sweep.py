@@ -10,6 +10,8 @@ Enters: σ and S of every cell and direction. Leaves: the incident light, nine n
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,9 @@ DEEPEST = 9.0  # a ray ends beyond this optical depth, exp(−9) = 1e-4; its las
 LEAST_DEPTH = 1e-6  # a way through a cell with less counts as empty
 NUDGE = 1e-4  # [cell] behind its begin where the next cell is looked up
 LANES_AT_ONCE = 1 << 22  # rays of one launch
+FARTHEST = 1e9  # [cell] beyond all grids
 LEAST_STEP = 5e-4  # [cell] so that rays go on whatever the rounding
+Sight = Callable[[Cells, Array3f, Array3f], Float]  # place on the grid, direction → distance to a surface [cell]
 
 
 class Ways:
@@ -75,13 +79,18 @@ class Sources:
 
 
 def sweep(
-    cells: Cells, sent: list[list[Float]], ways: Ways, where: Cells, places: UInt | None = None
+    cells: Cells,
+    sent: list[list[Float]],
+    ways: Ways,
+    where: Cells,
+    places: UInt | None = None,
+    sight: Sight | None = None,
 ) -> tuple[list[list[Float]], Float]:
     """Incident light of each channel at cells of the grid `where`, which has the corner of `cells`; and the share of
     their own light that they get back, 0…1.
 
     sent: per channel the nine numbers of the light that the filled `cells` send per metre. places: numbers of the cells
-    of `where`; by default all that hold matter.
+    of `where`; by default all that hold matter. sight: how far rays go before a surface ends them; None: without end.
     """
     jit, sources = arrays(), Sources(cells, ways, sent)
     places = dr.arange(jit.UInt, where.filled) if places is None else places
@@ -96,7 +105,9 @@ def sweep(
         way = lane // each + dr.opaque(jit.UInt, first)
         place, towards = where.centroid(dr.gather(jit.UInt, places, lane % each)), ways.at(way)[0]
         chord = tuple(length * scale for length in chord_through(place, towards))
-        light, back, leaves = gathered(cells, sources, place * scale, chord, way, towards)
+        place = place * scale
+        far = sight(cells, place, towards) if sight else dr.opaque(jit.Float, FARTHEST)
+        light, back, leaves = gathered(cells, sources, place, chord, way, towards, far)
         dr.eval(light, back, leaves)
         if balance:
             sigma, weight = dr.gather(jit.Float, ways.sigma, way * each + lane % each), ways.at(way)[1]
@@ -152,11 +163,17 @@ def extinction(samples: MatterSamples, cell: UInt, towards: Array3f) -> Float:
 
 @dr.syntax
 def gathered(
-    cells: Cells, sources: Sources, place: Array3f, chord: tuple[Float, Float], way: UInt, towards: Array3f
+    cells: Cells,
+    sources: Sources,
+    place: Array3f,
+    chord: tuple[Float, Float],
+    way: UInt,
+    towards: Array3f,
+    farthest: Float,
 ) -> tuple[list[Float], Float, Float]:
     """Light that arrives along ways, of every channel, as its mean over the chord of a cell through `place` (on the
-    grid); the share of own light; and the share of light sent along the way that leaves all matter. chord: length
-    before and behind the place, along the way.
+    grid); the share of own light; and the share of light sent along the way that leaves all matter, or meets a surface
+    at the distance `farthest`. chord: length before and behind the place, along the way.
     """
     jit, count = arrays(), dr.width(way)
     path = Path(cells, place, towards)
@@ -167,10 +184,10 @@ def gathered(
     light = with_ramp([dr.zeros(jit.Float, count) for _ in last], own, last, 0.0, last)
     open_depth = dr.zeros(jit.Float, count)
     cell = path.cell_behind(distance)
-    inside = cells.inside(cell)
+    inside = cells.inside(cell) & (distance < farthest)
     while inside & (depth < DEEPEST):
         number = cells.find(cell)
-        end = path.end(cell, number, distance)
+        end = dr.fmin(path.end(cell, number, distance), farthest)
         sigma, here = sources.at(way, number)
         half = 0.5 * sigma * (end - distance) * cells.edge
         matter, before = half > LEAST_DEPTH, open_depth > LEAST_DEPTH
@@ -184,7 +201,7 @@ def gathered(
         open_depth = dr.select(matter, half, 0.0)
         distance = end
         cell = path.cell_behind(distance)
-        inside = cells.inside(cell)
+        inside = cells.inside(cell) & (distance < farthest)
     rest = dr.select(depth < DEEPEST, 1.0 - dr.exp(-open_depth), 1.0)
     passed = dr.exp(-depth)
     return with_ramp(light, passed * rest, last, 0.0, last), own, passed * (1.0 - rest)
@@ -210,6 +227,18 @@ class Path:
         reach = dr.select(number < 0, -number - 1, 0)
         faces = arrays().Array3f(dr.select(self.ahead, cell + 1 + reach, cell - reach))
         return dr.fmax(dr.min((faces - self.place) * self.inverse), begin + LEAST_STEP)
+
+    def entry(self) -> Float:
+        """Where the way enters the grid; 0 from inside."""
+        return dr.fmax(dr.max(dr.minimum(*self._faces())), 0.0)
+
+    def exit(self) -> Float:
+        """Where the way leaves the grid; before its entry, where it misses it."""
+        return dr.min(dr.maximum(*self._faces()))
+
+    def _faces(self) -> tuple[Array3f, Array3f]:
+        last = self.cells.last + 1.0
+        return -self.place * self.inverse, (last - self.place) * self.inverse
 
     def cell_behind(self, distance: Float) -> Array3f:
         """The cell behind a distance."""

@@ -1,0 +1,196 @@
+"""Joint: light of all orders between surfaces, and between them and boxes, in the same sweeps as that of the cells.
+
+The unknowns are the incident light of the filled cells, then that of both sides of all patches; a sweep brings what all
+of them send to all of them. Without boxes there are no cells.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays
+from hagoromo.transport.field.cells import Cells
+from hagoromo.transport.field.directions import many_directions
+from hagoromo.transport.field.fit import averaged, fitted
+from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, mean_of, plus, smooth_extinction
+from hagoromo.transport.field.patches import SIDES, CornerLight
+from hagoromo.transport.field.sent_light import Numbers, nothing
+from hagoromo.transport.field.solve import MOST_SWEEPS, RESIDUAL, Anderson, Solution, Solver, added, norm
+from hagoromo.transport.field.sweep import sweep
+
+PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of one of the LAST_LINKS
+LAST_LINKS = 3  # sets of rays with which the light that the camera sees is gathered
+CELL_LANES = 1 << 21  # rays of all cells to the surfaces, about
+FEWEST_WAYS, MOST_WAYS = 12, 64  # of one cell
+
+
+class SurfaceLight:
+    """Light of orders ≥ 1 that arrives at surfaces, and its look-up where a ray of the camera meets one."""
+
+    def __init__(self, lit: LitSurfaces, light: Numbers) -> None:
+        self.lit, self.channels, self.light = lit, lit.channels, CornerLight(lit.patches, light)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the light [byte]."""
+        return self.light.bytes
+
+    def radiance(self, point: Array3f, normal: Array3f, material: UInt, to_eye: Array3f, there: Bool) -> list[Float]:
+        """Radiance of every channel that the surface sends to the eye; 0 where it is not `there`."""
+        patch = self.lit.patches.at(point, normal, there)
+        light = self.lit.again(normal, material, to_eye, self.light.at(patch))
+        return [dr.select(patch.there, each, 0.0) for each in light]
+
+
+class Joint:
+    """Sweeps over the cells of a `solver`, None without boxes, and the patches of surfaces."""
+
+    def __init__(self, solver: Solver | None, lit: LitSurfaces, seed: int) -> None:
+        self.solver, self.lit, self.sides = solver, lit, SIDES * lit.patches.count
+        self.random = np.random.default_rng((seed, 1))
+        self.cells = solver.cells.filled if solver else 0
+        self.matter: SmoothMatter | None = None
+        if solver:
+            solver.sight = self.sight
+            fine = solver.fine_cells, solver.fine_samples
+            self.ways = solver.ways(self.random, solver.grid, many_directions)
+            self.sigma = smooth_extinction(self.ways)
+            self.matter = SmoothMatter(solver.cells, self.sigma, [])
+            sigma = smooth_extinction(solver.ways(self.random, fine, many_directions))
+            self.single = SmoothMatter(solver.fine_cells, sigma, solver.single)
+            self.once_finely = solver.gathered_finely(self.random, fine, solver.single)
+            self.cell_links = self._cell_links(solver.cells)
+        self.patch_links = self._patch_links(PATCH_WAYS)
+
+    def sight(self, cells: Cells, place: Array3f, towards: Array3f) -> Float:
+        """How far places on a grid see along directions [cell]."""
+        point = dr.fma(place, cells.edge, cells.corner)
+        return self.lit.surfaces.hit(point, towards)[0] * cells.per_metre
+
+    def solved(self, orders: int | None) -> tuple[Solution | None, SurfaceLight]:
+        """The light of orders 1 … `orders` − 1 (None: of all) in the stored cells, and at the surfaces."""
+        lit, residual, sweeps = self.lit, 0.0, 0
+        if orders == 1:
+            cells = nothing(lit.channels, self.solver.cells.count) if self.solver else None
+            return Solution(cells, 0.0, 0) if cells else None, SurfaceLight(lit, dark(lit))
+        light: Numbers | None = None
+        if orders is None:
+            light, residual, sweeps = self._accelerated()
+        elif orders > 2:
+            once = light = self._once()
+            for _ in range(orders - 3):
+                light, sweeps = plus(once, self._swept(light)), sweeps + 1
+        if residual > RESIDUAL:
+            warnings.warn(
+                f"light of higher orders still changes by {residual:.1%} after {sweeps} sweeps: the picture may be too "
+                "dark; compare it with mode path",
+                stacklevel=2,
+            )
+        incident, arriving = self._parts(light) if light else (None, None)
+        surface = mean_of(
+            [self._at_patches(self._patch_links(LAST_WAYS), incident, arriving) for _ in range(LAST_LINKS)]
+        )
+        return self._in_cells(incident, arriving, residual, sweeps + 1), SurfaceLight(lit, surface)
+
+    def _once(self) -> Numbers:
+        """Light that was scattered once before it arrives."""
+        cells = None
+        if self.solver:
+            swept = averaged(self.solver.cells, self.solver.fine_cells, self.once_finely)
+            cells = plus(swept, self.cell_links.direct())
+        return self._together(cells, self._at_patches(self.patch_links, None, None))
+
+    def _swept(self, light: Numbers) -> Numbers:
+        """What all send on of the light that arrives at all."""
+        incident, arriving = self._parts(light)
+        cells, patches = None, self.patch_links.again(arriving)
+        if self.solver and incident:
+            sent = self.solver.again(incident)
+            cells = plus(
+                sweep(self.solver.cells, sent, self.ways, self.solver.cells, sight=self.sight)[0],
+                self.cell_links.again(arriving),
+            )
+            patches = plus(patches, self.patch_links.from_matter(SmoothMatter(self.solver.cells, self.sigma, sent)))
+        return self._together(cells, patches)
+
+    def _at_patches(self, links: Links, incident: Numbers | None, arriving: Numbers | None) -> Numbers:
+        """Light at the patches: of the lamps, sent on once, and of smooth light, sent on again."""
+        total = links.direct()
+        if arriving:
+            total = plus(total, links.again(arriving))
+        if self.solver:
+            total = plus(total, links.from_matter(self.single))
+            if incident:
+                matter = SmoothMatter(self.solver.cells, self.sigma, self.solver.again(incident))
+                total = plus(total, links.from_matter(matter))
+        return total
+
+    def _in_cells(
+        self, incident: Numbers | None, arriving: Numbers | None, residual: float, sweeps: int
+    ) -> Solution | None:
+        if self.solver is None:
+            return None
+        cells, fine = self.solver.cells, self.solver.fine_cells
+        links = self._cell_links(fine)
+        light = plus(self.once_finely, links.direct())
+        if incident and arriving:
+            again = self.solver.gathered_finely(self.random, self.solver.grid, self.solver.again(incident))
+            light = plus(light, again, links.again(arriving))
+        light, known = fitted(cells, fine, light)
+        cells.without(~known)
+        return Solution(light, residual, sweeps)
+
+    def _accelerated(self) -> tuple[Numbers, float, int]:
+        """Incident light of all orders, its residual, and the number of sweeps."""
+        once = light = self._once()
+        new, gain = self._swept(light), self._gain()
+        steps, residual, count = [Anderson() for _ in light], 1.0, 2
+        while count < MOST_SWEEPS:
+            new = added(once, new)
+            change = [[a - b for a, b in zip(one, other, strict=True)] for one, other in zip(new, light, strict=True)]
+            change = [[g * c[0], *c[1:]] for g, c in zip(gain, change, strict=True)]
+            residual = max(norm(c) / max(norm(x), 1e-30) for c, x in zip(change, new, strict=True))
+            light = [step(x, c) for step, x, c in zip(steps, light, change, strict=True)]
+            dr.eval(light)
+            if residual <= RESIDUAL:
+                break
+            new = self._swept(light)
+            count += 1
+        return light, residual, count
+
+    def _gain(self) -> list[Float]:
+        """See `Solver.own_gain`; 1 of patches, which see nothing of themselves."""
+        ones = dr.full(arrays().Float, 1.0, self.sides)
+        if self.solver is None:
+            return [ones] * self.lit.channels
+        unit = nothing(self.lit.channels, self.cells)
+        _, own = sweep(self.solver.cells, unit, self.ways, self.solver.cells, sight=self.sight)
+        return [dr.concat([gain, ones]) for gain in self.solver.own_gain(own, self.ways)]
+
+    def _together(self, cells: Numbers | None, patches: Numbers) -> Numbers:
+        if cells is None:
+            return patches
+        joint = [[dr.concat([a, b]) for a, b in zip(*each, strict=True)] for each in zip(cells, patches, strict=True)]
+        dr.eval(joint)
+        return joint
+
+    def _parts(self, light: Numbers) -> tuple[Numbers | None, Numbers]:
+        """Of the cells, and of the patches."""
+        kind, index = arrays().Float, arrays().UInt
+        first, second = dr.arange(index, self.cells or 1), dr.arange(index, self.sides) + dr.opaque(index, self.cells)
+        parts = [[[dr.gather(kind, n, which) for n in numbers] for numbers in light] for which in (first, second)]
+        dr.eval(parts)
+        return parts[0] if self.solver else None, parts[1]
+
+    def _patch_links(self, ways: int) -> Links:
+        patches = self.lit.patches
+        return Links(self.lit, patches.centres, patches.normals, ways, self.random, self.matter)
+
+    def _cell_links(self, cells: Cells) -> Links:
+        """Of the filled cells of a grid, from the centroids of their matter."""
+        ways = int(np.clip(CELL_LANES // cells.filled, FEWEST_WAYS, MOST_WAYS))
+        points = cells.low + cells.size * np.array(cells.centroids, float).reshape(-1, 4)[: cells.filled, :3]
+        return Links(self.lit, points, None, ways, self.random, self.matter)

@@ -1,0 +1,265 @@
+"""Links: rays from cells and patches to the surfaces that they see, and the light that comes along them.
+
+Each receiver looks along the same set of directions, turned at random for itself. What a ray hits, and how much of its
+light passes the matter in between, is found once; the light that is sent may then change from sweep to sweep.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Float, Int, UInt, arrays, lookup
+from hagoromo.transport.field.band_colours import BandColours
+from hagoromo.transport.field.cells import Cells
+from hagoromo.transport.field.patches import SIDES, Patch, Patches
+from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.second_order import NUMBERS, projected, second_order
+from hagoromo.transport.field.sent_light import Numbers, nothing
+from hagoromo.transport.field.sweep import DEEPEST, Path, Ways
+from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.medium import Element
+from hagoromo.transport.path.path import SurfaceHits
+
+LARGEST_SCALE = 4.0  # of the nine numbers of a patch's light, so that their irradiance is that of its rays
+
+
+@dataclass
+class LitSurfaces:
+    """The surfaces of a scene, their patches, lamps and colours. first: number of the first surface's material."""
+
+    surfaces: SurfaceHits
+    patches: Patches
+    lighting: Lighting
+    colours: BandColours
+    scattering: Scattering
+    first: UInt
+
+    @property
+    def channels(self) -> int:
+        """Bands of all groups of lamps."""
+        return len(self.lighting.materials.palette.lamps) * self.colours.count
+
+    def direct(self, point: Array3f, normal: Array3f, material: UInt, to_eye: Array3f) -> list[Float]:
+        """Radiance, of every channel, that a surface sends to the eye of the light of the lamps."""
+        coefficients = self.lighting.materials.coefficients(material)
+        light, _ = self.lighting.reflected_radiance(point, to_eye, [Element(normal, material)], [coefficients])
+        light = self.lighting.in_groups(light)
+        each, bands = len(coefficients), self.colours.count
+        values = [self.colours.values_of(band) for band in range(bands)]
+        return [
+            sum(light[group * each + j] * values[band][j] for j in range(each))
+            for group in range(len(light) // each)
+            for band in range(bands)
+        ]
+
+    def again(self, normal: Array3f, material: UInt, to_eye: Array3f, incident: list[list[Float]]) -> list[Float]:
+        """Radiance, of every channel, that it sends to the eye of smooth incident light, nine numbers a channel."""
+        colours, bands = self.colours.of(self.lighting.materials.coefficients(material)), self.colours.count
+        parts = [self.scattering.towards(material, part, normal, to_eye) for part in range(self.scattering.parts)]
+        factors = [
+            [sum(colours[j * bands + band] * part[k] for j, part in enumerate(parts)) for k in range(NUMBERS)]
+            for band in range(bands)
+        ]
+        return [
+            dr.fmax(sum(f * n for f, n in zip(factors[k % bands], numbers, strict=True)), 0.0)
+            for k, numbers in enumerate(incident)
+        ]
+
+
+class SmoothMatter:
+    """σ and the light that cells send, both of the second order in direction. A plain object."""
+
+    def __init__(self, cells: Cells, sigma: list[Float], sent: Numbers) -> None:
+        self.cells, self.sigma, self.sent = cells, sigma, sent
+
+    def at(self, cell: Int, towards: Array3f) -> tuple[Float, list[Float]]:
+        """σ [1/m] of a cell along a direction, and the light that it sends from there, over σ."""
+        kind, holds = arrays().Float, self.cells.holds(cell)
+
+        def along(numbers: list[Float], way: Array3f) -> Float:
+            there = [dr.gather(kind, number, arrays().UInt(cell), holds) for number in numbers]
+            return dr.fmax(second_order(there).at(way), 0.0)
+
+        sigma = along(self.sigma, towards)
+        inverse = dr.rcp(dr.fmax(sigma, 1e-30))
+        return sigma, [along(numbers, -towards) * inverse for numbers in self.sent]
+
+
+def smooth_extinction(ways: Ways) -> list[Float]:
+    """The nine numbers of σ of every cell, from σ along ways that integrate polynomials of the fourth degree."""
+    jit = arrays()
+    cell, sigma = dr.arange(jit.UInt, ways.filled), [dr.zeros(jit.Float, ways.filled)] * NUMBERS
+    for k in range(ways.count):
+        towards, weight = ways.at(jit.UInt(k))
+        there = dr.gather(jit.Float, ways.sigma, cell + dr.opaque(jit.UInt, k * ways.filled)) * weight
+        sigma = [dr.fma(factor, there, old) for factor, old in zip(projected(towards), sigma, strict=True)]
+    dr.eval(sigma)
+    return sigma
+
+
+class Links:
+    """Rays of some receivers: for each a number of directions, hits of surfaces, and transmittances to them."""
+
+    def __init__(
+        self,
+        lit: LitSurfaces,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float64] | None,
+        ways: int,
+        random: np.random.Generator,
+        matter: SmoothMatter | None,
+    ) -> None:
+        """`points`: (n, 3) of the receivers [m]. `normals`: (n, 3) of patches, which have two sides; None: of cells."""
+        jit, self.lit, self.ways, self.count = arrays(), lit, ways, len(points)
+        self.patches = normals is not None
+        receiver = dr.arange(jit.UInt, self.count * ways) // dr.opaque(jit.UInt, ways)
+        self.towards = turned_ways(self.count, ways, random)
+        place = _vectors(points)
+        self.point = dr.gather(jit.Array3f, place, receiver)
+        if normals is not None:
+            normal = dr.gather(jit.Array3f, _vectors(normals), receiver)
+            self.cosine = dr.dot(normal, self.towards)
+            self.point = self.point + normal * dr.copysign(2.0 * lit.patches.reach, self.cosine)
+        far, point, normal, _, surface = lit.surfaces.hit(self.point, self.towards)
+        self.far, self.hit, self.normal = far, point, normal
+        self.material = lit.first + surface
+        self.there = dr.isfinite(far)
+        self.patch: Patch = lit.patches.at(point, normal, self.there)
+        _, self.passed = (
+            through(matter.cells, matter, self.point, self.towards, far)
+            if matter
+            else ([], dr.full(jit.Float, 1.0, dr.width(far)))
+        )
+        dr.eval(self.towards, self.point, self.far, self.hit, self.normal, self.material, self.patch, self.passed)
+
+    def direct(self) -> Numbers:
+        """Incident light that surfaces send on of the light of the lamps."""
+        return self._gathered(self.lit.direct(self.hit, self.normal, self.material, -self.towards), surface=True)
+
+    def again(self, light: Numbers) -> Numbers:
+        """Incident light that surfaces send on of the `light` that arrives at the sides of the patches."""
+        there = self.patch.there
+        incident = [[dr.gather(arrays().Float, n, self.patch.side, there) for n in numbers] for numbers in light]
+        return self._gathered(self.lit.again(self.normal, self.material, -self.towards, incident), surface=True)
+
+    def from_matter(self, matter: SmoothMatter) -> Numbers:
+        """Incident light that the cells send."""
+        light, _ = through(matter.cells, matter, self.point, self.towards, self.far)
+        return self._gathered(light, surface=False)
+
+    def _gathered(self, light: list[Float], surface: bool) -> Numbers:
+        """The nine numbers of light along all rays; patches: of their fronts, then of their backs."""
+        if surface:
+            light = [dr.select(self.there, each * self.passed, 0.0) for each in light]
+        weight = 4.0 * math.pi / self.ways
+        dr.eval(light)
+        if not self.patches:
+            return [self._summed(each * weight) for each in light]
+        fronts, backs = (
+            [self._side(dr.select(self.cosine * sign > 0.0, each * weight, 0.0), sign) for each in light]
+            for sign in (1.0, -1.0)
+        )
+        numbers = [
+            [dr.concat([f, b]) for f, b in zip(front, back, strict=True)]
+            for front, back in zip(fronts, backs, strict=True)
+        ]
+        dr.eval(numbers)
+        return numbers
+
+    def _summed(self, light: Float) -> list[Float]:
+        numbers = [dr.block_sum(factor * light, self.ways) for factor in projected(self.towards)]
+        dr.eval(numbers)
+        return numbers
+
+    def _side(self, light: Float, sign: float) -> list[Float]:
+        """Of one side, so scaled that the irradiance of the second order is that of the rays."""
+        numbers = self._summed(light)
+        exact = dr.block_sum(light * dr.abs(self.cosine), self.ways)
+        x, y, z = (self.lit.patches.normals[:, k] * sign for k in range(3))
+        normal = arrays().Array3f(*(lookup(arrays().Float, n.astype(np.float32)) for n in (x, y, z)))
+        smooth = irradiance(numbers, normal)
+        scale = dr.select(smooth > 0.0, dr.fmin(exact / dr.fmax(smooth, 1e-30), LARGEST_SCALE), 0.0)
+        return [number * scale for number in numbers]
+
+
+def irradiance(numbers: list[Float], normal: Array3f) -> Float:
+    """∫ max(n·ω, 0) L dω of light of the second order (Ramamoorthi & Hanrahan 2001)."""
+    light = second_order(numbers)
+    along, across = dr.dot(normal, light.v), dr.dot(normal, light.times(normal))
+    return math.pi * (light.s + (2.0 / 3.0) * along + 0.25 * across)
+
+
+@dr.syntax
+def through(
+    cells: Cells, matter: SmoothMatter, point: Array3f, towards: Array3f, far: Float
+) -> tuple[list[Float], Float]:
+    """Light that the cells send to points from along rays up to `far` [m], of every channel, and the transmittance."""
+    jit, count = arrays(), dr.width(towards)
+    path = Path(cells, cells.place(point), towards)
+    light = [dr.zeros(jit.Float, count) for _ in matter.sent]
+    depth, distance = dr.zeros(jit.Float, count), path.entry()
+    far = dr.fmin(far * cells.per_metre, path.exit())
+    while (distance < far) & (depth < DEEPEST):
+        cell = path.cell_behind(distance)
+        there = cells.inside(cell)
+        number = cells.find(cell, there)
+        end = dr.fmin(path.end(cell, number, distance), far)
+        sigma, sources = matter.at(dr.select(there, number, -1), towards)
+        step = sigma * (end - distance) * cells.edge
+        light = with_step(light, dr.exp(-depth) * (1.0 - dr.exp(-step)), sources)
+        depth += step
+        distance = end
+    return light, dr.select(depth < DEEPEST, dr.exp(-depth), 0.0)
+
+
+def with_step(light: list[Float], share: Float, sources: list[Float]) -> list[Float]:
+    """light + share · source, of every channel."""
+    return [dr.fma(share, source, old) for old, source in zip(light, sources, strict=True)]
+
+
+def turned_ways(receivers: int, ways: int, random: np.random.Generator) -> Array3f:
+    """Directions all around, those of a golden spiral, turned at random for each receiver: receiver after receiver."""
+    jit, k = arrays(), np.arange(ways) + 0.5
+    z, angle = 1.0 - 2.0 * k / ways, math.pi * (1.0 + math.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z * z)
+    spiral = np.stack([r * np.cos(angle), r * np.sin(angle), z, 0.0 * z], axis=-1)
+    turns = random.normal(size=(receivers, 4))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    table, turn = lookup(jit.Float, spiral.astype(np.float32)), lookup(jit.Float, turns.astype(np.float32))
+    lane, each = dr.arange(jit.UInt, receivers * ways), dr.opaque(jit.UInt, ways)
+    x, y, z, _ = dr.gather(jit.Array4f, table, lane % each)
+    q = dr.gather(jit.Array4f, turn, lane // each)
+    way, axis = jit.Array3f(x, y, z), jit.Array3f(q.x, q.y, q.z)
+    across = 2.0 * dr.cross(axis, way)
+    return dr.normalize(way + q.w * across + dr.cross(axis, across))
+
+
+def mean_of(parts: Sequence[Numbers]) -> Numbers:
+    """The mean of the same light by several links."""
+    total = parts[0]
+    for part in parts[1:]:
+        total = plus(total, part)
+    return [[number * (1.0 / len(parts)) for number in numbers] for numbers in total]
+
+
+def plus(*parts: Numbers | None) -> Numbers:
+    """The sum of those that are there."""
+    some = [part for part in parts if part is not None]
+    return [[sum(each) for each in zip(*numbers, strict=True)] for numbers in zip(*some, strict=True)]
+
+
+def dark(lit: LitSurfaces) -> Numbers:
+    """No light at any side of the patches."""
+    return nothing(lit.channels, SIDES * lit.patches.count)
+
+
+def _vectors(points: NDArray[np.float64]) -> Any:
+    jit = arrays()
+    return jit.Array3f(*(lookup(jit.Float, np.ascontiguousarray(points[:, k], np.float32)) for k in range(3)))
