@@ -6,6 +6,7 @@ corner of the image: the centre of pixel (row, column) is at (column + ½, row +
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -27,12 +28,15 @@ PRESETS = ("canon_eos_kiss_digital",)
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with lens distortion, and the sensor behind it.
+    """A pinhole camera, or a thin lens, with lens distortion, and the sensor behind it.
 
     width, height: size of the image [px]. focal: (α_x, α_y) [px]. principal: (x_0, y_0) [px]. distortion: OpenCV's (k1,
     k2, p1, p2, k3, k4, k5, k6); given 4 or 5 of them, the others are 0. world_to_camera: (4, 4) rigid pose [m].
     response, sensor: colour response and noise, where known. orthographic: whether this pinhole, far away, stands for
-    an orthographic view. Raises `InputError` when a figure makes no camera.
+    an orthographic view. aperture: diameter of the lens [m], 0 for a pinhole; focus: distance from the lens, along its
+    axis, of the plane that is sharp [m]. A point at the distance z spreads over a disc of the diameter α · aperture ·
+    |z − focus| / (z · focus) [px], α the focal length [px]; `project` and `unproject` are those of the pinhole.
+    Raises `InputError` when a figure makes no camera.
 
     >>> camera = hg.Camera(640, 480, focal=(800, 800), principal=(320, 240))
     >>> camera.project([0.1, 0.0, 2.0]).tolist()  # 800 px · 0.1 m / 2 m to the right of the principal point
@@ -49,6 +53,8 @@ class Camera:
     sensor: Sensor | None = None
     name: str = ""
     orthographic: bool = False
+    aperture: float = 0.0
+    focus: float = math.inf
 
     def __post_init__(self) -> None:
         """Check every figure once and freeze the pose."""
@@ -66,6 +72,10 @@ class Camera:
         keep(self, "distortion", _distortion(self.distortion))
         if min(self.focal) <= 0.0:
             raise InputError(f"the focal length is {self.focal} px: both figures must be above 0")
+        if not (np.isfinite(self.aperture) and self.aperture >= 0.0):
+            raise InputError(f"the aperture is {self.aperture!r:.60} m: give a diameter of 0 or more")
+        if not self.focus > 0.0:
+            raise InputError(f"the focus is at {self.focus!r:.60} m: give a distance above 0")
         placed = rigid_pose(self.world_to_camera, "world_to_camera")
         placed.setflags(write=False)
         keep(self, "world_to_camera", placed)
@@ -178,11 +188,12 @@ class Camera:
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return self.unproject(np.stack([x, y], axis=-1))
 
-    def rays(self, x: Any, y: Any, ahead: float = 0.0) -> tuple[Any, Any]:
+    def rays(self, x: Any, y: Any, ahead: float = 0.0, lens: tuple[Any, Any] | None = None) -> tuple[Any, Any]:
         """Origin [m] and unit direction (Dr.Jit Array3f, world axes) of the rays through image points (x, y) [px].
 
         x, y: Dr.Jit Float. The camera's figures enter as data, so a camera that moves compiles no new kernel.
         ahead: depth of the plane that the rays begin on [m]; from a camera far away, places near that plane are exact.
+        lens: two numbers each in [0, 1), the place on the lens of a camera with an aperture; None: its middle.
         """
         jit = backend.arrays()
         (ax, ay), (x0, y0) = (_opaque(self.focal), _opaque(self.principal))
@@ -193,6 +204,11 @@ class Camera:
         aside = x * right + y * down
         begin = jit.Array3f(*_opaque(self.position + ahead * self.world_to_camera[2, :3]))
         (depth,) = _opaque([ahead])
+        if self.aperture > 0.0 and lens is not None:
+            radius, per_focus = _opaque([0.5 * self.aperture, 1.0 / self.focus])
+            sine, cosine = dr.sincos(2.0 * math.pi * lens[1])
+            beside = radius * dr.sqrt(lens[0]) * (cosine * right + sine * down)
+            begin, aside = begin + beside, aside - beside * per_focus  # both rays meet in the plane that is sharp
         return begin + aside * depth, dr.normalize(aside + forward)  # Tanaka eq. (12)
 
     def _through_lens(self, way: Any, xy: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -163,7 +163,8 @@ class _Stream:
         random = random_numbers(pixel, sample, self.settings.seed + (self.batch << 32))
         x = jit.Float(pixel % width) + random.next_float32()
         y = jit.Float(pixel // width) + random.next_float32()
-        origin, direction = camera.rays(x, y, self.prepared.ahead)
+        lens = (random.next_float32(), random.next_float32()) if camera.aperture > 0.0 else None
+        origin, direction = camera.rays(x, y, self.prepared.ahead, lens)
         most = dr.opaque(jit.UInt, self.settings.orders or ALL_ORDERS)
         channels, events = light_of_walks(self.walks, origin, direction, random, most)
         dr.eval(channels, events)

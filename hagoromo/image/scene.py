@@ -97,6 +97,7 @@ class Scene:
                 "focal": list(self.camera.focal), "principal": list(self.camera.principal),
                 "distortion": list(self.camera.distortion), "world_to_camera": self.camera.world_to_camera.tolist(),
                 "response": self.camera.response.name if self.camera.response else None,
+                **_lens_record(self.camera),
             },
             "lamps": [record_from_lamp(lamp) for lamp in self.lamps],
             **({"area_lamps": [lamp.record() for lamp in self.area_lamps]} if self.area_lamps else {}),
@@ -127,6 +128,12 @@ def check_lamps_outside(scene: Scene) -> None:
                     f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out, "
                     f"or render by mode path"
                 )
+
+
+def _lens_record(camera: Camera) -> dict[str, float | None]:
+    """Aperture and focus [m] of a camera that is no pinhole; focus None: infinitely far away."""
+    focus = camera.focus if np.isfinite(camera.focus) else None
+    return {"aperture": camera.aperture, "focus": focus} if camera.aperture else {}
 
 
 def _check_place(thing: VolumeBox | Surface) -> None:

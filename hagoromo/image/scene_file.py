@@ -6,6 +6,7 @@ numbers by rows. A place turns about x, then y, then z; a box is moved from wher
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -75,6 +76,13 @@ class SceneCamera(Record, frozen=True, kw_only=True):
     principal: Annotated[Pair | None, about("principal point [x, y] [px]; default: the middle")] = None
     distortion: Annotated[tuple[float, ...], about("4, 5 or 8 coefficients of OpenCV")] = (0.0,) * 8
     binning: Annotated[int, from_to(1, LARGEST_SIDE), about("pixels along each axis that are taken together")] = 1
+    aperture_mm: Annotated[Positive | None, about("diameter of a thin lens [mm]; default: a pinhole")] = None
+    f_number: Annotated[Positive | None, about("focal length over aperture, in place of aperture_mm, with preset")] = (
+        None
+    )
+    focus_mm: Annotated[
+        Positive | None, about("distance of the plane that is sharp, along the axis [mm]; needed with an aperture")
+    ] = None
     eye: Annotated[Vector | None, about("position of the camera, world axes [m]")] = None
     target: Annotated[Vector, about("point that the camera looks at, world axes [m]")] = NOWHERE
     up: Annotated[Vector, about("direction that is up in the image, world axes")] = (0.0, 0.0, 1.0)
@@ -252,12 +260,28 @@ def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:
         camera = replace(camera, response=Response.load(key.response, folder))
     if key.sensor is not None:
         camera = replace(camera, sensor=sensor_from_record(key.sensor, 16, 1.0, 100.0, where))
-    camera = replace(camera, name=key.name or camera.name).binned(key.binning)
+    camera = replace(camera, name=key.name or camera.name, **_aperture(key, where)).binned(key.binning)
     if (key.eye is None) == (key.world_to_camera is None):
         raise InputError(f"{where}: give either eye (with target and up) or world_to_camera")
     if key.eye is not None:
         return camera.look_at(key.eye, key.target, key.up)
     return camera.with_pose(np.reshape(np.array(key.world_to_camera), (4, 4)))
+
+
+def _aperture(key: SceneCamera, where: str) -> dict[str, float]:
+    """Aperture and focus of a camera [m]."""
+    if key.aperture_mm is None and key.f_number is None:
+        if key.focus_mm is not None:
+            raise InputError(f"{where}: focus_mm without an aperture: a pinhole is sharp everywhere; give aperture_mm")
+        return {}
+    if key.focus_mm is None or (key.aperture_mm is not None and key.f_number is not None):
+        raise InputError(
+            f"{where}: an aperture is aperture_mm or f_number, with focus_mm: give one of them, and focus_mm"
+        )
+    if key.f_number is not None and key.preset is None:
+        raise InputError(f"{where}: f_number needs a preset, whose focal length is known in mm: give aperture_mm")
+    diameter = key.aperture_mm or key.focal_mm / (key.f_number or math.inf)
+    return {"aperture": 1e-3 * diameter, "focus": 1e-3 * key.focus_mm}
 
 
 def _lens(key: SceneCamera, folder: Path, where: str) -> Camera:

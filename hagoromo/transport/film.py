@@ -6,6 +6,7 @@ size compiles no new kernel.
 
 from __future__ import annotations
 
+import operator
 from typing import Protocol
 
 import drjit as dr
@@ -19,6 +20,7 @@ from hagoromo.progress import Progress, silent
 
 RAYS_AT_ONCE = 1 << 21  # rays of one launch; progress is reported, and an interrupt taken, between launches
 R3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # Roberts 2018: three dimensions, evenly filled
+R2 = (0.7548776662466927, 0.5698402909980532)  # the same in two
 TILE = (4, 4)  # columns, rows of pixels whose rays are numbered side by side, to share vector lanes
 
 
@@ -66,7 +68,8 @@ class Film:
             number = dr.arange(jit.UInt, min(RAYS_AT_ONCE, end - start)) + dr.opaque(jit.UInt, start)
             column, row = tile_place(number, width)
             x, y = (jit.Float(column) + dx) * stride, (jit.Float(row) + dy) * stride
-            channels, alpha = radiance(*self.camera.rays(x, y, self.ahead), phase)
+            lens = self._lens(row * width + column) if self.camera.aperture > 0.0 else None
+            channels, alpha = radiance(*self.camera.rays(x, y, self.ahead, lens), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
             # chosen in the kernel, so that a part needs no other kernel than the whole
@@ -80,11 +83,27 @@ class Film:
         )
         self.samples += 1
 
+    def _lens(self, pixel: UInt) -> tuple[Float, Float]:
+        """Where the rays of the present sample pass the lens, two numbers in [0, 1): the R2 sequence over the samples
+        (Roberts 2018), begun elsewhere for each pixel.
+        """
+        jit = arrays()
+        starts = (jit.Float(scrambled(pixel * 2 + k) >> 8) * 2.0**-24 for k in (0, 1))
+        steps = (dr.opaque(jit.Float, (self.samples * step) % 1.0) for step in R2)
+        return tuple(one - dr.floor(one) for one in map(operator.add, starts, steps))  # type: ignore[return-value]
+
     def mean(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Mean over the samples: weights (height, width, channels) and alpha (height, width), or (rays, …) of some."""
         mean = (self.sums / self.samples).astype(np.float32).reshape(-1, self.values)
         mean = mean.reshape(self.height, self.width, self.values) if self.whole else mean
         return mean[..., :-1], mean[..., -1]
+
+
+def scrambled(number: UInt) -> UInt:
+    """The bits of a 32-bit number mixed (the finaliser of MurmurHash3)."""
+    number = (number ^ (number >> 16)) * 0x85EBCA6B
+    number = (number ^ (number >> 13)) * 0xC2B2AE35
+    return number ^ (number >> 16)
 
 
 def tiled(width: int, height: int) -> int:

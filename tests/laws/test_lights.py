@@ -1,4 +1,4 @@
-"""Laws of lamps with a size and of environments: furnaces, irradiances in closed form, samplers, colours, apertures.
+"""Laws of lamps with a size and of environments: furnaces, irradiances in closed form, samplers, colours.
 
 Significance 0.1 %, fixed seeds.
 """
