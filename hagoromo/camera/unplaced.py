@@ -10,7 +10,9 @@ import numpy as np
 
 from hagoromo.camera.camera import Camera
 
-ORTHOGRAPHIC_FOCAL = 20.0  # focal length over the longer side of the pinhole that stands for an orthographic view
+# Focal length over the longer side of the pinhole that stands for an orthographic view: its rays differ by 0.04° at a
+# corner. Single precision, in which pictures and maps of points are, still has 1/16,000 of a side there.
+ORTHOGRAPHIC_FOCAL = 1000.0
 UP_AND_BACK = np.diag([1.0, -1.0, -1.0, 1.0])  # world axes x right, y up, z to the camera → the camera's
 
 
@@ -19,7 +21,7 @@ def unplaced_camera(width: int, height: int, focal_px: float | None) -> Camera:
 
     >>> camera = unplaced_camera(30, 20, None)
     >>> camera.position.tolist(), camera.project([0.5, 0.0, 0.0]).tolist()  # the right edge of the picture
-    ([0.0, 0.0, 20.0], [30.0, 10.0])
+    ([0.0, 0.0, 1000.0], [30.0, 10.0])
     """
     longer = max(width, height)
     focal = ORTHOGRAPHIC_FOCAL * longer if focal_px is None else focal_px

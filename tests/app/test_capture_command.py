@@ -5,6 +5,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
+from hagoromo.camera.unplaced import ORTHOGRAPHIC_FOCAL
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json
@@ -67,8 +68,10 @@ def test_lamps_of_other_names_belong_to_the_photographs_in_order(laboratory):
 def test_without_a_camera_the_view_is_orthographic_and_z_points_to_the_eye(laboratory):
     lamps = [hg.Lamp(to_lamp=(x, y, -z)) for x, y, z in TO_LAMP]
     camera = hg.capture(shots(laboratory), lamps).photographs[0].camera
-    np.testing.assert_allclose(camera.world_to_camera[2], (0.0, 0.0, -1.0, 20.0))  # the object at the world's origin
-    assert camera.focal[0] == 20 * WIDTH and camera.orthographic
+    np.testing.assert_allclose(
+        camera.world_to_camera[2], (0.0, 0.0, -1.0, ORTHOGRAPHIC_FOCAL)
+    )  # the object at the origin
+    assert camera.focal[0] == ORTHOGRAPHIC_FOCAL * WIDTH and camera.orthographic
 
 
 def test_what_does_not_go_together_is_refused(laboratory):

@@ -8,6 +8,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.camera.sensor import demosaiced
+from hagoromo.camera.unplaced import ORTHOGRAPHIC_FOCAL
 from hagoromo.files.exr_lines import read_layout
 from hagoromo.files.png import write_png
 from hagoromo.photograph.development.noise import Noise
@@ -142,7 +143,7 @@ def test_an_orthographic_capture_needs_no_focal_length(tmp_path):
     (tmp_path / "capture" / "transforms.json").write_text(json.dumps(record))
     again = hg.load_capture(tmp_path / "capture").photographs[0].camera
     np.testing.assert_allclose(again.matrix, first.matrix, rtol=1e-12)
-    assert again.orthographic and np.linalg.norm(again.position) == 20.0
+    assert again.orthographic and np.linalg.norm(again.position) == ORTHOGRAPHIC_FOCAL
 
 
 def test_the_distortion_of_the_lens_is_removed_as_develop_removes_it(session, tmp_path):
