@@ -114,6 +114,14 @@ OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvn 0 0 1\nf 1/1
 OFF = "OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
 
+SPDX = """<?xml version="1.0" encoding="UTF-8"?>
+<IESTM2714 xmlns="iestm2714" version="1.0"><Header><Manufacturer>a</Manufacturer><DocumentCreator>b</DocumentCreator>
+<ReportDate>2020-01-01</ReportDate></Header><SpectralDistribution><SpectralQuantity>relative</SpectralQuantity>
+<SpectralData wavelength="400.0">0.5</SpectralData><SpectralData wavelength="500.0">1.0</SpectralData>
+<SpectralData wavelength="600.0">0.25</SpectralData></SpectralDistribution></IESTM2714>
+"""
+
+
 def text(content: str) -> Callable[[Path], None]:
     """Writes a text."""
 

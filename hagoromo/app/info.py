@@ -28,6 +28,7 @@ from hagoromo.files.volumes.formats import read_volume
 from hagoromo.image.image import read_image
 from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 from hagoromo.light.lamp_profile import LampProfile
+from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.photograph.capture import count_absent
 from hagoromo.photograph.lamp_files import load_lamps
 
@@ -58,6 +59,13 @@ def _volume(path: Path) -> Facts:
         "range": [float(np.nanmin(values)), float(np.nanmax(values))],
         **place,
     }
+
+
+def _spectrum(path: Path) -> Facts:
+    spectrum = read_spectrum_file(path)
+    waves, values = spectrum.wavelengths, spectrum.values
+    span, ends = [float(values.min()), float(values.max())], [float(waves[0]), float(waves[-1])]
+    return {"kind": "spectrum", "wavelengths": len(waves), "range_nm": ends, "range": span}
 
 
 def _surface(path: Path) -> Facts:
@@ -237,6 +245,6 @@ FACTS: dict[str, Callable[[Path], Facts]] = {
     "RTI dome .lp": lambda path: {"kind": "lamps", "lamps": len(load_lamps(path))},
 }
 FACTS_OF_KIND: dict[str, Callable[[Path], Facts]] = {
-    "volume": _volume, "surface": _surface, "scene": _surface,
+    "volume": _volume, "surface": _surface, "scene": _surface, "spectrum": _spectrum,
     "cameras": _cameras, "picture": _picture, "matter": _toml, "table": _csv,
 }  # fmt: skip

@@ -21,6 +21,7 @@ from hagoromo.files.record import Record, about, decode, like
 
 VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10), of cameras
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions
+OTHER_FILES = (".spd", ".spdx", ".xml")  # see `read_spectrum_file`
 WAVELENGTH_COLUMNS = ("wavelength_nm", "wavelength", "nm", "lambda")
 
 
@@ -104,9 +105,10 @@ class Spectrum:
 
     @staticmethod
     def load(source: Any, folder: str | Path | None = None) -> Spectrum:
-        """Spectrum from what a record may hold: a number, a name, a CSV path or `{"wavelengths", "values"}`.
+        """Spectrum from what a record may hold: a number, a name, a path or `{"wavelengths", "values"}`.
 
-        folder: where the record lies; a CSV path is then relative to it and may not leave it.
+        Paths end in .csv, .spd (a wavelength and a value a line), .spdx or .xml (IES TM-27-14).
+        folder: where the record lies; a path is then relative to it and may not leave it.
         """
         if isinstance(source, Spectrum):
             return source
@@ -118,6 +120,10 @@ class Spectrum:
         if isinstance(source, (str, Path)):
             if str(source).lower().endswith(".csv"):
                 return Spectrum.from_csv(source if folder is None else inside(folder, str(source)))
+            if str(source).lower().endswith(OTHER_FILES):
+                from hagoromo.light.spectrum_file import read_spectrum_file
+
+                return read_spectrum_file(source if folder is None else inside(folder, str(source)))
             return Spectrum.named(str(source))
         raise InputError(f"a spectrum is a number, a name, a CSV path or wavelengths and values: given {source!r:.60}")
 

@@ -45,7 +45,7 @@ PICTURES = (
     ),
     Format(
         "spectral EXR (Fichet et al.)", "picture", (".exr",), "hagoromo.image.spectral_exr:read_spectral_exr",
-        "hagoromo.image.spectral_exr:write_spectral_exr", "as OpenEXR", "OpenEXR, colour-science",
+        "hagoromo.image.spectral_exr:write_spectral_exr", "as OpenEXR", "colour-science, OpenEXR",
         "polarisation, bispectral channels; out: one spectrum a pixel in place of the weights",
     ),
     Format(
@@ -97,6 +97,14 @@ OTHERS = (
     Format(
         "RTI dome .lp", "lamps", (".lp",), "hagoromo.photograph.lamp_files:load_lamps",
         "hagoromo.photograph.lamp_files:write_lp", judge="tests' own text", lost="distances: lamps are far",
+    ),
+    Format(
+        "IES TM-27-14", "spectrum", (".spdx", ".xml"), "hagoromo.light.spectrum_file:read_spectrum_file", "",
+        "colour-science", "tests' own text", "header, bandwidth, uncertainty",
+    ),
+    Format(
+        "SPD of PBRT and Mitsuba", "spectrum", (".spd",), "hagoromo.light.spectrum_file:read_spectrum_file", "",
+        "our own", "Mitsuba", "comments",
     ),
     Format(
         "table or spectrum", "table", (".csv",), "hagoromo.files.table:read_table", "hagoromo.files.table:write_table",
