@@ -209,7 +209,7 @@ class Image:
             "palette": finite_json(_palette_record(self.palette), str(target)),
         }
         if self.sums is not None:
-            header["unfinished"] = f"after {self.metadata['unfinished']['walks']:.4g} walks a pixel"
+            header["unfinished"] = str(self.metadata.get("unfinished", ""))
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)

@@ -61,7 +61,7 @@ def path_picture(
         own = sums[number]
         walks = float(own.walks.mean())
         record = {"mode": "path", "bands_error": bands.error, "walks": int(walks) if walks.is_integer() else walks}
-        record |= {"noise": own.error()} if own.variance() is not None else {}
+        record |= {"noise": own.error()} if own.variance() is not None and len(lit) == 1 else {}
         return Image(*own.mean(), own.palette, metadata(part, settings) | record, own.variance())
 
     try:

@@ -21,8 +21,7 @@ class RenderInterrupted(KeyboardInterrupt):
     """An interrupt of `render` by mode path. image: the picture so far, which `render` goes on from."""
 
     def __init__(self, image: Image) -> None:
-        walks = image.metadata["unfinished"]["walks"]
-        super().__init__(f"after {walks:.4g} walks a pixel")
+        super().__init__(image.metadata["unfinished"])
         self.image = image
 
 
@@ -32,7 +31,7 @@ def with_sums(image: Image, sums: Sequence[Sums]) -> Image:
     for table, own in zip(tables, sums, strict=True):
         table[:, : own.table.shape[1]] = own.table
     walks = float(np.mean([own.walks.mean() for own in sums]))
-    record = image.metadata | {"unfinished": {"walks": walks}}
+    record = image.metadata | {"walks": walks, "unfinished": f"after {walks:.4g} walks a pixel"}
     return replace(image, sums=tables.reshape(len(sums), *image.alpha.shape, -1), metadata=record)
 
 

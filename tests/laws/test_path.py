@@ -409,7 +409,7 @@ def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypa
             hg.render(scene, settings, progress, mode="path")
         interrupted.value.image.save(tmp_path / "a.exr", force=True)
         unfinished = hg.read_image(tmp_path / "a.exr")
-        assert unfinished.metadata["unfinished"]["walks"] > 0.0
+        assert unfinished.metadata["walks"] > 0.0 and "walks a pixel" in unfinished.metadata["unfinished"]
         again = hg.render(scene, settings, mode="path", unfinished=unfinished)
         assert again.sums is None and "unfinished" not in again.metadata
         assert np.array_equal(again.weights, whole.weights) and np.array_equal(again.alpha, whole.alpha)
