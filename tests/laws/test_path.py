@@ -392,7 +392,7 @@ def test_light_without_an_end_is_refused():
 def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypatch, tmp_path, stop):
     """Between two launches of 3000 walks, of which the last has pixels with more walks than others; as a file."""
     monkeypatch.setattr(path_picture, "WALKS_AT_ONCE", 3000)
-    lamps = hg.Lamp(to_lamp=LAMP), hg.Lamp(to_lamp=EYE, spectrum=BLUE), hg.Lamp(to_lamp=EYE)
+    lamps = hg.Lamp(to_lamp=LAMP), hg.Lamp(to_lamp=EYE, spectrum=BLUE), hg.Lamp(to_lamp=(0, 0, 1))
     camera = hg.Camera(70, 50, (160.0, 160.0), (35.0, 25.0)).look_at((0.0, -1.0, 0.5), (0.0, 0.0, 0.0))
     ball = hg.Surface.sphere((0.0, 0.0, 0.0), 0.15, hg.Reflectance(0.25, 0.2, 0.3, 1.5, RED))
     scene, settings = hg.Scene(camera, lamps, surfaces=(ball,)), hg.Settings(seed=5, **stop)
