@@ -173,6 +173,7 @@ READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
+    Reader("motion", records.motion, _late("hagoromo.image.film.motion", "read_motion"), "scene.toml"),
     *(
         Reader(f"recipe-{name}.toml", records.recipe(name), _tables)
         for name in ("linen", "jacquard", "stockinette", "covert", "down", "wing", "skin", "solid")

@@ -16,6 +16,27 @@ from hagoromo.files.record import write_json
 from hagoromo.files.table import write_table
 
 ROOT = Path(__file__).resolve().parents[1]
+MOTION = """
+[motion]
+seconds = 2.0
+frames_per_second = 12.0
+[[motion.camera]]
+time = 0.0
+eye = [0.0, -1.0, 0.0]
+target = [0.0, 0.0, 0.0]
+[[motion.camera]]
+time = 2.0
+eye = [0.3, -1.0, 0.1]
+[[motion.lamp]]
+lamp = 0
+time = 0.0
+intensity = 1.0
+spectrum = "A"
+[[motion.lamp]]
+lamp = 0
+time = 2.0
+spectrum = {wavelengths = [400, 700], values = [1.0, 0.5]}
+"""
 SCENE = """
 format_version = 1
 camera = {size = [61, 47], focal = [90.0, 90.0], principal = [30.0, 23.0], distortion = [0.0, 0.0, 0.0, 0.0], \
@@ -158,6 +179,13 @@ def pairs(path: Path) -> None:
 def curve(path: Path) -> None:
     """A transfer curve."""
     write_table(path, {"number": [0, 128, 255], "light": [0, 60, 255]})
+
+
+def motion(folder: Path) -> None:
+    """A scene that moves."""
+    scene(folder)
+    with (folder / "scene.toml").open("a") as file:
+        file.write(MOTION)
 
 
 def scene(folder: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.app.filming import is_film, turn_of, write_film_of
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, Scheduler, wrote
 from hagoromo.errors import InputError
@@ -28,10 +29,14 @@ def render(
     resume: bool = False,
     layers: bool = False,
     denoise: bool = False,
+    turntable: int | None = None,
+    camera_orbit: int | None = None,
+    lamp_orbit: int | None = None,
+    fps: float | None = None,
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Scene → EXR (linear, with its weights) and PNG (sRGB).
+    """Scene → EXR (linear, with its weights) and PNG (sRGB); a scene that moves, or a turn → MP4, WebM, GIF or frames.
 
     Args:
         scene: scene TOML.
@@ -48,7 +53,18 @@ def render(
         layers: further channels: parts of the light (first.R, higher.R, body.R, interface.R, …), depth.Z, normal.X, …,
             albedo.R, … and material.id.
         denoise: R, G, B and the PNG without noise, as Open Image Denoise guesses; marked in the file; with layers.
+        turntable: a film of so many frames in which the matter turns once before camera and lamps.
+        camera_orbit: a film of so many frames in which the camera goes once round the matter.
+        lamp_orbit: a film of so many frames in which the lamps go once round the matter.
+        fps: frames a second of a film (default: the scene's, or 24).
     """
+    turn = turn_of(turntable, camera_orbit, lamp_orbit)
+    if is_film(out, turn):
+        if mode != "march" or resume or layers or denoise or separate_lamps:
+            raise InputError("a film is of mode march, and has no layers: leave other options than its own out")
+        stated = {"tolerance": tolerance, "samples": samples, "seed": seed}
+        given = {key: value for key, value in stated.items() if value is not None}
+        return write_film_of(scene, out, given, turn, fps, scheduler, force)
     if denoise:
         from hagoromo.image.denoise import name_of_denoiser
 

@@ -131,6 +131,14 @@ class Camera:
             sensor=None,
         )
 
+    def limited(self, longest: int) -> Camera:
+        """The same view with at most `longest` px along the longer side; then without a sensor."""
+        share = longest / max(self.width, self.height)
+        if share >= 1.0:
+            return self
+        width, height = max(round(self.width * share), 1), max(round(self.height * share), 1)
+        return self.resampled(width, height, (self.width / width, self.height / height))
+
     def with_pose(self, world_to_camera: ArrayLike) -> Camera:
         """The same camera at another (4, 4) pose."""
         return replace(self, world_to_camera=np.asarray(world_to_camera, np.float64))

@@ -38,6 +38,7 @@ from hagoromo.files.record import (
     up_to,
 )
 from hagoromo.files.stores import address
+from hagoromo.image.film.motion_record import MotionRecord
 from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_lights import SceneAreaLamp, SceneEnvironment, area_lamp_from, environment_from
@@ -163,6 +164,7 @@ class SceneRecord(Record, frozen=True, kw_only=True):
         list[Annotated[dict[str, Any], like(SceneSurface)]], up_to(MOST_PLACES), about("the surfaces")
     ] = []
     render: Annotated[dict[str, Any], like(RenderRecord), about("how the scene is rendered")] = {}
+    motion: Annotated[dict[str, Any], like(MotionRecord), about("how the scene moves in a film")] = {}
     format_version: Annotated[Count, about("version of the format of scene files")] = 1
 
 

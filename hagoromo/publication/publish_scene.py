@@ -15,7 +15,7 @@ from hagoromo.publication.colours import stack_colours
 from hagoromo.publication.document import document
 from hagoromo.publication.publish import LIMIT_BYTES
 from hagoromo.publication.stack_page import stack_page
-from hagoromo.publication.weight_stack import box_camera, framed, limited, weight_stack
+from hagoromo.publication.weight_stack import box_camera, framed, weight_stack
 from hagoromo.transport.lighting import distinct
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import load_box
@@ -83,7 +83,7 @@ def publish_scene(
         scene = Scene(box_camera(scene, LONGEST_SIDE), (Lamp(to_lamp=(0.0, -1.0, 1.0)),), (scene,))
         scene = scene.with_camera(framed(scene, LONGEST_SIDE))
     shown, stated = scene_and_settings(scene, settings)
-    shown = replace(shown, camera=limited(shown.camera, LONGEST_SIDE))
+    shown = replace(shown, camera=shown.camera.limited(LONGEST_SIDE))
     stack = weight_stack(shown, lamps, stated, part_of(progress, 0.0, 0.9))
     if not stack.known.any():
         raise InputError("the camera sees no matter: turn it towards the scene")

@@ -123,22 +123,13 @@ def box_camera(box: VolumeBox, pixels: int) -> Camera:
 
 def framed(scene: Scene, pixels: int) -> Camera:
     """The camera of `scene`, its picture cut to what has matter in it, `pixels` px along the longer side."""
-    small = limited(scene.camera, SKETCH_SIDE)
+    small = scene.camera.limited(SKETCH_SIDE)
     seen = render(scene.with_camera(small), Settings(shadows="none")).alpha > 0.0
     if not seen.any():
-        return limited(scene.camera, pixels)
+        return scene.camera.limited(pixels)
     (top, bottom), (left, right) = (
         (int(np.flatnonzero(side)[0]) - 1, int(np.flatnonzero(side)[-1]) + 2) for side in (seen.any(1), seen.any(0))
     )
     times = pixels / max(bottom - top, right - left)
     width, height = round((right - left) * times), round((bottom - top) * times)
     return small.resampled(width, height, (1.0 / times, 1.0 / times), (left, top))
-
-
-def limited(camera: Camera, longest: int) -> Camera:
-    """The same view with at most `longest` px along the longer side."""
-    share = longest / max(camera.width, camera.height)
-    if share >= 1.0:
-        return camera
-    width, height = max(round(camera.width * share), 1), max(round(camera.height * share), 1)
-    return camera.resampled(width, height, (camera.width / width, camera.height / height))

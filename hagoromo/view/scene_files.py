@@ -5,10 +5,8 @@ Boxes, recipes and meshes are read once; an edit of their place or material take
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
@@ -17,18 +15,16 @@ from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file
+from hagoromo.image.read_once import read_once
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import Readers, readers, scene_from_tables
+from hagoromo.image.scene_file import scene_from_tables
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surface
 from hagoromo.publication.weight_stack import box_camera
-from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.view.view_state import ViewState
 from hagoromo.volume.store.box_store import load_box
 
 PICTURE_SIDE = 1024  # px of a box's picture
 BOX_LAMP = {"name": "key", "to_lamp": [-0.5, -1.0, 1.0]}
-Read = TypeVar("Read")
 
 
 class SceneFiles:
@@ -36,8 +32,7 @@ class SceneFiles:
 
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name = folder, name
-        once = readers()
-        self.read = Readers(_read_once(once.box), _read_once(once.recipe), _meshes_once(once.mesh))
+        self.read = read_once()
 
     def scene(self, state: ViewState) -> tuple[Scene, Settings]:
         """The scene of a state, and its settings; `InputError` where its tables make none."""
@@ -81,25 +76,3 @@ def _opened_box(path: Path) -> tuple[SceneFiles, ViewState]:
     }  # fmt: skip
     files = SceneFiles(Path() if address(path) else path.parent, path.name)
     return files, ViewState(tables)
-
-
-def _read_once(read: Callable[[Path], Read]) -> Callable[[Path], Read]:
-    kept: dict[Path, Read] = {}
-
-    def once(path: Path) -> Read:
-        if path not in kept:
-            kept[path] = read(path)
-        return kept[path]
-
-    return once
-
-
-def _meshes_once(read: Callable[..., Surface]) -> Callable[..., Surface]:
-    kept: dict[Path, Surface] = {}
-
-    def once(path: Path, reflectance: Reflectance, **record: Any) -> Surface:
-        if path not in kept:
-            kept[path] = read(path, reflectance)
-        return replace(kept[path], reflectance=reflectance, **record)
-
-    return once

@@ -17,7 +17,6 @@ from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.image.preview import FIRST_SECONDS, Preview
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.publication.weight_stack import limited
 from hagoromo.view.development import developed, metered
 from hagoromo.view.layers import (
     OF_LIGHT,
@@ -124,7 +123,7 @@ class Watcher:
 
     def scene(self) -> Scene:
         """The desk's scene from where it looks, in its size; `InputError` where it looks at nothing."""
-        camera = limited(self.desk.scene.camera, self.longest)
+        camera = self.desk.scene.camera.limited(self.longest)
         return self.desk.scene.with_camera(camera if self.pose is None else camera.with_pose(self.pose))
 
     def next(self) -> Shown | None:

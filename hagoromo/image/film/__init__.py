@@ -1,0 +1,1 @@
+"""Film: a scene that moves, frame by frame."""

@@ -1,0 +1,42 @@
+"""Read once: boxes, recipes and meshes that a scene names are read the first time, and kept for its next tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hagoromo.image.scene_file import Readers, readers
+from hagoromo.image.surface import Surface
+from hagoromo.reflectance.reflectance import Reflectance
+
+Read = TypeVar("Read")
+
+
+def read_once() -> Readers:
+    """What reads the files of a scene, each of them once."""
+    anew = readers()
+    return Readers(_once(anew.box), _once(anew.recipe), _meshes_once(anew.mesh))
+
+
+def _once(read: Callable[[Path], Read]) -> Callable[[Path], Read]:
+    kept: dict[Path, Read] = {}
+
+    def once(path: Path) -> Read:
+        if path not in kept:
+            kept[path] = read(path)
+        return kept[path]
+
+    return once
+
+
+def _meshes_once(read: Callable[..., Surface]) -> Callable[..., Surface]:
+    kept: dict[Path, Surface] = {}
+
+    def once(path: Path, reflectance: Reflectance, **record: Any) -> Surface:
+        if path not in kept:
+            kept[path] = read(path, reflectance)
+        return replace(kept[path], reflectance=reflectance, **record)
+
+    return once
