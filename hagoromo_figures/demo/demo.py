@@ -72,11 +72,15 @@ def demo(
     with whole_folder(target, force or _is_unfinished(target)) as home:
         report = _begun(home, size, SIZES[size], steps)
     opened(target / "report.html")
-    for name, files in _figures(target, SIZES[size], steps, scheduler):
-        for suffix, data in files.items():
-            write_bytes(target / "figures" / f"{name}{suffix}", data)
-        report.figures.append(name)
-        write_growing(target, report, steps.seconds)
+    try:
+        for name, files in _figures(target, SIZES[size], steps, scheduler):
+            for suffix, data in files.items():
+                write_bytes(target / "figures" / f"{name}{suffix}", data)
+            report.figures.append(name)
+            write_growing(target, report, steps.seconds)
+    except KeyboardInterrupt as interrupt:
+        there = f"{target} has the measurement and {len(report.figures)} of {len(SIZES[size].figures)} figures"
+        raise KeyboardInterrupt(f"{there}; the same command goes on") from interrupt
     with steps.step("report", DRAWN, 1.0):
         record = {**report.record, "seconds": {key: round(value, 2) for key, value in steps.seconds.items()}}
         write_report(target, Report(record, report.part, report.figures))
