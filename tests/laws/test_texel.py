@@ -235,10 +235,10 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
 def test_matched_levels_let_through_what_the_finest_does():
     """3 % of the mean light, on either side of the lamp, over random pairs that the scales were not fitted to."""
     through = replace(MATTER, alpha=0.12, beta=0.1, transmission=0.4, clearness=0.4)
-    made, tau = matched(block(), 1e3 / PATH, (through, through), "projected"), 1e3 / PATH
-    rays = Rays()
+    made, tau, rays = block(), 1e3 / PATH, Rays()
+    made = matched(replace(made, levels=made.levels[::4]), tau, (through, through), "projected")
     finest = light_sent(made, 0, tau, (through, through), "projected", rays).sum(axis=1)
-    for level in (1, len(made.levels) - 1):
+    for level in range(1, len(made.levels)):
         found = light_sent(made, level, tau, (through, through), "projected", rays).sum(axis=1)
         for side in (rays.front, ~rays.front):
             assert found[side].sum() == pytest.approx(finest[side].sum(), rel=0.03)

@@ -160,6 +160,34 @@ def test_files_keep_transmission_and_those_without_have_no_such_keys():
     assert not {"transmission", "transmitted_colour", "clearness"} & opaque.keys()
 
 
+def test_materials_side_by_side_keep_their_own_transmission():
+    """With tails, a body law and further lobes in the rows, kernels give each what its record does."""
+    fibre = matter("cylinder", 0.6, lobes=((0.05, 0.5),))
+    sheet = matter("plane", epsilon=0.2, sigma=0.1, nu=2.0, alpha=0.1)
+    grain, opaque = matter("sphere", transmission=0.2), replace(matter("cylinder"), transmission=0.0)
+    hair = matter("cylinder", 1.0, n=1.4, gamma=0.15, body_colour=RED)
+    each = [opaque, fibre, sheet, grain, hair]
+    materials, lamps, eyes = Materials(each, palette_of(each, [], [WHITE])), unit(900, 8), unit(900, 9)
+    ways = np.broadcast_to(AXIS, lamps.shape), lamps, eyes
+    number = arrays().UInt(np.repeat(np.arange(len(each), dtype=np.uint32), 900))  # all by one kernel
+    got = materials.weights(number, *(vectors(np.tile(v, (len(each), 1)), "Array3f") for v in ways))
+    got = np.stack([np.array(part).reshape(len(each), 900) for part in got], axis=1)
+    for one, mine in zip(each, got, strict=True):
+        true = list(one.weights(*map(vectors, ways)))
+        for part in range(4):
+            if one.element == "sphere" and part == 1:  # many nodes, of facets that do not transmit
+                continue
+            own = np.array(true[part]) if part < len(true) else np.zeros(900)
+            # tables of clear light, and single precision where facets are narrow
+            assert np.abs(mine[part] - own).max() <= 0.01 * max(np.abs(own).max(), 1e-6)
+
+
+def test_surfaces_do_not_transmit():
+    scene = fibres_in_front_of_a_lamp(matter("cylinder"))
+    with pytest.raises(InputError, match="surface 'floor' has transmission"):
+        replace(scene, surfaces=(replace(hg.Surface.floor(0.0, 1.0, matter("plane")), name="floor"),))
+
+
 def test_a_measured_material_may_be_said_to_transmit(tmp_path):
     """It is not measured: the table that names the material states it, and the default colour is white."""
     hg.write_materials([material()], tmp_path / "materials.json")
