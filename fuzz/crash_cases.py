@@ -268,6 +268,7 @@ CASES = (
     Case("convert to TIFF", _image, ("convert", "scene.exr"), ("out.tif",)),
     Case("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
     Case("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
+    Case("convert glTF to OBJ", _gltf, ("convert", "a.glb"), ("out.obj",)),
     Case("convert glTF to a scene", _gltf, ("convert", "a.glb"), ("out",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
     Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),

@@ -33,6 +33,19 @@ def stl_text(path: Path) -> None:
     path.write_text(f"{text}endsolid a\n")
 
 
+def vtp(path: Path) -> None:
+    """VTK's polygons, as text."""
+    points, corners = " ".join(map(str, CORNERS.ravel())), " ".join(map(str, TRIANGLES.ravel()))
+    ends = " ".join(str(3 * k + 3) for k in range(len(TRIANGLES)))
+    path.write_text(
+        '<?xml version="1.0"?><VTKFile type="PolyData" version="1.0" byte_order="LittleEndian"><PolyData>'
+        f'<Piece NumberOfPoints="{len(CORNERS)}" NumberOfPolys="{len(TRIANGLES)}"><Points>'
+        f'<DataArray type="Float32" NumberOfComponents="3" format="ascii">{points}</DataArray></Points><Polys>'
+        f'<DataArray type="Int64" Name="connectivity" format="ascii">{corners}</DataArray>'
+        f'<DataArray type="Int64" Name="offsets" format="ascii">{ends}</DataArray></Polys></Piece></PolyData></VTKFile>'
+    )
+
+
 def ply(path: Path) -> None:
     """Little-endian, with colours that are not read."""
     head = (

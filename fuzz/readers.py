@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -169,6 +170,7 @@ READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
 LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
 READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
+HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 SIMPLE = (
@@ -207,6 +209,7 @@ SIMPLE = (
     Reader("mesh.obj", records.text(records.OBJ), READ_MESH),
     Reader("mesh.off", records.text(records.OFF), READ_MESH),
     Reader("mesh-binary.ply", meshes.ply, READ_MESH),
+    Reader("mesh.vtp", meshes.vtp, READ_MESH, share=0.1, good=HAS_VTK),
     Reader("mesh.stl", meshes.stl, READ_MESH),
     Reader("mesh-text.stl", meshes.stl_text, READ_MESH),
     Reader("mesh.glb", meshes.glb, READ_MESH),
@@ -255,7 +258,10 @@ SIMPLE = (
         Reader(f"v3-{name}.zarr", functools.partial(boxes.array_v3, codec=name), _array)
         for name in ("zstd", "gzip", "blosc")
     ),
-    *(Reader(name, write, READ_VOLUME, share=share) for name, (write, share) in volumes.SAMPLES.items()),
+    *(
+        Reader(name, write, READ_VOLUME, share=share, good=HAS_VTK or not name.endswith(".vti"))
+        for name, (write, share) in volumes.SAMPLES.items()
+    ),
     Reader("plan-volume", volumes.recipe, _plan, "a.toml", share=0.5),
     Reader("v3-shards.zarr", functools.partial(boxes.array_v3, shards=True), _array),
     *(

@@ -30,7 +30,8 @@ def convert(
 ) -> None:
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
     (NRRD, MetaImage, NIfTI, VTI, TIFF stack, …) → a volume box; a box → NRRD, VTI, .vol;
-    a picture → EXR, HDR, TIFF (16 bits), PNG; a glTF → a folder with scene.toml; a scene.toml → .glb.
+    a picture → EXR, HDR, TIFF (16 bits), PNG; a glTF → a folder with scene.toml; a scene.toml → .glb;
+    a mesh → PLY, OBJ, STL, OFF, GLB.
 
     Args:
         source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, a _par.txt; volume, box, or picture.

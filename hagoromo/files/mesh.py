@@ -1,4 +1,4 @@
-"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh; the parts of a file are joined to one mesh.
+"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK; the parts of a file are joined to one mesh.
 
 Archives are not opened, nor textures, nor addresses; a glTF may name files of its own folder.
 """
@@ -16,12 +16,14 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes, sized_file
 from hagoromo.files.memory import require
+from hagoromo.files.mesh_vtp import read_vtp
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import trimesh_silenced
 
+VTP = ".vtp"
 # suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
 # smallest triangles in binary
-GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0}
+GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0}
 LARGEST_MESH = 1 << 32  # bytes
 MOST_NODES = 1 << 16  # places of a glTF at which a mesh may stand
 BYTES_PER_ENTRY = 300.0  # memory of a corner or an index of a glTF, at every place where it stands
@@ -40,8 +42,12 @@ def read_mesh(path: str | Path) -> Any:
         if suffix in (".glb", ".gltf"):
             _check_gltf(_gltf_record(data, suffix), str(path))
         files = _folder_files(Path(path).parent, GROWTH[suffix])
-        mesh = trimesh.load(
-            io.BytesIO(data), file_type=suffix[1:], force="mesh", resolver=files, skip_materials=True, process=True
+        mesh = (
+            trimesh.Trimesh(*read_vtp(Path(path)))
+            if suffix == VTP
+            else trimesh.load(
+                io.BytesIO(data), file_type=suffix[1:], force="mesh", resolver=files, skip_materials=True, process=True
+            )
         )
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")

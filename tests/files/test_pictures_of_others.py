@@ -3,6 +3,7 @@
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,11 +133,12 @@ def test_colour_science_reads_and_writes_the_same_layout(tmp_path):
     waves = np.array([450.0, 500.0, 550.0, 650.0])
     picture = SpectralPicture(np.random.default_rng(7).random((3, 4, 4)).astype(np.float32), waves, True)
     write_spectral_exr(tmp_path / "a.exr", picture)
-    found = colour.read_spectral_image_Fichet2021(str(tmp_path / "a.exr"))
+    found: Any = colour.read_spectral_image_Fichet2021(str(tmp_path / "a.exr"))
     assert list(found) == ["S0"] and found["S0"][0] == pytest.approx(waves * 1e-9 if found["S0"][0][0] < 1 else waves)
     assert np.asarray(found["S0"][1]) == pytest.approx(picture.values)
     sample = Path(fichet2021.__file__).parent / "tests" / "resources" / "D65.exr"
-    theirs, ours = colour.read_spectral_image_Fichet2021(str(sample)), read_spectral_exr(sample)
+    theirs: Any = colour.read_spectral_image_Fichet2021(str(sample))
+    ours = read_spectral_exr(sample)
     assert ours.is_light and ours.values == pytest.approx(np.asarray(theirs["S0"][1]))
     rgb = ours.linear_srgb()[0, 0]
     assert rgb / rgb[1] == pytest.approx([1.0, 1.0, 1.0], abs=0.02)  # the display's white

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from hagoromo.app.formats.find import format_of
 from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
+from hagoromo.app.formats.surfaces_out import WRITTEN, write_surface
 from hagoromo.app.formats.table import FORMATS, suffixes
 from hagoromo.app.formats.volumes_out import Field
 from hagoromo.camera.formats.camera_file import Format as CameraFormat
@@ -60,7 +61,7 @@ def convert(
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
     A glTF becomes a folder with scene.toml, a scene.toml with surfaces a .glb; returned is what was made up or lost.
-    A picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
+    A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as NRRD, VTI or .vol. `volume`:
     what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and contradictions.
 
@@ -80,6 +81,8 @@ def convert(
         return _volume_in(source, out, volume or VolumeOptions(), force, progress)
     if found.holds == "box":
         return _volume_out(source, out, volume or VolumeOptions(), force)
+    if found.holds == "surface" or (found.name == "glTF" and suffix in WRITTEN):
+        return write_surface(source, out, force)
     if found.name == "glTF":
         return scene_from_gltf(source, out, force)
     if found.holds == "matter" and suffix == ".glb":

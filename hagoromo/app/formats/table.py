@@ -59,12 +59,13 @@ PICTURES = (
     ),
     Format("camera RAW", "picture", RAW_SUFFIXES, "hagoromo.files.raw:read_raw", "", "rawpy", "tifffile", "notes"),
 )  # fmt: skip
-MESH = "hagoromo.files.mesh:read_mesh"
+MESH, WRITE_MESH = "hagoromo.files.mesh:read_mesh", "hagoromo.app.formats.surfaces_out:write_surface"
 SURFACES = (
-    Format("PLY", "surface", (".ply",), MESH, "", "trimesh", "Mitsuba", "colours; out: `export`"),
-    Format("Wavefront OBJ", "surface", (".obj",), MESH, "", "trimesh", "Mitsuba", "materials"),
-    Format("STL", "surface", (".stl",), MESH, "", "trimesh", "tests' own bytes", "colours"),
-    Format("OFF", "surface", (".off",), MESH, "", "trimesh", "tests' own text", "colours"),
+    Format("PLY", "surface", (".ply",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "colours"),
+    Format("Wavefront OBJ", "surface", (".obj",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "materials"),
+    Format("STL", "surface", (".stl",), MESH, WRITE_MESH, "trimesh", "tests' own bytes", "colours"),
+    Format("VTK polygons", "surface", (".vtp",), MESH, "", "VTK", "tests' own text", "lines, points, data"),
+    Format("OFF", "surface", (".off",), MESH, WRITE_MESH, "trimesh", "tests' own text", "colours"),
     Format(
         "glTF",
         "scene",

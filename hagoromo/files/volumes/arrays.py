@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import existing_file
+from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
-from hagoromo.files.volumes.library import library
 from hagoromo.files.volumes.payload import read_payload
 from hagoromo.files.volumes.volume_file import NUMBER_KINDS, VolumeFile
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
+from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import nibabel_silenced
-from hagoromo.files.volumes.library import library
 from hagoromo.files.volumes.volume_file import MM, VolumeFile
 
 UNITS = {"mm": MM, "unknown": MM, "meter": 1.0, "micron": 1e-6}

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, sized_file
+from hagoromo.files.library import library
 from hagoromo.files.reading import reading
-from hagoromo.files.volumes.library import library
 from hagoromo.files.volumes.payload import BZIP2, GZIP, PLAIN, read_payload
 from hagoromo.files.volumes.volume_file import MM, VolumeFile
 from hagoromo.files.whole import whole_file

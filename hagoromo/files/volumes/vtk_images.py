@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import existing_file
+from hagoromo.files.library import library
 from hagoromo.files.reading import reading
-from hagoromo.files.volumes.library import library
 from hagoromo.files.volumes.volume_file import MM, VolumeFile, check_size
 from hagoromo.files.whole import whole_file
 

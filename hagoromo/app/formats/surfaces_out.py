@@ -1,0 +1,22 @@
+"""Surfaces out: a mesh as PLY, OBJ, STL, OFF or GLB, by trimesh; places alone, without colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hagoromo.errors import InputError
+from hagoromo.files.mesh import read_mesh
+from hagoromo.files.whole import replaceable_file, whole_file
+
+WRITTEN = (".ply", ".obj", ".stl", ".off", ".glb")
+
+
+def write_surface(source: str | Path, out: str | Path, force: bool = False) -> None:
+    """Write the mesh in the file `source` as another; `InputError` for a suffix that is not in WRITTEN."""
+    out = Path(out)
+    if out.suffix.lower() not in WRITTEN:
+        raise InputError(f"{source} is a mesh, which is written as {', '.join(WRITTEN)}: given {out.name}")
+    replaceable_file(out, force)
+    data = read_mesh(source).export(file_type=out.suffix.lower()[1:])
+    with whole_file(out, force) as partial:
+        partial.write_bytes(data.encode() if isinstance(data, str) else bytes(data))
