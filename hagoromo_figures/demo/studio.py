@@ -42,11 +42,11 @@ def framed(camera: Camera, boxes: Sequence[VolumeBox], towards: Sequence[float],
 
 
 def studio_lamps(middle: NDArray, extent: float) -> tuple[Lamp, ...]:
-    """Three white point lamps: key high on the left, weak fill beside the camera, rim from high behind.
+    """Three white point lamps: key high on the left, weak fill beside the camera and low, rim from high behind.
 
     Places in units of `extent` [m] from `middle`, and irradiance there, 1 for the key.
     """
-    places = {"key": ((-2.2, -2.7, 2.5), 1.0), "fill": ((0.25, -4.4, 0.7), 0.18), "rim": ((1.1, 1.6, 3.4), 1.0)}
+    places = {"key": ((-2.2, -2.7, 2.5), 1.0), "fill": ((0.25, -4.4, -0.3), 0.18), "rim": ((1.1, 1.6, 3.4), 1.0)}
     return tuple(
         Lamp(
             position=middle + extent * np.array(place),
