@@ -153,6 +153,8 @@ from .publication.export.export import export as export
 # Files of other programs
 from .app.formats.convert import VolumeOptions as VolumeOptions, convert as convert
 
+from .view.notebook import Shown as Shown, show as show
+
 # The paper end to end, reports, and what studies of one's own need
 from .app.demo import demo as demo
 from .app.progress_bar import progress_bar as progress_bar

@@ -37,6 +37,20 @@ def test_what_can_be_looked_at_is_a_picture(records):
     assert "<table>" in records["VolumeBox"]._repr_html_()
 
 
+def test_a_scene_is_shown_with_a_lamp_to_move(records):
+    """The page stands whole in the frame, which may run its script and nothing else."""
+    import html
+    import re
+
+    shown = hg.show(records["Scene"], lamps=8)
+    assert shown.page.startswith("<!doctype html>") and "Content-Security-Policy" in shown.page
+    cell = re.fullmatch(
+        r'<iframe sandbox="allow-scripts" style="[^"]*" srcdoc="([^"]*)"></iframe>', shown._repr_html_()
+    )
+    assert cell is not None and html.unescape(cell[1]) == shown.page
+    assert repr(shown).startswith("Shown(page of")
+
+
 def test_a_scene_without_a_response_is_exposed_by_another_or_refused_in_one_line(records):
     with pytest.raises(hg.InputError, match="no response: give one"):
         records["Image"].expose(None)
