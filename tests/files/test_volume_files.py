@@ -245,6 +245,15 @@ def test_a_box_that_is_written_is_read_alike_by_us_and_by_others(tmp_path, suffi
     assert origin == pytest.approx(1e3 * volume.matrix[:3, 3])
 
 
+@pytest.mark.parametrize("suffix", [".nrrd", ".vti", ".vol"])
+def test_a_box_is_written_with_the_same_bytes_each_time(tmp_path, suffix):
+    a_box(tmp_path)
+    for name in "bc":
+        convert(tmp_path / "a.zarr", tmp_path / f"{name}{suffix}")
+    data = (tmp_path / f"b{suffix}").read_bytes()
+    assert data == (tmp_path / f"c{suffix}").read_bytes() and b"# " not in data[:400]  # pynrrd notes the time
+
+
 def test_the_density_that_was_written_is_the_box_again(tmp_path):
     """Floats need no scale; the box lies where it lay."""
     box = a_box(tmp_path)

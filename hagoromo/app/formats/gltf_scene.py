@@ -21,7 +21,6 @@ from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
 from hagoromo.errors import InputError
 from hagoromo.files.mesh import MOST_NODES, read_gltf
-from hagoromo.files.names import printable
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
@@ -180,7 +179,7 @@ def _surfaces(meshes: Any, folder: Path, where: str) -> Iterator[dict[str, Any]]
         mesh.visual = type(meshes.geometry[name])().visual
         (folder / file).write_bytes(mesh.export(file_type="ply"))
         body = {"alpha": MATT, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": _spectrum(rgb).record()}
-        yield {"mesh": file, "name": printable(node)[:80], "reflectance": body}
+        yield {"mesh": file, "name": f"mesh {number + 1}", "reflectance": body}  # trimesh draws names of its own by lot
 
 
 def _camera_of(bounds: Any) -> Camera:

@@ -5,6 +5,7 @@ Lengths without a unit are millimetres. The header's space (left-posterior-super
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from hagoromo.files.library import library
 from hagoromo.files.reading import reading
 from hagoromo.files.volumes.payload import BZIP2, GZIP, PLAIN, read_payload
 from hagoromo.files.volumes.volume_file import MM, VolumeFile
-from hagoromo.files.whole import whole_file
+from hagoromo.files.whole import write_bytes
 
 LARGEST_HEADER = 1 << 20  # bytes
 PACKINGS = {"raw": PLAIN, "gzip": GZIP, "gz": GZIP, "bzip2": BZIP2, "bz2": BZIP2}
@@ -64,8 +65,11 @@ def write_nrrd(path: str | Path, volume: VolumeFile, name: str) -> None:
         "encoding": "gzip",
         "content": name,
     }
-    with whole_file(path, force=True) as partial:
-        nrrd.write(str(partial), np.ascontiguousarray(volume.values), header, index_order="C")
+    written = io.BytesIO()
+    nrrd.write(written, np.ascontiguousarray(volume.values), header, index_order="C")
+    text, blank, numbers = written.getvalue().partition(b"\n\n")
+    lines = [line for line in text.split(b"\n") if not line.startswith(b"#")]  # comments state the time
+    write_bytes(path, b"\n".join(lines) + blank + numbers)
 
 
 def _lines(opened: Any, path: Path) -> Any:
