@@ -17,6 +17,7 @@ def view(
     scene: Positional[Path],
     host: Annotated[str, arg(help="address to listen on; any but the default lets other machines in")] = LOOPBACK,
     port: Annotated[int, arg(help="port to listen on; 0: a free one")] = 0,
+    against: Path | None = None,
 ) -> None:
     """Scene or volume box → a viewer in the browser: orbit it, relight it, edit it, and write what was found.
 
@@ -24,12 +25,15 @@ def view(
 
     Args:
         scene: SCENE.toml or BOX.zarr.
+        against: capture whose photographs the picture is held against, or a file of cameras to jump to.
     """
     from hagoromo.view.browser import Browser
+    from hagoromo.view.photographs import photographs_of
     from hagoromo.view.scene_files import opened
     from hagoromo.view.watcher import Desk
 
-    browser = Browser(Desk(*opened(scene)), host, port)
+    photographs = [] if against is None else photographs_of(against)
+    browser = Browser(Desk(*opened(scene), photographs), host, port)
     try:
         say(f"open {browser.address}")
         browser.run()

@@ -34,9 +34,9 @@ def metered(image: Image, development: Development, response: Response | None) -
     return auto_exposure(linear_picture(image, development, response), image.alpha)
 
 
-def developed(image: Image, development: Development, response: Response | None, factor: float) -> NDArray[np.uint8]:
-    """The picture for people, (height, width, 3); factor: on the linear values at 0 stops."""
-    linear = linear_picture(image, development, response) * (factor * 2.0**development.stops)
+def toned(linear: NDArray[np.float64], development: Development, factor: float) -> NDArray[np.uint8]:
+    """Display values of a linear picture: exposed, through the tone curve."""
+    linear = linear * (factor * 2.0**development.stops)
     return srgb_encode(shoulder(linear) if development.tone == "shoulder" else linear)
 
 

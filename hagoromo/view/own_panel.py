@@ -12,9 +12,11 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
+from hagoromo.view.photographs import LARGEST_DIFFERENCE, through
 from hagoromo.view.probe import WAVELENGTHS, Probe, probe, probe_text
 from hagoromo.view.watcher import Watcher
 
+NONE = "none"
 JUMP_S = 2.0  # after which a camera that did not arrive is where it says
 
 
@@ -34,6 +36,8 @@ class OwnPanel:
             self.target = gui.add_vector3("target [m]", tuple(panel.middle), step=1e-4)
             gui.add_button("look from there").on_click(told(lambda _: self.look(self.eye.value, self.target.value)))
             gui.add_button("the scene's camera").on_click(told(lambda _: self.jump(watcher.desk.scene.camera)))
+            if watcher.desk.photographs:
+                self._add_photographs(gui)
         self.folder = gui.add_folder("Probe", expand_by_default=False)
         with self.folder:
             self.said = gui.add_markdown("Click into the picture.")
@@ -41,6 +45,31 @@ class OwnPanel:
         with gui.add_folder("Write", expand_by_default=False):
             gui.add_button("write scene.toml").on_click(told(lambda _: self.write(False)))
             gui.add_button("save picture").on_click(told(lambda _: self.write(True)))
+
+    def _add_photographs(self, gui: Any) -> None:
+        """Cameras to jump to, and what their photographs are held against."""
+        told = self.panel.told
+        names = gui.add_dropdown("photograph", (NONE, *self.watcher.desk.photographs))
+        names.on_update(told(lambda event: self.hold_against(event.target.value)))
+        wipe = gui.add_slider("photograph | picture", 0.0, 1.0, 0.01, 0.5)
+        wipe.on_update(told(lambda event: setattr(self.watcher, "wipe", event.target.value)))
+        differs = gui.add_checkbox(f"ΔE00, {LARGEST_DIFFERENCE:g} is white", False)
+        differs.on_update(told(lambda event: setattr(self.watcher, "differs", event.target.value)))
+        self.watcher.wipe = 0.5
+
+    def hold_against(self, name: str) -> None:
+        """Look through the camera of a photograph, and hold the picture against it."""
+        watcher = self.watcher
+        watcher.against = watcher.desk.photographs.get(name)
+        if watcher.against is None:
+            return
+        try:
+            watcher.desk.edit(through(watcher.desk.state, watcher.against.camera), f"camera of {name}")
+        except InputError as error:
+            self.panel.say(f"not done: {error}")
+            return
+        self.panel.refresh()
+        self.jump(watcher.desk.scene.camera)
 
     def look(self, eye: Any, target: Any) -> None:
         """Look from `eye` at `target`, +z up."""

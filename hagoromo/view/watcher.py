@@ -5,7 +5,7 @@ A `Desk` holds what all viewers share: the edited scene and what it left on the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.image.preview import FIRST_SECONDS, Preview
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.view.development import developed, metered
+from hagoromo.view.development import linear_picture, metered, toned
 from hagoromo.view.layers import (
     OF_LIGHT,
     OF_MATTER,
@@ -27,6 +27,7 @@ from hagoromo.view.layers import (
     opacity_layer,
     shadow_pictures,
 )
+from hagoromo.view.photographs import Against, as_bright, difference_map, wiped
 from hagoromo.view.scene_files import SceneFiles
 from hagoromo.view.view_state import History, ViewState
 
@@ -38,8 +39,15 @@ SAME_PLACE, SAME_TURN = 1e-5, 1e-5  # of the distance, and entries of a rotation
 class Desk:
     """The scene on the table, which all viewers see and edit."""
 
-    def __init__(self, files: SceneFiles, state: ViewState, seconds: float = FIRST_SECONDS) -> None:
-        """`seconds`: until the first picture after a change, about."""
+    def __init__(
+        self,
+        files: SceneFiles,
+        state: ViewState,
+        photographs: Sequence[Against] = (),
+        seconds: float = FIRST_SECONDS,
+    ) -> None:
+        """`photographs`: to hold pictures against. seconds: until the first picture after a change, about."""
+        self.photographs = {one.name: one for one in photographs}
         self.files, self.history = files, History(state)
         self.scene, settings = files.scene(state)
         self.settings = _separate(settings, self.scene)
@@ -98,6 +106,8 @@ class Watcher:
         self.pose: NDArray[np.float64] | None = None  # of its camera; None: that of the scene
         self.image: Image | None = None
         self.layer: LayerPicture | None = None  # in place of the image
+        self.against: Against | None = None  # the photograph that was taken from where it looks
+        self.wipe, self.differs, self.brightness = 0.0, False, 1.0
         self._pictures: Iterator[Image | LayerPicture] = iter(())
         self._window = (0, 0)
         self._of: tuple[Any, ...] = ()  # what the pictures are of
@@ -134,7 +144,7 @@ class Watcher:
             self.image, self.layer = new, None
         elif new is not None:
             self.layer = new
-        of = self.desk.state.tables, self.desk.state.development
+        of = self.desk.state.tables, self.desk.state.development, self.against, self.wipe, self.differs
         if (self.image is None and self.layer is None) or (new is None and self._shown == of):
             return None
         self._shown = of
@@ -177,7 +187,14 @@ class Watcher:
             return opacity_layer(image)
         if development.layer != "picture":
             image = light_layer(image, development.layer)
-        return developed(image, development, response, desk.factor)
+        linear = linear_picture(image, development, response)
+        picture = toned(linear, development, desk.factor)
+        if self.against is None or self.against.linear is None or self.pose is not None:
+            return picture
+        photograph, self.brightness = as_bright(self.against.linear, linear)
+        if self.differs:
+            return difference_map(photograph * desk.factor, linear * desk.factor)
+        return wiped(toned(photograph, development, desk.factor), picture, self.wipe)
 
     def _relit(self, image: Image) -> Image:
         """The image under the desk's strengths and spectra, if they are not those that it was marched under."""

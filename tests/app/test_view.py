@@ -22,6 +22,7 @@ from hagoromo.image import preview
 from hagoromo.image.render import render
 from hagoromo.view import gate
 from hagoromo.view.browser import Browser, field_of_view, in_window, pose_from_viser
+from hagoromo.view.photographs import LARGEST_DIFFERENCE, photographs_of, through
 from hagoromo.view.scene_files import opened
 from hagoromo.view.watcher import Desk, Watcher
 from tests.ball_scene import ball_scene
@@ -131,6 +132,33 @@ def test_the_whole_picture_stands_in_a_window_of_any_shape(aspect, height):
     assert padded.shape[:2] == (height, round(height * aspect)) and (padded == 255).all(2).sum() == 24 * 32
 
 
+def test_a_picture_is_held_against_the_photograph_of_its_camera(photographed):
+    """Of a simulated photograph ΔE00 is noise; of other matter it is seen. The photograph stands left of the wipe."""
+    photographs = photographs_of(photographed)
+    assert [one.name for one in photographs] == ["key", "fill"]
+    files, state = opened(photographed.parent / "scene.toml")
+    desk = Desk(files, state.with_value(("lamp", 1, "intensity"), 0.0), photographs)
+    desk.edit(through(desk.state, photographs[0].camera), "camera")
+    assert np.array_equal(desk.scene.camera.matrix, photographs[0].camera.matrix)
+    watcher = Watcher(desk)
+    plain = last_picture(watcher)
+    ball = watcher.image.alpha > 0.99
+    watcher.against, watcher.differs = photographs[0], True
+    alike = last_picture(watcher)[ball][:, 0].mean() / 255 * LARGEST_DIFFERENCE
+    watcher.against = photographs[1]
+    other = last_picture(watcher)[ball][:, 0].mean() / 255 * LARGEST_DIFFERENCE
+    assert alike < 2.0 < 6.0 < other, (alike, other)
+    watcher.against, watcher.differs, watcher.wipe = photographs[1], False, 0.5
+    wiped = last_picture(watcher)
+    middle = plain.shape[1] // 2 + 1
+    assert np.array_equal(wiped[:, middle:], plain[:, middle:]) and not np.array_equal(
+        wiped[:, :middle], plain[:, :middle]
+    )
+    watcher.against, watcher.wipe = photographs[0], 1.0
+    assert np.abs(last_picture(watcher)[ball].astype(int) - plain[ball]).mean() < 4.0
+    assert np.isclose(watcher.brightness, 1.0, rtol=0.02), "both are in units of eq. (10)"
+
+
 def asked(browser, path="/", **headers):
     """Status, headers and text of a request."""
     place = urlsplit(browser.address)
@@ -211,6 +239,7 @@ def test_an_address_that_cannot_be_listened_on_is_refused(refused, scene, more, 
 
 
 def test_what_is_neither_scene_nor_box_is_refused(refused, tmp_path, whole_file_of):
+    refused("view", whole_file_of("toml"), "--against", tmp_path / "absent")
     for path in (tmp_path / "absent.toml", tmp_path / "absent.zarr", whole_file_of("png"), tmp_path):
         refused("view", path)
 
