@@ -19,7 +19,8 @@ BRICKS_READ = 1 << 12  # at once
 
 def albedos_of(scene: Scene) -> list[Spectrum]:
     """What bodies and interfaces of a scene send on of the light of each wavelength, about."""
-    return albedos(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis])
+    tints = [surface.reflectance.interface_colour for surface in scene.surfaces if surface.optics]
+    return albedos(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis]) + tints
 
 
 def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.image.scene import Scene, check_lamps_outside
+from hagoromo.image.scene import Scene, check_lamps_outside, check_no_optics
 from hagoromo.image.settings import Settings
 from hagoromo.light.light_points import LightPoints, area_points, environment_points
 
@@ -18,6 +18,7 @@ def lit_by_points(scene: Scene, settings: Settings) -> tuple[Scene, dict[str, An
 
     `InputError` for a lamp, or a part of one, inside a volume box.
     """
+    check_no_optics(scene)
     check_lamps_outside(scene)
     if not scene.area_lamps and scene.environment is None:
         return scene, {}

@@ -28,6 +28,7 @@ from hagoromo.transport.lighting import distinct
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
 from hagoromo.transport.path.lights import Lights
+from hagoromo.transport.path.optics import Optics
 from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers
 from hagoromo.transport.path.scatter import Scattering
 
@@ -116,7 +117,23 @@ def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     scattering = Scattering(reflectances_of(scene), prepared.lighting.materials)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
     first, lights = prepared.first_on_surface, lights_of(scene, prepared)
-    return Walks(matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights)
+    return Walks(
+        matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics_of(scene, prepared)
+    )
+
+
+def optics_of(scene: Scene, prepared: PreparedScene) -> Optics | None:
+    """The mirrors and glasses of a scene for walks; None without. `InputError` for a lamp within glass."""
+    if prepared.surfaces is None or not any(surface.optics for surface in scene.surfaces):
+        return None
+    for lamp in (*scene.lamps, *scene.area_lamps):
+        if lamp.position is None:
+            continue
+        around = prepared.surfaces.around(np.asarray(lamp.position, float) - prepared.origin)
+        if around is not None and around.optics == "glass":
+            raise InputError(f"lamp {lamp.name!r} stands within the glass of surface {around.name!r}: move it out")
+    kinds = [""] * sum(len(box.materials) for box in scene.boxes) + [surface.optics for surface in scene.surfaces]
+    return Optics(kinds, prepared.lighting.materials, prepared.surfaces.shadow_bias)
 
 
 def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:

@@ -113,9 +113,19 @@ class Scene:
             ],
             "surfaces": [
                 {"name": s.name, "shape": s.shape, "pose": s.pose.tolist(), "reflectance": s.reflectance.record()}
+                | ({"optics": s.optics} if s.optics else {})
                 for s in self.surfaces
             ],
         }  # fmt: skip
+
+
+def check_no_optics(scene: Scene) -> None:
+    """`InputError` for a mirror or glass, which only walks follow."""
+    for surface in scene.surfaces:
+        if surface.optics:
+            raise InputError(
+                f"surface {surface.name!r} is {surface.optics}: only mode path follows it: use --mode path"
+            )
 
 
 def check_lamps_outside(scene: Scene) -> None:

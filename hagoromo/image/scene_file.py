@@ -47,6 +47,7 @@ from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
+from hagoromo.transport.path.optics import KINDS
 from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid
 from hagoromo.volume.store.box_store import holds_shell, load_box, stored_bricks
@@ -124,6 +125,9 @@ class SceneSurface(Place, frozen=True, kw_only=True):
     smooth: Annotated[bool, about("whether normals of a mesh are interpolated")] = True
     scale: Annotated[float | Vector, about("factor on the size, one number or one an axis")] = 1.0
     reflectance: Annotated[dict[str, Any], MATERIAL, about("its reflectance")]
+    optics: Annotated[
+        Annotated[str, one_of(*KINDS[1:])] | None, about("mirror or glass in place of body and facets; mode path only")
+    ] = None
     name: Annotated[str, about("name of the surface")] = ""
 
 
@@ -339,9 +343,10 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
     pose = _pose(key, where) @ np.diag([*scale, 1.0])
     reflectance = reflectance_from_table(key.reflectance, folder, f"{where} reflectance")
     if key.shape is not None:
-        return Surface(reflectance, key.shape, pose=pose, name=key.name)
+        return Surface(reflectance, key.shape, pose=pose, name=key.name, optics=key.optics or "")
     mesh = str(key.mesh)
-    return read.mesh(inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem)
+    made = read.mesh(inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem)
+    return replace(made, optics=key.optics or "")
 
 
 def _pose(key: Place, where: str) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Hashable, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.path.optics import KINDS
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
@@ -32,6 +33,9 @@ class Surface:
     """A surface with one reflectance: `shape` of SHAPES, or a mesh of vertices (n, 3) [m] and faces (m, 3).
 
     pose: shape to world, (4, 4) affine (scale included). smooth: interpolate the normals of a mesh's vertices.
+    optics: "mirror" or "glass" in place of body and facets, in mode path: of the reflectance, `n` (glass) and the
+    interface colour (of mirrored light, and of what passes) count. Glass is closed, in air, smooth and clear; lamps
+    without size do not shine through it. "": a surface by its reflectance.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
@@ -45,9 +49,15 @@ class Surface:
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
     smooth: bool = True
     name: str = ""
+    optics: str = ""
 
     def __post_init__(self) -> None:
         who = f"surface {self.name!r}" if self.name else "surface"
+        if self.optics not in KINDS:
+            raise InputError(f"{who}: optics is {self.optics!r}: give mirror or glass, or leave it out")
+        if self.optics:
+            smooth = {"alpha": 0.0, "beta": 0.0, "lobes": (), "epsilon": 0.0, "sigma": 0.0}
+            object.__setattr__(self, "reflectance", replace(self.reflectance, **smooth))
         pose = np.asarray(self.pose, float)
         if not (np.abs(pose) <= FARTHEST).all():
             raise InputError(f"{who}: pose holds what is no number up to {FARTHEST:g}")
@@ -169,6 +179,15 @@ class Surfaces:
         surface = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape))
         point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
         return jit.Float(hit.t), point, normal, flat, surface
+
+    def around(self, place: np.ndarray) -> Surface | None:
+        """The closed surface around a `place` (3,) [m]: the first one that is met there from its back, if any."""
+        mi, jit = mitsuba(), arrays()
+        towards = mi.Vector3f(0.26726, 0.53452, 0.80178)
+        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(opaque_vector(place) + self.offset), towards))
+        from_back = hit.is_valid() & (dr.dot(hit.n, towards) > 0.0)
+        number = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape), hit.is_valid())
+        return self.surfaces[int(number[0])] if bool(from_back[0]) else None
 
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""

@@ -10,7 +10,7 @@ later ones give the transfer in bands, as a colour multiplied by another is no s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import drjit as dr
@@ -23,6 +23,7 @@ from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.free_flight import Collision, Matter, Random, first_collision, transmittance
 from hagoromo.transport.path.lights import Lights, share_of_drawn
 from hagoromo.transport.path.next_event import LampDrawn, lamp_drawn
+from hagoromo.transport.path.optics import Optics
 from hagoromo.transport.path.scatter import Scattering
 
 FAINT = 0.3  # throughput below which a walk goes on by chance
@@ -67,8 +68,12 @@ class Walks:
         scattering: Scattering,
         bands: Bands,
         lights: Lights | None = None,
+        optics: Optics | None = None,
     ) -> None:
-        """first_on_surface: number of the material of the first surface. lights: of a scene with lamps of a size."""
+        """first_on_surface: number of the material of the first surface. lights: of a scene with lamps of a size.
+        optics: of one with mirrors or glass.
+        """
+        self.optics = optics
         self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
         self.lighting, self.scattering, self.bands, self.lights = lighting, scattering, bands, lights
         palette = lighting.materials.palette
@@ -214,6 +219,31 @@ class Walks:
         each = len(weights)
         return [dr.fma(light[k // each], weights[k % each], old) for k, old in enumerate(channels)]
 
+    def turned(
+        self,
+        event: Event,
+        direction: Array3f,
+        to_eye: Array3f,
+        sent: Sequence[Float],
+        good: Bool,
+        within: Bool,
+        u: Float,
+    ) -> tuple[Event, Array3f, list[Float], Bool, Bool, Bool]:
+        """Event, direction, weights, whether the walk goes on and whether it is in glass, now that it may have met a
+        mirror or glass; and whether it did.
+        """
+        assert self.optics is not None
+        turn = self.optics.turned(event.material, event.there, event.axis, to_eye, within, u)
+        behind = event.point - event.face * (2.0 * self.optics.bias)
+        moved = replace(
+            event,
+            point=dr.select(turn.refracted, behind, event.point),
+            face=dr.select(turn.refracted, 0.0, event.face),
+        )
+        weights = [dr.select(turn.here, turn.factor if part == 1 else 0.0, old) for part, old in enumerate(sent)]
+        within = within ^ (turn.here & turn.refracted)
+        return moved, dr.select(turn.here, turn.direction, direction), weights, good | turn.here, within, turn.here
+
     def goes_on(self, events: UInt, most: UInt) -> Bool:
         """Whether a walk goes on after some events: from the last one only to meet lights."""
         return events < most if self.lights is None else events <= most
@@ -253,6 +283,7 @@ def light_of_walks(
     events, alive = dr.zeros(jit.UInt, count), dr.full(jit.Bool, True, count)
     colours = walks.colours if walks.lights is not None else 0
     onwards = Onwards(dr.full(jit.Float, dr.inf, count), [dr.zeros(jit.Float, count) for _ in range(colours)])
+    within = dr.full(jit.Bool, False, count)
     while alive:
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
@@ -264,6 +295,12 @@ def light_of_walks(
         events += dr.select(event.there, 1, jit.UInt(0))
         numbers = five_of(random)
         direction, sent, good = walks.scattering.drawn(event.material, event.axis, to_eye, numbers)
+        single = jit.Bool(False)
+        sent = list(sent)
+        if dr.hint(walks.optics is not None, mode="scalar"):
+            event, direction, sent, good, within, single = walks.turned(
+                event, direction, to_eye, sent, good, within, random.next_float32()
+            )
         carried = products(carried, walks.mixed(event.coefficients, sent))
         alive = event.there & good & walks.goes_on(events, most)
         alive &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)
@@ -273,6 +310,7 @@ def light_of_walks(
         carried = [old / dr.fmax(stays, 1e-30) for old in carried]
         if dr.hint(walks.lights is not None, mode="scalar"):
             onwards = walks.onwards(event, direction, to_eye, sent, stays)
+            onwards.spread = dr.select(single, dr.inf, onwards.spread)
     return channels, events
 
 

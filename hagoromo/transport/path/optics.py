@@ -1,0 +1,55 @@
+"""Optics: mirrors and smooth glass, from which a walk goes on in one direction, or one of two.
+
+Glass is closed, stands in air, and does not absorb: a walk that is refracted changes sides. Radiance falls by (1/n)² on
+its way in and rises by n² on its way out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
+from hagoromo.reflectance.torrance_sparrow import fresnel
+from hagoromo.transport.lighting import Materials
+
+NEITHER, MIRROR, GLASS = 0, 1, 2
+KINDS = ("", "mirror", "glass")
+
+
+@dataclass
+class Turned:
+    """How a walk goes on: whether by a mirror or glass; direction; factor on its radiance; whether through glass."""
+
+    here: Bool
+    direction: Array3f
+    factor: Float
+    refracted: Bool
+
+
+class Optics:
+    """The mirrors and glasses among the materials of a scene. bias: of the points of hits, along the normal [m]."""
+
+    def __init__(self, kinds: Sequence[str], materials: Materials, bias: Float) -> None:
+        """`kinds`: of KINDS, of every material."""
+        self.materials, self.bias = materials, bias
+        self.kinds = lookup(arrays().UInt, np.array([KINDS.index(kind) for kind in kinds], np.uint32))
+
+    def turned(self, material: UInt, there: Bool, normal: Array3f, to_eye: Array3f, within: Bool, u: Float) -> Turned:
+        """A walk at an event. normal: unit, to the eye. within: whether the walk is in glass. u: uniform in [0, 1)."""
+        kind = dr.gather(arrays().UInt, self.kinds, material)
+        glass, cosine = there & (kind == GLASS), dr.fmax(dr.dot(normal, to_eye), 0.0)
+        n = self.materials.read(material, 3)
+        ratio = dr.select(within, n, dr.rcp(n))  # refractive index where the eye is, over that behind
+        squared = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
+        behind = dr.sqrt(dr.fmax(squared, 0.0))
+        reflected = dr.select(squared > 0.0, fresnel(dr.select(within, behind, cosine), n), 1.0)
+        refracted = glass & (u >= reflected)
+        mirrored = 2.0 * cosine * normal - to_eye
+        through = (ratio * cosine - behind) * normal - ratio * to_eye
+        direction = dr.normalize(dr.select(refracted, through, mirrored))
+        factor = dr.select(refracted, ratio * ratio, 1.0)
+        return Turned(there & (kind != NEITHER), direction, factor, refracted)

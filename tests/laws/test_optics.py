@@ -1,0 +1,76 @@
+"""Laws of mirrors and smooth glass in mode path. Oracles: the furnace, Fresnel's slab, and the mirrored scene."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+
+WHITE = hg.Spectrum.constant(1.0)
+RED = hg.Spectrum([360, 400, 700, 830], [0.2, 0.2, 0.8, 0.8])
+PAINT = hg.Reflectance(0.6 / math.pi, 0.0, 0.3, 1.5, WHITE)
+SKY = hg.Environment(np.ones((4, 8)), scale=1.0, visible=True)
+
+
+def camera(eye=(0, -3, 0), focal=20.0):
+    return hg.Camera(12, 8, (focal, focal), (6, 4)).look_at(eye, (0, 0, 0))
+
+
+def mean_light(image, wavelength=550.0):
+    return image.weights @ np.array([colour.at(wavelength) for colour in image.palette.colours])
+
+
+def glass(n=1.5, colour=WHITE):
+    return replace(PAINT, n=n, interface_colour=colour)
+
+
+def test_a_glass_ball_in_a_furnace_is_not_seen():
+    """Reflected, refracted and totally reflected light together are the light of the sky: radiance 1 everywhere."""
+    ball = replace(hg.Surface.sphere((0, 0, 0), 1.0, glass()), optics="glass")
+    image = hg.render(hg.Scene(camera(), (), surfaces=(ball,), environment=SKY), hg.Settings(samples=64), mode="path")
+    assert np.abs(mean_light(image) - 1.0).max() < 1e-3
+
+
+@pytest.mark.parametrize("n", [1.33, 1.8])
+def test_a_slab_passes_what_fresnel_says(n):
+    """An area lamp behind a slab, seen along its normal: T = (1 − R)/(1 + R), R = ((n − 1)/(n + 1))²."""
+    slab = hg.Surface(glass(n), "cube", pose=np.diag([4.0, 0.05, 4.0, 1.0]), optics="glass")
+    lamp = hg.AreaLamp(position=(0, 2, 0), edges=((8, 0, 0), (0, 0, 8)), radiance=1.0, visible=True)
+    scene = hg.Scene(camera(focal=200.0), (), surfaces=(slab,), area_lamps=(lamp,))
+    image = hg.render(scene, hg.Settings(samples=1024), mode="path")
+    reflected = ((n - 1) / (n + 1)) ** 2
+    passed = (1 - reflected) / (1 + reflected)
+    deviation = math.sqrt(passed * (1 - passed) / (12 * 8 * 1024))
+    assert abs(mean_light(image).mean() - passed) < 4 * deviation + 1e-4
+
+
+def test_a_mirror_shows_the_mirrored_scene_in_its_colour():
+    """A lit ball in a red mirror, against the ball seen from the mirrored place of the camera."""
+    ball, lamp = hg.Surface.sphere((0, 0, 0), 0.4, PAINT), hg.Lamp(to_lamp=(0.3, -1, 0.5))
+    mirror = hg.Surface(glass(colour=RED), "rectangle", pose=np.diag([3.0, 3.0, 1.0, 1.0]), optics="mirror", name="m")
+    mirror.pose[:3, 3] = (0, 0, -1)
+    through = hg.Camera(12, 8, (20, 20), (6, 4)).look_at((0, -3, 1.0), (0, -1.5, -1.0))
+    image = hg.render(hg.Scene(through, (lamp,), surfaces=(ball, mirror)), hg.Settings(samples=512), mode="path")
+    pose = np.array(through.world_to_camera)
+    flip = np.eye(4)
+    flip[2, 2], flip[2, 3] = -1.0, -2.0  # about z = −1
+    behind = through.with_pose(np.diag([-1.0, 1, 1, 1]) @ pose @ flip)  # turned left to right: a proper rotation
+    direct = hg.render(hg.Scene(behind, (lamp,), surfaces=(ball,)), hg.Settings(samples=512), mode="path")
+    for wavelength in (420.0, 680.0):
+        seen, truth = mean_light(image, wavelength), RED.at(wavelength) * mean_light(direct, wavelength)[:, ::-1]
+        assert truth.max() > 0.02 and abs(seen.sum() - truth.sum()) < 0.02 * truth.sum()
+        assert np.abs(seen - truth).max() < 0.1 * truth.max()
+
+
+def test_what_mirrors_and_glass_cannot_do_is_said_in_one_line():
+    ball = replace(hg.Surface.sphere((0, 0, 0), 1.0, glass(), name="drop"), optics="glass")
+    scene = hg.Scene(camera(), (hg.Lamp(to_lamp=(0, 0, 1)),), surfaces=(ball,))
+    for mode in ("march", "full"):
+        with pytest.raises(hg.InputError, match=r"'drop' is glass.*use --mode path"):
+            hg.render(scene, mode=mode)
+    with pytest.raises(hg.InputError, match=r"stands within the glass of surface 'drop'"):
+        hg.render(scene.with_lamps(hg.Lamp(position=(0.2, 0.1, 0.3))), mode="path")
+    with pytest.raises(hg.InputError, match="optics is 'jelly': give mirror or glass"):
+        replace(ball, optics="jelly")
