@@ -168,13 +168,15 @@ def key_of(depends_on: Any) -> str:
 
 @lru_cache(maxsize=1)
 def program() -> str:
-    """Digest of the source of this package, of the versions of those it computes with, and of backend and machine."""
+    """Digest of the files of this package, of the versions of those it computes with, and of backend and machine."""
     import platform
 
     root = Path(__file__).resolve().parents[2]
     state = hashlib.sha256()
     for package in SOURCES:
-        for file in sorted((root / package).rglob("*.py")):
+        for file in sorted((root / package).rglob("*")):
+            if not file.is_file() or file.suffix == ".pyc":
+                continue
             state.update(f"{file.relative_to(root).as_posix()}\0".encode())
             state.update(hashlib.sha256(file.read_bytes()).digest())
     known = [__version__, backend.name(), platform.machine(), platform.system()]
