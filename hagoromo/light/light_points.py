@@ -60,10 +60,10 @@ def environment_points(environment: Environment, tolerance: float) -> LightPoint
 def area_points(lamp: AreaLamp, low: Array, high: Array, tolerance: float) -> LightPoints:
     """Point lamps in place of an area lamp that lights what is between the corners `low` and `high` (3,) [m]."""
     probes = low + (high - low) * 0.5 * np.array(list(np.ndindex(3, 3, 3)), np.float64)
-    fine = _lamps(lamp, FINE)
+    fine = area_lamp_points(lamp, FINE)
     truth = [_light_at(probe, fine) for probe in probes]
     for count in COUNTS:
-        lamps = _lamps(lamp, count)
+        lamps = area_lamp_points(lamp, count)
         error = max(_error(_light_at(probe, lamps), whole) for probe, whole in zip(probes, truth, strict=True))
         if error <= tolerance:
             break
@@ -126,7 +126,7 @@ def _half(light: Array) -> int:
     return int(np.clip(np.searchsorted(sums, 0.5 * sums[-1]) + 1, 1, len(light) - 1))
 
 
-def _lamps(lamp: AreaLamp, count: int) -> list[Lamp]:
+def area_lamp_points(lamp: AreaLamp, count: int) -> list[Lamp]:
     """`count` point lamps, all alike, spread over an area lamp; of a sphere one alone shines from its middle."""
     if lamp.radius is None:
         assert lamp.edges is not None

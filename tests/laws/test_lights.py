@@ -12,10 +12,12 @@ import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.camera.response import Response
 from hagoromo.light.environment import upsampled
+from hagoromo.light.light_points import area_lamp_points
 from hagoromo.transport.path.area_light import area_light
 from hagoromo.transport.path.environment_light import EnvironmentLight
 from tests.judges import mean_is, sampler_follows_density
-from tests.laws.test_path import cube, matter
+from tests.laws.test_path import SIDE, cube, light_along, matter, scene_of
+from tests.oracle.photons import area
 from tests.oracle.reflection import element_weights
 
 GREY = hg.Spectrum.constant(1.0)
@@ -220,3 +222,34 @@ def test_colours_of_a_map_are_those_of_its_spectra():
     assert same.mean() > 0.8  # a walk passes its pixel anywhere: at the sides of a map's pixels it may see another
     assert len(hg.Environment(values[..., :1] * [0.2, 0.5, 0.9]).parts) == 1
     np.testing.assert_allclose(upsampled((1.0, 1.0, 1.0)).values, 1.0, atol=1e-12)
+
+
+def test_a_window_at_a_grazing_angle_is_32_point_lamps():
+    """In matter before and behind its plane, all orders: z-test."""
+    window = hg.AreaLamp((-0.16, 0.04, 0.16), edges=((0.06, 0.0, -0.08), (0.0, 0.08, 0.0)), radiance=20.0)
+    points = tuple(area_lamp_points(window, 32))
+    box, settings, view = cube(matter("sphere", 0.25), 3.0), hg.Settings(samples=3000), camera(12, 50.0)
+    means, squares = [], 0.0
+    for scene in (hg.Scene(view, (), (box,), area_lamps=(window,)), hg.Scene(view, points, (box,))):
+        image = hg.render(scene, settings, mode="path")
+        assert image.variance is not None
+        means.append(float(radiance(image).mean()))
+        squares += float(image.variance.mean()) / image.variance.size
+    assert abs(means[0] - means[1]) < 3.3 * math.sqrt(squares) < 0.02 * means[0]
+
+
+def test_a_lamp_within_matter_lights_it_in_mode_path():
+    """First order beside a lamp in a homogeneous cube: quadrature of ∫ σ exp(−σ t) f I exp(−σ r) / r² dt."""
+    depth, aside, walks = 2.0, 0.03, 400_000
+    box = cube(matter("sphere", 0.25), depth)
+    sigma = depth / SIDE * float(area("sphere", np.zeros(1))[0])
+    scene = scene_of([box], hg.Lamp(position=(0.0, 0.0, 0.0), intensity=2.0))
+    origin, way = np.array([[aside, -0.5, 0.0]]), np.array([[0.0, 1.0, 0.0]])
+    light = light_along(scene, origin, way, walks, orders=1)[0, :, :-1].sum(axis=1)
+    t = (np.arange(20_000) + 0.5) / 20_000 * SIDE
+    away = np.stack([np.full(len(t), -aside), -(t - 0.5 * SIDE), np.zeros(len(t))], axis=-1)
+    r = np.linalg.norm(away, axis=1)
+    f = sum(element_weights(box.materials[0], way, away / r[:, None], np.broadcast_to(-way, away.shape)))
+    truth = float(np.sum(sigma * np.exp(-sigma * (t + r)) * f * 2.0 / r**2)) * SIDE / len(t)
+    assert mean_is(light, truth, tolerance=1e-3 * truth)  # of single precision at the faces
+    assert light.std() / math.sqrt(walks) < 0.01 * truth
