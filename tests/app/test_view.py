@@ -142,6 +142,7 @@ def test_a_picture_is_held_against_the_photograph_of_its_camera(photographed):
     assert np.array_equal(desk.scene.camera.matrix, photographs[0].camera.matrix)
     watcher = Watcher(desk)
     plain = last_picture(watcher)
+    assert watcher.image is not None
     ball = watcher.image.alpha > 0.99
     watcher.against, watcher.differs = photographs[0], True
     alike = last_picture(watcher)[ball][:, 0].mean() / 255 * LARGEST_DIFFERENCE
