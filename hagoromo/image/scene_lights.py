@@ -31,7 +31,7 @@ class SceneAreaLamp(Record, frozen=True, kw_only=True):
     spectrum: Annotated[
         Any, SOURCE, about("relative spectrum: a name such as D65, a CSV file, a number or a table")
     ] = 1.0
-    visible: Annotated[bool, about("whether the camera sees the lamp itself")] = False
+    visible: Annotated[bool, about("whether the camera sees the lamp itself, in mode path")] = False
     name: Annotated[str, about("name of the lamp")] = ""
 
 
@@ -46,7 +46,7 @@ class SceneEnvironment(Record, frozen=True, kw_only=True):
     rotation_deg: Annotated[
         Vector, about("turns of the map about x, then y, then z [°]; its middle lies towards +x, its top is +z")
     ] = AS_IT_IS
-    visible: Annotated[bool, about("whether the camera sees it behind all matter")] = False
+    visible: Annotated[bool, about("whether the camera sees it behind all matter, in mode path")] = False
     name: Annotated[str, about("name of the environment; default: that of the file")] = ""
 
 

@@ -22,8 +22,8 @@ class AreaLamp:
     position: (3,) [m], world. radius: [m]; the sphere shines outwards. edges: (2, 3) the sides of the rectangle as
     vectors at right angles [m], world; it shines to the side of edges[0] × edges[1]. radiance: [W/(m² sr) times the
     unit of `spectrum`], the same all over it and into all directions (Lambert's law). spectrum: relative spectrum of
-    its light. visible: whether the camera sees the lamp itself. It is light only: it casts no shadow, and hides
-    nothing. `InputError` when the numbers make no lamp.
+    its light. visible: whether the camera sees the lamp itself (mode path). It is light only: it casts no shadow, and
+    hides nothing. `InputError` when the numbers make no lamp.
 
     >>> lamp = hg.AreaLamp(position=(0, 0, 1), edges=((0, 0.2, 0), (0.3, 0, 0)), radiance=10)
     >>> lamp.normal.tolist(), round(lamp.area, 3)
