@@ -1,12 +1,12 @@
-# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | tutorials | real | relit | lamps | near | spectra |
-# response | coverage | merl | first-order | orders | cluster | platforms | package | crash | fuzz: each sets up what it needs.
+# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | tutorials | real | relit | lamps | calibration | near |
+# spectra | response | coverage | merl | first-order | orders | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps near spectra response coverage merl first-order orders cluster figures gallery published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench real relit lamps calibration near spectra response coverage merl first-order orders cluster figures gallery published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -84,6 +84,10 @@ relit: $(READY)
 # How far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves.
 lamps: $(READY)
 	$(BIN)/python -m studies.lamps ../shared/data/uw_psm --out out/lamps.json --force
+
+# Boards in blurred photographs, and lamps on mirror balls with streaks of glare, simulated (a minute).
+calibration: $(READY)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.calibration --out out/calibration.json --force
 
 # Normals and depth under near lamps in perspective, simulated, highlights from narrow to wide (minutes).
 near: $(READY)
