@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, Int, UInt, arrays, lookup
+from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.patches import SIDES, Patch, Patches
@@ -27,6 +28,7 @@ from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Element
 from hagoromo.transport.path.path import SurfaceHits
 
+BYTES_PER_RAY = 160  # memory of one ray, its hit and the light along it, about
 LARGEST_SCALE = 4.0  # of the nine numbers of a patch's light, so that their irradiance is that of its rays
 
 
@@ -118,6 +120,7 @@ class Links:
     ) -> None:
         """`points`: (n, 3) of the receivers [m]. `normals`: (n, 3) of patches, which have two sides; None: of cells."""
         jit, self.lit, self.ways, self.count = arrays(), lit, ways, len(points)
+        require(float(BYTES_PER_RAY * self.count * ways), "rays between surfaces and matter")
         self.patches = normals is not None
         receiver = dr.arange(jit.UInt, self.count * ways) // dr.opaque(jit.UInt, ways)
         self.towards = turned_ways(self.count, ways, random)
