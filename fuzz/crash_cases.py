@@ -292,7 +292,7 @@ CASES = (
     Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True, slow=5),
     Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),
     Case("render frames", _scene, ("render", "scene.toml", "--turntable", "2"), ("out",), resumes=True),
-    Case("render a film", _scene, ("render", "scene.toml", "--turntable", "2"), ("out.gif", "out.frames"), apart=True),
+    Case("render a film", _scene, ("render", "scene.toml", "--turntable", "2"), ("out.gif", "out_frames"), apart=True),
     Case("render by walks", _scene, ("render", "scene.toml", "--mode", "path"), ("out.exr", "out.png")),
     Case("relight", _capture, ("relight", "capture"), ("out",), slow=6),
     Case(

@@ -243,7 +243,7 @@ def test_a_film_is_read_back_by_opencv_as_its_frames(turning, tmp_path, suffix):
         frames.append(read[1][..., ::-1])
     assert len(frames) == 3
     for number, frame in enumerate(frames):
-        kept = read_png(tmp_path / "turn.frames" / filming.frame_name(number))
+        kept = read_png(tmp_path / "turn_frames" / filming.frame_name(number))
         assert frame.shape == (24, 32, 3), "one row and column more: sizes of films are even"
         assert np.abs(frame[:23, :31].astype(float) - kept).mean() < 8.0, number
     assert main(words) == 2, "nothing is overwritten"
@@ -260,7 +260,7 @@ def test_a_gif_has_all_frames_and_their_time(moving, tmp_path):
             (31, 23),
             500,
         )
-    assert made.frames == tmp_path / "film.frames"
+    assert made.frames == tmp_path / "film_frames"
     record = read_json(made.frames / "film.json")
     assert (record["frames"], record["frames_per_second"], record["exposure"]) == (4, 2.0, made.exposure)
 

@@ -37,7 +37,7 @@ from hagoromo.progress import Progress, part_of, silent
 MOST_FRAMES = 100_000
 METERED_FRAMES, METERED_SIDE = 8, 64  # frames, and px of their longer side, by which a film is exposed
 RECORD = "film.json"
-FRAMES_SUFFIX = ".frames"
+FRAMES = "_frames"  # of the folder beside a film
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def film(
 ) -> Filmed:
     """The film of the scene in a TOML file, which moves as its [motion] says, or as a `turn`.
 
-    out: NAME.mp4, .webm or .gif, whose frames are kept in NAME.frames; or a folder for the frames alone. rate: frames a
+    out: NAME.mp4, .webm or .gif, whose frames are kept in NAME_frames; or a folder for the frames alone. rate: frames a
     second (default: the scene's, or 24). scheduler: see `render`; each worker renders whole frames and keeps the scene
     from one to the next. All frames have one exposure, by which none of some of them is brighter than `Image.display`
     would show it.
@@ -107,7 +107,7 @@ def film(
         check_film_name(film_file)
         replaceable_file(film_file, force)
     order = _ordered(path, settings, turn, rate)
-    folder = target if film_file is None else target.with_suffix(FRAMES_SUFFIX)
+    folder = target if film_file is None else target.with_name(target.stem + FRAMES)
     rendered = 0
     if film_file is None or not _is_film(folder, order):
         with resumable_folder(folder, order.fingerprint, force) as home:
