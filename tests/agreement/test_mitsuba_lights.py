@@ -14,7 +14,7 @@ from hagoromo.backend import mitsuba
 from tests.agreement.test_mitsuba import TAU, box_of_cloud, camera, medium_of_mitsuba, pictures_of_mitsuba
 from tests.agreement.test_mitsuba_orders import assert_same_radiance, surfaces, surfaces_of_mitsuba
 
-PATHS = 64  # of Mitsuba, a pixel of each render
+PATHS = 24  # of Mitsuba, a pixel of each render
 TURN = np.array([[0.6, 0.0, 0.8], [0.64, 0.6, -0.48], [-0.48, 0.8, 0.36]])  # from a map into the world
 
 
@@ -28,7 +28,7 @@ def sky():
 
 def emitter_of(environment):
     """Mitsuba's `envmap`: each pixel of the map is many texels, whose light it interpolates linearly."""
-    mi, height = mitsuba(), 512
+    mi, height = mitsuba(), 256
     down, around = np.meshgrid(
         (np.arange(height) + 0.5) / height, (np.arange(2 * height) + 0.5) / (2 * height), indexing="ij"
     )

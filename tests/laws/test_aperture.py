@@ -1,6 +1,7 @@
 """A thin lens draws what is out of focus as the disc of confusion in closed form, and what is in focus sharply."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ SIZE, FOCAL, DISTANCE, APERTURE = 28, 60.0, 1.0, 0.12  # px, px, m, m
 SPECK = 0.05  # radius of a flat disc [m]: 6 px across
 
 
+@cache
 def picture(focus, mode, aperture=APERTURE, distortion=()):
     """A bright speck on the axis at DISTANCE."""
     view = hg.Camera(SIZE, SIZE, (FOCAL, FOCAL), (SIZE / 2, SIZE / 2), (*distortion, 0.0, 0.0, 0.0, 0.0)[:4],
@@ -37,7 +39,7 @@ def spread(light):
 
 
 @pytest.mark.parametrize("mode", ["march", "path"])
-@pytest.mark.parametrize("focus", [0.5, 2.0, math.inf])
+@pytest.mark.parametrize("focus", [0.5, math.inf])
 def test_a_point_spreads_over_the_circle_of_confusion(focus, mode):
     """A disc of diameter C has the variance C²/16 along each axis, which adds to that of the sharp speck: to 3 % of
     both, three standard deviations of their estimates by some 10⁴ rays.
