@@ -23,7 +23,7 @@ from hagoromo.files.film_file import check_film_name, write_film
 from hagoromo.files.png import png_bytes, read_png
 from hagoromo.files.record import read_json, write_json, written_by
 from hagoromo.files.resumable import resumable_folder
-from hagoromo.files.whole import replaceable_file, whole_file, write_bytes
+from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_bytes
 from hagoromo.image.film.motion import Tables, read_motion, turned
 from hagoromo.image.film.sheet import SHEET_FRAMES, STRIP_FRAMES, chosen, sheet, strip
 from hagoromo.image.image import Image, auto_exposure
@@ -109,6 +109,7 @@ def film(
     order = _ordered(path, settings, turn, rate)
     folder = target if film_file is None else target.with_name(target.stem + FRAMES)
     rendered = 0
+    tidied(folder)  # as a process may have been killed after it put the frames there
     if film_file is None or not _is_film(folder, order):
         with resumable_folder(folder, order.fingerprint, force) as home:
             rendered = _fill(home, order, scheduler, part_of(progress, 0.0, 0.9 if film_file else 1.0))
