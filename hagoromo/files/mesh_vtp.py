@@ -24,12 +24,10 @@ def read_vtp(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
 
 def triangles_by_vtk(path: Path) -> Mapping[str, NDArray[Any]]:
     """vertices and faces; run by `read_apart`."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
+    vtk_to_numpy = library("vtkmodules.util.numpy_support").vtk_to_numpy
     with reading(path, "VTK polygons"):
-        reader, triangles = vtkXMLPolyDataReader(), vtkTriangleFilter()
+        reader = library("vtkmodules.vtkIOXML").vtkXMLPolyDataReader()
+        triangles = library("vtkmodules.vtkFiltersCore").vtkTriangleFilter()
         reader.SetFileName(str(path))
         triangles.SetInputConnection(reader.GetOutputPort())
         triangles.PassVertsOff()

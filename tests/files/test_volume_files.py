@@ -161,8 +161,7 @@ def by_others(path) -> tuple[np.ndarray, list, list]:
         image = itk.ReadImage(str(path))
         return itk.GetArrayFromImage(image), list(image.GetSpacing()), list(image.GetOrigin())
     xml = pytest.importorskip("vtkmodules.vtkIOXML")
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
+    vtk_to_numpy = pytest.importorskip("vtkmodules.util.numpy_support").vtk_to_numpy
     reader = xml.vtkXMLImageDataReader()
     reader.SetFileName(str(path))
     reader.Update()

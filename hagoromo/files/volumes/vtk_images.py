@@ -34,13 +34,10 @@ def read_vtk_image(path: str | Path) -> VolumeFile:
 
 def image_by_vtk(path: Path) -> Mapping[str, NDArray[Any]]:
     """values and matrix of a `VolumeFile`; run by `read_apart`."""
-    from importlib import import_module
-
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
+    vtk_to_numpy = library("vtkmodules.util.numpy_support").vtk_to_numpy
     module, name = READERS[path.suffix.lower()]
     with reading(path, "VTK image data"):
-        reader = getattr(import_module(f"vtkmodules.{module}"), name)()
+        reader = getattr(library(f"vtkmodules.{module}"), name)()
         reader.SetFileName(str(path))
         reader.UpdateInformation()
         extent = reader.GetOutputInformation(0).Get(reader.GetExecutive().WHOLE_EXTENT())
