@@ -51,9 +51,11 @@ def simulate(
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
     `settings.seed` seeds the noise; lamp k takes seed + k. percentile: of the light, what is metered, see `photograph`.
-    `InputError` when the camera has no response or sensor.
+    `InputError` when the camera has no response or sensor, and for area lamps or an environment.
     """
     scene, settings = scene_and_settings(scene, settings)
+    if scene.area_lamps or scene.environment is not None:
+        raise InputError("photographs are simulated under one lamp each: leave area lamps and the environment out")
     if scene.camera.response is None or scene.camera.sensor is None:
         raise InputError(f"camera {scene.camera.name!r} has no response or no sensor: a photograph needs both")
     pixels = float(len(scene.lamps)) * scene.camera.width * scene.camera.height

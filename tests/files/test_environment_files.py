@@ -80,6 +80,11 @@ def test_an_environment_alone_lights_a_scene(scene):
     assert image.weights.max() > 0.0 and image.metadata["light_points"][-1]["name"] == "sky"
 
 
+def test_photographs_of_a_capture_have_no_environment(scene):
+    with pytest.raises(InputError, match="under one lamp each"):
+        hg.simulate(scene())
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
