@@ -81,7 +81,10 @@ class Browser:
         with contextlib.suppress(queue.Empty):
             act = self.events.get(timeout=seconds) if seconds else self.events.get_nowait()
             while True:
-                act()
+                try:
+                    act()
+                except InputError as error:
+                    self.panel.say(f"not done: {error}")
                 act = self.events.get_nowait()
 
     def _show(self) -> bool:

@@ -217,6 +217,16 @@ def test_nobody_is_let_in_without_the_token(desk):
             assert refused(origin=f"http://{home}", additional_headers={"Cookie": cookie}) == 503
 
 
+def test_what_cannot_be_done_is_said_and_the_viewer_goes_on(desk):
+    with served(desk) as browser:
+
+        def refuses():
+            raise InputError("the lamp is out")
+
+        browser.events.put(refuses)
+        assert not browser.step() and browser.panel.message.content == "not done: the lamp is out"
+
+
 def test_viser_does_not_publish_the_viewer_elsewhere(desk):
     with served(desk) as browser:
         from viser import _messages
