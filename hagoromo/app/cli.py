@@ -43,7 +43,14 @@ from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage
 from hagoromo.files.names import printable
-from hagoromo.files.whole import names_written, replaceable_file, replaceable_files, whole_file, whole_folder
+from hagoromo.files.whole import (
+    names_written,
+    replaceable_file,
+    replaceable_files,
+    replaceable_folder,
+    whole_file,
+    whole_folder,
+)
 
 DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
 DESCRIPTION = f"From calibrated photographs to measured reflectance, volume boxes and rendered images. {HELP}"
@@ -215,6 +222,7 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force
     Args:
         recipe: matter TOML, or the name of one that comes with Hagoromo (`hagoromo recipes` lists them).
     """
+    replaceable_folder(out, force)  # before all that builds is imported
     from hagoromo.volume.store.box_store import look_at_box
 
     with progress_bar("build") as progress:
