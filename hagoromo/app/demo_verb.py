@@ -10,6 +10,7 @@ from typing import Literal
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
+from hagoromo.files.whole import replaceable_folder
 
 
 @verb(verbs)
@@ -28,6 +29,7 @@ def demo(
         size: small takes minutes on two cores; full makes larger pictures.
         open_page: show the page in the browser as soon as it is there, where there is a screen.
     """
+    replaceable_folder(out, force)  # before all that draws is imported
 
     def opened(page: Path) -> None:
         address = page.resolve().as_uri()
