@@ -42,7 +42,7 @@ def read_hdr(path: str | Path) -> NDArray[np.float32]:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape != (height, width, 3):
         raise InputError(f"{path} is cut off or damaged: copy it again")
-    return np.ascontiguousarray(image[..., ::-1])
+    return np.ascontiguousarray(image[..., ::-1], np.float32)
 
 
 def write_hdr(path: str | Path, image: NDArray) -> None:

@@ -26,7 +26,8 @@ def tile(body, gamma, side, lamps, seed=0):
     random, everywhere, photographs = np.random.default_rng(seed), np.ones((SIZE, SIZE), bool), []
     for off in lamps:
         lamp = hg.Lamp(position=(ASIDE + off, 0.0, AWAY), intensity=1.0)
-        blank = hg.Photograph(np.zeros((SIZE, SIZE, 3)), np.ones((SIZE, SIZE, 3)), everywhere, camera, (lamp,), "tile")
+        dark = np.zeros((SIZE, SIZE, 3), np.float32)
+        blank = hg.Photograph(dark, dark + 1.0, everywhere, camera, (lamp,), "tile")
         seen = sight_of(blank, points.reshape(-1, 3), normals.reshape(-1, 3).astype(float))
         clean = expected(seen, pack_theta(body * np.array([1.2, 1.0, 0.8]), BETA, gamma, 1.5)).reshape(SIZE, SIZE, 3)
         scale = clean.max() / (0.9 * FULL_WELL)

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,7 +133,7 @@ def test_the_report_shows_own_light_and_says_that_light_of_the_room_would_look_t
 
 
 @pytest.mark.parametrize("alike", [False, True])
-def test_light_of_the_room_is_told_where_own_light_differs_from_it(alike):
+def test_light_of_the_room_is_separated_where_own_light_differs_from_it(alike):
     """In shadows u = 0.8 of the own light that is expected and 0.05 of the room's; alike: from patch to patch, too."""
     random, count, side = np.random.default_rng(4), 6, 40
     rows, columns = np.divmod(np.arange(side**2), side)
@@ -140,7 +141,7 @@ def test_light_of_the_room_is_told_where_own_light_differs_from_it(alike):
     views = SimpleNamespace(
         rows=rows, columns=columns, shape=(side, side), to_lamp=np.tile((0, 0, -1.0), (count, 1, 1))
     )
-    normal_map = SimpleNamespace(
+    normal_map: Any = SimpleNamespace(
         views=views, fit=SimpleNamespace(normals=np.tile((0, 0, 1.0), (side**2, 1))), body=body
     )
     light = np.linspace(0.0, 0.2, side)[:, None, None] * np.linspace(1.0, 0.2, count)[:, None, None, None]
@@ -148,7 +149,8 @@ def test_light_of_the_room_is_told_where_own_light_differs_from_it(alike):
     mask, variance = np.ones((side, side), bool), np.full(body.shape, 1e-6)
     values = [0.8 * part + 0.05 * body + 1e-3 * random.standard_normal(body.shape) for part in parts]
     photographs = [SimpleNamespace(values=value, mask=mask, variance=variance) for value in values]
-    unit = own_light._unit(SimpleNamespace(photographs=photographs), normal_map, parts)
+    capture: Any = SimpleNamespace(photographs=photographs)
+    unit = own_light._unit(capture, normal_map, parts)
     assert unit.separate != alike
     if alike:
         assert unit.value == pytest.approx(0.8 + 0.05 / 0.1, rel=0.02)
