@@ -7,6 +7,7 @@ field knows no camera: with the same `cache` another camera costs a march.
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -28,7 +29,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.field.band_colours import BandColours
-from hagoromo.transport.field.cell_size import cell_size
+from hagoromo.transport.field.cell_size import DEEP_CELL, cell_size, densest_extinction
 from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.joint import Joint, SurfaceLight
 from hagoromo.transport.field.links import LitSurfaces
@@ -140,6 +141,7 @@ def light_of(
         if prepared.medium is not None:
             channels = len(prepared.palette.lamps) * bands.count
             size = cell_size(prepared.medium.boxes, channels)
+            _warn_of_deep_cells(size * densest_extinction(prepared.medium.boxes))
             solver = Solver(prepared.medium, prepared.lighting, colours, scattering, size)
         if prepared.surfaces is None:
             assert solver is not None
@@ -150,6 +152,16 @@ def light_of(
         return Field(solver, solution, colours) if solver and solution else None, surface_light
 
     return cache.get("field", (shadow_casters(scene, settings), figures), build)
+
+
+def _warn_of_deep_cells(depth: float) -> None:
+    """`depth`: mean free paths that a cell is deep where matter is densest."""
+    if depth > DEEP_CELL:
+        warnings.warn(
+            f"the matter is {depth:.2g} mean free paths deep in a cell of light: where bright matter has hard faces "
+            "the picture is too dark; compare it with mode path",
+            stacklevel=3,
+        )
 
 
 def in_groups(weights: NDArray[np.float32], palette: Palette, bands: int) -> NDArray[np.float32]:

@@ -210,10 +210,25 @@ def test_higher_orders_agree_with_random_walks(element):
     assert abs(solved.weights[..., 2].sum() - higher) < 0.01 * everything and higher > 0.15 * everything
 
 
+@pytest.mark.parametrize(("ends", "cuts"), [(0.75, 0.6875), (1.5, 1.375)])
+def test_faces_of_matter_lie_anywhere_in_cells(ends, cuts, monkeypatch):
+    """Higher orders of a cube of 12 voxels in cells that end at its faces and in such that do not: 5 % of each other.
+
+    Matter that was sampled in the middles of parts of cells alone had 16 % less light in the latter.
+    """
+    lights = []
+    for voxels in (ends, cuts):
+        monkeypatch.setattr(full, "cell_size", lambda boxes, channels, voxels=voxels: voxels * boxes[0].voxel_size)
+        solved = render(scene_of(cube(matter(albedo=0.9), 10.0), size=16), Settings(samples=4), mode="full")
+        lights.append(solved.weights[..., 2].sum())
+    assert lights[1] == pytest.approx(lights[0], rel=0.05)
+
+
 @pytest.mark.parametrize("depth", [1e3, 1e5])
 def test_light_in_very_dense_white_matter_is_solved(depth):
     """Albedo 0.999, hundreds of mean free paths a cell and more: finite, not below 0, and less than the lamp's."""
-    image = render(scene_of(cube(matter(albedo=0.999), depth)), mode="full")
+    with pytest.warns(UserWarning, match="mean free paths deep in a cell"):
+        image = render(scene_of(cube(matter(albedo=0.999), depth)), mode="full")
     assert np.isfinite(image.weights).all() and image.weights.min() >= 0.0
     assert image.metadata["field"]["residual"] < 0.01
     assert 0.0 < image.weights[..., 2].max() < 1 / math.pi
@@ -222,7 +237,7 @@ def test_light_in_very_dense_white_matter_is_solved(depth):
 def test_light_that_is_not_solved_is_said(monkeypatch):
     monkeypatch.setattr(solve, "MOST_SWEEPS", 3)
     with pytest.warns(UserWarning, match="still changes by .* after 3 sweeps"):
-        render(scene_of(cube(matter(albedo=0.999), 60.0)), mode="full")
+        render(scene_of(cube(matter(albedo=0.999), 20.0)), mode="full")
 
 
 def test_mirrored_lamps_give_mirrored_light():

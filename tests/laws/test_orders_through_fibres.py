@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.image.full_picture as full
 from hagoromo.backend import arrays
 from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.transport.field.scattering import Scattering as FieldScattering
@@ -160,9 +159,8 @@ def vectors(v):
 
 
 @pytest.mark.parametrize("clearness", [0.0, 0.5])
-def test_higher_orders_of_full_agree_with_random_walks(clearness, monkeypatch):
-    """2 % of all light, with cells of two voxels: clear light ahead is sharper than the second order holds."""
-    monkeypatch.setattr(full, "cell_size", lambda boxes, channels: 2 * boxes[0].voxel_size)
+def test_higher_orders_of_full_agree_with_random_walks(clearness):
+    """2 % of all light: clear light ahead is sharper than the second order holds."""
     one = matter("cylinder", clearness, alpha=0.5 / math.pi, beta=0.05)
     scene = scene_of(one, 3.0)
     solved, walked = (hg.render(scene, hg.Settings(samples=n), mode=m) for n, m in ((4, "full"), (400, "path")))

@@ -16,6 +16,7 @@ FEWEST_ACROSS = 24  # cells across the shortest side of all matter
 MEMORY_SHARE = 0.25  # of that of the bricks
 LITTLE = float(1 << 20)  # memory that is not worth saving [byte]
 PARTS = 8  # of a voxel, whose multiples cells are
+DEEP_CELL = 4.0  # mean free paths a cell, from which bright matter of hard faces loses more than 5 % of its light
 PACKET = 4  # halves of a cell that are read at once
 
 
@@ -26,8 +27,7 @@ def cell_size(boxes: Sequence[VolumeBox], channels: int) -> float:
     part = min(box.voxel_size for box in boxes) / PARTS
     corners = np.concatenate([box.matter_corners() for box in boxes])
     most = float(np.ptp(corners, axis=0).min()) / FEWEST_ACROSS
-    area = [0.5 if box.extinction == "projected" else 1.0 for box in boxes]
-    densest = max(a * box.tau * box.bricks.densest for a, box in zip(area, boxes, strict=True))
+    densest = densest_extinction(boxes)
     bricks = {id(box.bricks): box.bricks.bytes for box in boxes}
     allowed = max(MEMORY_SHARE * sum(bricks.values()), LITTLE)
     volume = sum(box.bricks.kept * (BRICK * box.voxel_size) ** 3 for box in boxes)
@@ -36,6 +36,11 @@ def cell_size(boxes: Sequence[VolumeBox], channels: int) -> float:
     while light_bytes(boxes, part * count, channels) > allowed:
         count += max(count // 32, 1)
     return part * count
+
+
+def densest_extinction(boxes: Sequence[VolumeBox]) -> float:
+    """The largest σ of the matter, mean over directions [1/m]."""
+    return max((0.5 if box.extinction == "projected" else 1.0) * box.tau * box.bricks.densest for box in boxes)
 
 
 def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float:

@@ -21,9 +21,11 @@ from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.frames import DENSEST
 from hagoromo.transport.lighting import Lighting, Materials
 from hagoromo.transport.medium import Medium
+from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import trilinear
 
 SAMPLES_AT_ONCE = 1 << 21
+PLACES_SEED = 15
 
 
 @dataclass
@@ -85,8 +87,9 @@ def sampled(
     each = max(SAMPLES_AT_ONCE // side**3, 1)
     parts, owners = [], []
     for begin in range(0, len(candidates), each):
-        point = _points(low, size, candidates[begin : begin + each], side)
         for number, box in enumerate(medium.boxes):
+            spread = _spread(box, size / side)
+            point = _points(low, size, candidates[begin : begin + each], side, spread)
             step, density = matter_at(medium, number, point)
             kept = dr.compress(density > 0.0)
             if dr.width(kept) > 0:
@@ -158,9 +161,22 @@ def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, wh
     return columns
 
 
-def _points(low: NDArray, size: float, cells: NDArray, side: int) -> Array3f:
-    """The middles of `side`³ equal parts of every cell, cell after cell."""
+def _points(low: NDArray, size: float, cells: NDArray, side: int, spread: float) -> Array3f:
+    """A place in each of `side`³ equal parts of every cell, cell after cell, at random within `spread` of its edge.
+
+    The faces of matter may lie anywhere in cells: with places in the middles alone, all cells along a face would hold
+    too much of it, or too little.
+    """
     jit = arrays()
-    inner = (np.indices((side, side, side)).reshape(3, -1).T + 0.5) / side
-    points = (low + size * (cells[:, None] + inner)).reshape(-1, 3).astype(np.float32)
+    middles = np.indices((side, side, side)).reshape(3, -1).T + 0.5
+    random = np.random.default_rng(PLACES_SEED).random((len(cells), side**3, 3), np.float32) - 0.5
+    points = (low + size * (cells[:, None] + (middles + spread * random) / side)).reshape(-1, 3).astype(np.float32)
     return jit.Array3f(*(lookup(jit.Float, points[:, k]) for k in range(3)))
+
+
+def _spread(box: VolumeBox, part: float) -> float:
+    """Of the places of samples over the edge `part` of what each stands for [m]: a mean free path, at most all of it.
+
+    Deeper within matter the light of the lamps falls off between the places, and few at its face would stand for all.
+    """
+    return min(1.0 / max(part * box.tau * box.bricks.densest, 1e-30), 1.0)
