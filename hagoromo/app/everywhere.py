@@ -83,5 +83,5 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a line."""
-        told = "warning" if record.levelno >= logging.WARNING else f"{record.relativeCreated / 1e3:.2f} s"
-        print(f"hagoromo: {told}: {printable(record.getMessage())}", file=sys.stderr)
+        kind = "warning" if record.levelno >= logging.WARNING else f"{record.relativeCreated / 1e3:.2f} s"
+        print(f"hagoromo: {kind}: {printable(record.getMessage())}", file=sys.stderr)

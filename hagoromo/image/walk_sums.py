@@ -151,7 +151,7 @@ class Stop:
         self.walks_before: float | None = None  # of this run
 
     def goes_on(self, sums: Sums) -> bool:
-        """Whether more walks are wanted of some pixel, of which `sums` is told: at most twice as many at a time."""
+        """Whether more walks are wanted of some pixel, by the `sums`; at most twice as many at a time."""
         walks = sums.walks
         if self.walks_before is None:
             self.walks_before = float(walks.mean())

@@ -1,7 +1,7 @@
 """Browser: viewers by viser, each with a camera of its own, before one desk.
 
-Viser calls from its threads. Each call only puts what it was told into a queue, which the thread that traces rays
-takes from between two pictures: all else is done by one thread, in the order in which it was told.
+Viser calls from its threads. Each call only puts what is to be done into a queue, which the thread that traces rays
+takes from between two pictures: all else is done by one thread, in the order of the calls.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ class Browser:
         self._place_cameras()
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self.server.gui.main_panel.dock_right()
-        self.panel = Panel(self.server, desk, self._told)
-        self.server.scene.on_click()(self._told(self._clicked))
-        self.server.on_client_connect(self._told(self._joins))
-        self.server.on_client_disconnect(self._told(self._leaves))
+        self.panel = Panel(self.server, desk, self._queued)
+        self.server.scene.on_click()(self._queued(self._clicked))
+        self.server.on_client_connect(self._queued(self._joins))
+        self.server.on_client_disconnect(self._queued(self._leaves))
 
     def run(self) -> None:
         """Serve until an interrupt."""
@@ -68,13 +68,13 @@ class Browser:
         with redirect_stdout(io.StringIO()):
             self.server.stop()
 
-    def _told(self, act: Callable[..., None]) -> Callable[..., Any]:
-        """A callback of viser that puts `act` into the queue, in the order in which viser was told."""
+    def _queued(self, act: Callable[..., None]) -> Callable[..., Any]:
+        """A callback of viser that puts `act` into the queue, in the order of the calls."""
 
-        async def told(*what: Any) -> None:
+        async def queued(*what: Any) -> None:
             self.events.put(lambda: act(*what))
 
-        return told
+        return queued
 
     def _heed(self, seconds: float) -> None:
         """Do all that viewers asked for; wait for the first up to `seconds`."""
@@ -111,7 +111,7 @@ class Browser:
         own = OwnPanel(client, watcher, self.panel)
         self.watchers[client.client_id] = own, watcher
         own.jump(self.desk.scene.camera)
-        client.camera.on_update(self._told(self._moved))
+        client.camera.on_update(self._queued(self._moved))
 
     def _leaves(self, client: Any) -> None:
         self.watchers.pop(client.client_id, None)

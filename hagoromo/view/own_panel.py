@@ -29,13 +29,13 @@ class OwnPanel:
         self.last: Probe | None = None
         self.aim: NDArray[np.float64] | None = None  # place to which the camera jumps
         self.jumped_at = 0.0
-        gui, told = client.gui, panel.told
+        gui, queued = client.gui, panel.queued
         with gui.add_folder("Camera", expand_by_default=False):
             camera = watcher.desk.scene.camera
             self.eye = gui.add_vector3("eye [m]", tuple(camera.position), step=1e-4)
             self.target = gui.add_vector3("target [m]", tuple(panel.middle), step=1e-4)
-            gui.add_button("look from there").on_click(told(lambda _: self.look(self.eye.value, self.target.value)))
-            gui.add_button("the scene's camera").on_click(told(lambda _: self.jump(watcher.desk.scene.camera)))
+            gui.add_button("look from there").on_click(queued(lambda _: self.look(self.eye.value, self.target.value)))
+            gui.add_button("the scene's camera").on_click(queued(lambda _: self.jump(watcher.desk.scene.camera)))
             if watcher.desk.photographs:
                 self._add_photographs(gui)
         self.folder = gui.add_folder("Probe", expand_by_default=False)
@@ -43,18 +43,18 @@ class OwnPanel:
             self.said = gui.add_markdown("Click into the picture.")
             self.plot: Any = None
         with gui.add_folder("Write", expand_by_default=False):
-            gui.add_button("write scene.toml").on_click(told(lambda _: self.write(False)))
-            gui.add_button("save picture").on_click(told(lambda _: self.write(True)))
+            gui.add_button("write scene.toml").on_click(queued(lambda _: self.write(False)))
+            gui.add_button("save picture").on_click(queued(lambda _: self.write(True)))
 
     def _add_photographs(self, gui: Any) -> None:
         """Cameras to jump to, and what their photographs are held against."""
-        told = self.panel.told
+        queued = self.panel.queued
         names = gui.add_dropdown("photograph", (NONE, *self.watcher.desk.photographs))
-        names.on_update(told(lambda event: self.hold_against(event.target.value)))
+        names.on_update(queued(lambda event: self.hold_against(event.target.value)))
         wipe = gui.add_slider("photograph | picture", 0.0, 1.0, 0.01, 0.5)
-        wipe.on_update(told(lambda event: setattr(self.watcher, "wipe", event.target.value)))
+        wipe.on_update(queued(lambda event: setattr(self.watcher, "wipe", event.target.value)))
         differs = gui.add_checkbox(f"ΔE00, {LARGEST_DIFFERENCE:g} is white", False)
-        differs.on_update(told(lambda event: setattr(self.watcher, "differs", event.target.value)))
+        differs.on_update(queued(lambda event: setattr(self.watcher, "differs", event.target.value)))
         self.watcher.wipe = 0.5
 
     def hold_against(self, name: str) -> None:

@@ -21,9 +21,9 @@ READY = "Drag: turn. Right button: shift. Wheel: nearer. Click: probe."
 class Panel:
     """The controls of `desk` at a viser server."""
 
-    def __init__(self, server: Any, desk: Desk, told: Callable[[Callable[..., None]], Callable[..., Any]]) -> None:
-        """`told`: makes a callback of viser of a function that this thread is to call."""
-        self.server, self.desk, self.told = server, desk, told
+    def __init__(self, server: Any, desk: Desk, queued: Callable[[Callable[..., None]], Callable[..., Any]]) -> None:
+        """`queued`: makes a callback of viser of a function that this thread is to call."""
+        self.server, self.desk, self.queued = server, desk, queued
         self.first = desk.state
         self.controls: dict[str, Control] = {}
         self.widgets: dict[str, Any] = {}
@@ -34,7 +34,7 @@ class Panel:
         gui = server.gui
         self.message = gui.add_markdown(READY)
         acts = {"undo": self.undo, "redo": self.redo, "add a lamp": self.add_lamp}
-        gui.add_button_group("", tuple(acts)).on_click(told(lambda event: acts[event.target.value]()))
+        gui.add_button_group("", tuple(acts)).on_click(queued(lambda event: acts[event.target.value]()))
         self.refresh()
 
     def say(self, text: str) -> None:
@@ -136,7 +136,7 @@ class Panel:
             widget = gui.add_rgb(control.label, value)
         else:
             widget = gui.add_vector3(control.label, value, step=1e-4)
-        widget.on_update(self.told(lambda event: self.edit(control.name, event.target.value)))
+        widget.on_update(self.queued(lambda event: self.edit(control.name, event.target.value)))
         return widget
 
     def _set(self, widget: Any, value: Any) -> None:
@@ -144,7 +144,7 @@ class Panel:
             widget.value = value
 
     def _button(self, label: str, act: Callable[[], None]) -> None:
-        self.server.gui.add_button(label).on_click(self.told(lambda _: act()))
+        self.server.gui.add_button(label).on_click(self.queued(lambda _: act()))
 
     def _add_gizmo(self, control: Control) -> None:
         """A thing to drag for a place, with its name; a far lamp stands on a ball around the middle of the scene."""
@@ -154,7 +154,7 @@ class Panel:
         self.server.scene.add_label(f"{name}/name", control.folder.partition(" ")[2])
         self.gizmos[control.name] = gizmo
         self._place_gizmo(control.name)
-        gizmo.on_update(self.told(lambda event: self._dragged(control.name, event.phase)))
+        gizmo.on_update(self.queued(lambda event: self._dragged(control.name, event.phase)))
 
     def _place_gizmo(self, name: str) -> None:
         if name not in self.gizmos:

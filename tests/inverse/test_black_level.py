@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.response import calibrate_response
-from hagoromo.calibration.response.black_level import TOLD, black_level
+from hagoromo.calibration.response.black_level import REPORTED, black_level
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.calibration.response.positive_curve import PositiveCurve
 from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR, Transfer
@@ -37,7 +37,7 @@ def test_odds_are_those_of_integrals(offsets):
     found = black_level([curve(*pair) for pair in zip(offsets, errors, strict=True)], means)
     odds = 0.5 * sum(integrated(offsets, errors, units) for units in (means.mean() / means, np.ones(3)))
     assert found is not None and found.probability == pytest.approx(odds / (1.0 + odds), rel=1e-6)
-    assert (found.remark() is None) == (found.probability < TOLD)
+    assert (found.remark() is None) == (found.probability < REPORTED)
 
 
 def test_without_a_transfer_there_is_none():
@@ -54,7 +54,7 @@ def test_intervals_hold_a_black_level_under_lights_of_one_mean(monkeypatch):
     spoilt = noisy + 0.05 * noisy.mean(axis=1, keepdims=True)
     clean, black = (solve_response(WAVELENGTHS, matrix, dict(zip("RGB", of, strict=True))) for of in (noisy, spoilt))
     assert clean.black is not None and clean.black.probability < 0.5 and not clean.remarks()
-    assert black.black is not None and black.black.probability > TOLD
+    assert black.black is not None and black.black.probability > REPORTED
     assert not any(transfer is None or transfer.certain for transfer in black.transfers)
     assert ["black level" in line for line in black.remarks()] == [True]
     assert black.record()["black_level"]["probability"] == black.black.probability

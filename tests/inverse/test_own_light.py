@@ -125,7 +125,7 @@ def test_the_report_shows_own_light_and_says_that_light_of_the_room_would_look_t
     """A bowl's own light is as even as that of a room."""
     found = both[2][0]
     assert not found.own_light.separate and "lamps off" in found.own_light.undetermined()
-    assert any("light of the room, which cannot be told from it" in line for line in found.materials[0].remarks)
+    assert any("light of the room, which cannot be separated from it" in line for line in found.materials[0].remarks)
     write_measure_report(tmp_path / "report.html", found)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"comes from the object itself (white: {100 * found.own_light.up_to:.0f} %)" in page

@@ -18,7 +18,7 @@ from hagoromo.calibration.response.positive_curve import HALF_INTERVAL, Positive
 from hagoromo.calibration.response.reading_equations import Array
 from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR
 
-TOLD = 0.95  # probability from which a black level is told
+REPORTED = 0.95  # probability from which a black level is reported
 
 
 class BlackLevel(NamedTuple):
@@ -33,7 +33,7 @@ class BlackLevel(NamedTuple):
 
     def remark(self) -> str | None:
         """One line if it is probable."""
-        if self.probability < TOLD:
+        if self.probability < REPORTED:
             return None
         offsets = ", ".join(f"{100 * b:+.1f} ± {100 * e:.1f}" for b, e in zip(self.offsets, self.errors, strict=True))
         return (

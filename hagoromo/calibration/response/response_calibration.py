@@ -59,8 +59,8 @@ class ResponseCalibration:
         for channel, transfer in zip(self.response.channels, self.transfers, strict=False):
             if transfer is not None and transfer.certain:
                 said.append(f"channel {channel}: {_transfer_said(transfer)}")
-        told = any(transfer is not None and transfer.certain for transfer in self.transfers)
-        if self.black is not None and not told and (line := self.black.remark()) is not None:
+        reported = any(transfer is not None and transfer.certain for transfer in self.transfers)
+        if self.black is not None and not reported and (line := self.black.remark()) is not None:
             said.append(line)
         for channel, shared in zip(self.response.channels, self.shared, strict=False):
             if shared > LEAST_SHARED:

@@ -42,7 +42,7 @@ WHITEST = 1.05  # largest albedo of a body: above, lamps and photographs have di
 class Unit(NamedTuple):
     """Ratio of the light found in shadows to the own light expected there, and its standard error.
 
-    room, room_error: light that is the same in all photographs [irradiance]. separate: whether the two can be told
+    room, room_error: light that is the same in all photographs [irradiance]. separate: whether the two can be taken
     apart; else the ratio is that without light of the room.
     """
 
@@ -61,7 +61,7 @@ class OwnLight:
     unit: ratio of the light found in shadows to the light expected there, and its standard error; 1 and inf where no
     shadow shows it. albedo: of the body, in its brightest channel and in that unit. subtracted: whether normals and
     body colours are without it. room: share of the light that is the same in all photographs, and its standard error,
-    where `separate`, that is where light of the room can be told from the object's own.
+    where `separate`, that is where light of the room can be separated from the object's own.
     """
 
     share: NDArray[np.float32]
@@ -107,7 +107,7 @@ class OwnLight:
         }
 
     def undetermined(self) -> str | None:
-        """What these photographs do not tell of the own light, why, and which would; None where little is not told."""
+        """What these photographs leave open of the own light, why, and which would not; None where that is little."""
         if self.up_to < NOTABLE or self.separate:
             return None
         why = (
@@ -150,7 +150,7 @@ class OwnLight:
     def _room(self) -> str:
         """What of the light may be, or is, that of the room."""
         if not self.separate:
-            return "; or it is light of the room, which cannot be told from it here"
+            return "; or it is light of the room, which cannot be separated from it here"
         if self.room < 2.0 * self.room_error:
             return ", and no light of the room"
         return f", beside light of the room, {100 * self.room:.1f} ± {100 * self.room_error:.1g} % of all"
