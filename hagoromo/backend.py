@@ -62,12 +62,13 @@ def arrays() -> ModuleType:
     return importlib.import_module(f"drjit.{name()}.ad")
 
 
-@cache
 def mitsuba() -> ModuleType:
-    """Mitsuba with the RGB variant that matches the backend set."""
+    """Mitsuba with the RGB variant that matches the backend set, also where other code has set another one since."""
     import mitsuba as mi
 
-    mi.set_variant(f"{name()}_ad_rgb")
+    variant = f"{name()}_ad_rgb"
+    if mi.variant() != variant:
+        mi.set_variant(variant)
     return mi
 
 

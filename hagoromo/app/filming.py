@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import say, wrote
 from hagoromo.errors import InputError
-from hagoromo.files.film_file import SUFFIXES
-from hagoromo.image.film.film import Turn
+
+if TYPE_CHECKING:
+    from hagoromo.image.film.film import Turn
 
 
 def turn_of(turntable: int | None, camera_orbit: int | None, lamp_orbit: int | None) -> Turn | None:
     """The turn that the options ask for; `InputError` for two of them."""
+    from hagoromo.image.film.film import Turn
+
     turns = {
         "--turntable": (turntable, True, True),
         "--camera-orbit": (camera_orbit, True, False),
@@ -29,6 +32,8 @@ def turn_of(turntable: int | None, camera_orbit: int | None, lamp_orbit: int | N
 
 def is_film(out: Path, turn: Turn | None) -> bool:
     """Whether the result is a film."""
+    from hagoromo.files.film_file import SUFFIXES
+
     return turn is not None or out.suffix.lower() in SUFFIXES or not out.suffix
 
 

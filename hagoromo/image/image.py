@@ -186,8 +186,10 @@ class Image:
         target = Path(path)
         if target.suffix.lower() != ".exr":
             raise InputError(f"{target} is no EXR name: an image is written as NAME.exr with NAME.png beside it")
-        shown, names = self.linear_srgb(), list(response.channels if response else "RGB")
-        rgb = self.expose(response) if response else shown
+        names = list(response.channels if response else "RGB")
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+            shown = self.linear_srgb()
+            rgb = self.expose(response) if response else shown
         header = {}
         if denoise:
             from hagoromo.image.denoise import denoised, name_of_denoiser  # an extra

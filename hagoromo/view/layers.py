@@ -48,7 +48,8 @@ class MatterColours:
 
     def __init__(self, layer: str, materials: int) -> None:
         jit = arrays()
-        self.layer, self.lamps, self.channels, self.voxel_bases, self.field = layer, (None,), 3, (), None
+        self.layer, self.lamps, self.channels, self.voxel_bases = layer, (None,), 3, ()
+        self.field = self.surface_light = None
         palette = SimpleNamespace(colours=range(3), channels=3)
         self.materials = SimpleNamespace(palette=palette, coefficients=lambda material: [])
         colours = [MATERIAL_COLOURS[k % len(MATERIAL_COLOURS)] for k in range(max(materials, 1))]

@@ -16,16 +16,7 @@ from hagoromo.app.cli import main
 from hagoromo.app.interrupt import heed, signals_as_interrupt
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.files.png import write_png
-
-# the command; a suite that was started in the background would hand on that it ignores Ctrl-C
-STARTED = """
-import signal
-for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-    signal.signal(getattr(signal, name), signal.SIG_DFL)
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from hagoromo_start import main
-raise SystemExit(main())
-"""
+from tests.app.started import STARTED
 
 
 @contextlib.contextmanager

@@ -25,6 +25,7 @@ from hagoromo.view.browser import Browser, field_of_view, in_window, pose_from_v
 from hagoromo.view.photographs import LARGEST_DIFFERENCE, photographs_of, through
 from hagoromo.view.scene_files import opened
 from hagoromo.view.watcher import Desk, Watcher
+from tests.app.started import STARTED
 from tests.ball_scene import ball_scene
 
 SMALL = ball_scene(size=(31, 23), focal=45.0)
@@ -261,7 +262,7 @@ def test_a_scene_that_is_wrong_is_refused_before_anything_is_served(refused, sce
 
 def test_a_viewer_ends_in_one_line(scene):
     pytest.importorskip("viser", reason="viser is not installed")
-    command = [sys.executable, "-m", "hagoromo", "view", str(scene())]
+    command = [sys.executable, "-c", STARTED, "view", str(scene())]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as viewer:
         watchdog = threading.Timer(60.0, viewer.kill)
         watchdog.start()
