@@ -6,8 +6,6 @@ of them send to all of them. Without boxes there are no cells.
 
 from __future__ import annotations
 
-import warnings
-
 import drjit as dr
 import numpy as np
 
@@ -18,7 +16,7 @@ from hagoromo.transport.field.fit import averaged, fitted
 from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, mean_of, plus, smooth_extinction
 from hagoromo.transport.field.patches import SIDES, CornerLight
 from hagoromo.transport.field.sent_light import Numbers, nothing
-from hagoromo.transport.field.solve import MOST_SWEEPS, RESIDUAL, Anderson, Solution, Solver, added, norm
+from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
 from hagoromo.transport.field.sweep import sweep
 
 PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of one of the LAST_LINKS
@@ -83,12 +81,7 @@ class Joint:
             once = light = self._once()
             for _ in range(orders - 3):
                 light, sweeps = plus(once, self._swept(light)), sweeps + 1
-        if residual > RESIDUAL:
-            warnings.warn(
-                f"light of higher orders still changes by {residual:.1%} after {sweeps} sweeps: the picture may be too "
-                "dark; compare it with mode path",
-                stacklevel=2,
-            )
+        warn_if_unsettled(residual, sweeps)
         incident, arriving = self._parts(light) if light else (None, None)
         surface = mean_of(
             [self._at_patches(self._patch_links(LAST_WAYS), incident, arriving) for _ in range(LAST_LINKS)]
@@ -145,21 +138,8 @@ class Joint:
 
     def _accelerated(self) -> tuple[Numbers, float, int]:
         """Incident light of all orders, its residual, and the number of sweeps."""
-        once = light = self._once()
-        new, gain = self._swept(light), self._gain()
-        steps, residual, count = [Anderson() for _ in light], 1.0, 2
-        while count < MOST_SWEEPS:
-            new = added(once, new)
-            change = [[a - b for a, b in zip(one, other, strict=True)] for one, other in zip(new, light, strict=True)]
-            change = [[g * c[0], *c[1:]] for g, c in zip(gain, change, strict=True)]
-            residual = max(norm(c) / max(norm(x), 1e-30) for c, x in zip(change, new, strict=True))
-            light = [step(x, c) for step, x, c in zip(steps, light, change, strict=True)]
-            dr.eval(light)
-            if residual <= RESIDUAL:
-                break
-            new = self._swept(light)
-            count += 1
-        return light, residual, count
+        once = self._once()
+        return accelerated(once, self._swept(once), self._gain(), self._swept)
 
     def _gain(self) -> list[Float]:
         """See `Solver.own_gain`; 1 of patches, which see nothing of themselves."""

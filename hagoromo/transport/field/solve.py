@@ -88,12 +88,7 @@ class Solver:
             for _ in range((orders or 2) - 3):
                 incident, sweeps = added(start, self._again(incident, self.ways(random, self.grid))), sweeps + 1
             light = added(once, self.gathered_finely(random, self.grid, self.again(incident)))
-        if residual > RESIDUAL:
-            warnings.warn(
-                f"light of higher orders still changes by {residual:.1%} after {sweeps} sweeps: the picture may be too "
-                "dark; compare it with mode path",
-                stacklevel=2,
-            )
+        warn_if_unsettled(residual, sweeps)
         light, known = fitted(cells, fine, light)
         cells.without(~known)
         return Solution(light, residual, sweeps + 1)
@@ -117,21 +112,9 @@ class Solver:
 
     def accelerated(self, random: np.random.Generator, once: Numbers) -> tuple[Numbers, float, int]:
         """Incident light of all orders in filled cells, its residual, and the number of sweeps; once: of the first."""
-        ways, light = self.ways(random, self.grid, many_directions), once
-        new, own = sweep(self.cells, self.again(light), ways, self.cells)
-        gain, steps = self.own_gain(own, ways), [Anderson() for _ in light]
-        residual, count = 1.0, 2
-        while count < MOST_SWEEPS:
-            new = added(once, new)
-            change = [[a - b for a, b in zip(one, other, strict=True)] for one, other in zip(new, light, strict=True)]
-            change = [[g * c[0], *c[1:]] for g, c in zip(gain, change, strict=True)]
-            residual = max(norm(c) / max(norm(x), 1e-30) for c, x in zip(change, new, strict=True))
-            light = [step(x, c) for step, x, c in zip(steps, light, change, strict=True)]
-            dr.eval(light)
-            if residual <= RESIDUAL:
-                break
-            new, count = self._again(light, ways), count + 1
-        return light, residual, count
+        ways = self.ways(random, self.grid, many_directions)
+        new, own = sweep(self.cells, self.again(once), ways, self.cells)
+        return accelerated(once, new, self.own_gain(own, ways), lambda light: self._again(light, ways))
 
     def own_gain(self, own: Float, ways: Ways) -> list[Float]:
         """1 / (1 − albedo · own) of every channel: what a unit of light becomes with what it gets back from itself."""
@@ -149,6 +132,37 @@ class Solution:
     incident: Numbers
     residual: float
     sweeps: int
+
+
+def accelerated(
+    once: Numbers, new: Numbers, gain: list[Float], swept: Callable[[Numbers], Numbers]
+) -> tuple[Numbers, float, int]:
+    """Light of all orders, the fixed point of once + swept(light), its residual, and the number of sweeps.
+
+    once: of the first order that is solved. new: swept(once). gain: of every channel, see `Solver.own_gain`.
+    """
+    light, steps, residual, count = once, [Anderson() for _ in once], 1.0, 2
+    while count < MOST_SWEEPS:
+        new = added(once, new)
+        change = [[a - b for a, b in zip(one, other, strict=True)] for one, other in zip(new, light, strict=True)]
+        change = [[g * c[0], *c[1:]] for g, c in zip(gain, change, strict=True)]
+        residual = max(norm(c) / max(norm(x), 1e-30) for c, x in zip(change, new, strict=True))
+        light = [step(x, c) for step, x, c in zip(steps, light, change, strict=True)]
+        dr.eval(light)
+        if residual <= RESIDUAL:
+            break
+        new, count = swept(light), count + 1
+    return light, residual, count
+
+
+def warn_if_unsettled(residual: float, sweeps: int) -> None:
+    """Warn of light that still changes more than RESIDUAL."""
+    if residual > RESIDUAL:
+        warnings.warn(
+            f"light of higher orders still changes by {residual:.1%} after {sweeps} sweeps: the picture may be too "
+            "dark; compare it with mode path",
+            stacklevel=3,
+        )
 
 
 class Anderson:
