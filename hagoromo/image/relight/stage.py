@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import write_views
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
+from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import write_text
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
@@ -86,7 +86,7 @@ class Stage:
             },
         }  # fmt: skip
         path = home / f"scene_{number:02d}.toml"
-        write_text(path, _toml(scene))
+        write_text(path, toml_text(scene))
         return path
 
     def write_into(self, home: Path) -> None:
@@ -97,7 +97,7 @@ class Stage:
             assert self.camera.response is not None  # as the spectrum is known
             self.camera.response.write_table(home / "response.csv")
             recipe |= {"response": "response.csv", "lamp": self.spectrum.record()}
-        write_text(home / RELIEF_RECIPE, _toml(recipe))
+        write_text(home / RELIEF_RECIPE, toml_text(recipe))
 
     def _lamp(self, lamp: Lamp, response: Response | None) -> dict[str, Any]:
         """The record of a lamp, divided by `dim`; without a known spectrum, one band of light for each channel."""
@@ -172,16 +172,3 @@ def _conserves_energy(materials: Sequence[MaterialEstimate], basis: Sequence[Spe
     except InputError:
         return False
     return True
-
-
-def _toml(record: Mapping[str, Any]) -> str:
-    """TOML of a record of plain values, one line per key."""
-    return "".join(f"{key} = {_value(value)}\n" for key, value in record.items())
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(entry) for entry in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
