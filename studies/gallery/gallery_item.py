@@ -2,7 +2,7 @@
 
     python -m studies.gallery.gallery_item examples/recipes linen docs/figures/gallery
 
-Writes NAME_whole.jpg, NAME_10_mm.jpg, NAME_1_mm.jpg, NAME_lamps.jpg and NAME.json.
+Writes NAME_whole.jpg, NAME_10_mm.jpg, NAME_1_mm.jpg, NAME_lamps.jpg, of a woven cloth NAME_draft.jpg, and NAME.json.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ import numpy as np
 
 import hagoromo as hg
 from hagoromo import backend
+from studies.gallery.gallery_draft import drawn
 from studies.gallery.gallery_items import ITEMS, Item
-from studies.gallery.gallery_view import around, near, whole
+from studies.gallery.gallery_view import SIZE, around, near, whole
 
 GALLERY_JPEG_QUALITY = 86  # of JPEG
+DRAFT_FIELD_MM = 10.0  # as the picture of 1 cm
 RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes in which the system tells memory
 MIB = 2**20
 
@@ -38,6 +40,9 @@ def make(recipes: Path, name: str, out: Path) -> None:
         if change is not None:
             box, _ = _built(recipes, item, change)
             _write(out / f"{name}_{view}.jpg", near(box, field_mm))
+    draft = drawn(hg.read_toml(recipes / f"{item.recipe}.toml"), DRAFT_FIELD_MM, SIZE) if item.centimetre else None
+    if draft is not None:
+        _write(out / f"{name}_draft.jpg", draft)
 
 
 def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[hg.VolumeBox, dict[str, Any]]:

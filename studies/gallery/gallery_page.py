@@ -12,8 +12,9 @@ from studies.gallery.gallery_items import ITEMS
 GALLERY_INTRODUCTION = """# Gallery
 
 Every picture here is made by `make gallery` from the recipes in [`{recipes}`](../{recipes}), which `hagoromo build`
-builds, too. Of each matter: all of it; a field of view of 1 cm; one of 1 mm; and all of it under one lamp that moves
-around it in steps of 45°, from the front to its right, to behind it, and back. The same seed gives the same pictures.
+builds, too. Of each matter: all of it; a field of view of 1 cm, of a woven cloth beside its draft of 1 cm (dark: the
+warp is on the face); one of 1 mm; and all of it under one lamp that moves around it in steps of 45°, from the front to
+its right, to behind it, and back. The same seed gives the same pictures.
 
 """
 COST = """## What each costs
@@ -25,7 +26,7 @@ process had held when the box was done, `hagoromo` and its libraries ({before} M
 | matter | seconds | core seconds | peak MiB | bricks | texel MiB | voxel mm | lattice |
 |---|---:|---:|---:|---:|---:|---:|---|
 """
-VIEW_TITLES = {"whole": "whole", "10_mm": "1 cm", "1_mm": "1 mm"}
+VIEW_TITLES = {"whole": "whole", "10_mm": "1 cm", "draft": "draft of 1 cm", "1_mm": "1 mm"}
 
 
 def write_page(path: Path, recipes: Path, costs: Mapping[str, Mapping[str, Any]]) -> None:
@@ -42,8 +43,9 @@ def _shown(path: Path, recipes: Path, name: str) -> str:
     """The pictures of one item."""
     item, folder = ITEMS[name], path.parent / "figures" / "gallery"
     present = [(view, title) for view, title in VIEW_TITLES.items() if (folder / f"{name}_{view}.jpg").exists()]
+    width = 32 if len(present) <= 3 else 24
     row = " ".join(
-        f'<img src="figures/gallery/{name}_{view}.jpg" width="32%" alt="{item.title}, {title}">'
+        f'<img src="figures/gallery/{name}_{view}.jpg" width="{width}%" alt="{item.title}, {title}">'
         for view, title in present
     )
     strip = f'<img src="figures/gallery/{name}_lamps.jpg" width="97%" alt="{item.title} under a lamp that moves">'

@@ -56,6 +56,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "dome.py": {"camera.unplaced"},
     # files of the data are checked as the package checks its own
     "merl_truth.py": {"files.record"},
+    # the weave that a recipe names, to draw it
+    "gallery/gallery_draft.py": {"files.record", "matter.recipes.cloth"},
     # the steps that a tolerance stands for
     "first_order.py": {"transport.frames"},
     # many tasks of one function, here or on workers: a study's own need
