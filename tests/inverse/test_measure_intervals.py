@@ -52,13 +52,14 @@ def table(hits, ratios):
 
 
 def test_intervals_hold_the_truth_and_medians_have_no_bias():
-    """200 captures: each flagged parameter's interval holds the truth 95 times in 100 (significance 2 %: 182 to 197).
+    """100 captures: each flagged parameter's interval holds the truth 95 times in 100, at a significance of 2 %.
 
     At least 80 in 100 must be flagged, or the test would speak of the easy ones only. Medians: the figures asked for.
+    The slow tests below do it with a thousand.
     """
-    hits, ratios = measured(200, 31, first_seed=0)
+    hits, ratios = measured(100, 31, first_seed=0)
     for key, limit in zip(PARAMETERS, (0.01, 0.03, 0.03, 0.03), strict=True):
-        assert len(hits[key]) >= 160, table(hits, ratios)
+        assert len(hits[key]) >= 80, table(hits, ratios)
         assert intervals_hold(hits[key], 0.95, significance=0.02), table(hits, ratios)
         assert abs(np.median(ratios[key]) - 1) <= limit, table(hits, ratios)
 
