@@ -11,7 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import Damping, FitStatuses, Loss, RowsProblem, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.fit_status import FitStatuses
+from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import Loss
+from hagoromo.least_squares.rows import RowsProblem
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import (

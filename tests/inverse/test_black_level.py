@@ -8,7 +8,7 @@ from hagoromo.calibration.response.black_level import REPORTED, black_level
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.calibration.response.positive_curve import PositiveCurve
 from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR, Transfer
-from hagoromo.least_squares import FitStatus, Status
+from hagoromo.least_squares.fit_status import FitStatus, Status
 from tests.inverse.test_response_faults import TRUE, WAVELENGTHS, coverage
 
 STATUS = FitStatus(Status.CONVERGED, 1)

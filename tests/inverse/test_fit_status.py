@@ -13,7 +13,7 @@ from hagoromo.calibration.lamps.uncalibrated import bas_relief, integrability, l
 from hagoromo.calibration.response import calibrate_response as response
 from hagoromo.calibration.response import curve_evidence
 from hagoromo.errors import InputError
-from hagoromo.least_squares import Status
+from hagoromo.least_squares.fit_status import Status
 from hagoromo.measurement.gloss import gloss_law, gloss_spread, pixel_gloss
 from hagoromo.measurement.gloss.gloss_record import with_gloss
 from hagoromo.measurement.known_shape import measure_known_shape

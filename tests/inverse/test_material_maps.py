@@ -7,7 +7,7 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
-from hagoromo.least_squares import HUBER
+from hagoromo.least_squares.loss import HUBER
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.material_objective import AlbedoVariationObjective

@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, write_json
-from hagoromo.least_squares import TUKEY
+from hagoromo.least_squares.loss import TUKEY
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.segment import segment

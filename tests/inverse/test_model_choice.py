@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.facets import facet_density
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.estimate import estimate_material

@@ -4,20 +4,11 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from hagoromo.least_squares import (
-    CAUCHY,
-    HUBER,
-    TUKEY,
-    Damping,
-    FitStatus,
-    RowsProblem,
-    Status,
-    Tolerance,
-    levenberg_marquardt,
-    reweighted,
-    robust_scale,
-    scipy_status,
-)
+from hagoromo.least_squares.fit_status import FitStatus, Status, scipy_status
+from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import CAUCHY, HUBER, TUKEY, robust_scale
+from hagoromo.least_squares.reweighted import reweighted
+from hagoromo.least_squares.rows import RowsProblem
 
 FREE = np.inf
 TIME = np.linspace(0.0, 3.0, 41)

@@ -23,7 +23,7 @@ from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
 from hagoromo.files.picture import by_name, read_picture
 from hagoromo.files.record import decode, read_json, save_json, written_by
-from hagoromo.least_squares import robust_scale
+from hagoromo.least_squares.loss import robust_scale
 from hagoromo.progress import Progress, silent
 
 Model = Literal[0, 2, 4, 5, 8]  # number of fitted distortion coefficients, in OpenCV's order

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.least_squares import scipy_status
+from hagoromo.least_squares.fit_status import scipy_status
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from hagoromo.calibration.lamps.place import LampPlace
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_json, save_json, written_by
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import Spread
 from hagoromo.photograph.lamps_file import LampsRecord

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array
 from hagoromo.calibration.lamps.highlight import LampReading, figure_errors, slopes
 from hagoromo.errors import InputError
-from hagoromo.least_squares import FitStatus, Status
+from hagoromo.least_squares.fit_status import FitStatus, Status
 
 NEAR = 3.0  # standard errors above which 1/distance differs from 0
 ASTRAY = 12.0  # standard errors (rms) between rays and lamp: more indicate two lamps or a wrong radius

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array
-from hagoromo.least_squares import CAUCHY_SCALE, FitStatus, reweighted, robust_scale
+from hagoromo.least_squares.fit_status import FitStatus
+from hagoromo.least_squares.loss import CAUCHY_SCALE, robust_scale
+from hagoromo.least_squares.reweighted import reweighted
 
 REGRESSION_REWEIGHTINGS = 15
 LARGEST_CHANGE = 1e-3  # relative change of the coefficients in the last reweighting of a fit that has converged

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array
-from hagoromo.least_squares import scipy_status
+from hagoromo.least_squares.fit_status import scipy_status
 
 MARGIN = 3  # pixels around the speck
 NEAREST, LARGEST = 6, 90  # [px] smallest area for an ellipse, and extent above which the centroid is accurate

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.highlight import Highlight, solid_angles
 from hagoromo.errors import InputError
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 
 APERTURE, BORDER = 2.0, 3.0  # times the highlight's radius, and [px] beyond: radius over which light is summed
 RING = 1.6  # times the aperture: outer radius of the ring in which ambient light is measured

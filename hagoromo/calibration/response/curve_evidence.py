@@ -16,7 +16,7 @@ from hagoromo.calibration.response.curve_mode import Mode, laplace
 from hagoromo.calibration.response.curve_prior import CurvePrior
 from hagoromo.calibration.response.reading_equations import Equations, Noise
 from hagoromo.errors import InputError
-from hagoromo.least_squares import FitStatus, scipy_status
+from hagoromo.least_squares.fit_status import FitStatus, scipy_status
 
 # Wide log-normal priors (median, standard deviation of the logarithm) of the relative noise, of its floor (in units of
 # the mean reading) and of what groups share, for data that do not determine them.

@@ -21,7 +21,7 @@ from hagoromo.calibration.response.curve_process import positive
 from hagoromo.calibration.response.reading_equations import LEAST_NOISE, Equations, Groups, Rows
 from hagoromo.calibration.response.reading_transfer import Transfer, fit_transfer, linear_readings
 from hagoromo.errors import InputError
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 
 FEWEST_FOR_TRANSFER = 20  # readings
 # Half a 95 % interval in standard deviations: 1.96 for a known prior, more as its parameters are fitted. Chosen by

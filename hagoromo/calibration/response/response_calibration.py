@@ -17,7 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import write_json, written_by
 from hagoromo.files.table import read_table, write_table
 from hagoromo.files.whole import whole_files
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 
 LEAST_SHARED = 0.01  # relative error that the readings of a lamp share, from which it is reported
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hagoromo.least_squares import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.gloss.gloss_law import deviance
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit, PixelGloss
 from hagoromo.measurement.material.estimate import PRIOR_N

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hagoromo.least_squares import SMALLEST_CURVATURE, FitStatus, Status
+from hagoromo.least_squares.fit_status import FitStatus, Status
+from hagoromo.least_squares.rows import SMALLEST_CURVATURE
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
 from hagoromo.measurement.sight import Array
 

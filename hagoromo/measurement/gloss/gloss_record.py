@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, GlossSpread
 from hagoromo.measurement.material.quantity import log_albedo
 from hagoromo.measurement.parameters import pack_theta

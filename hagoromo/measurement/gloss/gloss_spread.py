@@ -11,15 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hagoromo.least_squares import (
-    NORMAL_MEDIAN,
-    Damping,
-    FitStatus,
-    SingleProblem,
-    Status,
-    Tolerance,
-    levenberg_marquardt,
-)
+from hagoromo.least_squares.fit_status import FitStatus, Status
+from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.gloss.gloss_index import Index, refractive_index
 from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, likeliest
 from hagoromo.measurement.gloss.lobes import LobeShape

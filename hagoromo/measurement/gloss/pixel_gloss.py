@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import HUBER, Damping, FitStatuses, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.fit_status import FitStatuses
+from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import HUBER
 from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import GAMMA_RANGE

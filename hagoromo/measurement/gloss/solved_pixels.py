@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import CAUCHY_SCALE, Damping, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
 from hagoromo.measurement.normals.shading import shading, turned
 from hagoromo.measurement.normals.views import Array, Views

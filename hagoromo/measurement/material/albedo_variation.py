@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import HUBER, NORMAL_MEDIAN, TUKEY
+from hagoromo.least_squares.loss import HUBER, NORMAL_MEDIAN, TUKEY
 from hagoromo.measurement.material.material_fit import INCOMPLETE_SCALE, at_standstill, status_of
 from hagoromo.measurement.material.material_objective import AlbedoVariationObjective
 from hagoromo.measurement.material.sandwich import MaterialFit, with_covariance

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import TUKEY
+from hagoromo.least_squares.loss import TUKEY
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
 from hagoromo.measurement.material.material_objective import expected, interface_of, theta_of

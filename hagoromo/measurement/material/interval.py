@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import t as student
 
-from hagoromo.least_squares import FitStatuses
+from hagoromo.least_squares.fit_status import FitStatuses
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.quantity import Quantity, coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import HUBER, HUBER_SCALE, scipy_status
+from hagoromo.least_squares.fit_status import scipy_status
+from hagoromo.least_squares.loss import HUBER, HUBER_SCALE
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Pixels, known_shape, noise_gain, stratified
 from hagoromo.measurement.sight import Array, sight_of

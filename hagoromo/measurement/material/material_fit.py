@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import root_scalar
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import HUBER, NORMAL_MEDIAN, TUKEY, FitStatus, Loss, Status
+from hagoromo.least_squares.fit_status import FitStatus, Status
+from hagoromo.least_squares.loss import HUBER, NORMAL_MEDIAN, TUKEY, Loss
 from hagoromo.measurement.material.material_objective import MaterialObjective, expected
 from hagoromo.measurement.material.sandwich import MaterialFit, with_covariance
 from hagoromo.measurement.observations import Observations

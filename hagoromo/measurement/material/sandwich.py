@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.measurement.material.material_objective import MaterialObjective
 from hagoromo.measurement.robust_fit import at_bound
 from hagoromo.measurement.sight import Array

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.interval import Profile, interval, interval_of_n, interval_of_tail
 from hagoromo.measurement.material.quantity import (

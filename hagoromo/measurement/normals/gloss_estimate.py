@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import NORMAL_95, Status
+from hagoromo.least_squares.fit_status import Status
+from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
 from hagoromo.measurement.material.misfit_shift import evidence_of_misfit

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import NORMAL_MEDIAN
+from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.normals.photometric_model import Fit, predicted, size
 from hagoromo.measurement.normals.photometric_step import Step
 from hagoromo.measurement.normals.views import Array, Views

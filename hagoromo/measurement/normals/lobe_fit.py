@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.photometric_model import Fit, Lobes
 from hagoromo.measurement.normals.shading import Gloss, N, shading
 from hagoromo.measurement.normals.views import Array, Views

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import CAUCHY_SCALE, FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views

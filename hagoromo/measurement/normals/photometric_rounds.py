@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hagoromo.least_squares import NORMAL_MEDIAN, Damping, FitStatus, SingleProblem, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.fit_status import FitStatus
+from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, size
 from hagoromo.measurement.normals.photometric_step import Problem, Step
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.normals.lamp_shift import Shifted, shifted
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision

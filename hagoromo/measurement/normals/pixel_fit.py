@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.least_squares import CAUCHY_SCALE, Status
+from hagoromo.least_squares.fit_status import Status
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, N, body_of, colour_of, exponent_of
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow

@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.pixel_fit import SMALLEST_CURVATURE, Light, PixelData, frame
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
 

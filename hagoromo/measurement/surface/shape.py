@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import FitStatus, Status
+from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.independent_share import independent_share
 from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes, with_own_gloss

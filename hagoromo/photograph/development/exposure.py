@@ -16,7 +16,7 @@ from hagoromo.files.exif import Exif, read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.tiff import read_tiff
-from hagoromo.least_squares import ROBUST_SCALE
+from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.photograph.development.transfer import Transfer
 
 PICTURES, TIFFS, EXRS = (".png", ".jpg", ".jpeg"), (".tif", ".tiff"), (".exr",)

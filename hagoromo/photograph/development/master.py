@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import robust_scale
+from hagoromo.least_squares.loss import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, alike, planes
 from hagoromo.photograph.development.noise import Noise
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares import robust_scale
+from hagoromo.least_squares.loss import robust_scale
 from hagoromo.photograph.development.bracket import CEILING, Shot
 from hagoromo.photograph.development.exposure import planes
 from hagoromo.photograph.development.noise import Noise

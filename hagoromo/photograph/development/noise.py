@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import robust_scale
+from hagoromo.least_squares.loss import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, planes
 
 SIGNAL_BINS = 24  # number of bins of the signal, per pair and colour

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
-from hagoromo.least_squares import scipy_status
+from hagoromo.least_squares.fit_status import scipy_status
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors
-from hagoromo.least_squares import ROBUST_SCALE, FitStatus, scipy_status
+from hagoromo.least_squares.fit_status import FitStatus, scipy_status
+from hagoromo.least_squares.loss import ROBUST_SCALE
 
 SAMPLES = 5000  # pixels
 INDEPENDENT_ALBEDOS = 30.0  # effective number of pixels: albedos of neighbours are correlated

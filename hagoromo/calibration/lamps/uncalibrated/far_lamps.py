@@ -24,7 +24,7 @@ from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_json, save_json, written_by
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.lamps_file import LampsRecord
 from hagoromo.progress import Progress, silent

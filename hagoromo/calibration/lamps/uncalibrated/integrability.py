@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
-from hagoromo.least_squares import FitStatus, Status, robust_scale
+from hagoromo.least_squares.fit_status import FitStatus, Status
+from hagoromo.least_squares.loss import robust_scale
 
 INTEGRABILITY_REWEIGHTINGS = 15
 LARGEST_CHANGE = 1e-3  # of c₁ and c₂ in the last reweighting of a fit that has converged

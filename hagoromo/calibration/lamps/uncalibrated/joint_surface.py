@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import WIDTH, entropy
-from hagoromo.least_squares import CAUCHY_SCALE
+from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.photometric_model import Prior
 from hagoromo.measurement.normals.photometric_step import LOG_EXPONENT_RANGE, LOG_GAMMA_RANGE, ROUGHNESS_RANGE
 from hagoromo.measurement.normals.shading import Shading, shading, tangents

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares import CAUCHY_SCALE, FitStatus, Status, robust_scale
+from hagoromo.least_squares.fit_status import FitStatus, Status
+from hagoromo.least_squares.loss import CAUCHY_SCALE, robust_scale
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ import numpy as np
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import Family, ObjectPrior
 from hagoromo.calibration.lamps.uncalibrated.integrability import CLIP, Rows
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
-from hagoromo.least_squares import FitStatus, robust_scale, scipy_status
+from hagoromo.least_squares.fit_status import FitStatus, scipy_status
+from hagoromo.least_squares.loss import robust_scale
 
 INDEPENDENT_ROWS = 200.0  # effective number of rows with independent residuals
 SAMPLES = 2000  # rows that are evaluated

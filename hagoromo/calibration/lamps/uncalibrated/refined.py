@@ -18,17 +18,9 @@ from hagoromo.calibration.lamps.uncalibrated.joint_surface import Guess, JointSu
 from hagoromo.calibration.lamps.uncalibrated.low_rank import FEWEST_LAMPS, Array, lit
 from hagoromo.calibration.lamps.uncalibrated.reduced import colours, reduced
 from hagoromo.camera.camera import Camera
-from hagoromo.least_squares import (
-    CAUCHY_SCALE,
-    ROBUST_SCALE,
-    Damping,
-    FitStatus,
-    SingleProblem,
-    Status,
-    Tolerance,
-    levenberg_marquardt,
-    robust_scale,
-)
+from hagoromo.least_squares.fit_status import FitStatus, Status
+from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, Tolerance, levenberg_marquardt
+from hagoromo.least_squares.loss import CAUCHY_SCALE, ROBUST_SCALE, robust_scale
 from hagoromo.measurement.normals.photometric_model import Prior
 from hagoromo.measurement.normals.photometric_rounds import SMALLEST_MODEL_ERROR
 from hagoromo.measurement.surface.height_field import height_field

@@ -13,7 +13,7 @@ from hagoromo.calibration.lamps.uncalibrated.integrability import Rows, first_ro
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
 from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
 from hagoromo.errors import InputError
-from hagoromo.least_squares import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.progress import Progress
 
 SCALES, NEIGHBOUR_STEPS = (1, 2, 3), (1, 2)  # binning, and distance [pixel] of compared neighbours

@@ -1,0 +1,1 @@
+"""Least squares: one driver for every small fit, its losses, and how each fit ended."""
