@@ -32,8 +32,13 @@ HABIT_SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 10
 SLEEVE_GAP = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
-COIF = 72.0, 28.0  # along the edge of the face from throat to throat, and from it backwards
-FACE = (0.0, -9.5, -4.6), (10.2, 13.4), 2.65  # of the head: middle and half sizes of its edge, half the angle around it
+COIF = 74.0, 28.0  # along the edge of the face from throat to throat, and from it backwards
+FACE = (0.0, -9.5, -4.6), (10.2, 13.4), 3.0  # of the head: middle and half sizes of its edge, half the angle around it
+THROAT = (
+    (1.7, 2.6),
+    9.5,
+    4.0,
+)  # angles between which the coif comes to the throat; there behind: beside the neck, raised
 VEIL = 178.0, 150.0
 VEIL_AT = -8.5, 267.0  # y of its front edge and height, where it begins level
 PINNED = 26.0, 7.0  # of its front edge, what is drawn to the head: width and depth
@@ -64,18 +69,27 @@ def _beside(body: Shape, pose: Pose, side: float) -> Shape:
 
 
 def _coif(pose: Pose) -> Cut:
-    """A band about the face from throat to throat, held along the edge of the face, back over the head."""
+    """A band about the face from throat to throat, back over the head; its ends are fastened along the throat.
+
+    Free ends would stand out under the jaw and pass through the veil.
+    """
     (mx, my, mz), (wide, high), half = FACE
+    (first, last), neck, raised = THROAT
     width, height = COIF
 
     def start(s: Place, t: Place) -> NDArray[np.floating]:
         angle, back = half * (1.0 - 2.0 * s), height * t
-        swell = 1.0 + 0.36 * np.sin(np.minimum(back / 20.0, 1.0) * 0.5 * math.pi)
-        x, z = mx + wide * swell * np.sin(-angle), mz + high * (0.4 * swell + 0.6) * np.cos(angle)
+        opened = np.sin(np.minimum(back / 20.0, 1.0) * 0.5 * math.pi)
+        across, side = -wide * np.sin(angle), -np.sign(angle)
+        throat = np.clip((np.abs(angle) - first) / (last - first), 0.0, 1.0)
+        throat = throat**2 * (3.0 - 2.0 * throat)
+        behind = 1.36 * across + throat * side * np.maximum(neck - 1.36 * np.abs(across), 0.0)
+        x = mx + across + opened * (behind - across)
+        z = mz + high * (1.0 + 0.144 * opened) * np.cos(angle) + raised * throat * opened
         points = np.stack(np.broadcast_arrays(x, my + 0.92 * back, z), axis=-1)
         return points @ _turn(pose).T + np.asarray(pose.head)
 
-    return Cut(width, height, start, held=lambda s, t: (t == 0.0) + np.zeros_like(s))
+    return Cut(width, height, start, held=lambda s, t: (t == 0.0) | (s == 0.0) | (s == 1.0))
 
 
 def _veil() -> Cut:

@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_union, sphere
+from hagoromo_figures.figure.head import ear
 from hagoromo_figures.figure.pose import Point, Pose
 
 KNEE_STEP = (-3.0, -11.0, 2.0)  # of the knee of the leg that does not carry the weight, on the figure's right
@@ -30,10 +31,11 @@ def trunk(point: Any, pose: Pose, bust: float = 6.6, step: Point = KNEE_STEP) ->
 
 
 def head(point: Any, pose: Pose) -> Any:
-    """Skull, jaw and hair as one egg."""
+    """Skull, jaw and hair as one egg, and the ears."""
     p = placed(point, pose.head, pose.nod)
     skull = ellipsoid(p, (0.0, 2.0, 4.0), (13.8, 16.8, 14.7))
-    return smooth_union(skull, ellipsoid(p, (0.0, -5.0, -6.0), (9.6, 10.8, 13.0)), 6.0)
+    egg = smooth_union(skull, ellipsoid(p, (0.0, -5.0, -6.0), (9.6, 10.8, 13.0)), 6.0)
+    return smooth_union(egg, ear(mirrored(p)), 2.0)
 
 
 def legs(point: Any, pose: Pose, step: Point = KNEE_STEP) -> Any:
