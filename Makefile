@@ -100,7 +100,7 @@ spectra: $(READY)
 # Cameras' responses from readings without faults and with, over 7 of the 14 cameras on which fewest choices were made
 # (minutes; needs the camera data beside the checkout): docs/response.md.
 response: $(READY)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.response_study ../shared/data --out out/response --first 1 --every 4 --force
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.response_study ../shared/data --out out/response --force
 	cp out/response/response.md docs/ && cp out/response/response.png docs/figures/
 
 # How often the intervals of materials hold the truth, over 1800 simulations (minutes): docs/coverage.md.
