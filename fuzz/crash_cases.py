@@ -262,6 +262,7 @@ CASES = (
     ),
     Case("convert to a box", _volume, ("convert", "a.npy"), ("out.zarr",), resumes=True),
     Case("convert to NRRD", _small_box, ("convert", "box.zarr"), ("out.nrrd",)),
+    Case("convert to OpenVDB", _small_box, ("convert", "box.zarr"), ("out.vdb",)),
     Case("convert to VTI", _small_box, ("convert", "box.zarr"), ("out.vti",)),
     Case("convert to .vol", _small_box, ("convert", "box.zarr"), ("out.vol",)),
     Case("convert to HDR", _image, ("convert", "scene.exr"), ("out.hdr",)),

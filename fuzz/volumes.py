@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -49,6 +51,43 @@ def vol(path: Path) -> None:
     write_mitsuba_volume(path, VALUES.astype(np.float32), 1e-3)
 
 
+def vdb(path: Path) -> None:
+    """OpenVDB with two grids."""
+    from hagoromo.files.volumes.openvdb_out import write_openvdb
+
+    density = VALUES.astype(np.float32)
+    write_openvdb(path, {"density": density, "colour": np.stack([density] * 3, axis=-1)}, MATRIX)
+
+
+def nvdb(path: Path) -> None:
+    """NanoVDB with one leaf, packed by zlib: three heads, a tile of the root, two nodes, the leaf."""
+    leaf = struct.pack("<3i3BB", 0, 0, 0, 4, 3, 2, 0) + b"\xff" * 64 + struct.pack("<4f", 0, 200, 50, 9)
+    leaf += np.pad(VALUES.T, [(0, 3), (0, 4), (0, 5)]).astype("<f4").tobytes()
+    lower, upper = _nano_node(16), _nano_node(32)
+    root = struct.pack("<6iI5f", 0, 0, 0, 4, 3, 2, 1, 0, 0, 200, 50, 9).ljust(64, b"\0")
+    root += struct.pack("<QqIf", 0, 96, 0, 0).ljust(32, b"\0")
+    places = 64 + np.cumsum([0, len(root), len(upper), len(lower)])
+    tree = struct.pack("<4q3I3IQ", *map(int, places[::-1]), 1, 1, 1, 0, 0, 0, 512)
+    spacing = (*np.diag([1e-3] * 3).ravel(), *np.diag([1e3] * 3).ravel())
+    head = struct.pack("<8sQIIIIQ256s", b"NanoVDB1", 0, 32 << 21, 0, 0, 1, 0, b"density")
+    head += struct.pack("<22f", *spacing, 0, 0, 0, 1) + struct.pack("<22d", *spacing, 0, 0, 0, 1)
+    head += struct.pack("<9d2IqIIQQ", *([0.0] * 6), 1e-3, 1e-3, 1e-3, 2, 1, 0, 0, 0, 0, 0)
+    block = head + tree + root + upper + lower + leaf
+    packed = zlib.compress(block)
+    entry = struct.pack("<4Q2I6d6i3dI4I3IHHI", len(block), 8 + len(packed), 0, 512, 1, 2, *([0.0] * 6), *([0] * 6),
+                        1e-3, 1e-3, 1e-3, 8, 1, 1, 1, 1, 0, 0, 0, 1, 0, 32 << 21)  # fmt: skip
+    start = struct.pack("<8sIHH", b"NanoVDB0", 32 << 21, 1, 1)
+    path.write_bytes(start + entry + b"density\0" + struct.pack("<Q", len(packed)) + packed)
+
+
+def _nano_node(edge: int) -> bytes:
+    """A node whose first child is its only one, and lies behind it."""
+    masks = edge**3 // 8
+    head = struct.pack("<6iQ", 0, 0, 0, 4, 3, 2, 0) + bytes(masks) + b"\1" + bytes(masks - 1) + bytes(16)
+    head += bytes(-len(head) % 32)
+    return head + struct.pack("<q", len(head) + 8 * edge**3) + bytes(8 * (edge**3 - 1))
+
+
 def npy(path: Path) -> None:
     """NumPy's array."""
     np.save(path, VALUES)
@@ -88,6 +127,8 @@ SAMPLES: dict[str, tuple[Callable[[Path], None], float]] = {  # share of the mut
     "volume.nii.gz": (nifti, 0.5),
     "volume.vti": (vti, 0.05),
     "volume.vol": (vol, 1.0),
+    "volume.vdb": (vdb, 0.5),
+    "volume.nvdb": (nvdb, 0.5),
     "volume.npy": (npy, 1.0),
     "volume.h5": (hdf5, 0.1),
     "volume.tif": (tiff, 1.0),

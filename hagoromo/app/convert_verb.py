@@ -29,7 +29,7 @@ def convert(
     force: Force = False,
 ) -> None:
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
-    (NRRD, MetaImage, NIfTI, VTI, TIFF stack, …) → a volume box; a box → NRRD, VTI, .vol;
+    (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a volume box; a box → OpenVDB, NRRD, VTI, .vol;
     a picture → EXR, HDR, TIFF (16 bits), PNG; a glTF → a folder with scene.toml; a scene.toml → .glb;
     a mesh → PLY, OBJ, STL, OFF, GLB.
 
@@ -45,7 +45,7 @@ def convert(
         axis: volume of the axes of the micro-elements (default: they point down the slope of the density).
         material: TOML with a table [material], as recipes have (default: a matt grey).
         peak: linear value that a picture for the display shows white (default: 1).
-        field: which field of a box is written; VTI holds all.
+        field: which field of a box is written; OpenVDB and VTI hold all.
     """
     from hagoromo.app.formats.convert import VolumeOptions
 

@@ -38,7 +38,9 @@ def test_a_volume_that_cannot_be_read_is_refused_in_one_line(tmp_path, refused, 
 
 def test_a_box_is_not_written_as_what_is_only_read(tmp_path, refused):
     a_box(tmp_path)
-    assert "written as .nrrd, .nhdr, .vti, .vol" in refused("convert", tmp_path / "a.zarr", "--out", tmp_path / "a.nii")
+    assert "written as .nrrd, .nhdr, .vti, .vol, .vdb" in refused(
+        "convert", tmp_path / "a.zarr", "--out", tmp_path / "a.nii"
+    )
 
 
 def test_whole_numbers_need_a_scale_or_a_window(tmp_path, refused):

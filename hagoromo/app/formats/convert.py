@@ -62,8 +62,9 @@ def convert(
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
     A glTF becomes a folder with scene.toml, a scene.toml with surfaces a .glb; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
-    An `out` that ends in .zarr gets the volume box of a volume file; a box is written as NRRD, VTI or .vol. `volume`:
-    what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and contradictions.
+    An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
+    .vol. `volume`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and
+    contradictions.
 
     >>> from tempfile import mkdtemp
     >>> home = Path(mkdtemp())

@@ -19,6 +19,7 @@ SIGNATURES = {
     b"v/1\x01": "OpenEXR", b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF",
     b"NRRD": "NRRD", b"VOL\3": "Mitsuba grid volume", b"\x93NUMPY": "NumPy array", b"\x89HDF": "HDF5", b"ply": "PLY",
     b"glTF": "glTF", b"%YAML": "OpenCV YAML or JSON",
+    b" BDV\0\0\0\0": "OpenVDB", b"NanoVDB": "NanoVDB",
 }  # fmt: skip
 BY_NAME = {each.name: each for each in FORMATS}
 BY_SUFFIX = {suffix: each for each in reversed(FORMATS) for suffix in each.suffixes if suffix and not each.folder}
@@ -33,8 +34,9 @@ def format_of(path: str | Path) -> Format:
         return BY_NAME["volume box"]
     if path.is_dir():
         return _of_folder(path)
-    if volume_format(path) and file_and_dataset(path)[1]:
-        return BY_NAME["HDF5"]
+    volume = volume_format(path)
+    if volume and file_and_dataset(path)[1]:
+        return volume
     suffix = existing_file(path).suffix.lower()
     if path.name.lower().endswith(".nii.gz"):
         return BY_NAME["NIfTI"]

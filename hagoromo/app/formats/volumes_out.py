@@ -12,6 +12,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.files.volumes.mitsuba_volume import write_mitsuba_volume
 from hagoromo.files.volumes.nrrd_file import write_nrrd
+from hagoromo.files.volumes.openvdb_out import write_openvdb
 from hagoromo.files.volumes.volume_file import VolumeFile
 from hagoromo.files.volumes.vtk_images import write_vti
 from hagoromo.light.colour import colour_matching, srgb_from_xyz
@@ -34,6 +35,12 @@ def vti(box: VolumeBox, path: Path, field: Field) -> None:
     names: tuple[Field, ...] = ("density", "axis", "colour")
     order = sorted(names, key=lambda name: name != field)
     write_vti(path, {name: dense_field(box, name) for name in order}, lattice_matrix(box))
+
+
+def vdb(box: VolumeBox, path: Path, field: Field) -> None:
+    """All fields as grids of OpenVDB in the world [m], active where there is matter, whatever `field` is."""
+    names: tuple[Field, ...] = ("density", "axis", "colour")
+    write_openvdb(path, {name: dense_field(box, name) for name in names}, lattice_matrix(box))
 
 
 def vol(box: VolumeBox, path: Path, field: Field) -> None:

@@ -24,7 +24,7 @@ from hagoromo.files.volumes.payload import read_payload
 from hagoromo.files.volumes.volume_file import NUMBER_KINDS, VolumeFile
 
 LATTICE = re.compile(r"_(\d{1,6})x(\d{1,6})x(\d{1,6})_(u?int8|u?int16|u?int32|float32|float64)$")
-DATASET = re.compile(r"(.*\.(?:h5|hdf5|hdf)):(.+)", re.IGNORECASE)  # an HDF5 file and one of its datasets
+DATASET = re.compile(r"(.*\.(?:h5|hdf5|hdf|vdb|nvdb)):(.+)", re.IGNORECASE)  # a file and one of the volumes in it
 MOST_DATASETS = 10_000
 
 

@@ -42,6 +42,15 @@ VOLUMES = (
         "nothing; lengths are not in it; pickles are refused",
     ),
     Format(
+        "OpenVDB", "volume", (".vdb",), f"{HERE}.openvdb:read_openvdb", "hagoromo.app.formats.volumes_out:vdb",
+        "our own (no wheel of OpenVDB exists)", "OpenVDB (Debian's pyopenvdb, skipped without), tinyvdb",
+        "all grids but one; level sets, points, masks, maps of a camera are refused; out: spectra",
+    ),
+    Format(
+        "NanoVDB", "volume", (".nvdb",), f"{HERE}.nanovdb:read_nanovdb", "", "our own", "OpenVDB's vdb_tool wrote it",
+        "all grids but one; level sets, points and quantised numbers are refused",
+    ),
+    Format(
         "HDF5", "volume", (".h5", ".hdf5"), f"{HERE}.arrays:read_hdf5", "", "h5py", "NumPy",
         "attributes, other datasets",
     ),
