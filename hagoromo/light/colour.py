@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum import Spectrum, integrate_product
 
 # IEC 61966-2-1:1999, linear sRGB from XYZ (D65 white)
 SRGB_FROM_XYZ = np.array(
@@ -36,6 +36,12 @@ def srgb_from_xyz(xyz: ArrayLike) -> NDArray[np.float64]:
 def xyz_from_srgb(rgb: ArrayLike) -> NDArray[np.float64]:
     """XYZ (..., 3) from linear sRGB (..., 3): the inverse of `srgb_from_xyz`."""
     return np.asarray(rgb, dtype=np.float64) @ np.linalg.inv(SRGB_FROM_XYZ).T
+
+
+def linear_colour(spectrum: Spectrum, lamp: Spectrum) -> NDArray[np.float64]:
+    """Linear sRGB of a spectrum times a lamp's, of which Y is 1."""
+    white = integrate_product(lamp, colour_matching()[1])
+    return srgb_from_xyz([integrate_product(spectrum, lamp, c) / white for c in colour_matching()])
 
 
 def srgb_encode(linear: ArrayLike) -> NDArray[np.uint8]:

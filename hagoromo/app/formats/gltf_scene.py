@@ -26,9 +26,9 @@ from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
-from hagoromo.light.colour import colour_matching, srgb_from_xyz
+from hagoromo.light.colour import linear_colour
 from hagoromo.light.lamp import Lamp
-from hagoromo.light.spectrum import Spectrum, integrate_product, smooth_rgb_basis
+from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 
 LIGHTS = "KHR_lights_punctual"
 HEIGHT = 720  # px: a camera of glTF has a field of view and no pixels
@@ -226,12 +226,6 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost = [f"{len(scene.boxes)} volume boxes"] if scene.boxes else []
     lost += ["the distortion of the lens"] if any(scene.camera.distortion) else []
     return [*lost, "spectra (colours are linear sRGB), gloss, where between two pixels the optical axis is"]
-
-
-def linear_colour(spectrum: Spectrum, lamp: Spectrum) -> NDArray[np.float64]:
-    """Linear sRGB of a spectrum times a lamp's, of which Y is 1."""
-    white = integrate_product(lamp, colour_matching()[1])
-    return np.asarray(srgb_from_xyz([integrate_product(spectrum, lamp, c) / white for c in colour_matching()]))
 
 
 def _add_node(tree: dict[str, Any], node: dict[str, Any], place: Matrix) -> None:

@@ -15,8 +15,8 @@ from hagoromo.files.volumes.nrrd_file import write_nrrd
 from hagoromo.files.volumes.openvdb_out import write_openvdb
 from hagoromo.files.volumes.volume_file import VolumeFile
 from hagoromo.files.volumes.vtk_images import write_vti
-from hagoromo.light.colour import colour_matching, srgb_from_xyz
-from hagoromo.light.spectrum import Spectrum, integrate_product
+from hagoromo.light.colour import linear_colour
+from hagoromo.light.spectrum import Spectrum
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import STORED
 
@@ -75,15 +75,12 @@ def _colours(box: VolumeBox, number: int) -> NDArray[np.float32]:
     which = held.get("material", np.zeros(held["density"].shape, np.uint8))
     alpha = np.array([material.alpha for material in box.materials])[which][..., None]
     if "colour" in held:
-        basis = np.array([linear_srgb(each) for each in box.basis or (Spectrum.constant(1.0),)])
+        basis = np.array(
+            [linear_colour(each, Spectrum.named("D65")) for each in box.basis or (Spectrum.constant(1.0),)]
+        )
         colour = held["colour"][..., : len(basis)].astype(float) @ basis
     else:
-        colour = np.array([linear_srgb(material.body_colour) for material in box.materials])[which]
+        colour = np.array([linear_colour(material.body_colour, Spectrum.named("D65")) for material in box.materials])[
+            which
+        ]
     return np.where(held["density"][..., None] > 0, np.pi * alpha * colour, 0.0).astype(np.float32)
-
-
-def linear_srgb(reflectance: Spectrum) -> NDArray[np.float64]:
-    """Linear sRGB (3,) of a reflectance under D65, white being 1."""
-    lamp = Spectrum.named("D65")
-    white = integrate_product(lamp, colour_matching()[1])
-    return np.asarray(srgb_from_xyz([integrate_product(reflectance, lamp, c) / white for c in colour_matching()]))

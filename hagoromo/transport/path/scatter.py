@@ -192,15 +192,21 @@ class Scattering:
 
 
 def _lobe_row(r: Reflectance, count: int) -> list[float]:
-    """Share, β and γ of `count` lobes, the missing ones with β = 0; shares follow their albedos."""
+    """Share, β and γ of `count` lobes, the missing ones with β = 0."""
+    lobes = [(r.beta, r.gamma), *r.lobes]
+    row = [[share, beta, g] for share, (beta, g) in zip(lobe_shares(r), lobes, strict=True)]
+    return [number for lobe in (row + [[0.0, 0.0, 1.0]] * count)[:count] for number in lobe]
+
+
+def lobe_shares(r: Reflectance) -> list[float]:
+    """Shares of the samples for the lobes of the interface, by their albedos; what is left is for the body."""
     lobes = [(r.beta, r.gamma, r.nu), *((beta, gamma, GAUSSIAN) for beta, gamma in r.lobes)]
     sent = [beta * float(np.median(interface_albedo(float(g), float(r.n), float(nu)))) for beta, g, nu in lobes]
     interface, body = sum(sent), r.body_albedo
     share = interface / (interface + body) if interface + body > 0.0 else 0.0
     if r.alpha > 0.0 and r.beta > 0.0:
         share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
-    row = [[share * one / max(interface, 1e-30), beta, g] for one, (beta, g, _) in zip(sent, lobes, strict=True)]
-    return [number for lobe in (row + [[0.0, 0.0, 1.0]] * count)[:count] for number in lobe]
+    return [share * one / max(interface, 1e-30) for one in sent]
 
 
 def _passed_shares(r: Reflectance) -> list[float]:

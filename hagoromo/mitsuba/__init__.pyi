@@ -1,0 +1,2 @@
+from .bsdf import bsdf as bsdf
+from .plugin import register as register
