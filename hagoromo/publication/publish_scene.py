@@ -11,12 +11,11 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.publication.colours import stack_colours
 from hagoromo.publication.document import document
 from hagoromo.publication.publish import LIMIT_BYTES
+from hagoromo.publication.stack_lamps import stack_under
 from hagoromo.publication.stack_page import stack_page
-from hagoromo.publication.weight_stack import box_camera, framed, weight_stack
-from hagoromo.transport.lighting import distinct
+from hagoromo.publication.weight_stack import box_camera, framed
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import load_box
 
@@ -54,6 +53,7 @@ def publish_scene(
     out: str | Path,
     *,
     lamps: int = LAMPS,
+    error: float | None = None,
     title: str = "",
     settings: Settings | None = None,
     limit: int = LIMIT_BYTES,
@@ -64,13 +64,15 @@ def publish_scene(
 
     The scene is rendered under each of `lamps` far lamps, evenly over the hemisphere in front of the camera, as
     geometric weights: spectra of lamps and cameras are chosen on the page, exactly. Between the stored lamps the
-    weights are interpolated; the errors of both are on the page and in the result.
+    weights are interpolated; the errors of both are on the page and in the result. Highlights and edges of shadows
+    narrower than the distance of the lamps fade between them: with `error` [of 255] lamps are added where they do,
+    until the error between them is below it, or there are 512. More lamps take more bytes: see `limit`.
 
     scene: a `Scene`, the path of a scene TOML, or a volume box or its path, which is seen from the front. Its own lamps
     give their spectra only. out: NAME.html, of at most `limit` bytes; the picture is reduced where it must be.
     title: of the page; without one the name of the box or of the file.
 
-    `InputError` for another name, a number of lamps that is too small or too large, or a page that cannot fit.
+    `InputError` for another name, a number of lamps or an error that cannot be, or a page that cannot fit.
     """
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
@@ -84,14 +86,13 @@ def publish_scene(
         scene = scene.with_camera(framed(scene, LONGEST_SIDE))
     shown, stated = scene_and_settings(scene, settings)
     shown = replace(shown, camera=shown.camera.limited(LONGEST_SIDE))
-    stack = weight_stack(shown, lamps, stated, part_of(progress, 0.0, 0.9))
-    if not stack.known.any():
-        raise InputError("the camera sees no matter: turn it towards the scene")
-    colours = stack_colours(stack.colours, shown.camera.response, distinct([one.spectrum for one in shown.lamps]))
+    stack, colours = stack_under(shown, lamps, error, stated, part_of(progress, 0.0, 0.9))
     named = title or next((box.name for box in shown.boxes if box.name), file or "Volume box")
     page, packed = stack_page(stack, colours, named, limit)
     text = document(page.viewer)
     with whole_file(target, force) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
     progress(1.0, "")
-    return PublishedScene(target, len(text.encode()), *page.size, lamps, packed.stored_error, packed.error_between)
+    return PublishedScene(
+        target, len(text.encode()), *page.size, len(stack.directions), packed.stored_error, packed.error_between
+    )

@@ -46,14 +46,20 @@ class PackedStack:
     """planes: level (logarithm of s), cover, label (1 where there is matter), c0, c1 …: whole numbers about MIDDLE.
 
     scales: how the page makes values of them again. stored_error, error_between: root mean square of display values,
-    of 255, under the stored lamps, and under each of them predicted from the others.
+    of 255, under the stored lamps, and under each of them predicted from the others. lamp_errors: (N,) the latter of
+    each lamp.
     """
 
     planes: dict[str, Plane]
     scales: dict[str, Any]
     functions: DirectionFunctions
     stored_error: float
-    error_between: float
+    lamp_errors: Array
+
+    @property
+    def error_between(self) -> float:
+        """Over all lamps."""
+        return float(np.sqrt(np.mean(self.lamp_errors**2)))
 
 
 def packed_stack(stack: WeightStack, to_display: Array, exposure: float) -> PackedStack:
@@ -87,7 +93,7 @@ def packed_stack(stack: WeightStack, to_display: Array, exposure: float) -> Pack
         {"components": len(used), "level": [low, high], "channels": len(scale)},
         DirectionFunctions(stack.directions, functions[0], _over(functions[1], scale)),
         tested.error(parts @ (vectors[:, used] * step).T),
-        tested.error(parts @ held_out.reshape(-1, len(used)).T),
+        tested.errors(parts @ held_out.reshape(-1, len(used)).T),
     )
 
 
@@ -106,8 +112,12 @@ class _Display:
 
     def error(self, even: Array) -> float:
         """Root mean square [of 255] of weights that are divided by their level and scale."""
+        return float(np.sqrt(np.mean(self.errors(even) ** 2)))
+
+    def errors(self, even: Array) -> Array:
+        """(N,) that of each lamp."""
         off = self._shown(np.reshape(even, self.shape) * self.back) - self.truth
-        return float(np.sqrt(np.mean(off**2)))
+        return np.sqrt(np.mean(off**2, axis=(0, 2)))
 
     def _shown(self, weights: NDArray[Any]) -> Array:
         return 255.0 * shown(np.asarray(weights, np.float64) @ self.to_display.T, 1.0)

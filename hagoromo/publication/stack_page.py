@@ -23,10 +23,16 @@ DEPTH_TOP = 65535
 LENGTHS = "Lengths are those of straight lines between two places where the line of sight first meets matter."
 
 
+def packed_for_page(stack: WeightStack, colours: PageColours) -> PackedStack:
+    """The whole stack as a page of any size has it."""
+    to_display = _to_display(colours)
+    return packed_stack(stack, to_display, _exposure(stack, to_display))
+
+
 def stack_page(stack: WeightStack, colours: PageColours, title: str, limit: int) -> tuple[ObjectPage, PackedStack]:
     """The page as one file of at most `limit` bytes; its picture is reduced where it must be."""
     whole, factor = stack, 1.0
-    to_display = math.pi * colours.balanced[0][0] @ colours.body[0][0]
+    to_display = _to_display(colours)
     exposure = _exposure(whole, to_display)
     for _ in range(TRIES):
         stack = whole if factor == 1.0 else whole.reduced(factor)
@@ -44,6 +50,11 @@ def stack_page(stack: WeightStack, colours: PageColours, title: str, limit: int)
             raise InputError(f"a page of {limit} bytes is too small: give {2 * rest} or more, or fewer lamps")
         factor *= max(math.sqrt(len(text.text) / (limit - rest)) / GENTLE, 1.02)
     raise InputError(f"the picture does not fit into {limit} bytes: give more, or fewer lamps")
+
+
+def _to_display(colours: PageColours) -> Array:
+    """(3, P) from weights under irradiance 1 to linear display values, under the first spectrum of a lamp."""
+    return math.pi * colours.balanced[0][0] @ colours.body[0][0]
 
 
 def _exposure(stack: WeightStack, to_display: Array) -> float:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.image.layers import layers_of
 from hagoromo.image.render import render
@@ -22,11 +21,9 @@ from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, silent
-from hagoromo.publication.export.lit import hemisphere
 from hagoromo.publication.surface_maps import FLIP
 from hagoromo.volume.box import VolumeBox
 
-FEWEST_LAMPS, MOST_LAMPS = 8, 512
 COPIES = 5  # of the weights that are in memory at once
 SKETCH_SIDE = 96  # px of the picture that tells where there is matter
 FIELD = 1.06  # of view of `box_camera`, sizes of the matter
@@ -74,25 +71,33 @@ class WeightStack:
         return replace(self, weights=small, alpha=alpha.astype(np.float32), camera=camera, depth=depth)
 
 
-def weight_stack(scene: Scene, lamps: int, settings: Settings, progress: Progress = silent) -> WeightStack:
-    """`scene` under `lamps` far lamps in place of its own, evenly over the hemisphere in front of its camera.
+def weight_stack(
+    scene: Scene,
+    directions: NDArray[np.float64],
+    settings: Settings,
+    progress: Progress = silent,
+    stored: WeightStack | None = None,
+) -> WeightStack:
+    """`scene` under far lamps in place of its own, at `directions` (N, 3), unit, page's axes; after those of `stored`.
 
-    `InputError` for too few or too many lamps, and for a stack larger than the memory.
+    `InputError` for a stack larger than the memory.
     """
-    if not FEWEST_LAMPS <= lamps <= MOST_LAMPS:
-        raise InputError(f"{lamps} lamps over the hemisphere: give {FEWEST_LAMPS} to {MOST_LAMPS}")
+    lamps = len(directions) + (0 if stored is None else len(stored.directions))
     colours = sum(len(box.materials) + len(box.basis) for box in scene.boxes) + 2 * len(scene.surfaces)
     size = 4.0 * COPIES * scene.camera.width * scene.camera.height * lamps * max(colours, 2)
     require(size, f"a picture of {scene.camera.width} × {scene.camera.height} px under {lamps} lamps")
-    directions = hemisphere(lamps, 0.0)
     turn = scene.camera.world_to_camera[:3, :3].T @ FLIP
     lit = scene.with_lamps(*(Lamp(to_lamp=turn @ one, name=f"{k}") for k, one in enumerate(directions)))
     image = render(lit, replace(settings, separate_lamps=True), progress)
     height, width, _ = image.weights.shape
-    weights = image.weights.reshape(height, width, lamps, -1)[:, :, list(image.palette.lamp_groups)]
+    weights = image.weights.reshape(height, width, len(directions), -1)[:, :, list(image.palette.lamp_groups)]
+    weights = np.maximum(weights, 0.0)
+    if stored is not None:
+        together = np.concatenate([stored.weights, weights], axis=2)
+        return replace(stored, weights=together, directions=np.concatenate([stored.directions, directions]))
     seen = tuple(image.palette.colours)
     depth = _depth(scene, settings, image.alpha > 0.0)
-    return WeightStack(np.maximum(weights, 0.0), image.alpha, directions, seen, scene.camera, depth)
+    return WeightStack(weights, image.alpha, directions, seen, scene.camera, depth)
 
 
 def _depth(scene: Scene, settings: Settings, known: NDArray[np.bool_]) -> NDArray[np.float32] | None:

@@ -11,6 +11,7 @@ from hagoromo.app.cli import main
 from hagoromo.image.scene import Scene
 from hagoromo.publication.export.lit import hemisphere, shown
 from hagoromo.publication.stack_basis import STORED_ERROR, packed_stack
+from hagoromo.publication.stack_lamps import directions_to_add
 from hagoromo.publication.surface_maps import FLIP
 from hagoromo.publication.weight_stack import WeightStack, box_camera, framed
 from tests.app.in_browser import Opened
@@ -76,6 +77,29 @@ def test_pixels_are_those_of_render_under_stored_and_other_lamps(browser, publis
     assert off[4:].max() < 2.0 * published.error_between
     assert published.error_between > 2.0 * STORED_ERROR  # twelve lamps are too few, and it says so
     assert opened.said == [] and opened.asked == [published.path.resolve().as_uri()]
+
+
+def test_lamps_are_added_until_the_error_between_them_is_that_asked_for(tmp_path, published):
+    finer = hg.publish_scene(scene(), tmp_path / "finer.html", lamps=LAMPS, error=0.6 * published.error_between)
+    assert finer.lamps == 2 * LAMPS and finer.error_between <= 0.6 * published.error_between
+    assert finer.stored_error <= STORED_ERROR + ROUNDED
+    same = hg.publish_scene(scene(), tmp_path / "same.html", lamps=LAMPS, error=1.01 * published.error_between)
+    assert same.lamps == LAMPS
+    for error in (0.0, -1.0, math.nan, 300.0):
+        with pytest.raises(hg.InputError, match="of 255 between the lamps"):
+            hg.publish_scene(scene(), tmp_path / "a.html", error=error)
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_lamps_are_added_in_the_widest_gaps_and_where_the_error_is():
+    """Evenly where all err alike; nearly all on the side of the lamps that err ten times as much."""
+    directions = hemisphere(64, 0.0)
+    added = directions_to_add(directions, np.ones(64), 64)
+    apart = np.linalg.norm(added[:, None] - np.concatenate([directions, added])[None], axis=2)
+    apart[np.arange(64), 64 + np.arange(64)] = np.inf
+    assert apart.min() > 0.5 * np.sqrt(2 * np.pi / 128)  # half the distance of as many lamps on a square lattice
+    one_side = directions_to_add(directions, np.where(directions[:, 0] > 0, 10.0, 1.0), 32)
+    assert (one_side[:, 0] > -0.5 * np.sqrt(2 * np.pi / 64)).all()  # half the distance of the lamps beside the edge
 
 
 def test_spectra_of_lamps_are_exact_and_lamps_add(browser, published, elsewhere):
@@ -155,6 +179,7 @@ def test_a_page_of_a_scene_is_refused_in_one_line(refused, box, tmp_path):
     assert "give 8 to 512" in refused("publish", box, "--out", tmp_path / "a.html", "--lamps", "3")
     assert "--capture" in refused("publish", box, "--out", tmp_path / "a.html", "--capture", tmp_path)
     assert "--lamps" in refused("publish", tmp_path, "--out", tmp_path / "a.html", "--lamps", "9")
+    assert "--error" in refused("publish", tmp_path, "--out", tmp_path / "a.html", "--error", "2")
 
 
 def test_a_page_of_a_scene_keeps_its_limit(published, tmp_path):
