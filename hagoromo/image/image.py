@@ -219,14 +219,22 @@ class Image:
         return [target, picture]
 
     def _parts(self, response: Response | None, names: Sequence[str]) -> dict[str, NDArray]:
-        """Channels of the parts of the light, such as higher.R, as far as there are any."""
+        """Channels of the parts of the light, such as higher.R, as far as there are any; and of each group of lamps, such
+        as lamp0.R, where there are several.
+        """
         palette, channels = self.palette, {}
         there = {"through": palette.transmitted + palette.twice, "higher": palette.bands}
         for part in (name for name in PARTS if there.get(name, True)):
-            image = self.part(part)
-            rgb = image.expose(response) if response else image.linear_srgb()
-            channels |= {f"{part}.{name}": rgb[..., k] for k, name in enumerate(names)}
+            channels |= _shown(self.part(part), part, response, names)
+        if len(palette.lamps) > 1:
+            for group in range(len(palette.lamps)):
+                channels |= _shown(self._of_group(group), f"lamp{group}", response, names)
         return channels
+
+    def _of_group(self, group: int) -> Image:
+        """The image of one group of lamps: of one lamp, where they are kept apart."""
+        kept = np.repeat(np.arange(len(self.palette.lamps)) == group, self.weights.shape[-1] // len(self.palette.lamps))
+        return replace(self, weights=self.weights * kept.astype(np.float32), variance=None, sums=None)
 
     def channel_names(self) -> list[str]:
         """EXR channel names of the weights: lamp group, then body, interface or transmitted colour, or band of higher
@@ -239,6 +247,12 @@ class Image:
         colours += [f"twice{j}" for j in range(len(palette.twice))]
         colours += [f"band{j}" for j in range(len(palette.bands))]
         return [f"lamp{k}.{colour}" for k in range(len(palette.lamps)) for colour in colours]
+
+
+def _shown(image: Image, layer: str, response: Response | None, names: Sequence[str]) -> dict[str, NDArray]:
+    """Channels of a layer: an image through a response, else in linear sRGB."""
+    rgb = image.expose(response) if response else image.linear_srgb()
+    return {f"{layer}.{name}": rgb[..., k] for k, name in enumerate(names)}
 
 
 PALETTE_KEYS = ("bodies", "interfaces", "lamps")

@@ -86,6 +86,31 @@ def test_layers_are_named_channels_that_another_reader_finds(image, tmp_path):
         image.part("second")
 
 
+@pytest.mark.parametrize("mode", ["march", pytest.param("full", marks=pytest.mark.slow), "path"])
+def test_light_through_fibres_and_of_every_lamp_has_layers(mode, tmp_path):
+    """In every mode: body, interface and what comes through add up to the first order, lamps to all light; the lamp
+    behind is seen through the fibres.
+    """
+    fibre = hg.Reflectance(0.1, 0.2, 0.3, 1.5, hg.Spectrum.constant(0.6), element="cylinder", transmission=0.5, clearness=0.4)
+    axes = np.broadcast_to([1.0, 0.0, 0.0], (4, 4, 4, 3))
+    box = hg.VolumeBox.from_arrays(np.ones((4, 4, 4)), axes, 0.05, 20.0, [fibre], extinction="projected")
+    camera = hg.Camera(9, 9, (18.0, 18.0), (4.5, 4.5)).look_at((0.1, -0.6, 0.1), (0.1, 0.1, 0.1))
+    lamps = hg.Lamp(to_lamp=(0.0, -1.0, 0.3), name="key"), hg.Lamp(to_lamp=(0.1, 1.0, 0.2), name="behind")
+    settings = hg.Settings(samples=4, separate_lamps=True)
+    image = hg.render(hg.Scene(camera, lamps, (box,)), settings, mode=mode, layers=True)
+    image.save(tmp_path / "a.exr")
+    channels = hg.read_exr(tmp_path / "a.exr")[0]
+    assert image.lamp_names == ("key", "behind") and set(LAYERS) <= set(channels)
+    for name in "RGB":
+        largest = float(channels[name].max())
+        parts = sum(channels[f"{part}.{name}"] for part in ("body", "interface", "through"))
+        assert parts == pytest.approx(channels[f"first.{name}"], abs=1e-5 * largest)
+        lamps_together = channels[f"lamp0.{name}"] + channels[f"lamp1.{name}"]
+        assert lamps_together == pytest.approx(channels[name], abs=1e-5 * largest)
+        assert channels[f"through.{name}"].max() > 0.3 * channels[f"lamp1.{name}"].max() > 0.0
+        assert (f"higher.{name}" in channels) == (mode != "march")
+
+
 def test_layers_of_a_march_are_the_same(image):
     marched = hg.render(ball_and_box(), layers=True)
     assert marched.layers is not None
