@@ -1,4 +1,4 @@
-# make setup | data | demo | test | test-slow | docs | bench | figures | gallery | published | tutorials | real | relit | lamps | calibration | near |
+# make setup | data | demo | test | test-slow | docs | bench | cycles | figures | gallery | published | tutorials | real | relit | lamps | calibration | near |
 # spectra | response | coverage | merl | first-order | orders | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench real relit lamps calibration near spectra response coverage merl first-order orders cluster figures gallery published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders cluster figures gallery published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -66,6 +66,11 @@ bench: $(PEERS)
 	$(BIN)/python benchmarks/orders.py
 	$(BIN)/python benchmarks/peers.py --out out/bench
 	$(BIN)/python benchmarks/page.py
+
+# Blender's Cycles for benchmarks/orders.py, in a Python environment of its own: bpy needs another NumPy (1 GB).
+cycles: $(READY)
+	$(BIN)/python -m venv .venv/cycles
+	.venv/cycles/bin/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -r benchmarks/cycles.txt
 
 $(PEERS): $(READY)
 	$(INSTALL) --no-build-isolation -e '.[bench]'

@@ -1,192 +1,228 @@
-"""All orders of light at equal error: modes path and full against Mitsuba's volpath and volpathmis, in the same matter.
+"""All orders of light at equal error: modes path and full against Mitsuba's volpath and volpathmis, and Cycles.
 
-The matter is one grid of density with the phase function of matte spheres: thin smoke (grey, a mean free path deep) and
-a dense white cloth (a plain weave of round yarns, several mean free paths each, albedo 0.94). Mitsuba has no cylinders,
-so that the cloth is of spheres here. Walks a pixel are doubled until a picture's root mean square error, over the mean
-where there is matter, is at most what was asked for; that picture is the row: its time, all of it. Nothing is
-extrapolated. The truth is the mean of a long run of volpath and one of path, whose own noise is subtracted. Mode full
-has no noise; its rows are its only picture, and one of another camera, for which nothing is solved again. CPU time of
-all threads; kernels were compiled before. Leaves: out/bench/orders.json.
+Scenes: `orders_scenes.py`; one is a piece that runs alone. Contenders take turns, A B C A B C …, each with its own seed
+in every round; times are medians of the CPU time of all threads, kernels compiled before. Nothing is extrapolated:
 
-    python benchmarks/orders.py [--rounds 3] [--pixels 128] [--error 0.05]
+* race: a first look chooses walks by which blocks of 32 × 32 pixels have the noise that was asked for, in MOST times
+  the time of path at most: who needs more shows the noise that it reached. The noise of a row is that of its pictures:
+  half the mean square difference of each two rounds. Where media are the same, the row has the mean light over path's,
+  with its standard error.
+* full: its error is the root of the mean of (F − A)(F − B), with A and B the means of path's even and odd rounds,
+  whose noise falls out. Then Mitsuba gets CHASE times the CPU time of full: what noise has a pixel of it then?
+* another camera: the field is kept, and the picture is timed beside the march of the same camera.
+
+    python benchmarks/orders.py [--scene cloth] [--size 512] [--error 0.01] [--rounds 2]
+
+Leaves: out/bench/orders_SCENE.json; `python benchmarks/page.py` makes the table of docs/performance.md of them.
 """
 
 from __future__ import annotations
 
+import argparse
+import itertools
 import math
+import os
 import time
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
-from turns import options, record
+from orders_rivals import Cycles, Mitsuba
+from orders_scenes import CONTESTS, WAVELENGTH, Contest
+from tables import CHASE
+from turns import RECORDS, options, record
 
 import hagoromo as hg
-from hagoromo.backend import mitsuba
 from hagoromo.image.full_picture import full_picture
 from hagoromo.image.render import SceneCache, pixel_points
 
-FOCAL, EYE, LAMP, INTENSITY = 2.2, (0.3, 0.5, 3.0), (2.0, 2.5, 2.0), 27.0
-TRUTH = 8  # times the walks of the picture at the error that was asked for
-MOST_WALKS = 1 << 14
+BLOCK = 32  # px a side
+SEEN = 0.02  # coverage of a pixel by matter from which it counts
+MOST = 8.0  # times the time of path that the picture of a rival may take
+CHASED = "Mitsuba volpath"
 FULL_RAYS = 4  # a pixel
+PARTS = 8  # pictures of a chase, about
+SURE = 1.65  # standard errors that are added to the square of full's error: in 95 of 100 cases it is less
+LOOK = 4  # walks a pixel of the first look
 Array = NDArray[np.float64]
+Picture = Callable[[int, int], Array]
 
 
-class Matter(NamedTuple):
-    """Density (z, y, x) in the cube −1…1 m, extinction of density 1 [1/m], albedo."""
+class Timed:
+    """A contender: pictures by walks a pixel and seed, with their CPU times."""
 
-    title: str
-    density: NDArray[np.float32]
-    tau: float
-    albedo: float
+    def __init__(self, picture: Picture) -> None:
+        self.picture = picture
+        self.pictures: list[Array] = []
+        self.times: list[float] = []
+        self.walks = 0
 
+    def run(self, walks: int, seed: int) -> tuple[float, Array]:
+        """CPU time of all threads [s], and the picture."""
+        begin = time.process_time()
+        values = self.picture(walks, seed)
+        dr.sync_thread()
+        taken = time.process_time() - begin
+        return (self.picture.cpu_s if isinstance(self.picture, Cycles) else taken), values
 
-def smoke(side: int = 64) -> Matter:
-    """A soft ball of smooth noise."""
-    from scipy.ndimage import gaussian_filter
+    def look(self, error: float, budget: float, seen: NDArray[np.bool_]) -> None:
+        """Choose the walks: for an error of blocks, or what the budget of CPU time is enough for."""
+        self.run(1, 90)  # compiles
+        (taken, one), (_, other) = self.run(LOOK, 91), self.run(LOOK, 92)
+        noise = relative_noise([one, other], seen, BLOCK)
+        wanted, affordable = LOOK * (noise / error) ** 2, LOOK * budget / max(taken, 1e-9)
+        self.walks = max(math.ceil(min(wanted, affordable)), 1)
 
-    z, y, x = np.meshgrid(*[(np.arange(side) + 0.5) / side * 2 - 1] * 3, indexing="ij")
-    noise = gaussian_filter(np.random.default_rng(1).normal(size=x.shape), side / 24)
-    ball = np.clip((0.9 - np.sqrt(x**2 + y**2 + z**2)) * 2.0, 0.0, 1.0)
-    return Matter("thin smoke", (ball * np.exp(1.5 * noise / noise.std()) / 3.0).astype(np.float32), 1.0, 0.6)
-
-
-def cloth(side: int = 96, yarns: int = 6) -> Matter:
-    """A plain weave: yarns along x and y that go over and under each other."""
-    z, y, x = np.meshgrid(*[(np.arange(side) + 0.5) / side * 2 - 1] * 3, indexing="ij")
-    pitch = 2.0 / yarns
-    radius, wave = 0.42 * pitch, 0.22 * pitch
-    density = np.zeros(x.shape, bool)
-    for number in range(yarns):
-        at, sign = (number + 0.5) * pitch - 1.0, (-1) ** number
-        for along, across in ((x, y), (y, x)):
-            turn = sign if along is x else -sign
-            height = turn * wave * np.sin(math.pi * (along + 1.0) / pitch + math.pi / 2)
-            density |= (across - at) ** 2 + (z - height) ** 2 < radius**2
-    return Matter("dense white cloth", density.astype(np.float32), 40.0, 0.94)
+    def turn(self, seed: int) -> None:
+        """One picture of the race."""
+        taken, values = self.run(self.walks, seed)
+        self.times.append(taken)
+        self.pictures.append(values)
 
 
-def scene_of(matter: Matter, pixels: int, eye: tuple[float, float, float] = EYE) -> hg.Scene:
-    """Ours: grey spheres under a point lamp."""
-    grey = hg.Reflectance(matter.albedo / math.pi, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0), element="sphere")
-    side, pose = matter.density.shape[0], np.eye(4)
-    pose[:3, 3] = -1.0
-    axes = np.zeros((*matter.density.shape, 3))
-    box = hg.VolumeBox.from_arrays(matter.density, axes, 2.0 / side, matter.tau, [grey], pose=pose)
-    focal, middle = FOCAL * pixels, pixels / 2
-    camera = hg.Camera(pixels, pixels, (focal, focal), (middle, middle)).look_at(eye, (0, 0, 0), (0, 1, 0))
-    return hg.Scene(camera, (hg.Lamp(position=LAMP, intensity=INTENSITY),), (box,))
+def blocks(values: Array, side: int) -> Array:
+    """Means of blocks of side × side pixels; what is left over is cut off."""
+    rows, columns = (n // side for n in values.shape)
+    return values[: rows * side, : columns * side].reshape(rows, side, columns, side).mean(axis=(1, 3))
 
 
-def scene_of_mitsuba(matter: Matter, pixels: int, integrator: str) -> Any:
-    """The same in Mitsuba's words."""
-    mi = mitsuba()
-    angle = np.arccos(-np.linspace(-1.0, 1.0, 361))
-    phase = ",".join(f"{v:.9g}" for v in np.sin(angle) + (math.pi - angle) * np.cos(angle))
-    place = mi.ScalarTransform4f().translate([-1.0] * 3).scale(2.0)
-    grid = {"type": "gridvolume", "grid": mi.VolumeGrid(matter.density[..., None]), "to_world": place, "raw": True}
-    medium = {
-        "type": "heterogeneous", "albedo": {"type": "constvolume", "value": matter.albedo}, "scale": matter.tau,
-        "sigma_t": grid, "phase": {"type": "tabphase", "values": phase},
-    }  # fmt: skip
-    film = {"type": "hdrfilm", "width": pixels, "height": pixels, "component_format": "float32",
-            "pixel_format": "rgb", "rfilter": {"type": "box"}}  # fmt: skip
-    look = mi.ScalarTransform4f().look_at(list(EYE), [0, 0, 0], [0, 1, 0])
-    fov = 2.0 * math.degrees(math.atan(0.5 / FOCAL))
-    return mi.load_dict({
-        "type": "scene", "integrator": {"type": integrator, "max_depth": -1, "rr_depth": 5},
-        "sensor": {"type": "perspective", "fov": fov, "to_world": look, "near_clip": 0.01, "far_clip": 100.0,
-                   "film": film, "sampler": {"type": "independent"}},
-        "lamp": {"type": "point", "position": list(LAMP), "intensity": {"type": "rgb", "value": INTENSITY}},
-        "box": {"type": "cube", "bsdf": {"type": "null"}, "interior": medium},
-    })  # fmt: skip
+def covered(contest: Contest, pixels: int) -> NDArray[np.bool_]:
+    """Pixels that count: those that show matter, told without noise by the march."""
+    return hg.render(contest.scene(pixels), hg.Settings(FULL_RAYS)).alpha > SEEN
 
 
-def contenders(matter: Matter, pixels: int) -> dict[str, Callable[[int, int], Array]]:
-    """Pictures by walks a pixel and seed."""
-    mi, ours = mitsuba(), scene_of(matter, pixels)
-    theirs = {name: scene_of_mitsuba(matter, pixels, name) for name in ("volpath", "volpathmis")}
+def relative_noise(pictures: Sequence[Array], seen: NDArray[np.bool_], side: int) -> float:
+    """Root mean square noise of one picture over its mean, of blocks of the pixels that count, from pairs."""
+    share = blocks(seen.astype(float), side)
+    full, mean = share > 0.0, float(np.mean([picture[seen].mean() for picture in pictures]))
+    squares = [
+        float(np.mean(np.square(blocks((one - other) * seen, side)[full] / share[full])))
+        for one, other in itertools.combinations(pictures, 2)
+    ]
+    return math.sqrt(0.5 * float(np.mean(squares))) / mean
+
+
+def relative_error(values: Array, halves: tuple[Array, Array], seen: NDArray[np.bool_], side: int) -> float:
+    """Root mean square error over the mean of a picture without noise, from two independent ones of the truth: what it
+    is at most, in 95 of 100 cases.
+    """
+    share = blocks(seen.astype(float), side)
+    off = [(blocks((values - half) * seen, side) / np.maximum(share, 1e-30))[share > 0.0] for half in halves]
+    mean, squares = float(np.mean([half[seen].mean() for half in halves])), off[0] * off[1]
+    doubt = float(squares.std()) / math.sqrt(squares.size)
+    return math.sqrt(max(float(squares.mean()), 0.0) + SURE * doubt) / mean
+
+
+def ratio_of_means(one: Sequence[Array], other: Sequence[Array], seen: NDArray[np.bool_]) -> tuple[float, float]:
+    """Mean light of some pictures over that of others, and its standard error."""
+    means = [np.array([picture[seen].mean() for picture in pictures]) for pictures in (one, other)]
+    noise = math.sqrt(sum(each.var(ddof=1) / len(each) / each.mean() ** 2 for each in means))
+    ratio = float(means[0].mean() / means[1].mean())
+    return ratio, ratio * noise
+
+
+def contenders(contest: Contest, pixels: int, threads: int) -> dict[str, Picture]:
+    """Pictures by walks a pixel and seed; those of Cycles where it is installed."""
+    ours = contest.scene(pixels)
 
     def path(walks: int, seed: int) -> Array:
         return radiance(hg.render(ours, hg.Settings(samples=walks, seed=seed), mode="path"))
 
-    def by_mitsuba(name: str) -> Callable[[int, int], Array]:
-        return lambda walks, seed: np.array(mi.render(theirs[name], spp=walks, seed=seed), float)[..., 1]
-
-    return {"path": path} | {f"Mitsuba {name}": by_mitsuba(name) for name in theirs}
+    found: dict[str, Picture] = {"path": path}
+    found |= {f"Mitsuba {name}": Mitsuba(contest, pixels, name) for name in ("volpath", "volpathmis")}
+    try:
+        cycles = Cycles(contest, pixels, RECORDS / "cycles", threads)
+        found[f"Cycles {cycles.version}"] = cycles
+    except FileNotFoundError as absent:
+        print(f"no Cycles: {absent}", flush=True)
+    return found
 
 
 def radiance(image: hg.Image) -> Array:
-    """At 550 nm."""
-    return image.weights.astype(float) @ np.array([colour.at(550.0) for colour in image.palette.colours])
+    """At WAVELENGTH, under all lamps."""
+    palette = image.palette
+    shares = [lamp.at(WAVELENGTH) * colour.at(WAVELENGTH) for lamp in palette.lamps for colour in palette.colours]
+    return image.weights.astype(float) @ np.array(shares)
 
 
-def measured(matter: Matter, pixels: int, error: float, rounds: int) -> list[dict[str, Any]]:
-    """The rows of a matter."""
-    pictures = contenders(matter, pixels)
-    for picture in pictures.values():
-        picture(1, 0)  # compiles
-    first = {name: until(picture, error) for name, picture in pictures.items()}
-    walks = {name: count for name, (count, _) in first.items()}
-    long = {name: pictures[name](TRUTH * walks[name], 1000) for name in ("path", "Mitsuba volpath")}
-    one, other = long.values()
-    truth = 0.5 * (one + other)
-    seen = truth > 0.02 * truth.max()
-    own_noise = float(np.mean((one - other)[seen] ** 2)) / 4.0
-
-    def off(picture: Array) -> float:
-        return math.sqrt(max(float(np.mean((picture - truth)[seen] ** 2)) - own_noise, 0.0)) / float(truth[seen].mean())
-
-    times: dict[str, list[float]] = {name: [] for name in pictures}
-    errors: dict[str, list[float]] = {name: [] for name in pictures}
-    for turn in range(rounds):
-        for name, picture in pictures.items():
-            taken, values = cpu(lambda: picture(walks[name], 1 + turn))  # noqa: B023
-            times[name].append(taken)
-            errors[name].append(off(values))
-    rows = [
-        {
-            "matter": matter.title, "by": name, "walks": walks[name], "error": float(np.median(errors[name])),
-            "cpu_s": float(np.median(times[name])),
-            "mean": float(long.get(name, truth)[seen].mean() / truth[seen].mean()),
-        }
-        for name in pictures
-    ]  # fmt: skip
-    return rows + full_rows(matter, pixels, off, truth[seen], seen)
+def raced(
+    timed: Mapping[str, Timed], contest: Contest, seen: NDArray[np.bool_], given: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """The rows of the race."""
+    budget = math.inf
+    for name, each in timed.items():
+        each.look(given.error, budget, seen)
+        if name == "path":
+            budget = MOST * each.run(each.walks, 0)[0]
+        print(f"{contest.title}: {name} takes {each.walks} walks a pixel", flush=True)
+    for seed in range(1, given.rounds + 1):
+        for each in timed.values():
+            each.turn(seed)
+    path, rows = timed["path"], []
+    for name, each in timed.items():
+        row = {"by": name, "walks": each.walks, "cpu_s": float(np.median(each.times))}
+        row |= {f"noise_{side}": relative_noise(each.pictures, seen, side) for side in (1, BLOCK)}
+        if contest.same and "Mitsuba" in name:
+            row["mean"], row["mean_error"] = ratio_of_means(each.pictures, path.pictures, seen)
+        rows.append(row)
+    return rows
 
 
-def full_rows(matter: Matter, pixels: int, off: Callable[[Array], float], truth: Array, seen: Any) -> list[dict]:
-    """Mode full: solved and marched, and marched from elsewhere."""
-    scene, settings = scene_of(matter, pixels), hg.Settings(FULL_RAYS)
-    points, cache = pixel_points(FULL_RAYS, 0), SceneCache()
-    full_picture(scene, settings, points, SceneCache())  # compiles
+def full_rows(
+    contest: Contest, pixels: int, path: Sequence[Array], seen: NDArray[np.bool_], rounds: int
+) -> list[dict[str, Any]]:
+    """Mode full: solved and marched, and marched from elsewhere, beside the march."""
+    scene, settings, cache = contest.scene(pixels), hg.Settings(FULL_RAYS), SceneCache()
+    points = pixel_points(FULL_RAYS, 0)
+    try:
+        full_picture(scene, settings, points, SceneCache())  # compiles
+    except hg.InputError as refused:
+        return [{"by": "full", "refused": str(refused)}]
     taken, image = cpu(lambda: full_picture(scene, settings, points, cache))
-    turned = scene.with_camera(scene_of(matter, pixels, (-1.5, 0.5, 2.6)).camera)
-    again, _ = cpu(lambda: full_picture(turned, settings, points, cache))
-    march, _ = cpu(lambda: hg.render(scene, settings))
-    values, share = radiance(image), image.metadata["field"]["bytes"] / scene.boxes[0].bricks.bytes
-    common = {"matter": matter.title, "walks": FULL_RAYS}
-    return [
-        common | {"by": "full", "error": off(values), "cpu_s": taken, "mean": float(values[seen].mean() / truth.mean()),
-                  "memory": share},
-        common | {"by": "full, another camera", "cpu_s": again, "march_s": march},
-    ]  # fmt: skip
+    turned = contest.scene(pixels, contest.other_eye)
+    again: list[float] = []
+    march: list[float] = []
+    for _ in range(rounds):
+        again.append(cpu(lambda: full_picture(turned, settings, points, cache))[0])
+        march.append(cpu(lambda: hg.render(turned, settings))[0])
+    halves = np.mean(path[::2], axis=0), np.mean(path[1::2], axis=0)
+    values = radiance(image)
+    row = {"by": "full", "walks": FULL_RAYS, "cpu_s": taken}
+    row |= {f"noise_{side}": relative_error(values, halves, seen, side) for side in (1, BLOCK)}
+    truth = np.array([picture[seen].mean() for picture in path])
+    row["mean"] = float(values[seen].mean() / truth.mean())
+    row["mean_error"] = row["mean"] * float(truth.std(ddof=1) / math.sqrt(len(path)) / truth.mean())
+    field = image.metadata.get("field")
+    if field:
+        row["memory"] = field["bytes"] / sum(box.bricks.bytes for box in contest.boxes)
+    other = {"by": "full, another camera", "walks": FULL_RAYS, "cpu_s": float(np.median(again))}
+    return [row, other | {"march_s": float(np.median(march))}]
 
 
-def until(picture: Callable[[int, int], Array], error: float) -> tuple[int, float]:
-    """Fewest walks a pixel, a power of two, whose error is below `error`: from the difference of two pictures."""
-    walks = 4
-    while True:
-        one, other = picture(walks, 101), picture(walks, 202)
-        mean = 0.5 * (one + other)
-        seen = mean > 0.02 * np.percentile(mean, 99.0)
-        noise = math.sqrt(0.5 * float(np.mean((one - other)[seen] ** 2))) / float(mean[seen].mean())
-        if noise <= error or walks >= MOST_WALKS:
-            return walks, noise
-        walks *= 2
+def chased(timed: Mapping[str, Timed], full: Mapping[str, Any], seen: NDArray[np.bool_]) -> list[dict[str, Any]]:
+    """What noise a pixel of a rival's picture has after CHASE times the CPU time of full."""
+    rows = []
+    for name, each in timed.items():
+        if name != CHASED or "cpu_s" not in full:
+            continue
+        limit, taken, seed = CHASE * full["cpu_s"], 0.0, 100
+        walks, sums, counts = each.walks, [np.zeros(seen.shape), np.zeros(seen.shape)], [0, 0]
+        while taken < limit:
+            begun = taken
+            for half in (0, 1):  # of one picture: their difference tells its noise
+                seconds, values = each.run(walks, seed)
+                sums[half] += walks * values
+                counts[half], taken, seed = counts[half] + walks, taken + seconds, seed + 1
+            walks *= 2 if taken - begun < limit / PARTS else 1
+        halves = [total / count for total, count in zip(sums, counts, strict=True)]
+        noise = relative_noise(halves, seen, 1) / math.sqrt(2.0)
+        rows.append(
+            {"by": name, "chase": taken / full["cpu_s"], "walks": sum(counts), "cpu_s": taken, "noise_1": noise}
+        )
+        print(rows[-1], flush=True)
+    return rows
 
 
 def cpu(frame: Callable[[], Any]) -> tuple[float, Any]:
@@ -197,19 +233,44 @@ def cpu(frame: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - begin, result
 
 
+def measured(name: str, given: argparse.Namespace) -> dict[str, Any]:
+    """The figures of a scene."""
+    contest = CONTESTS[name]()
+    pictures = contenders(contest, given.size, os.cpu_count() or 1)
+    timed, seen = {who: Timed(picture) for who, picture in pictures.items()}, covered(contest, given.size)
+    try:
+        rows = raced(timed, contest, seen, given)
+        rows += full_rows(contest, given.size, timed["path"].pictures, seen, given.rounds)
+        full = next(row for row in rows if row["by"] == "full")
+        chase = [] if given.no_chase else chased(timed, full, seen)
+    finally:
+        for picture in pictures.values():
+            if isinstance(picture, Cycles):
+                picture.close()
+    figures = {"title": contest.title, "same": contest.same, "pixels": given.size, "error": given.error}
+    figures |= {"most": MOST, "rounds": given.rounds, "rows": rows, "chase": chase}
+    return figures | {"seeds": f"1 to {given.rounds}", "load_before": os.getloadavg()[0]}
+
+
 def main() -> None:
-    """Measure both matters."""
-    parser = options(__doc__, 3)
-    parser.add_argument("--pixels", type=int, default=128)
-    parser.add_argument("--error", type=float, default=0.05)
+    """Measure the scenes that are asked for, one record each."""
+    parser = options(__doc__, 2)
+    parser.add_argument("--scene", choices=tuple(CONTESTS), action="append", help="all where none is given")
+    parser.add_argument("--size", type=int, default=512, help="pixels a side")
+    parser.add_argument("--error", type=float, default=0.01, help="of blocks of 32 × 32 pixels")
+    parser.add_argument(
+        "--no-chase", action="store_true", help="leave out what Mitsuba reaches in 20 times full's time"
+    )
     given = parser.parse_args()
-    rows = []
-    for matter in (smoke(), cloth()):
-        rows += measured(matter, given.pixels, given.error, given.rounds)
-        for row in rows[-5:]:
+    if given.rounds < 2:
+        parser.error("noise is told from two rounds or more")
+    for name in given.scene or CONTESTS:
+        begin, spent = time.perf_counter(), time.process_time()
+        figures = measured(name, given)
+        for row in figures["rows"]:
             print(row, flush=True)
-    figures = {"pixels": given.pixels, "error": given.error, "rounds": given.rounds, "seeds": "1, 2, …", "rows": rows}
-    record("orders", figures)
+        figures["wall_s"], figures["cpu_s"] = time.perf_counter() - begin, time.process_time() - spent
+        record(f"orders_{name}", figures)
 
 
 if __name__ == "__main__":

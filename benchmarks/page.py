@@ -35,8 +35,9 @@ FIGURES = PAGE.parent / "figures"
 TABLES = {
     "march": march_table, "scaling": scaling_table, "scale": scale_table, "bound": bound_table,
     "equal_error": equal_error_table, "page_frames": page_frames_table,
-    "spectra_image": spectra_image_table, "orders": orders_table,
+    "spectra_image": spectra_image_table,
 }  # fmt: skip
+ORDERS = "smoke", "cloth", "hair", "figure8"  # scenes of orders.py, in this order
 PLOTS = {"scaling": growth, "bound": bound}
 
 
@@ -50,6 +51,10 @@ def main() -> None:
             text = replaced(text, name, f"{taken_on(held['machine'])}\n\n{table(held['figures'])}")
             if name in PLOTS:
                 PLOTS[name](held["figures"], FIGURES / f"{name}.png")
+    pieces = [read_json(source) for name in ORDERS if (source := RECORDS / f"orders_{name}.json").exists()]
+    if pieces:
+        parts = [f"{orders_table(held['figures'])}\n\n{taken_on(held['machine'])}" for held in pieces]
+        text = replaced(text, "orders", "\n\n".join(parts))
     opened = RECORDS / "open_box.json"
     if opened.exists():
         held = read_json(opened)

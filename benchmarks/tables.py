@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 Rows = Sequence[Mapping[str, Any]]
+CHASE = 20.0  # times the time of full that others get, see orders.py
 STUDIES = {"resolution": "voxels", "pixels": "pixels", "lamps": "lamps", "boxes": "boxes"}  # and what is varied
 GROWTH = {
     "voxels": "voxels along an edge", "lattice": "voxels of the lattice", "kept_bricks": "kept bricks",
@@ -48,25 +49,49 @@ def equal_error_table(found: Mapping[str, Any]) -> str:
     return f"{table(head, rows)}\n\nTimes are in units of the yardstick's; medians of {found['rounds']} rounds."
 
 
+ORDERS = {
+    "by": "by", "walks": "walks or rays a pixel", "cpu_s": "CPU [s]", "ratio": "CPU over path's",
+    "pixel": "noise or error of a pixel [%]", "block": "of blocks of 32² px [%]", "mean": "mean light over path's",
+    "memory": "light over bricks [%]",
+}  # fmt: skip
+CHASED = {"by": "by", "cpu_s": "CPU [s]", "chase": "CPU over full's", "walks": "walks a pixel", "pixel": "noise [%]"}
+
+
 def orders_table(found: Mapping[str, Any]) -> str:
-    """All orders of light at equal error, ours and Mitsuba's."""
-    head = {
-        "matter": "matter", "by": "by", "walks": "walks or rays a pixel", "percent": "error [%]", "cpu_s": "CPU [s]",
-        "ratio": "CPU over path's", "mean": "mean over the truth's", "memory": "light over bricks [%]",
-    }  # fmt: skip
-    path = {row["matter"]: row["cpu_s"] for row in found["rows"] if row["by"] == "path"}
-    percent = {"error": "percent", "memory": "memory"}
-    rows = [
-        dict.fromkeys(head, "")
-        | {key: row[key] for key in head if key in row}
-        | {"ratio": row["cpu_s"] / path[row["matter"]]}
-        | {name: 100 * row[key] for key, name in percent.items() if key in row}
-        for row in found["rows"]
-    ]
-    return (
-        f"{table(head, rows)}\n\nPictures of {found['pixels']}² pixels; an error of at most "
-        f"{100 * found['error']:g} % was asked for; medians of {found['rounds']} rounds, seeds {found['seeds']}"
+    """All orders of light of one scene at equal error, ours and others'."""
+    media = "all have the same medium" if found["same"] else "Mitsuba and Cycles have the nearest of their media"
+    if found["same"] and any("Cycles" in row["by"] for row in found["rows"]):
+        media = "Mitsuba has the same medium, Cycles the nearest of its own"
+    rows, path = found["rows"], next(row["cpu_s"] for row in found["rows"] if row["by"] == "path")
+    text = (
+        f"**{found['title'].capitalize()}**, {found['pixels']}² pixels; {media}. Asked for: {100 * found['error']:g} % "
+        f"of blocks, in {found['most']:g} times the time of path at most. {found['rounds']} rounds, seeds "
+        f"{found['seeds']}; load {found['load_before']:.1f} before the end.\n\n"
+    ) + table(ORDERS, [orders_row(row, path) for row in rows])
+    full = next((row for row in rows if row["by"] == "full"), {})
+    if "refused" in full:
+        return f"{text}\n\nMode full: {full['refused']}."
+    again = next(row for row in rows if row["by"] == "full, another camera")
+    ratio = again["cpu_s"] / again["march_s"]
+    text += f"\n\nFirst picture of the known scene over the march of the same camera: {ratio:.2f}."
+    if not found["chase"]:
+        return text
+    chase = [dict.fromkeys(CHASED, "") | row | {"pixel": 100 * row["noise_1"]} for row in found["chase"]]
+    return f"{text} What the others have after {CHASE:g} times the time of full, where a pixel of full is off by " + (
+        f"{100 * full['noise_1']:.3g} %:\n\n{table(CHASED, chase)}"
     )
+
+
+def orders_row(row: Mapping[str, Any], path: float) -> dict[str, Any]:
+    """A row as it is printed; path: CPU time of mode path [s]."""
+    shown = dict.fromkeys(ORDERS, "") | {key: row[key] for key in ("by", "walks", "cpu_s") if key in row}
+    if "cpu_s" in row:
+        shown["ratio"] = row["cpu_s"] / path
+    percent = {"noise_1": "pixel", "noise_32": "block", "memory": "memory"}
+    shown |= {name: 100 * row[key] for key, name in percent.items() if key in row}
+    if "mean" in row:
+        shown["mean"] = f"{row['mean']:.4f} ± {row['mean_error']:.4f}"
+    return shown
 
 
 def scaling_table(found: Mapping[str, Rows]) -> str:

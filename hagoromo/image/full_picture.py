@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.image.higher_orders import albedos_of, check_matter
+from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
@@ -69,6 +69,7 @@ def full_picture(
             )
     kept = cache or SceneCache()
     bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))  # one choice for all batches
+    warn_of_few_bands(bands)
     batches = batches_of(scene.lamps, bands.count, settings.separate_lamps)
 
     def under(number: int, lit: Scene, part: Progress) -> Image:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 
@@ -11,10 +12,12 @@ from hagoromo.image.render import reflectances_of
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.path.bands import COUNTS, Bands
 from hagoromo.volume.box import VolumeBox
 
 LARGEST_ALBEDO = 1.002  # of voxels, whose colours are halves
 BRICKS_READ = 1 << 12  # at once
+BANDS_ERROR = 0.02  # of bands, above which a picture warns
 
 
 def albedos_of(scene: Scene) -> list[Spectrum]:
@@ -34,6 +37,16 @@ def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spec
     return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]
 
 
+def warn_of_few_bands(bands: Bands) -> None:
+    """Warn where light of higher orders has too few bands for the spectra of a scene."""
+    if bands.error > BANDS_ERROR:
+        warnings.warn(
+            f"{bands.count} bands are too few for the spectra of this scene: the colour of higher orders is off by up "
+            f"to {bands.error:.1%} of white's light; mode path takes up to {COUNTS[-1]}, smoother spectra need fewer",
+            stacklevel=3,
+        )
+
+
 def check_matter(box: VolumeBox) -> None:
     """`InputError` for a box whose light of all orders is not computed."""
     elements = sorted({material.element for material in box.materials} - {"sphere"})
@@ -51,7 +64,8 @@ def check_matter(box: VolumeBox) -> None:
 
 def largest_albedo(box: VolumeBox) -> float:
     """Largest albedo of the body colours of a box's voxels, with the largest α of its materials and their interface."""
-    wavelengths = np.linspace(400.0, 700.0, 31)
+    knots = [spectrum.wavelengths for spectrum in box.basis]  # between which a spectrum is linear
+    wavelengths = np.unique(np.clip(np.concatenate(knots), 400.0, 700.0))
     basis = np.array([spectrum.at(wavelengths) for spectrum in box.basis])
     brightest = 0.0
     for begin in range(0, box.bricks.kept, BRICKS_READ):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.image.higher_orders import albedos_of, check_matter
+from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.origin import scene_from
@@ -52,6 +52,7 @@ def path_picture(
     batches, cache = lamp_batches(scene.lamps), SceneCache()
     batches[0] += range(len(scene.lamps), len(scene.lights))
     bands = bands_of(albedos_of(scene), distinct([light.spectrum for light in scene.lights]))
+    warn_of_few_bands(bands)
     scattered = _Scattered(bands, scene.lights[0].spectrum)
     lit = [scene.under(batch) for batch in batches]
     sums = [_sums(each, settings, scattered) for each in lit]

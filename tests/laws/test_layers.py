@@ -91,7 +91,9 @@ def test_light_through_fibres_and_of_every_lamp_has_layers(mode, tmp_path):
     """In every mode: body, interface and what comes through add up to the first order, lamps to all light; the lamp
     behind is seen through the fibres.
     """
-    fibre = hg.Reflectance(0.1, 0.2, 0.3, 1.5, hg.Spectrum.constant(0.6), element="cylinder", transmission=0.5, clearness=0.4)
+    fibre = hg.Reflectance(
+        0.1, 0.2, 0.3, 1.5, hg.Spectrum.constant(0.6), element="cylinder", transmission=0.5, clearness=0.4
+    )
     axes = np.broadcast_to([1.0, 0.0, 0.0], (4, 4, 4, 3))
     box = hg.VolumeBox.from_arrays(np.ones((4, 4, 4)), axes, 0.05, 20.0, [fibre], extinction="projected")
     camera = hg.Camera(9, 9, (18.0, 18.0), (4.5, 4.5)).look_at((0.1, -0.6, 0.1), (0.1, 0.1, 0.1))

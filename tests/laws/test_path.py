@@ -223,6 +223,28 @@ def test_bands_are_as_many_as_the_colours_need():
     assert sum(spectrum.at(between) for spectrum in bands[1].spectra) == pytest.approx(np.ones(95))
 
 
+def test_too_few_bands_for_the_spectra_are_said_in_one_line():
+    """A colour and a lamp of lines narrower than 31 bands: a picture warns; one of a broad colour does not."""
+    lines = hg.Spectrum((360, 544, 545, 546, 830), (0.0, 0.0, 0.9, 0.0, 0.0))
+    comb = hg.Spectrum(np.arange(400.0, 701.0, 2.0), np.where(np.arange(151) % 5 < 2, 0.95, 0.05))
+    scene = scene_of([cube(matter("sphere", 0.3, comb), 4.0)], hg.Lamp(to_lamp=LAMP, spectrum=lines))
+    with pytest.warns(UserWarning, match="31 bands are too few for the spectra of this scene: .* off by up to") as said:
+        hg.render(scene, hg.Settings(samples=1), mode="path")
+    assert len(said) == 1 and "\n" not in str(said[0].message)
+    with pytest.warns(UserWarning, match="7 bands are too few"):
+        hg.render(scene_of([cube(matter("sphere", 0.3, STEP), 4.0)]), hg.Settings(samples=1, orders=1), mode="full")
+    hg.render(scene_of([cube(matter("sphere", 0.3, RED), 4.0)]), hg.Settings(samples=1), mode="path")  # a warning fails
+
+
+def test_an_error_whose_sums_do_not_fit_the_memory_is_refused(monkeypatch):
+    """In one line, before a walk is made."""
+    scene = scene_of([cube(matter("sphere"), 4.0)])
+    monkeypatch.setattr("hagoromo.files.memory.free_memory", lambda: 1 << 11)
+    with pytest.raises(hg.InputError, match=r"an image of 8 × 8 pixels needs .* of memory") as refused:
+        hg.render(scene, hg.Settings(error=0.01), mode="path")
+    assert "\n" not in str(refused.value)
+
+
 def test_dense_and_nearly_white_matter_is_finite_and_sends_out_less_than_it_takes():
     """Albedo 0.999 at 10⁵ times τρ across: every walk ends, and the face is no brighter than white (π L < E)."""
     box = cube(matter("sphere", 0.999 / math.pi), 1e5)
@@ -483,17 +505,26 @@ def test_many_lamps_of_many_colours_are_a_sum_of_batches(monkeypatch):
     assert 0.3 < np.sqrt(parts.variance.mean() / whole.variance.mean()) < 1.5  # type: ignore[union-attr]
 
 
-def test_voxels_that_send_back_more_than_they_take_are_refused():
+PEAK = hg.Spectrum((360, 553, 554, 555, 830), (0.5, 0.5, 1.2, 0.5, 0.5))  # above 1 in less than 2 nm
+
+
+@pytest.mark.parametrize(("value", "basis", "good"), [(1.0, GREY, True), (1.2, GREY, False), (1.0, PEAK, False)])
+def test_voxels_that_send_back_more_than_they_take_are_refused(value, basis, good):
+    """At any wavelength."""
     box = cube(matter("sphere", 0.3), 4.0)
-    for value, good in ((1.0, True), (1.2, False)):
-        colour = np.zeros((3, 3, 3, 4))
-        colour[..., 0] = value
-        axes = np.broadcast_to(AXIS, (3, 3, 3, 3))
-        coloured = hg.VolumeBox.from_arrays(
-            np.ones((3, 3, 3)), axes, SIDE / 3, box.tau, box.materials, body_colour=colour, basis=(GREY,), name="dyed"
-        )
-        if good:
-            hg.render(scene_of([coloured]), mode="path")
-            continue
-        with pytest.raises(hg.InputError, match=r"'dyed': its voxels send back up to 1\.13 of the light"):
-            hg.render(scene_of([coloured]), mode="path")
+    colour = np.zeros((3, 3, 3, 4))
+    colour[..., 0] = value
+    axes = np.broadcast_to(AXIS, (3, 3, 3, 3))
+    coloured = hg.VolumeBox.from_arrays(
+        np.ones((3, 3, 3)), axes, SIDE / 3, box.tau, box.materials, body_colour=colour, basis=(basis,), name="dyed"
+    )
+    if good:
+        hg.render(scene_of([coloured]), mode="path")
+        return
+    with pytest.raises(hg.InputError, match=r"'dyed': its voxels send back up to 1\.13 of the light"):
+        hg.render(scene_of([coloured]), mode="path")
+
+
+def test_a_material_that_sends_back_more_than_it_takes_at_some_wavelength_is_refused():
+    with pytest.raises(hg.InputError, match="breaks energy conservation"):
+        matter("sphere", 1.0 / math.pi, PEAK)
