@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integ
 
 LARGEST_VALUE = 1e15  # of a curve, relative
 OBSERVER_CHANNELS = ("X", "Y", "Z")  # colour matching functions
+KEPT_READINGS = 512  # integrals of eq. (10) that are not computed again: a viewer asks for the same ones many times
 LIMITS_LINE = re.compile(r"# *limits_nm *= *(\d+(?:\.\d+)?) *, *(\d+(?:\.\d+)?)")  # the first line of a CSV
 # Two-sided Gaussians of the stand-in for the EOS 300D: height, centre [nm], widths below and above it [nm].
 CANON_EOS_300D = {
@@ -144,7 +145,7 @@ def camera_response(
     lo, hi = _range(response, lo, hi)
     surface = reflectance.held(lo, hi)
     # Tanaka eq. (10)
-    return np.array([integrate_product(surface, lamp, curve, lo=lo, hi=hi) for curve in _curves(response)])
+    return np.array(_reading((_Curve.of(surface), _Curve.of(lamp)), response, lo, hi))
 
 
 def response_matrix(
@@ -159,7 +160,26 @@ def camera_white(
 ) -> NDArray[np.float64]:
     """∫ E R_c dλ (channels,): reading of a perfect white, S = 1 at every wavelength, under `lamp`, over [lo, hi] nm."""
     lo, hi = _range(response, lo, hi)
-    return np.array([integrate_product(lamp, curve, lo=lo, hi=hi) for curve in _curves(response)])
+    return np.array(_reading((_Curve.of(lamp),), response, lo, hi))
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """A spectrum, equal to every other one of the same bits."""
+
+    bits: tuple[bytes, bytes]
+    spectrum: Spectrum = field(compare=False)
+
+    @staticmethod
+    def of(spectrum: Spectrum) -> _Curve:
+        return _Curve((spectrum.wavelengths.tobytes(), spectrum.values.tobytes()), spectrum)
+
+
+@lru_cache(KEPT_READINGS)
+def _reading(factors: tuple[_Curve, ...], response: Response, lo: float, hi: float) -> tuple[float, ...]:
+    """The integral of the product of some spectra with each curve of the response, from lo to hi [nm]."""
+    spectra = [factor.spectrum for factor in factors]
+    return tuple(integrate_product(*spectra, curve, lo=lo, hi=hi) for curve in _curves(response))
 
 
 def _range(response: Response, lo: float | None, hi: float | None) -> tuple[float, float]:

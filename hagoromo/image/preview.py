@@ -27,7 +27,7 @@ FIRST_SECONDS = 0.1  # time until the first picture [s]
 FIRST_RAYS = 1 << 15  # rays of a first picture before any has been timed
 FEWEST_RAYS = 1 << 8  # rays of a first picture at least
 TIME_SHARE = 0.8  # share of the allowed time that is planned: the next picture may be slower
-RAY_GROWTH = 4  # largest factor on the rays from one first picture to the next: one halving of the stride
+RAY_GROWTH = 4  # largest factor on the rays from one first picture to the next: a halving of the stride
 
 
 def preview(
@@ -121,8 +121,14 @@ class Preview:
 
 
 def strides(size: int, rays: int) -> list[int]:
-    """Halving strides down to 2; the first leaves at most `rays` of `size` pixels. Empty if all pixels are as few."""
-    stride = 1
+    """Strides that halve, down to 3 or 2; the first, 2^k or 3 · 2^k, leaves at most `rays` of `size` pixels.
+
+    Empty if all pixels are as few.
+    """
+    stride, found = 1, []
     while size > rays * stride**2:
-        stride *= 2
-    return [stride >> k for k in range(stride.bit_length() - 1)]
+        stride += max(stride // 2, 1) if stride & (stride - 1) == 0 else stride // 3  # 1, 2, 3, 4, 6, 8, 12, …
+    while stride > 1:
+        found.append(stride)
+        stride //= 2
+    return found

@@ -262,7 +262,9 @@ def test_every_pixel_gets_one_ray(size):
     assert (phases == 0.5).all()
 
 
-def test_strides_halve_down_to_two():
-    assert strides(512 * 512, 1 << 15) == [4, 2]
+def test_strides_halve_from_the_first_that_leaves_few_enough_rays():
+    assert strides(512 * 512, 1 << 14) == [4, 2]
+    assert strides(512 * 512, 1 << 15) == [3]
     assert strides(53 * 41, 1 << 15) == []
     assert strides(1920 * 1080, 1 << 15) == [8, 4, 2]
+    assert [strides(144 * one**2, 144)[:1] for one in range(1, 8)] == [[], [2], [3], [4], [6], [6], [8]]
