@@ -19,21 +19,19 @@ def view(
     port: Annotated[int, arg(help="port to listen on; 0: a free one")] = 0,
     against: Path | None = None,
 ) -> None:
-    """Scene or volume box → a viewer in the browser: orbit it, relight it, edit it, and write what was found.
+    """Scene, volume box, capture, measurement or image → a viewer in the browser: to orbit, relight, edit and probe.
 
     It goes on until Ctrl-C. The address that it prints holds a token, without which nobody is let in.
 
     Args:
-        scene: SCENE.toml or BOX.zarr.
-        against: capture whose photographs the picture is held against, or a file of cameras to jump to.
+        scene: SCENE.toml, BOX.zarr, the folder of a capture or one that `measure` wrote, or IMAGE.exr with weights or
+            spectra.
+        against: capture whose photographs the picture of a scene is held against, or a file of cameras to jump to.
     """
     from hagoromo.view.browser import Browser
-    from hagoromo.view.photographs import photographs_of
-    from hagoromo.view.scene_files import opened
-    from hagoromo.view.watcher import Desk
+    from hagoromo.view.open_desk import open_desk
 
-    photographs = [] if against is None else photographs_of(against)
-    browser = Browser(Desk(*opened(scene), photographs), host, port)
+    browser = Browser(open_desk(scene, against), host, port)
     try:
         say(f"open {browser.address}")
         browser.run()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
@@ -88,6 +89,19 @@ class Scene:
             area_lamps=tuple(self.area_lamps[k - lamps] for k in numbers if lamps <= k < end),
             environment=self.environment if any(k >= end for k in numbers) else None,
         )
+
+    def matter_corners(self) -> NDArray[np.float64]:
+        """(n, 3) corners of the bounds of the volume boxes, world [m]; of the surfaces where there is no box.
+
+        Beside boxes, surfaces are floors and backgrounds, far larger than what is looked at.
+        """
+        return np.concatenate([thing.corners() for thing in self.boxes or self.surfaces])
+
+    def show(self, lamps: int | None = None) -> Any:
+        """The scene in a notebook, as a picture whose lamp is moved; see `hagoromo.show`."""
+        import hagoromo
+
+        return hagoromo.show(self) if lamps is None else hagoromo.show(self, lamps)
 
     def record(self) -> dict[str, Any]:
         """The scene as plain values, for the metadata of images."""

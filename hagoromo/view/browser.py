@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose, pose_of
 from hagoromo.errors import InputError
-from hagoromo.image.scene import Scene
 from hagoromo.view.gate import Gate, gated_server
 from hagoromo.view.own_panel import OwnPanel
 from hagoromo.view.panel import Panel
+from hagoromo.view.picture_desk import PictureDesk, PictureWatcher
 from hagoromo.view.watcher import Desk, Watcher
 
 WAIT_S = 0.5  # for something to do; Ctrl-C is heard within
@@ -35,12 +35,12 @@ SURROUND = 24  # display value beside a picture of another shape than the window
 class Browser:
     """The viewers of a desk. address: what to open, with the token."""
 
-    def __init__(self, desk: Desk, host: str, port: int) -> None:
+    def __init__(self, desk: Desk | PictureDesk, host: str, port: int) -> None:
         """Listen on `port` of `host` (0: any free one); `InputError` where that cannot be."""
         gate = Gate()
         self.desk, self.server = desk, gated_server(host, port, gate)
         self.events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self.watchers: dict[int, tuple[OwnPanel, Watcher]] = {}
+        self.watchers: dict[int, tuple[OwnPanel, Watcher | PictureWatcher]] = {}
         shown = f"[{host}]" if ":" in host else host
         self.address = f"http://{shown}:{self.server.get_port()}/?token={gate.token}"
         self._place_cameras()
@@ -107,10 +107,10 @@ class Browser:
         return any_shown
 
     def _joins(self, client: Any) -> None:
-        watcher = Watcher(self.desk)
+        watcher = self.desk.watcher()
         own = OwnPanel(client, watcher, self.panel)
         self.watchers[client.client_id] = own, watcher
-        own.jump(self.desk.scene.camera)
+        own.jump(self.desk.camera)
         client.camera.on_update(self._queued(self._moved))
 
     def _leaves(self, client: Any) -> None:
@@ -122,7 +122,7 @@ class Browser:
         own, watcher = self.watchers[camera.client.client_id]
         watcher.fit(camera.image_width, camera.image_height)
         own.moved(pose_from_viser(camera.wxyz, camera.position))
-        fov = field_of_view(self.desk.scene.camera, camera.aspect)
+        fov = field_of_view(self.desk.camera, camera.aspect)
         if abs(fov - camera.fov) > 1e-4:
             camera.fov = fov
 
@@ -131,23 +131,12 @@ class Browser:
             self.watchers[event.client_id][0].clicked(*event.screen_pos)
 
     def _place_cameras(self) -> None:
-        """Cameras of new viewers stand where that of the scene does, and turn about the matter that it sees."""
-        scene, first = self.desk.scene, self.server.initial_camera
-        camera = scene.camera
-        target = looked_at(scene)
+        """Cameras of new viewers stand where that of the desk does, and turn about what it sees."""
+        first, camera, target = self.server.initial_camera, self.desk.camera, self.desk.target
         away = float(np.linalg.norm(target - camera.position))
         first.position, first.look_at = camera.position, target
         first.up, first.fov = -camera.world_to_camera[1, :3], field_of_view(camera, camera.width / camera.height)
         first.near, first.far = 1e-3 * away, 1e3 * away
-
-
-def looked_at(scene: Scene) -> NDArray[np.float64]:
-    """(3,) [m]: the point on the camera's axis in the middle of the depth of the scene's matter."""
-    camera = scene.camera
-    corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
-    depth = (corners - camera.position) @ camera.world_to_camera[2, :3]
-    middle = 0.5 * (depth.min() + depth.max())
-    return camera.position + camera.world_to_camera[2, :3] * (middle if middle > 0.0 else depth.max())
 
 
 def pose_from_viser(wxyz: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:

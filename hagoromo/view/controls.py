@@ -73,8 +73,8 @@ class Control:
     folder: str
     label: str
     kind: Slider | Choice | Place | Colour
-    get: Callable[[ViewState], Any]
-    put: Callable[[ViewState, Any], ViewState]
+    get: Callable[[Any], Any]
+    put: Callable[[Any, Any], Any]
 
 
 def controls(state: ViewState, first: ViewState, scene: Scene) -> list[Control]:
@@ -122,7 +122,7 @@ def _picture_controls(state: ViewState, first: ViewState) -> list[Control]:
 
 def _cut_controls(scene: Scene) -> list[Control]:
     """The plane that the scene is cut by: its normal, an axis of the world, and where it stands."""
-    corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
+    corners = scene.matter_corners()
     low, high = corners.min(axis=0), corners.max(axis=0)
     reach = float(np.abs(corners).max())
     steps: Steps = ("render", "cut")
@@ -179,7 +179,7 @@ def _lamp_controls(number: int, state: ViewState, first: ViewState, scene: Scene
         return state.with_value((*at, "spectrum"), value)
 
     key = "to_lamp" if lamp.position is None else "position"
-    corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
+    corners = scene.matter_corners()
     away = float(np.linalg.norm(np.ptp(corners, axis=0))) if lamp.position is None else None
     found = [
         Control(f"{folder} spectrum", folder, "spectrum", Choice((AS_STATED, NEUTRAL, *ILLUMINANTS)),

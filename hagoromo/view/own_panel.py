@@ -13,7 +13,8 @@ from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
 from hagoromo.view.photographs import LARGEST_DIFFERENCE, through
-from hagoromo.view.probe import WAVELENGTHS, Probe, probe, probe_text
+from hagoromo.view.picture_desk import PictureDesk, PictureWatcher
+from hagoromo.view.probe import WAVELENGTHS, Probe, probe_text
 from hagoromo.view.watcher import Watcher
 
 NONE = "none"
@@ -23,28 +24,39 @@ JUMP_S = 2.0  # after which a camera that did not arrive is where it says
 class OwnPanel:
     """The panel of one viewer, `client` of viser, whose pictures are those of `watcher`."""
 
-    def __init__(self, client: Any, watcher: Watcher, panel: Any) -> None:
+    def __init__(self, client: Any, watcher: Watcher | PictureWatcher, panel: Any) -> None:
         """`panel`: the one that all viewers share, which says what was done."""
         self.client, self.watcher, self.panel = client, watcher, panel
         self.last: Probe | None = None
         self.aim: NDArray[np.float64] | None = None  # place to which the camera jumps
         self.jumped_at = 0.0
         gui, queued = client.gui, panel.queued
-        with gui.add_folder("Camera", expand_by_default=False):
-            camera = watcher.desk.scene.camera
-            self.eye = gui.add_vector3("eye [m]", tuple(camera.position), step=1e-4)
-            self.target = gui.add_vector3("target [m]", tuple(panel.middle), step=1e-4)
-            gui.add_button("look from there").on_click(queued(lambda _: self.look(self.eye.value, self.target.value)))
-            gui.add_button("the scene's camera").on_click(queued(lambda _: self.jump(watcher.desk.scene.camera)))
-            if watcher.desk.photographs:
-                self._add_photographs(gui)
+        has_scene = watcher.desk.has_scene
+        self.places: list[Any] = []  # of the camera and its target, in numbers
+        if has_scene:
+            with gui.add_folder("Camera", expand_by_default=False):
+                self._add_camera(gui)
+                if watcher.desk.photographs:
+                    self._add_photographs(gui)
         self.folder = gui.add_folder("Probe", expand_by_default=False)
         with self.folder:
             self.said = gui.add_markdown("Click into the picture.")
             self.plot: Any = None
         with gui.add_folder("Write", expand_by_default=False):
-            gui.add_button("write scene.toml").on_click(queued(lambda _: self.write(False)))
+            if has_scene:
+                gui.add_button("write scene.toml").on_click(queued(lambda _: self.write(False)))
+            else:
+                gui.add_button("the whole picture").on_click(queued(lambda _: self.jump(watcher.desk.camera)))
             gui.add_button("save picture").on_click(queued(lambda _: self.write(True)))
+
+    def _add_camera(self, gui: Any) -> None:
+        """The camera in numbers."""
+        queued, desk = self.panel.queued, self.watcher.desk
+        eye = gui.add_vector3("eye [m]", tuple(desk.camera.position), step=1e-4)
+        target = gui.add_vector3("target [m]", tuple(desk.middle), step=1e-4)
+        gui.add_button("look from there").on_click(queued(lambda _: self.look(eye.value, target.value)))
+        gui.add_button("the scene's camera").on_click(queued(lambda _: self.jump(desk.camera)))
+        self.places = [eye, target]
 
     def _add_photographs(self, gui: Any) -> None:
         """Cameras to jump to, and what their photographs are held against."""
@@ -60,6 +72,7 @@ class OwnPanel:
     def hold_against(self, name: str) -> None:
         """Look through the camera of a photograph, and hold the picture against it."""
         watcher = self.watcher
+        assert isinstance(watcher, Watcher)
         watcher.against = watcher.desk.photographs.get(name)
         if watcher.against is None:
             return
@@ -69,21 +82,21 @@ class OwnPanel:
             self.panel.say(f"not done: {error}")
             return
         self.panel.refresh()
-        self.jump(watcher.desk.scene.camera)
+        self.jump(watcher.desk.camera)
 
     def look(self, eye: Any, target: Any) -> None:
         """Look from `eye` at `target`, +z up."""
         try:
-            self.jump(self.watcher.desk.scene.camera.look_at(eye, target), target)
+            self.jump(self.watcher.desk.camera.look_at(eye, target), target)
         except InputError as error:
             self.panel.say(f"not done: {error}")
 
     def jump(self, camera: Camera, target: Any = None) -> None:
         """Look from where `camera` stands."""
         place, axes = camera.position, camera.world_to_camera
-        depth = float(axes[2, :3] @ (self.panel.middle - place))
+        depth = float(axes[2, :3] @ (self.watcher.desk.middle - place))
         aim = place + axes[2, :3] * (depth if depth > 0.0 else 1.0) if target is None else np.asarray(target)
-        self.watcher.pose = None if camera is self.watcher.desk.scene.camera else camera.world_to_camera
+        self.watcher.look_from(camera.world_to_camera)
         self.aim, self.jumped_at = place, time.monotonic()
         own = self.client.camera
         with self.client.atomic():
@@ -103,46 +116,63 @@ class OwnPanel:
                 return
         self.watcher.look_from(world_to_camera)
         camera = self.client.camera
-        for widget, value in ((self.eye, camera.position), (self.target, camera.look_at)):
+        for widget, value in zip(self.places, (camera.position, camera.look_at), strict=False):
             widget.value = tuple(np.round(value, 6).tolist())
 
     def clicked(self, x: float, y: float) -> None:
         """A click at shares (x, y) of the window."""
-        image = self.watcher.relit()
-        if image is None:
-            self.said.content = "The probe reads the picture: choose a layer of light."
-            return
-        height, width = image.alpha.shape
+        width, height = self.watcher.size
         aspect, own = self.client.camera.aspect, width / height
         x, y = (0.5 + (x - 0.5) * max(aspect / own, 1.0), 0.5 + (y - 0.5) * max(own / aspect, 1.0))
         if not (0.0 <= x < 1.0 and 0.0 <= y < 1.0):
             return
-        before, self.last = self.last, probe(image, x, y)
+        found = self.watcher.probe(x, y)
+        if found is None:
+            self.said.content = "The probe reads the picture: choose a layer of light."
+            return
+        before, self.last = self.last, found
         self.said.content = probe_text(self.last, before)
         self._draw(self.last, before)
 
     def _draw(self, now: Probe, before: Probe | None) -> None:
+        """The spectra of this click and the one before, and the band of this one."""
         from viser import uplot
 
-        curves = [("now", now.values, "#ffb000"), ("before", (before or now).values, "#648fff")]
-        data = (WAVELENGTHS, *(np.nan_to_num(values) for _, values, _ in curves))
-        series = (uplot.Series(label="λ [nm]"), *(uplot.Series(label=name, stroke=ink) for name, _, ink in curves))
-        if self.plot is None:
-            with self.folder:
-                self.plot = self.client.gui.add_uplot(data, series, scales={"x": uplot.Scale(time=False)}, aspect=1.6)
-        else:
+        known = np.isfinite(now.values)
+        if self.plot is not None:
+            self.plot.visible = bool(known.any())
+        if not known.any():
+            return
+        before = before or now
+        low, high = (now.values if one is None else one for one in (now.low, now.high))
+        curves = [now.values, before.values, low, high]
+        data = (WAVELENGTHS[known], *(np.nan_to_num(values[known]) for values in curves))
+        if self.plot is not None:
             self.plot.data = data
+            return
+        names = ("λ [nm]", "now", "before", "95 % from", "95 % to")
+        inks = ("", "#ffb000", "#648fff", "#ffb00060", "#ffb00060")
+        series = tuple(uplot.Series(label=name, stroke=ink) for name, ink in zip(names, inks, strict=True))
+        band = uplot.Band(series=(4, 3), fill="#ffb00030")
+        scales = {"x": uplot.Scale(time=False)}
+        with self.folder:
+            self.plot = self.client.gui.add_uplot(data, series, scales=scales, bands=(band,), aspect=1.4)
 
     def write(self, with_picture: bool) -> None:
-        """Write the scene as this viewer sees it, and the picture that `render` makes of it."""
+        """Write the scene as this viewer sees it, and the picture that `render` makes of it; or the picture alone."""
+        desk = self.watcher.desk
         try:
-            path = self.watcher.desk.files.write(self.watcher.state())
-            said = f"wrote {path.name}"
-            if with_picture:
-                self.panel.say(f"{said}; renders it …")
-                image = render(path)
-                made = image.save(path.with_suffix(".exr"), self.watcher.desk.scene.camera.response)
-                said = f"{said}, {', '.join(one.name for one in made)}"
+            said = f"wrote {desk.save().name}" if isinstance(desk, PictureDesk) else self._write(with_picture)
         except (InputError, OSError) as error:
             said = f"not done: {error}"
         self.panel.say(said)
+
+    def _write(self, with_picture: bool) -> str:
+        """What was written of a scene."""
+        assert isinstance(self.watcher, Watcher)
+        path = self.watcher.desk.files.write(self.watcher.state())
+        if not with_picture:
+            return f"wrote {path.name}"
+        self.panel.say(f"wrote {path.name}; renders it …")
+        made = render(path).save(path.with_suffix(".exr"), self.watcher.desk.camera.response)
+        return f"wrote {', '.join(one.name for one in (path, *made))}"

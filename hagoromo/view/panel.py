@@ -9,22 +9,24 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.view.controls import Choice, Colour, Control, Place, Slider, controls
-from hagoromo.view.view_state import ViewState
+from hagoromo.view.controls import Choice, Colour, Control, Place, Slider
+from hagoromo.view.picture_desk import PictureDesk
+from hagoromo.view.probe import plain
 from hagoromo.view.watcher import Desk
 
 PAUSE_S = 1.0  # edits of one control that are this far apart are two
 GIZMO_SHARE = 0.12  # size of a gizmo, of the camera's distance
-READY = "Drag: turn. Right button: shift. Wheel: nearer. Click: probe."
 
 
 class Panel:
     """The controls of `desk` at a viser server."""
 
-    def __init__(self, server: Any, desk: Desk, queued: Callable[[Callable[..., None]], Callable[..., Any]]) -> None:
+    def __init__(
+        self, server: Any, desk: Desk | PictureDesk, queued: Callable[[Callable[..., None]], Callable[..., Any]]
+    ) -> None:
         """`queued`: makes a callback of viser of a function that this thread is to call."""
         self.server, self.desk, self.queued = server, desk, queued
-        self.first = desk.state
+        self.first: Any = desk.state
         self.controls: dict[str, Control] = {}
         self.widgets: dict[str, Any] = {}
         self.gizmos: dict[str, Any] = {}
@@ -32,14 +34,14 @@ class Panel:
         self.edited_at = 0.0
         self._shape: tuple[tuple[str, str], ...] = ()  # names and folders of the widgets
         gui = server.gui
-        self.message = gui.add_markdown(READY)
-        acts = {"undo": self.undo, "redo": self.redo, "add a lamp": self.add_lamp}
+        self.message = gui.add_markdown(desk.hint)
+        acts = {"undo": self.undo, "redo": self.redo} | ({"add a lamp": self.add_lamp} if desk.has_scene else {})
         gui.add_button_group("", tuple(acts)).on_click(queued(lambda event: acts[event.target.value]()))
         self.refresh()
 
     def say(self, text: str) -> None:
         """Show a line above the controls."""
-        self.message.content = text
+        self.message.content = plain(text)
 
     def edit(self, name: str, value: Any) -> None:
         """A viewer set a control."""
@@ -65,26 +67,21 @@ class Panel:
 
     def add_lamp(self) -> None:
         """A far lamp from behind the camera, as strong as the first lamp is at the middle of the scene."""
+        assert isinstance(self.desk, Desk)
         scene = self.desk.scene
-        irradiance = scene.lamps[0].direction_and_irradiance(self.middle)[1]
+        irradiance = scene.lamps[0].direction_and_irradiance(self.desk.middle)[1]
         strength = float(np.max(irradiance)) or 1.0
         lamp = {"name": f"lamp {len(scene.lamps) + 1}", "intensity": strength}
-        to_lamp = scene.camera.position - self.middle
+        to_lamp = scene.camera.position - self.desk.middle
         self._try(lambda state: state.with_lamp(lamp | {"to_lamp": to_lamp.tolist()}), "add a lamp")
 
     def remove_lamp(self, number: int) -> None:
         """Remove a lamp."""
         self._try(lambda state: state.without_lamp(number), "remove a lamp")
 
-    @property
-    def middle(self) -> np.ndarray:
-        """(3,) of the matter [m]."""
-        corners = np.concatenate([thing.corners() for thing in (*self.desk.scene.boxes, *self.desk.scene.surfaces)])
-        return 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-
     def refresh(self, but: str = "") -> None:
         """Show the desk's state; `but`: a control that a hand holds."""
-        found = controls(self.desk.state, self.first, self.desk.scene)
+        found = self.desk.controls(self.first)
         shape = tuple((one.name, one.folder) for one in found)
         self.controls = {one.name: one for one in found}
         if shape != self._shape:
@@ -95,7 +92,7 @@ class Panel:
                 self._set(widget, self.controls[name].get(self.desk.state))
                 self._place_gizmo(name)
 
-    def _try(self, change: Callable[[ViewState], ViewState], name: str) -> None:
+    def _try(self, change: Callable[[Any], Any], name: str) -> None:
         """Make an edit, or say why it cannot be made."""
         try:
             self.desk.edit(change(self.desk.state), name)
@@ -103,7 +100,7 @@ class Panel:
             self.say(f"not done: {error}")
             self.refresh()
             return
-        self.say(READY)
+        self.say(self.desk.hint)
         self.refresh(but=name)
 
     def _build(self, found: list[Control]) -> None:
@@ -115,7 +112,7 @@ class Panel:
             with self.server.gui.add_folder(folder, expand_by_default=folder == "Picture") as made:
                 for control in (one for one in found if one.folder == folder):
                     self.widgets[control.name] = self._widget(control)
-                if folder.startswith("Lamp "):
+                if self.desk.has_scene and folder.startswith("Lamp "):
                     number = int(folder.split()[1]) - 1
                     self._button("remove it", lambda number=number: self.remove_lamp(number))
             self.folders.append(made)
@@ -148,7 +145,7 @@ class Panel:
 
     def _add_gizmo(self, control: Control) -> None:
         """A thing to drag for a place, with its name; a far lamp stands on a ball around the middle of the scene."""
-        away = float(np.linalg.norm(self.desk.scene.camera.position - self.middle))
+        away = float(np.linalg.norm(self.desk.camera.position - self.desk.middle))
         name = f"/lamps/{len(self.gizmos)}"
         gizmo = self.server.scene.add_transform_controls(name, scale=GIZMO_SHARE * away, disable_rotations=True)
         self.server.scene.add_label(f"{name}/name", control.folder.partition(" ")[2])
@@ -163,7 +160,7 @@ class Panel:
         assert isinstance(control.kind, Place)
         place = np.asarray(control.get(self.desk.state), np.float64)
         if control.kind.away is not None:
-            place = self.middle + place / np.linalg.norm(place) * control.kind.away
+            place = self.desk.middle + place / np.linalg.norm(place) * control.kind.away
         if not _same(self.gizmos[name].position, place):
             self.gizmos[name].position = place
 
@@ -174,7 +171,7 @@ class Panel:
         control, place = self.controls[name], np.asarray(self.gizmos[name].position)
         assert isinstance(control.kind, Place)
         if control.kind.away is not None:
-            place = (place - self.middle) / control.kind.away
+            place = (place - self.desk.middle) / control.kind.away
         self.edit(name, tuple(place.tolist()))
         if name in self.widgets:
             self._set(self.widgets[name], self.controls[name].get(self.desk.state))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,10 @@ from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.camera.srgb_from_camera import WHITE_XYZ
 from hagoromo.image.image import Image
 from hagoromo.light.colour import delta_e_2000, srgb_from_xyz
+from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 
 WAVELENGTHS = np.arange(380.0, 781.0, 5.0)  # nm
+NOISE_OF_95 = 1.96  # standard errors of a 95 % band
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +24,7 @@ class Probe:
     the pixel sends, over that of a white diffuser which faces the first lamp at an irradiance of π of its spectrum.
 
     linear: (3,) linear sRGB with the first lamp as white. alpha: how much of the pixel is covered, 0…1.
+    low, high: (81,) the limits of the 95 % band of `values`, where these have one. said: further lines.
     """
 
     column: int
@@ -29,6 +33,9 @@ class Probe:
     values: NDArray[np.float64]
     linear: NDArray[np.float64]
     alpha: float
+    low: NDArray[np.float64] | None = None
+    high: NDArray[np.float64] | None = None
+    said: tuple[str, ...] = ()
 
     def difference(self, other: Probe) -> float:
         """ΔE00 from another."""
@@ -48,6 +55,16 @@ def probe(image: Image, x: float, y: float) -> Probe:
     return Probe(column, row, (width, height), values, _linear(image, row, column), float(image.alpha[row, column]))
 
 
+def with_spectrum(found: Probe, known: SpectrumEstimate, share: float = 1.0) -> Probe:
+    """The probe with `share` of an estimated spectrum and its 95 % band; outside what was estimated there is none."""
+    curves = (known.values, *known.band_95)
+    inside = (WAVELENGTHS >= known.wavelengths[0]) & (WAVELENGTHS <= known.wavelengths[-1])
+    values, low, high = (
+        np.where(inside, share * np.interp(WAVELENGTHS, known.wavelengths, one), np.nan) for one in curves
+    )
+    return replace(found, values=values, low=low, high=high)
+
+
 def _linear(image: Image, row: int, column: int) -> NDArray[np.float64]:
     """Linear sRGB of a pixel, exact: from the integrals of each colour under each lamp."""
     observer = Response.load("cie1931")
@@ -59,10 +76,16 @@ def _linear(image: Image, row: int, column: int) -> NDArray[np.float64]:
     return srgb_from_xyz(np.asarray(xyz) / camera_white(palette.lamps[0], observer) * WHITE_XYZ)
 
 
+def plain(text: str) -> str:
+    """Text in Markdown as it stands: viser would run what a name has in braces, and take < for the tags of a page."""
+    return re.sub(r"([\\`*_{}\[\]()<>#+\-!|~$&^@])", r"\\\1", text)
+
+
 def probe_text(now: Probe, before: Probe | None) -> str:
     """A few lines on a probe and its difference from the one before, in Markdown."""
     lines = [f"pixel {now.column}, {now.row} of {now.size[0]} × {now.size[1]}, covered {100 * now.alpha:.0f} %"]
     lines += ["linear sRGB " + " ".join(f"{value:.4f}" for value in now.linear)]
+    lines += [plain(line) for line in now.said]
     if before is not None:
         lines += [f"**ΔE00 {now.difference(before):.2f}** from pixel {before.column}, {before.row}"]
     return "  \n".join(lines)

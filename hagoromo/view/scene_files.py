@@ -55,7 +55,10 @@ def opened(path: Path) -> tuple[SceneFiles, ViewState]:
     if address(path) or path.suffix.lower() == ".zarr" or (path / "zarr.json").exists():
         return _opened_box(path)
     if path.suffix.lower() != ".toml":
-        raise InputError(f"{printable(path)} cannot be viewed: give a scene (.toml) or a volume box (.zarr)")
+        raise InputError(
+            f"{printable(path)} cannot be viewed: give a scene (.toml), a volume box (.zarr), a capture or a folder "
+            "that measure wrote, or an EXR with weights or spectra"
+        )
     files = SceneFiles(existing_file(path).parent, path.name)
     state = ViewState(read_toml(path))
     files.scene(state)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ MOST_UNDONE = 200  # edits that can be taken back
 POSE_KEYS = ("eye", "target", "up", "world_to_camera")
 RE_EXPOSED = ("intensity", "spectrum", "name")  # keys of a lamp that need no new march
 Steps = tuple[str | int, ...]  # the place of a value in tables: keys, and numbers in lists
+State = TypeVar("State")
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def _changed(tables: Any, steps: Sequence[str | int], value: Any) -> Any:
     return table
 
 
-class History:
+class History(Generic[State]):
     """The states of a viewer: the present one, those before it and those that were taken back.
 
     >>> history = History(ViewState({"camera": {}, "lamp": [{"intensity": 1.0}]}))
@@ -118,13 +119,13 @@ class History:
     ('strength of lamp 0', 1.0)
     """
 
-    def __init__(self, first: ViewState) -> None:
+    def __init__(self, first: State) -> None:
         self.now = first
-        self._before: list[tuple[str, ViewState]] = []
-        self._after: list[tuple[str, ViewState]] = []
+        self._before: list[tuple[str, State]] = []
+        self._after: list[tuple[str, State]] = []
         self._open = False  # whether the next edit of the same name joins the last one
 
-    def put(self, state: ViewState, edit: str) -> None:
+    def put(self, state: State, edit: str) -> None:
         """Make `state` the present one, by an edit of this name; edits of one name after each other are one."""
         if not (self._open and self._before and self._before[-1][0] == edit):
             self._before = [*self._before[-MOST_UNDONE + 1 :], (edit, self.now)]
@@ -142,7 +143,7 @@ class History:
         """Make the edit again that was taken back last; its name, None where there is none."""
         return self._step(self._after, self._before)
 
-    def _step(self, away: list[tuple[str, ViewState]], towards: list[tuple[str, ViewState]]) -> str | None:
+    def _step(self, away: list[tuple[str, State]], towards: list[tuple[str, State]]) -> str | None:
         if not away:
             return None
         edit, state = away.pop()

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.camera.camera import Camera
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.image.preview import FIRST_SECONDS, Preview
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
+from hagoromo.view.controls import Control, controls
 from hagoromo.view.development import linear_picture, metered, toned
 from hagoromo.view.layers import (
     OF_LIGHT,
@@ -28,6 +30,7 @@ from hagoromo.view.layers import (
     shadow_pictures,
 )
 from hagoromo.view.photographs import Against, as_bright, difference_map, wiped
+from hagoromo.view.probe import Probe, probe
 from hagoromo.view.scene_files import SceneFiles
 from hagoromo.view.view_state import History, ViewState
 
@@ -39,6 +42,9 @@ SAME_PLACE, SAME_TURN = 1e-5, 1e-5  # of the distance, and entries of a rotation
 class Desk:
     """The scene on the table, which all viewers see and edit."""
 
+    hint = "Drag: turn. Right button: shift. Wheel: nearer. Click: probe."
+    has_scene = True
+
     def __init__(
         self,
         files: SceneFiles,
@@ -48,7 +54,8 @@ class Desk:
     ) -> None:
         """`photographs`: to hold pictures against. seconds: until the first picture after a change, about."""
         self.photographs = {one.name: one for one in photographs}
-        self.files, self.history = files, History(state)
+        self.files = files
+        self.history: History[ViewState] = History(state)
         self.scene, settings = files.scene(state)
         self.settings = _separate(settings, self.scene)
         self.preview = Preview(self.settings, seconds)
@@ -58,6 +65,33 @@ class Desk:
     def state(self) -> ViewState:
         """The present state."""
         return self.history.now
+
+    @property
+    def camera(self) -> Camera:
+        """That of the scene."""
+        return self.scene.camera
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """(3,) of the matter [m]."""
+        corners = self.scene.matter_corners()
+        return 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """(3,) [m]: the point on the camera's axis in the middle of the depth of the matter."""
+        camera = self.camera
+        depth = (self.scene.matter_corners() - camera.position) @ camera.world_to_camera[2, :3]
+        middle = 0.5 * (depth.min() + depth.max())
+        return camera.position + camera.world_to_camera[2, :3] * (middle if middle > 0.0 else depth.max())
+
+    def controls(self, first: ViewState) -> list[Control]:
+        """What can be set; first: the state that was opened."""
+        return controls(self.state, first, self.scene)
+
+    def watcher(self) -> Watcher:
+        """A new viewer."""
+        return Watcher(self)
 
     def edit(self, state: ViewState, name: str) -> None:
         """Make `state` the present one; `InputError`, and nothing changes, where its tables make no scene."""
@@ -152,6 +186,17 @@ class Watcher:
             return Shown(self.layer.picture, self.layer.share >= 1.0)
         assert self.image is not None
         return Shown(self._developed(self.image), self.image.metadata["preview"]["share"] >= 1.0)
+
+    def probe(self, x: float, y: float) -> Probe | None:
+        """What stands at shares (x, y) of its picture's width and height; None where the picture is no light."""
+        image = self.relit()
+        return None if image is None else probe(image, x, y)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of its picture [px]."""
+        camera = self.desk.camera.limited(self.longest)
+        return camera.width, camera.height
 
     def relit(self) -> Image | None:
         """The image that its picture was developed from, under the desk's lamps; None where the picture has none."""

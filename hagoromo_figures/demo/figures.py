@@ -89,7 +89,7 @@ class Cast:
         wanted = [(who, part) for who in shot.figures for part in PART_MATERIALS[who] if part not in without]
         for number, (who, part) in enumerate(wanted):
             progress(number / len(wanted))
-            box = self._box(who, part)
+            box = self.box(who, part)
             boxes.append(box.with_pose(_placed(*shot.figures[who]) @ box.pose))
         camera = turned_upright(camera) if shot.upright else camera
         middle, extent = ball_around(boxes)
@@ -100,7 +100,8 @@ class Cast:
         ground = background(extent, self.measured["dielectric"])
         return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (ground,))
 
-    def _box(self, who: str, part: str) -> VolumeBox:
+    def box(self, who: str, part: str) -> VolumeBox:
+        """The volume box of a part of a figure, where it was built."""
         if (who, part) not in self._boxes:
             material = self.materials[PART_MATERIALS[who][part]]
             self._boxes[who, part] = kept_box(

@@ -130,6 +130,10 @@ def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(seen):
     left, right = halves(seen.picture_of(seen.rest()))
     assert right > 2 * left
 
+    seen.browser.panel.say("not done: {globalThis.ran = 1} <b>bold</b> a.toml")
+    seen.until(lambda: seen.page.get_by_text("not done: {globalThis.ran = 1} <b>bold</b> a.toml").count())
+    assert seen.page.evaluate("() => globalThis.ran") is None, "a name in a message ran as a program"
+
     held = weakref.ref(seen.watcher)
     assert held() is not None
     seen.page.close()

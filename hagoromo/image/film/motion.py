@@ -128,9 +128,10 @@ def read_motion(path: str | Path) -> Motion:
 
 def turned(tables: Tables, scene: Scene, angle: float, camera: bool, lamps: bool) -> dict[str, Any]:
     """The tables with the camera, the lamps, or both turned by `angle` [rad] about the vertical axis, counterclockwise
-    from above. The axis stands in the middle of the matter's bounds. scene: that of the tables.
+    from above. The axis stands in the middle of the bounds of the boxes, or of the surfaces where there is no box.
+    scene: that of the tables.
     """
-    corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
+    corners = scene.matter_corners()
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
