@@ -188,6 +188,18 @@ def _unknown_shape(folder: Path) -> None:
     write_json(folder / "capture" / "transforms.json", record)
 
 
+def _card(folder: Path) -> None:
+    """A flat card under far lamps."""
+    import hagoromo as hg
+
+    camera = hg.Camera(24, 16, (1e4, 1e4), (12.0, 8.0)).look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
+    values, photographs = np.full((16, 24, 3), 0.4, np.float32), []
+    for to in TO_LAMP:
+        lamp = hg.Lamp(to_lamp=to)
+        photographs.append(hg.Photograph(values, 1e-6 * values, np.ones((16, 24), bool), camera, (lamp,), f"{to}"))
+    hg.save_capture(hg.Capture(tuple(photographs), "card"), folder / "capture")
+
+
 def _photographed(folder: Path, scene: str) -> None:
     import hagoromo as hg
 
@@ -286,6 +298,7 @@ CASES = (
         ("out.json", "out.png"),
     ),
     Case("calibrate lamps", _balls, ("calibrate", "lamps", "0.png", "1.png", "--mask", "mask.png"), ("out.json",)),
+    Case("calibrate rig", _card, ("calibrate", "rig", "capture", "--card"), ("out.json",)),
     Case("simulate", _scene, ("simulate", "scene.toml"), ("out",)),
     Case("measure", _capture, ("measure", "capture"), ("out",)),
     Case("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",), slow=3),

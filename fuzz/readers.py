@@ -192,6 +192,7 @@ SIMPLE = (
     Reader("lamps-info.json", records.lamps, _info),
     Reader("lamps-of-balls.json", records.lamps_of_balls,
            _late("hagoromo.calibration.lamps.lamp_calibration", "LampCalibration.load")),
+    Reader("rig.json", records.rig, _late("hagoromo.photograph.rig", "Rig.load")),
     Reader("camera.json", records.camera, _late("hagoromo.camera.formats.camera_file", "read_camera")),
     Reader("camera-calibration.json", records.camera,
            _late("hagoromo.calibration.camera.calibrate_camera", "CameraCalibration.load")),

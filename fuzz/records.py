@@ -243,6 +243,17 @@ def lamps(path: Path) -> None:
     )  # fmt: skip
 
 
+def rig(path: Path) -> None:
+    """rig.json with every key."""
+    far = {"name": "a", "to_lamp": [0.0, 0.0, 1.0], "turn": [0.001, 0.0, 0.0], "turn_error": 0.001}
+    near = {"name": "b", "position": [0.0, 0.0, 1.0]}
+    both = {"strength": [1.0, 0.9, 1.1], "slope": [0.1, -0.1], "covariance": [[1e-4, 0.0, 0.0]] * 3}
+    write_json(
+        path,
+        {"size": [64, 48], "sources": ["card"], "lamps": [far | both, near | both], "hagoromo": {"format_version": 1}},
+    )
+
+
 def camera(path: Path) -> None:
     """camera.json."""
     lens = {

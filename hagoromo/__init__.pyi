@@ -32,6 +32,7 @@ from .camera.formats.camera_file import read_camera as read_camera, read_views a
 
 # Photographs
 from .photograph.photograph import Photograph as Photograph
+from .photograph.rig import Rig as Rig
 from .photograph.development.exposure import StatedExposure as StatedExposure, read_exposure as read_exposure
 from .photograph.development.development import (
     CalibrationFrames as CalibrationFrames,
@@ -62,6 +63,7 @@ from .calibration.lamps.uncalibrated.far_lamps import SelfCalibration as SelfCal
 from .calibration.lamps.uncalibrated.calibrate_from_object import (
     calibrate_lamps_from_object as calibrate_lamps_from_object,
 )
+from .calibration.rig.calibrate_rig import calibrate_rig as calibrate_rig
 from .calibration.response.chart import chart_spectra as chart_spectra
 from .calibration.response.calibrate_response import (
     Pairs as Pairs,

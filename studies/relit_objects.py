@@ -6,6 +6,7 @@ Enters: the folder of the uw_psm set (see `uw_psm`), and a seed of simulated glo
 Leaves: a folder for each object with its capture and what `relight` writes, and index.html with the figures of all; and
 prints a table: how much less the boxes miss of the photographs kept aside than least-squares Lambert on the same
 photographs, over all pixels of the object, clipped ones cut off at white; and the same of two further predictions.
+With `--rig` each real object has the rig that the other five objects give, and Lambert is shown without it and with it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.calibration.rig.calibrate_rig import rig_of
+from hagoromo.calibration.rig.object_readings import object_readings
+from hagoromo.measurement.surface.uneven_lamps import solve_uneven_lamps
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object, shrunk
@@ -30,8 +34,10 @@ PREDICTIONS = {
     "normals": "reflectance on the normals, no shadows",
     "learnt": "the same, with shadows and misfit learnt from the photographs measured",
     "lambert": "least-squares Lambert, a yardstick",
+    "lambert_rig": "least-squares Lambert, lamps evened by the rig",
 }
 COMPARED = ("boxes", "normals", "learnt")  # with least-squares Lambert
+RIG_TITLES = ("Lambert with the rig", "learnt better by")
 TITLES = ["object", "boxes", "own forecast", "learnt", "Lambert", *(f"{key} better by" for key in COMPARED), "covered"]
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
 
@@ -44,29 +50,33 @@ def relit_objects(
     progress: hg.Progress = hg.silent,
     seed: int = 0,
     shrink: int = 1,
+    rig: bool = False,
 ) -> dict[str, tuple[hg.Prediction, ...]]:
     """Relight each of `objects`, write everything to the folder `out`, and give the predictions of each.
 
     folder: of uw_psm, for its objects alone, whose photographs are means over squares of `shrink` pixels. seed: of the
-    simulated ones.
+    simulated ones. rig: whether real objects have a rig, measured on the others.
     """
+    lamps = read_lamps(folder)[1] if set(objects) & set(OBJECTS) else ()
+    needed = [name for name in OBJECTS if lamps and (rig or name in objects)]
+    real = {name: shrunk(read_object(folder, name, lamps), shrink) for name in needed}
+    readings = {name: object_readings(one, _solved(one)) for name, one in real.items()} if rig else {}
     results: dict[str, tuple[hg.Prediction, ...]] = {}
     with hg.whole_folder(out, force) as home:
         for i, name in enumerate(objects):
             progress(i / len(objects), name)
             (home / name).mkdir()
-            capture = (
-                glossy_object(name, seed)[0]
-                if name in GLOSSY
-                else shrunk(read_object(folder, name, read_lamps(folder)[1]), shrink)
-            )
+            capture = glossy_object(name, seed)[0] if name in GLOSSY else real[name]
+            others = [one for other, one in readings.items() if other != name]
             hg.save_capture(capture, home / name / "capture")
             held = [f"{name} {k}" for k in HELD]
-            relighting = hg.relight(home / name / "capture", hold=held)
+            used = rig_of(others) if name in readings else None
+            relighting = hg.relight(home / name / "capture", hold=held, rig=used)
             relighting.save(home / name / "relit")
             hg.write_relight_report(home / name / "relit" / "report.html", relighting)
             results[name] = relighting.predictions
-        print_table("photographs kept aside", TITLES, [_row(name, relit) for name, relit in results.items()])
+        titles = [*TITLES, *RIG_TITLES] if readings else TITLES
+        print_table("photographs kept aside", titles, [_row(name, relit) for name, relit in results.items()])
         record = {name: [one.record() for one in relit] for name, relit in results.items()}
         hg.write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
         _write_index(home / "index.html", results)
@@ -74,21 +84,27 @@ def relit_objects(
     return results
 
 
+def _solved(capture: hg.Capture) -> hg.NormalMap:
+    return solve_uneven_lamps(capture, float(np.linalg.norm(capture.photographs[0].camera.position)))
+
+
 def _row(name: str, relit: Sequence[hg.Prediction]) -> list[str]:
     """Mean relative errors of an object, and the gain over Lambert."""
-    *ours, lambert = (
-        float(np.mean([one.compared[key].relative_rmse for one in relit])) for key in (*COMPARED, "lambert")
-    )
+    mean = {key: float(np.mean([one.compared[key].relative_rmse for one in relit])) for key in relit[0].compared}
+    *ours, lambert = (mean[key] for key in (*COMPARED, "lambert"))
     covered = sum(one.compared["boxes"].pixels for one in relit) / sum(one.object_pixels for one in relit)
     gains = [f"{100 * (1 - error / lambert):+.0f} %" for error in ours]
-    return [name, *(f"{error:.4f}" for error in (*ours, lambert)), *gains, f"{100 * covered:.0f} %"]
+    row = [name, *(f"{error:.4f}" for error in (*ours, lambert)), *gains, f"{100 * covered:.0f} %"]
+    if "lambert_rig" in mean:
+        row += [f"{mean['lambert_rig']:.4f}", f"{100 * (1 - mean['learnt'] / mean['lambert_rig']):+.0f} %"]
+    return row
 
 
 def _write_index(path: Path, results: dict[str, tuple[hg.Prediction, ...]]) -> None:
     rows = []
     for name, relit in results.items():
-        for key, text in PREDICTIONS.items():
-            figures = [one.compared[key] for one in relit]
+        for key in relit[0].compared:
+            text, figures = PREDICTIONS[key], [one.compared[key] for one in relit]
             means = {k: float(np.mean([getattr(f, k) for f in figures])) for k in MEANS}
             link = Markup('<a href="{0}/relit/report.html">{0}</a>').format(name)
             rows.append(
@@ -108,7 +124,7 @@ def _write_index(path: Path, results: dict[str, tuple[hg.Prediction, ...]]) -> N
         lamps=LAMPS,
         held=len(HELD),
         rows=rows,
-        group=len(PREDICTIONS),
+        group=max(len(relit[0].compared) for relit in results.values()),
         objects=objects,
     )
 
@@ -120,6 +136,7 @@ def main(
     force: bool = False,
     seed: int = 0,
     shrink: int = 1,
+    rig: bool = False,
 ) -> None:
     """Relight the objects of the set.
 
@@ -130,9 +147,10 @@ def main(
         force: replace an existing folder.
         seed: of the simulated glossy objects.
         shrink: pixels of a side of the squares over which real photographs are averaged.
+        rig: real objects under a rig that is measured on the others.
     """
     with hg.progress_bar("relit objects") as progress:
-        relit_objects(folder, out, objects, force, progress, seed, shrink)
+        relit_objects(folder, out, objects, force, progress, seed, shrink, rig)
     print(f"wrote {out / 'index.html'}")
 
 

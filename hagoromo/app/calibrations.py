@@ -1,4 +1,4 @@
-"""The commands `hagoromo calibrate camera`, `lamps` and `response`."""
+"""The commands `hagoromo calibrate camera`, `lamps`, `rig` and `response`."""
 
 from __future__ import annotations
 
@@ -137,6 +137,36 @@ def calibrate_lamps(
     result.save(out, force)
     summary = object_summary(result) if isinstance(result, hg.SelfCalibration) else lamp_summary(result)
     say(*summary)
+    wrote(out)
+
+
+@verb(calibrations, "rig")
+def calibrate_rig(
+    captures: Positional[tuple[Path, ...]],
+    out: Out,
+    card: bool = False,
+    normal: tuple[float, float, float] | None = None,
+    distance: float | None = None,
+    force: Force = False,
+) -> None:
+    """Captures under the same lamps, a photograph each → rig.json: how strong the lamps are beside one another, and
+    how their light falls off over the picture.
+
+    `measure --rig` and `relight --rig` divide the photographs of other objects in the same place by it.
+
+    Args:
+        captures: folders with transforms.json, of any object whose shape can be solved, or of a flat card.
+        card: the captures show a flat matte card, in the mask.
+        normal: direction that the card faces, in the world's axes (default: to the camera), to 1 degree.
+        distance: from the camera to an object [m] (default: to the world's origin).
+    """
+    from hagoromo.app.rig_summary import rig_summary
+
+    replaceable_file(out, force)
+    with progress_bar("calibrate rig") as progress:
+        rig = hg.calibrate_rig(captures, card=card, normal=normal, distance=distance, progress=progress)
+    rig.save(out, force)
+    say(*rig_summary(rig))
     wrote(out)
 
 

@@ -186,6 +186,7 @@ def measure(
     facets: Literal["auto", "gaussian", "student-t"] = "auto",
     interface: Literal["auto", "neutral", "coloured"] = "auto",
     own_light: Literal["report", "subtract"] = "report",
+    rig: Path | None = None,
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
@@ -198,11 +199,12 @@ def measure(
         facets: Gaussian, with tails (student-t), or by evidence (auto).
         interface: in the colour of the lamp (neutral), coloured, or by evidence (auto).
         own_light: the light that an object of unknown shape sends to itself: report it, or subtract it and solve again.
+        rig: rig.json of `calibrate rig`: strength and fall-off of the lamps, by which the photographs are divided.
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(
             capture, n=n, distance=distance, facets=facets, interface=interface, own_light=own_light,
-            scratch=home, progress=progress, scheduler=scheduler,
+            rig=rig, scratch=home, progress=progress, scheduler=scheduler,
         )  # fmt: skip
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)
@@ -280,6 +282,7 @@ def relight(
     against: Path | None = None,
     n: float | None = None,
     distance: float | None = None,
+    rig: Path | None = None,
     force: Force = False,
 ) -> None:
     """Capture → its surface as volume boxes, rendered to predict photographs that were held out; report.html.
@@ -290,9 +293,10 @@ def relight(
         against: another capture of the same object, in the same world: all its photographs are predicted, none held.
         n: refractive index, where it is known.
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
+        rig: rig.json of `calibrate rig`: strength and fall-off of the lamps, also of those that are held out.
     """
     with whole_folder(out, force) as home, progress_bar("relight") as progress:
-        relighting = hg.relight(capture, hold=hold, against=against, n=n, distance=distance, progress=progress)
+        relighting = hg.relight(capture, hold=hold, against=against, n=n, distance=distance, rig=rig, progress=progress)
         relighting.write_into(home)
         hg.write_measure_report(home / "measured" / "report.html", relighting.measurement)
         hg.write_relight_report(home / "report.html", relighting)

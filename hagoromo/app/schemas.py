@@ -53,6 +53,7 @@ def _files() -> dict[str, Any]:
     from hagoromo.image.scene_file import SceneRecord
     from hagoromo.measurement.material.body_spectra import BodySpectrumRecord
     from hagoromo.photograph.lamps_file import LampsRecord
+    from hagoromo.photograph.rig import RigRecord
     from hagoromo.photograph.transforms import CaptureRecord
     from hagoromo.reflectance.material.materials_file import MaterialRecord
     from hagoromo.volume.store.header import BoxRecord
@@ -61,6 +62,7 @@ def _files() -> dict[str, Any]:
         "transforms": CaptureRecord,
         "camera": CameraRecord,
         "lamps": LampsRecord,
+        "rig": RigRecord,
         "materials": list[MaterialRecord],
         "body_spectra": list[BodySpectrumRecord],
         "relit": list[PredictionRecord],

@@ -28,15 +28,18 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.rig_share import fitted_rig
 from hagoromo.measurement.surface.depth import Surface
 from hagoromo.measurement.surface.large_capture import large_source, solve_large
 from hagoromo.measurement.surface.solved_surface import OwnLightUse, solve_surface
 from hagoromo.measurement.surface.tile_store import FolderSource
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.rig import Rig
 from hagoromo.photograph.stillness import moved
-from hagoromo.progress import Progress, silent
+from hagoromo.progress import Progress, part_of, silent
 
+FITTING_SHARE = 0.3  # approximate share of the time, of fitting a rig
 UNKNOWN_DISTANCE = 1.0  # [m] from the camera, where it is unknown and only sets the scale of the points
 
 
@@ -50,6 +53,7 @@ def measure(
     facets: Facets = "auto",
     interface: Interface = "auto",
     own_light: OwnLightUse = "report",
+    rig: Rig | str | Path | None = None,
     scratch: str | Path | None = None,
     progress: Progress = silent,
     scheduler: str | int | None = None,
@@ -68,9 +72,12 @@ def measure(
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
     there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". own_light: what to
     do with the light that an object of unknown shape sends to itself: "report" it, or "subtract" it and solve again.
-    scratch: folder for the temporary files of tiles (default: the system's). progress: called with the share of the
-    work done (0 … 1) and the name of the step. scheduler: see `render`; its workers solve the tiles, in a scratch
-    folder that all must see, with the same bits; what is solved as one is solved here.
+    rig: the lamps beside one another, a Rig or its file (`calibrate_rig`): photographs are divided by the strength and
+    fall-off of their lamp; of an object of unknown shape the photographs say how much of the differences in strength
+    holds (in tiles: all of it), and what is measured is that of the photographs so evened. scratch: folder for the
+    temporary files of tiles (default: the system's). progress: called with the share of the work done (0 … 1) and the
+    name of the step. scheduler: see `render`; its workers solve the tiles, in a scratch folder that all must see, with
+    the same bits; what is solved as one is solved here.
 
     Warns of photographs that moved, and where the shading shows that their values are not linear in light. Raises
     `InputError` for a capture that can be measured in no way.
@@ -82,7 +89,9 @@ def measure(
     if own_light not in get_args(OwnLightUse):
         raise InputError(f"own_light is {own_light!r}: it is 'report' or 'subtract'")
     wanted = Wanted(n, labels, colour_from_highlights, facets, interface, own_light)
-    measurement = _assumed(_measured(capture, wanted, distance, scratch, progress, scheduler))
+    rig = Rig.load(rig) if isinstance(rig, (str, Path)) else rig
+    where = Where(distance, scratch, scheduler)
+    measurement = _assumed(_measured(capture, wanted, where, progress, rig))
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
 
@@ -115,24 +124,48 @@ class Wanted:
             )
 
 
+@dataclass(frozen=True)
+class Where:
+    """Where the object is, and where it is measured: see `measure`."""
+
+    distance: float | None
+    scratch: str | Path | None
+    scheduler: str | int | None
+
+
 def _measured(
-    capture: Capture | str | Path,
-    wanted: Wanted,
-    distance: float | None,
-    scratch: str | Path | None,
-    progress: Progress,
-    scheduler: str | int | None,
+    capture: Capture | str | Path, wanted: Wanted, where: Where, progress: Progress, rig: Rig | None = None
 ) -> Measurement:
     """`measure`, without its settings."""
     if not isinstance(capture, Capture):
         source = large_source(capture)
         if source is not None:
-            away = _distance(source.photograph(0), distance, wanted)
-            home = Path(scratch or tempfile.gettempdir())
-            with here_or_on(scheduler) as workers:
-                return _measure_tiles(source, home, away, progress, wanted.model, workers)
-        capture = load_capture(capture)
-    if scheduler is not None:
+            source = replace(source, rig=rig)
+            away = _distance(source.photograph(0), where.distance, wanted)
+            home = Path(where.scratch or tempfile.gettempdir())
+            with here_or_on(where.scheduler) as workers:
+                return replace(_measure_tiles(source, home, away, progress, wanted.model, workers), rig=rig)
+    whole = capture if isinstance(capture, Capture) else load_capture(capture)
+    if rig is None:
+        return _measured_whole(whole, wanted, where, progress)
+    return _under(rig, whole, wanted, where, progress)
+
+
+def _under(rig: Rig, capture: Capture, wanted: Wanted, where: Where, progress: Progress) -> Measurement:
+    """`_measured_whole`, with lamps evened by `rig`, as far as its strengths hold."""
+    share = 1.0
+    if capture.points is None or capture.normals is None:
+        away = _distance(capture.photographs[0], where.distance, wanted)
+        where = replace(where, distance=away)
+        rig, share = fitted_rig(rig, capture, away, part_of(progress, 0.0, FITTING_SHARE))
+    shown = part_of(progress, FITTING_SHARE, 1.0 - FITTING_SHARE)
+    measurement = _measured_whole(rig.evened_capture(capture), wanted, where, shown)
+    return replace(measurement, rig=rig, rig_share=share)
+
+
+def _measured_whole(capture: Capture, wanted: Wanted, where: Where, progress: Progress) -> Measurement:
+    """The measurement of a capture in memory, whose lamps are even."""
+    if where.scheduler is not None:
         warnings.warn("the capture is measured here: only large ones of unknown shape have tiles", stacklevel=3)
     _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
@@ -147,7 +180,7 @@ def _measured(
         )
         measurement = replace(measurement, points=capture.points, capture=capture)
     else:
-        away = _distance(capture.photographs[0], distance, wanted)
+        away = _distance(capture.photographs[0], where.distance, wanted)
         solved = solve_surface(capture, away, progress, wanted.model, wanted.own_light)
         measurement = solved.described(with_solved_shape(capture, solved.normal_map, solved.surface))
         assert measurement.capture is not None
@@ -203,7 +236,13 @@ def _assumed(measurement: Measurement) -> Measurement:
             "state it (--transfer of capture), or take RAW files",
             stacklevel=3,
         )
-    return replace(measurement, assumptions={**capture.assumptions, "linearity": said}, linearity=found)
+    taken = {**capture.assumptions, "linearity": said}
+    if measurement.rig is not None:
+        taken["rig"] = (
+            f"lamps evened by a rig measured on {', '.join(measurement.rig.sources) or 'something else'}; of its "
+            f"differences in strength {measurement.rig_share:.2f} hold here"
+        )
+    return replace(measurement, assumptions=taken, linearity=found)
 
 
 def _warn_of_motion(capture: Capture) -> None:
@@ -215,18 +254,24 @@ def _warn_of_motion(capture: Capture) -> None:
 
 
 def _distance(photograph: Photograph, distance: float | None, wanted: Wanted) -> float:
-    """Distance to an object of unknown shape [m].
+    """`distance_to`; `InputError`, too, where n, labels … are given."""
+    away = distance_to(photograph, distance)
+    wanted.check_unknown_shape()
+    return away
+
+
+def distance_to(photograph: Photograph, distance: float | None) -> float:
+    """Distance to an object of unknown shape [m]: as stated, else to the world's origin.
 
     Under far lamps normals, colours and gloss do not depend on it: unknown, it is UNKNOWN_DISTANCE, with a warning.
-    `InputError` where it is unknown under near lamps, or n, labels … are given.
+    `InputError` where it is unknown under near lamps.
     """
     away = float(np.linalg.norm(photograph.camera.position)) if distance is None else distance
     if away == 0.0 and distance is None and all(lamp.position is None for lamp in photograph.lamps):
-        wanted.check_unknown_shape()
         warnings.warn(
             f"the distance of the object is unknown: {UNKNOWN_DISTANCE:g} m is taken, which sets the scale of the "
             "points; normals, colours and gloss do not depend on it (give --distance for lengths in metres)",
-            stacklevel=4,
+            stacklevel=5,
         )
         return UNKNOWN_DISTANCE
     if away == 0.0:
@@ -234,5 +279,4 @@ def _distance(photograph: Photograph, distance: float | None, wanted: Wanted) ->
             "the capture has no shape and its camera stands at the world's origin: give the distance of the object "
             "(--distance) [m]"
         )
-    wanted.check_unknown_shape()
     return away

@@ -19,6 +19,7 @@ from hagoromo.measurement.material.separation import Separation
 from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent
+from hagoromo.photograph.rig import Rig
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_html import materials_html
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
@@ -53,6 +54,8 @@ class Measurement:
     settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
     own_light: the light that a solved surface sends to itself; None where the shape was given.
+    rig: the rig by which the photographs were evened, and rig_share: how much of the differences in strength that were
+    stated holds for them (`rig` has them so). None: they were not evened.
     photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
     A measurement that `load` read has no lamp_colour, capture, fine and normal_map (None), and no predicted
     and residuals (empty).
@@ -79,6 +82,8 @@ class Measurement:
     linearity: Exponent | None = None
     photographed: Photographed | None = None
     own_light: OwnLight | None = None
+    rig: Rig | None = None
+    rig_share: float = 1.0
 
     @property
     def gloss(self) -> GlossMap | None:
@@ -111,7 +116,7 @@ class Measurement:
         lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
         noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown;
         own_light.exr and own_light.json: the share of the light that a solved surface sends to itself;
-        camera.json, response.csv and lamps.json: what the photographs were taken with.
+        camera.json, response.csv and lamps.json: what the photographs were taken with; rig.json: the rig.
         """
         from hagoromo.measurement.measurement_files import write_measurement
 

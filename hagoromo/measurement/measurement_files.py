@@ -22,13 +22,14 @@ from hagoromo.measurement.photographed import read_photographed, write_photograp
 from hagoromo.measurement.surface.own_light import OwnLight
 from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.points_file import write_points
+from hagoromo.photograph.rig import Rig
 from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
 GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
-ASSUMPTIONS = "assumptions.json"
+ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
 Map = NDArray[np.floating]
 
 
@@ -65,6 +66,8 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
     taken = measurement.photographed_with
     if taken is not None:
         write_photographed(home, taken)
+    if measurement.rig is not None:
+        write_json(home / RIG, measurement.rig.record())
     if measurement.body_spectra:
         write_body_spectra(home / "body_spectra.json", measurement.body_spectra)
 
@@ -93,6 +96,7 @@ def read_measurement(home: Path) -> Measurement:
         seed=writer.seed,
         photographed=read_photographed(home),
         own_light=_read_own_light(home, surface),
+        rig=Rig.load(home / RIG) if inside(home, RIG).is_file() else None,
     )
 
 

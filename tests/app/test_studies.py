@@ -34,6 +34,11 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.lamps.uncalibrated.refined",
     },
     # what relight learns, part by part, and its yardstick
+    "relit_objects.py": {
+        "calibration.rig.calibrate_rig",
+        "calibration.rig.object_readings",
+        "measurement.surface.uneven_lamps",
+    },
     "relit_limits.py": {"image.relight.learnt", "measurement.normals.normals"},
     # a prior without the camera that is tested
     "response_bench.py": {

@@ -3,7 +3,7 @@
 There are four predictions: the volume boxes, rendered with their shadows; the reflectance on the normals, computed for
 each pixel without shadows and for the measured view only, which shows what the boxes gain or lose; where the shape was
 solved, the same with what the photographs that were measured teach of shadows and misfit (`learnt`), and least-squares
-Lambert on them, a yardstick.
+Lambert on them, a yardstick. With a rig all are times its field, and Lambert is given without it and with it.
 
 In the measured view every pixel of the object is compared, also where the boxes miss it; in another view those that the
 boxes cover, but for their rim. Where the photograph is clipped, it and the predictions are cut off at its white.
@@ -28,7 +28,7 @@ from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
 from hagoromo.image.compare import Comparison, compare
 from hagoromo.image.relight.learnt import Learnt
 from hagoromo.image.relight.stage import Stage
-from hagoromo.image.relight.yardstick import Yardstick, light_of
+from hagoromo.image.relight.yardstick import light_of
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
@@ -49,12 +49,14 @@ PREDICTIONS = {
     "normals": "reflectance on the normals, no shadows",
     "learnt": "the same, with shadows and misfit learnt from the photographs measured",
     "lambert": "least-squares Lambert, a yardstick",
+    "lambert_rig": "least-squares Lambert, lamps evened by the rig",
 }
 FILE_STEMS = {
     "boxes": "predicted",
     "normals": "normals",
     "learnt": "learnt",
     "lambert": "lambert",
+    "lambert_rig": "lambert_rig",
 }  # names of their files
 
 
@@ -110,7 +112,7 @@ class Prediction:
         }
 
     def write_into(self, folder: Path) -> None:
-        """Write {photograph,predicted,normals,learnt,lambert}_NN, each as EXR and PNG, and mask_NN.png."""
+        """Write {photograph,predicted,normals,learnt,lambert,lambert_rig}_NN, each as EXR and PNG, and mask_NN.png."""
         pictures = {"photograph": self.photograph} | {
             FILE_STEMS[key]: picture for key, picture in self.predictions.items()
         }
@@ -127,12 +129,14 @@ def predict(
     photograph: Photograph,
     number: int,
     home: Path,
-    yardstick: Yardstick | None = None,
+    yardsticks: Mapping[str, Array] | None = None,
     learnt: Learnt | None = None,
+    field: NDArray[np.floating] | None = None,
 ) -> Prediction:
     """Render the boxes of `stage`, whose files are in the folder `home`, as `photograph` shows them.
 
-    The scene is written to `home` under the `number` of the photograph. yardstick, learnt: of the measured view.
+    The scene is written to `home` under the `number` of the photograph. yardsticks: their values (h, w, C), and learnt:
+    of the measured view. field: (h, w, C) of the rig, by which lamps in this view are uneven.
     `InputError` for a photograph without a lamp, or one that shows nothing of the surface.
     """
     if not photograph.lamps:
@@ -150,8 +154,9 @@ def predict(
         if learnt is not None:
             values["learnt"] = _learnt(stage, photograph, learnt)
         covered = stage.relief.known() | _is_lit(photograph)
-        if yardstick is not None:
-            values["lambert"] = yardstick.values(photograph)
+    if field is not None:
+        values = {key: one * field for key, one in values.items()}
+    values |= yardsticks or {}
     mask = shown & (covered if of_measured_view else _without_rim(covered))
     if not mask.any():
         raise InputError(f"photograph {photograph.name!r} shows nothing of the measured surface: check its camera")

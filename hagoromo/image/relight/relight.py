@@ -5,21 +5,25 @@ Enters: a capture, in memory or in its folder. Leaves: a Relighting.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.learnt import Learnt, learn
 from hagoromo.image.relight.prediction import predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
-from hagoromo.image.relight.stage import check_channels, make_stage
-from hagoromo.image.relight.yardstick import yardstick_of
+from hagoromo.image.relight.stage import Stage, check_channels, make_stage
+from hagoromo.image.relight.yardstick import Yardstick, yardstick_of
 from hagoromo.measurement.measure import measure
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.rig import Rig
 from hagoromo.progress import Progress, part_of, silent
 
 MEASURING_SHARE = 0.3  # approximate share of the time
@@ -32,6 +36,7 @@ def relight(
     against: Capture | str | Path | None = None,
     n: float | None = None,
     distance: float | None = None,
+    rig: Rig | str | Path | None = None,
     progress: Progress = silent,
 ) -> Relighting:
     """Predict photographs of an object from the other photographs of `capture`: a Capture, or the path of its folder.
@@ -43,26 +48,62 @@ def relight(
 
     hold: names of the photographs that are held out, all at once (default: the last). against: another capture of the
     same object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, and none is
-    held out. n, distance [m]: as in `measure`. progress: called with the share of the work done (0 … 1) and the name of
-    the step. The volume boxes are made from files in a temporary folder; `Relighting.save` writes the same files.
+    held out. n, distance [m], rig: as in `measure`; predictions are then times the strength and fall-off that the rig
+    has for the lamp, and Lambert is given without and with it. progress: called with the share of the work done (0 … 1)
+    and the name of the step. The volume boxes are made from files in a temporary folder; `Relighting.save` writes the
+    same files.
 
     Raises `InputError` for names that are not in the capture, for both hold and against, for too few photographs left,
     and as `measure` does.
     """
     rest, held_out = _split(_loaded(capture), hold, against)
     check_channels(rest)  # before the minutes of the measurement
-    measurement = measure(rest, n=n, distance=distance, progress=part_of(progress, 0.0, MEASURING_SHARE))
+    shown = part_of(progress, 0.0, MEASURING_SHARE)
+    measurement = measure(rest, n=n, distance=distance, rig=rig, progress=shown)
+    used, even = measurement.rig, rest if measurement.rig is None else measurement.rig.evened_capture(rest)
     with scratch_folder() as home:
         (home / MEASURED_FOLDER).mkdir()
         measurement.write_into(home / MEASURED_FOLDER)
-        stage = make_stage(rest, home / MEASURED_FOLDER, measurement.normal_map is not None)
+        stage = make_stage(even, home / MEASURED_FOLDER, measurement.normal_map is not None)
         stage.write_into(home)
-        predictions, yardstick, learnt = [], yardstick_of(rest, measurement), _learnt(measurement)
+        predictions, learnt = [], _learnt(measurement)
+        yardsticks: dict[str, tuple[Yardstick | None, Rig | None]] = {
+            "lambert": (yardstick_of(rest, measurement), None)
+        }
+        if used is not None:
+            yardsticks["lambert_rig"] = (yardstick_of(even, measurement), used)
         for number, photograph in enumerate(held_out):
             progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(held_out), photograph.name)
-            predictions.append(predict(stage, photograph, number, home, yardstick, learnt))
+            field, corrected = (None, photograph) if used is None else _under(used, stage, photograph)
+            by_lambert = _of_yardsticks(yardsticks, stage, photograph)
+            predictions.append(predict(stage, corrected, number, home, by_lambert, learnt, field))
     progress(1.0, "")
     return Relighting(measurement, stage, tuple(predictions))
+
+
+def _under(rig: Rig, stage: Stage, photograph: Photograph) -> tuple[NDArray[np.float32], Photograph]:
+    """The field of the rig in `photograph`, and the photograph with its lamp where the rig has it."""
+    if not stage.was_measured_in(photograph.camera):
+        raise InputError(
+            f"photograph {photograph.name!r} is of another view than the rig: leave the rig (--rig) out, or predict "
+            "photographs of the measured view"
+        )
+    return rig.field(photograph), rig.corrected(photograph)
+
+
+def _of_yardsticks(
+    yardsticks: Mapping[str, tuple[Yardstick | None, Rig | None]], stage: Stage, photograph: Photograph
+) -> dict[str, NDArray[np.float64]]:
+    """Values (h, w, C) of the yardsticks, each with its rig, in the measured view."""
+    if not stage.was_measured_in(photograph.camera):
+        return {}
+    return {
+        key: yardstick.values(photograph)
+        if rig is None
+        else rig.field(photograph) * yardstick.values(rig.corrected(photograph))
+        for key, (yardstick, rig) in yardsticks.items()
+        if yardstick is not None
+    }
 
 
 def _learnt(measurement: Measurement) -> Learnt | None:

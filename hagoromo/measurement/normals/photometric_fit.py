@@ -45,7 +45,7 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
     every = np.ones(start.gloss.rows.shape, bool)  # numbers of gloss; which of them are free is chosen next
     problem = Problem(views.pixels(chosen), views.place[chosen], share, prior, every)
     (step, status), choice = choose_gloss(problem, start.pixels(chosen), model)
-    fit = step.fit
+    fit, (covariance, lamp_variance) = step.fit, step.covariances()
     return replace(
         start,
         gloss=fit.gloss,
@@ -54,7 +54,8 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
         shift=fit.shift,
         depth=fit.depth,
         model_error=fit.model_error,
-        covariance=step.covariances()[0],
+        covariance=covariance,
+        lamp_variance=lamp_variance,
         choice=choice,
         status=status,
     )

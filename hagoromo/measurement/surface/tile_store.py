@@ -23,6 +23,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.normals.views import Stack, check_lamps, enough
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.rig import Rig
 from hagoromo.progress import Progress, silent
 
 SIDE = 192  # [pixel] side of a tile: all lamps of one need a few hundred megabytes
@@ -44,10 +45,11 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class FolderSource:
-    """The photographs of a capture folder, its `frames` that have an image, read one at a time."""
+    """The photographs of a capture folder, its `frames` that have an image, read one at a time, and evened by `rig`."""
 
     folder: Path
     frames: tuple[int, ...]
+    rig: Rig | None = None
 
     @property
     def count(self) -> int:
@@ -57,7 +59,8 @@ class FolderSource:
     def photograph(self, number: int) -> Photograph:
         """The photograph of that number."""
         frame = self.frames[number]
-        return load_capture(self.folder, slice(frame, frame + 1)).photographs[0]
+        photograph = load_capture(self.folder, slice(frame, frame + 1)).photographs[0]
+        return photograph if self.rig is None else self.rig.evened(photograph)
 
 
 @dataclass(frozen=True, eq=False)
