@@ -23,11 +23,16 @@ def main() -> int:
     parser.add_argument("recipes", type=Path, help="folder of the recipes")
     parser.add_argument("--out", type=Path, required=True, help="folder of gallery.md and figures/gallery")
     parser.add_argument("--only", nargs="*", choices=ITEMS, help="make these anew; the others stay as they are")
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder that has the scan")
     arguments = parser.parse_args()
     figures = arguments.out / "figures" / "gallery"
     figures.mkdir(parents=True, exist_ok=True)
     failed = []
     for name in arguments.only or ITEMS:
+        scan = arguments.data / ITEMS[name].scan
+        if not scan.exists():
+            print(f"{name}: left as it is, {scan} is not there", flush=True)
+            continue
         command = [
             sys.executable,
             "-m",
@@ -35,6 +40,7 @@ def main() -> int:
             str(arguments.recipes),
             name,
             str(figures),
+            str(arguments.data),
         ]
         print(name, flush=True)
         if subprocess.run(command, check=False).returncode:

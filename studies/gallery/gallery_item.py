@@ -1,6 +1,6 @@
 """Gallery item: one recipe built, photographed in its views and lit from eight sides; its figures as JSON.
 
-    python -m studies.gallery.gallery_item examples/recipes linen docs/figures/gallery
+    python -m studies.gallery.gallery_item examples/recipes linen docs/figures/gallery ../shared/data
 
 Writes NAME_whole.jpg, NAME_10_mm.jpg, NAME_1_mm.jpg, NAME_lamps.jpg, of a woven cloth NAME_draft.jpg, and NAME.json.
 """
@@ -20,7 +20,7 @@ import numpy as np
 import hagoromo as hg
 from hagoromo import backend
 from studies.gallery.gallery_draft import drawn
-from studies.gallery.gallery_items import ITEMS, Item
+from studies.gallery.gallery_items import ITEMS, SCAN_POSE, Item
 from studies.gallery.gallery_view import SIZE, around, near, whole
 
 GALLERY_JPEG_QUALITY = 86  # of JPEG
@@ -29,10 +29,11 @@ RSS_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes in which the system 
 MIB = 2**20
 
 
-def make(recipes: Path, name: str, out: Path) -> None:
+def make(recipes: Path, name: str, out: Path, data: Path) -> None:
     """All pictures and figures of one item."""
     item = ITEMS[name]
-    box, cost = _built(recipes, item, item.whole or {})
+    mesh = {"shape": SCAN_POSE | {"form": "mesh", "file": str((data / item.scan).resolve())}}
+    box, cost = _built(recipes, item, (item.whole or {}) | (mesh if item.scan else {}))
     hg.write_json(out / f"{name}.json", cost)
     _write(out / f"{name}_whole.jpg", whole(box))
     _write(out / f"{name}_lamps.jpg", around(box))
@@ -49,7 +50,8 @@ def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[hg.Volume
     """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
     record = hg.read_toml(recipes / f"{item.recipe}.toml")
     for key, value in change.items():
-        record[key] = record[key] | value if isinstance(value, dict) and key in record else value
+        merged = isinstance(value, dict) and key in record and key != "shape"
+        record[key] = record[key] | value if merged else value
     before, start, busy = _peak(), time.perf_counter(), time.process_time()
     box = hg.build(record)
     cost = {
@@ -76,4 +78,4 @@ def _write(path: Path, picture: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    make(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]))
+    make(Path(sys.argv[1]), sys.argv[2], *map(Path, sys.argv[3:5]))

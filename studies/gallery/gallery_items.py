@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 class Item(NamedTuple):
     """A recipe (name of its file), its title, and keys that differ in the views; None: no such view.
 
-    whole: all of it. centimetre, millimetre: fields of view of 10 and 1 mm around the middle of a patch.
+    whole: all of it. centimetre, millimetre: fields of view of 10 and 1 mm around the middle of a patch. scan: mesh in
+    the folder of the data, in place of the recipe's shape.
     """
 
     recipe: str
@@ -16,8 +17,11 @@ class Item(NamedTuple):
     whole: dict[str, Any] | None = None
     centimetre: dict[str, Any] | None = None
     millimetre: dict[str, Any] | None = None
+    scan: str = ""
 
 
+IVORY = {"wavelengths": [380, 450, 550, 650, 730], "values": [0.55, 0.68, 0.8, 0.86, 0.88]}
+SCAN_POSE = {"height_mm": 120.0, "rotation_deg": [0.0, 0.0, 165.0]}  # it faces +y
 PROJECTED = {"extinction": "projected", "mean_free_path_mm": 0.015}  # as dense in the mean as the recipes
 LETS_THROUGH = {"alpha": 0.16, "beta": 0.2, "transmission": 0.38, "clearness": 0.3}  # keys of a material
 
@@ -61,7 +65,12 @@ ITEMS = {
         PROJECTED | {"material": LETS_THROUGH, "marking_material": {"transmitted_colour": 0.25}},
     ),
     "wing": Item("wing", "Wings", {}),
-    "solid": Item("solid", "Solid", {}, {"voxel_mm": 0.1}, None),
+    "scan": Item(
+        "solid", "A scan as a solid: Lucy, from the Stanford 3D Scanning Repository",
+        {"voxel_mm": 0.2, "mean_free_path_mm": 0.15,
+         "material": {"alpha": 0.27, "beta": 0.15, "gamma": 0.3, "body_colour": IVORY}},
+        scan="meshes_volumes/lucy.ply",
+    ),
     "cloth_10_cm": Item(
         "linen", "Linen, 10 × 10 cm at 20 threads/cm",
         {"width_mm": 100.0, "height_mm": 100.0, "threads_per_cm": 20.0, "warp_per_cm": 20.0, "weft_per_cm": 20.0,
