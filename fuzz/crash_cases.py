@@ -279,6 +279,9 @@ CASES = (
     Case("convert to .vol", _small_box, ("convert", "box.zarr"), ("out.vol",)),
     Case("convert to HDR", _image, ("convert", "scene.exr"), ("out.hdr",)),
     Case("convert to TIFF", _image, ("convert", "scene.exr"), ("out.tif",)),
+    Case(
+        "convert to tiles and parts", _image, ("convert", "scene.exr", "--exr", "half", "tiles", "parts"), ("out.exr",)
+    ),
     Case("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
     Case("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
     Case("convert glTF to OBJ", _gltf, ("convert", "a.glb"), ("out.obj",)),

@@ -112,6 +112,15 @@ def _picture(path: Path) -> Any:
     return read_any_picture(path).linear
 
 
+def _profile(path: Path) -> Any:
+    """The colours of a profile by itself: packed in a PNG its numbers are hardly ever spoilt."""
+    from hagoromo.files.icc_reading import linear_by
+    from hagoromo.files.reading import reading
+
+    with reading(path, "ICC profile"):
+        return linear_by(path.read_bytes(), np.linspace(0.0, 1.0, 12).reshape(2, 2, 3), str(path))
+
+
 def _late(module: str, name: str) -> Callable[[Path], Any]:
     """A function of the package by name, imported when it is called: workers start quickly."""
 
@@ -236,6 +245,8 @@ SIMPLE = (
     Reader("a.hdr", pictures.hdr, _picture),
     Reader("spectral.exr", pictures.spectral, _late("hagoromo.image.spectral_exr", "read_spectral_exr")),
     Reader("8-bit.png", pictures.png, _pixels),
+    Reader("profile.png", pictures.png_profile, _picture),
+    Reader("profile.icc", pictures.icc, _profile),
     Reader("16-bit.png", pictures.png_deep, _pixels),
     Reader("palette.png", pictures.png_kinds, _pixels),
     Reader("mask.png", pictures.mask, _mask),

@@ -243,6 +243,7 @@ def expose(
     strength: tuple[str, ...] = (),
     spectrum: tuple[str, ...] = (),
     response: str | None = None,
+    display: str | None = None,
     force: Force = False,
 ) -> None:
     """Rendered EXR → EXR and PNG under lamps of other strength or colour, or through another camera; no new rendering.
@@ -252,11 +253,14 @@ def expose(
         strength: NAME=FACTOR on the intensity of a lamp, such as key=0.5.
         spectrum: NAME=SPECTRUM of a lamp: the name of an illuminant such as A or D65, or a CSV.
         response: response of the camera: a name or a CSV (default: linear sRGB).
+        display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
+            "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
     replaceable_files((out, out.with_suffix(".png")), force)
     factors = {name: _factor(value, name) for name, value in map(_named_value, strength)}
     exposed = hg.expose(image, factors, dict(map(_named_value, spectrum)))
-    wrote(*exposed.save(out, None if response is None else hg.Response.load(response), force))
+    seen_by = None if response is None else hg.Response.load(response)
+    wrote(*exposed.save(out, seen_by, force, display=display))
 
 
 def _named_value(text: str) -> tuple[str, str]:

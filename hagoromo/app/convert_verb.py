@@ -26,6 +26,8 @@ def convert(
     material: Path | None = None,
     field: Literal["density", "axis", "colour"] = "density",
     peak: float | None = None,
+    display: str | None = None,
+    exr: tuple[Literal["half", "tiles", "parts"], ...] = (),
     force: Force = False,
 ) -> None:
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
@@ -45,11 +47,14 @@ def convert(
         axis: volume of the axes of the micro-elements (default: they point down the slope of the density).
         material: TOML with a table [material], as recipes have (default: a matt grey).
         peak: linear value that a picture for the display shows white (default: 1).
+        display: what a PNG or TIFF is made for: sRGB (default), Display P3, or a view of ACES, such as
+            "ACES 2.0 - SDR 100 nits (Rec.709)".
+        exr: EXR to EXR with all its channels: as half floats, in tiles, a part for each layer.
         field: which field of a box is written; OpenVDB and VTI hold all.
     """
     from hagoromo.app.formats.convert import VolumeOptions
 
-    options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak)
+    options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak, display, exr)
     with progress_bar("convert") as progress:
         result = hg.convert(source, out, to, images, force, options, progress)
     if isinstance(result, list):

@@ -33,6 +33,7 @@ def render(
     camera_orbit: int | None = None,
     lamp_orbit: int | None = None,
     fps: float | None = None,
+    display: str | None = None,
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
@@ -57,18 +58,23 @@ def render(
         camera_orbit: a film of so many frames in which the camera goes once round the matter.
         lamp_orbit: a film of so many frames in which the lamps go once round the matter.
         fps: frames a second of a film (default: the scene's, or 24).
+        display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
+            "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
     turn = turn_of(turntable, camera_orbit, lamp_orbit)
     if is_film(out, turn):
-        if mode != "march" or resume or layers or denoise or separate_lamps:
+        if mode != "march" or resume or layers or denoise or separate_lamps or display:
             raise InputError("a film is of mode march, and has no layers: leave other options than its own out")
         stated = {"tolerance": tolerance, "samples": samples, "seed": seed}
         given = {key: value for key, value in stated.items() if value is not None}
         return write_film_of(scene, out, given, turn, fps, scheduler, force)
+    from hagoromo.image.shown import Shown
+
     if denoise:
         from hagoromo.image.denoise import name_of_denoiser
 
         name_of_denoiser()
+    Shown(display)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
     replaceable_files((out, out.with_suffix(".png")), force or resume)
     from hagoromo.image.scene_file import camera_and_settings
@@ -82,9 +88,9 @@ def render(
         with progress_bar("render") as progress:
             image = hg.render(scene, settings, progress, scheduler, mode, unfinished, layers or denoise)
     except hg.RenderInterrupted as interrupt:
-        interrupt.image.save(out, camera.response, force or resume)
+        interrupt.image.save(out, camera.response, force or resume, display=display)
         raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt
-    wrote(*image.save(out, camera.response, force or resume, denoise))
+    wrote(*image.save(out, camera.response, force or resume, denoise, display))
 
 
 def _unfinished(out: Path) -> hg.Image:

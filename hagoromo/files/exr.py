@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,17 @@ PREFIX = "channel "  # of names of channels among those of arrays
 
 
 def write_exr(
-    path: str | Path, channels: Mapping[str, NDArray], metadata: Mapping[str, str] | None = None, half: bool = False
+    path: str | Path,
+    channels: Mapping[str, NDArray],
+    metadata: Mapping[str, str] | None = None,
+    half: bool = False,
+    tile: int = 0,
+    parts: bool = False,
 ) -> None:
     """Write `channels`, name → (height, width), as float32 (or half floats) with lossless compression.
 
+    tile: edge of the tiles [px] (0: in lines). parts: a part for each layer, the channels whose names begin alike up to
+    their last dot; those without a dot are the first. The text `metadata` is in the first part.
     `InputError` when there is no channel, their shapes differ, or a value is not finite in that precision.
     """
     import OpenEXR
@@ -43,29 +50,59 @@ def write_exr(
     if len(shapes) != 1 or len(shapes[0]) != 2 or 0 in shapes[0]:
         raise InputError(f"the channels of an EXR have shapes {shapes}: give one shape (height, width) for all")
     check_finite({f"channel {name}": values for name, values in arrays.items()}, Path(path).name)
-    header = {**(metadata or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    height, width = shapes[0]
+    layout: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    chunks = -(-height // LINES_TOGETHER)
+    if tile:
+        layout |= {"type": OpenEXR.tiledimage, "tiles": _tiles(tile)}
+        chunks = -(-height // tile) * -(-width // tile)
+    layers = _layers(arrays) if parts else {"": arrays}
     with whole_file(path, force=True) as partial:
         try:
-            with OpenEXR.File(header, arrays) as file:
+            made = [
+                OpenEXR.Part({**(metadata or {} if k == 0 else {}), **layout}, held, name or "rgba")
+                for k, (name, held) in enumerate(layers.items())
+            ]
+            with OpenEXR.File(made) if len(made) > 1 else OpenEXR.File({**(metadata or {}), **layout}, arrays) as file:
                 file.write(str(partial))
         except RuntimeError:  # of a write that failed
             check_written(partial, path, whole=False)
-        check_written(partial, path, _is_whole(partial, shapes[0][0]))
+        check_written(partial, path, _is_whole(partial, len(layers), chunks, bool(tile)))
 
 
-def _is_whole(path: Path, height: int) -> bool:
-    """Whether an EXR that `write_exr` wrote has all its lines: the library does not tell where the disk was full."""
+def _tiles(edge: int) -> Any:
+    import OpenEXR
+
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = edge
+    return tiles
+
+
+def _layers(arrays: Mapping[str, NDArray]) -> dict[str, dict[str, NDArray]]:
+    """Channels by their layers, that without a name first."""
+    layers: dict[str, dict[str, NDArray]] = {}
+    for name, values in sorted(arrays.items(), key=lambda each: "." in each[0]):
+        layers.setdefault(name.rpartition(".")[0], {})[name] = values
+    return layers
+
+
+def _is_whole(path: Path, parts: int, chunks: int, tiled: bool) -> bool:
+    """Whether an EXR that `write_exr` wrote has all its chunks: the library does not tell where the disk was full."""
     size = path.stat().st_size if path.exists() else 0
     with path.open("rb") as file:
         file.seek(len(MAGIC) + 4)
-        while _text(file):  # name, type, size and value of an attribute; an empty name ends them
-            _text(file)
-            file.seek(struct.unpack("<i", file.read(4).ljust(4, b"\0"))[0], os.SEEK_CUR)
-        parts = -(-height // LINES_TOGETHER)
-        places = struct.unpack(f"<{parts}Q", file.read(8 * parts).ljust(8 * parts, b"\0"))
-        file.seek(max(places) + 4)
+        for _ in range(parts):
+            while _text(file):  # name, type, size and value of an attribute; an empty name ends them
+                _text(file)
+                file.seek(struct.unpack("<i", file.read(4).ljust(4, b"\0"))[0], os.SEEK_CUR)
+        if parts > 1:
+            file.read(1)  # an empty header ends them
+        table = file.read(8 * chunks * parts).ljust(8 * chunks * parts, b"\0")
+        places = struct.unpack(f"<{chunks * parts}Q", table)
+        before = (4 if parts > 1 else 0) + (16 if tiled else 4)  # number of the part; of the line, or of the tile
+        file.seek(max(places) + before)
         last = struct.unpack("<i", file.read(4).ljust(4, b"\0"))[0]
-    return min(places) > 0 and last > 0 and max(places) + 8 + last == size
+    return min(places) > 0 and last > 0 and max(places) + before + 4 + last == size
 
 
 def _text(file: BinaryIO) -> bytes:

@@ -9,7 +9,7 @@ from hagoromo.errors import InputError
 
 EXTRAS = {
     "nrrd": "volumes", "nibabel": "volumes", "h5py": "volumes", "vtkmodules": "vtk", "pxr": "usd",
-    "lensfunpy": "lenses",
+    "lensfunpy": "lenses", "PyOpenColorIO": "display",
 }  # fmt: skip
 
 

@@ -30,18 +30,24 @@ AFTER_HEADER = len(SIGNATURE) + 25  # bytes: behind IHDR
 LONGEST_SIDE, MOST_PIXELS = 1_000_000, 1 << 30  # what OpenCV decodes
 
 
-def write_png(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> None:
+def write_png(
+    path: str | Path,
+    image: NDArray[np.uint8] | NDArray[np.uint16],
+    srgb: bool = False,
+    profile: bytes | None = None,
+) -> None:
     """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16.
 
-    srgb: say in the file that its colours are sRGB's, so that other programs show them so.
+    srgb: say in the file that its colours are sRGB's, so that other programs show them so. profile: an ICC profile that
+    says it of another display.
     """
-    write_bytes(path, png_bytes(image, srgb))
+    write_bytes(path, png_bytes(image, srgb, profile))
 
 
-def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> bytes:
+def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False, profile: bytes | None = None) -> bytes:
     """The content of a PNG file of `image`: (height, width), (height, width, 3) or (…, 4), uint8 or uint16.
 
-    srgb: as of `write_png`.
+    srgb, profile: as of `write_png`.
     """
     import cv2
 
@@ -53,7 +59,8 @@ def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False)
     if not done:
         raise OSError(f"an image of shape {image.shape} could not be encoded as PNG")
     data = encoded.tobytes()
-    return data[:AFTER_HEADER] + SRGB_CHUNKS + data[AFTER_HEADER:] if srgb else data
+    stated = SRGB_CHUNKS if srgb else b"" if profile is None else _chunk(b"iCCP", b"ICC\0\0" + zlib.compress(profile))
+    return data[:AFTER_HEADER] + stated + data[AFTER_HEADER:]
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

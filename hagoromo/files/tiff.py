@@ -50,13 +50,14 @@ def read_tiff(path: str | Path) -> NDArray:
     return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
 
 
-def write_tiff(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    """Write display values (height, width[, 3]), 8 or 16 bits, packed without loss."""
+def write_tiff(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16], profile: bytes | None = None) -> None:
+    """Write display values (height, width[, 3]), 8 or 16 bits, packed without loss; profile: an ICC profile of them."""
     import tifffile
 
     with whole_file(path, force=True) as partial:
         kind = "rgb" if image.ndim == 3 else "minisblack"
-        tifffile.imwrite(partial, image, photometric=kind, compression="deflate", software="", datetime=False)
+        tifffile.imwrite(partial, image, photometric=kind, compression="deflate", software="", datetime=False,
+                         iccprofile=profile)  # fmt: skip
 
 
 def _unpacked(path: Path) -> NDArray:

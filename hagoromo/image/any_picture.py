@@ -6,7 +6,7 @@ Linear pictures are linear sRGB. Display values are sRGB's, in 0…1 of their 8 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,11 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.hdr import read_hdr, write_hdr
+from hagoromo.files.icc_reading import linear_by_profile
 from hagoromo.files.picture import read_picture
-from hagoromo.files.png import write_png
-from hagoromo.files.tiff import read_tiff, write_tiff
+from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import replaceable_file
+from hagoromo.image.shown import Shown, srgb_values
 from hagoromo.image.spectral_exr import is_spectral, spectral_of_channels
 from hagoromo.light.colour import srgb_decode
 
@@ -43,6 +44,8 @@ class AnyPicture(NamedTuple):
 def read_any_picture(path: str | Path) -> AnyPicture:
     """The picture at `path`; of an EXR its R, G and B, its only channel, or the colours of its spectra.
 
+    Display values of another colour space than sRGB become sRGB's by the profile in the file, cut off at its gamut.
+
     `InputError` for another format, a damaged file, and channels that are no picture.
     """
     suffix = existing_file(path).suffix.lower()
@@ -50,7 +53,9 @@ def read_any_picture(path: str | Path) -> AnyPicture:
         return AnyPicture(str(path), read_hdr(path).astype(np.float64), False)
     if suffix != ".exr":
         image = read_tiff(path) if suffix in DISPLAYED[1:] else read_picture(path)
-        return picture_of(str(path), image)
+        picture = picture_of(str(path), image)
+        linear = linear_by_profile(path, picture.values) if picture.displayed else None
+        return picture if linear is None else picture._replace(values=srgb_values(linear))
     layers, _ = read_exr(path)
     if not set(RGB) <= set(layers) and is_spectral(layers):
         return AnyPicture(str(path), spectral_of_channels(layers, str(path)).linear_srgb(), False)
@@ -74,10 +79,13 @@ def picture_of(name: str, image: NDArray) -> AnyPicture:
     return AnyPicture(name, values, displayed)
 
 
-def convert_picture(source: str | Path, out: str | Path, peak: float | None = None, force: bool = False) -> None:
+def convert_picture(
+    source: str | Path, out: str | Path, peak: float | None = None, force: bool = False, display: str | None = None
+) -> None:
     """Write a picture as linear .exr or .hdr, or for the display as .png (8 bits) or .tif (16).
 
-    peak: linear value that the display shows white (default: 1); what is brighter is cut off.
+    peak: linear value that the display shows white (default: 1); what is brighter is cut off, or as the view of ACES
+    has it. display: see `Shown` (default: sRGB).
     """
     out, suffix = Path(out), Path(out).suffix.lower()
     if suffix not in LINEAR + DISPLAYED:
@@ -86,26 +94,26 @@ def convert_picture(source: str | Path, out: str | Path, peak: float | None = No
         )
     if peak is not None and not 0.0 < peak < np.inf:
         raise InputError(f"the peak is {peak}: give a number above 0, the linear value that is white")
+    if display is not None and suffix in LINEAR:
+        raise InputError(f"{out.name} is linear, without a display (--display): leave it out, or write PNG or TIFF")
     replaceable_file(out, force)
-    picture = read_any_picture(source)
+    shown, picture = Shown(display), read_any_picture(source)
     if suffix in LINEAR:
-        linear = np.broadcast_to(picture.linear, (*picture.values.shape[:2], 3)).astype(np.float32)
+        linear = _three(picture.linear).astype(np.float32)
         if suffix == ".hdr":
             write_hdr(out, linear)
         else:
             write_exr(out, {name: linear[..., k] for k, name in enumerate(RGB)}, {"colour_space": "linear sRGB"})
         return
-    shown = picture.values if picture.displayed else _encoded(picture.values / (peak or 1.0))
-    whole = 255 if suffix == ".png" else 65535
-    numbers: Any = np.round(whole * np.clip(shown, 0.0, 1.0)).astype(np.uint8 if whole == 255 else np.uint16)
-    numbers = numbers[..., 0] if numbers.shape[2] == 1 else numbers
-    if suffix == ".png":
-        write_png(out, numbers, srgb=True)
+    if picture.displayed and display is None:
+        values = picture.values
+    elif display is None:
+        values = shown.values(picture.values / (peak or 1.0))
     else:
-        write_tiff(out, numbers)
+        values = shown.values(_three(picture.linear) / (peak or 1.0))
+    shown.save(out, values, deep=suffix != ".png")
 
 
-def _encoded(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Display values 0…1 of linear ones (IEC 61966-2-1)."""
-    cut = np.clip(linear, 0.0, 1.0)
-    return np.where(cut <= 0.0031308, 12.92 * cut, 1.055 * cut ** (1 / 2.4) - 0.055)
+def _three(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Three channels, of a grey picture three alike."""
+    return np.broadcast_to(values, (*values.shape[:2], 3))

@@ -19,9 +19,10 @@ from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.finite import finite_json
-from hagoromo.files.png import png_bytes, write_png
+from hagoromo.files.png import png_bytes
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
+from hagoromo.image.shown import Shown
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
@@ -175,12 +176,18 @@ class Image:
         return replace(self, weights=weights, variance=None, sums=None)
 
     def save(
-        self, path: str | Path, response: Response | None = None, force: bool = False, denoise: bool = False
+        self,
+        path: str | Path,
+        response: Response | None = None,
+        force: bool = False,
+        denoise: bool = False,
+        display: str | None = None,
     ) -> list[Path]:
         """Write an EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths.
 
         Both are written or none, see `whole_files`. An image with layers has these and the parts of its light, too.
-        denoise: of R, G, B and the PNG by Open Image Denoise, with the layers; weights stay as they are.
+        denoise: of R, G, B and the PNG by Open Image Denoise, with the layers; weights stay as they are. display: how
+        the PNG shows them, sRGB, Display P3, or a view of ACES such as "ACES 2.0 - SDR 100 nits (Rec.709)".
         `InputError` for a name that does not end in .exr, or a file that exists without `force`.
         """
         target = Path(path)
@@ -190,7 +197,7 @@ class Image:
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
             shown = self.linear_srgb()
             rgb = self.expose(response) if response else shown
-        header = {}
+        header, way = {}, Shown(display)
         if denoise:
             from hagoromo.image.denoise import denoised, name_of_denoiser  # an extra
 
@@ -215,7 +222,7 @@ class Image:
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
-            write_png(png, srgb_encode(shown * auto_exposure(shown, self.alpha)), srgb=True)
+            way.save_png(png, way.numbers(shown * auto_exposure(shown, self.alpha)))
         return [target, picture]
 
     def _parts(self, response: Response | None, names: Sequence[str]) -> dict[str, NDArray]:

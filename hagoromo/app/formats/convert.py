@@ -14,6 +14,7 @@ from hagoromo.app.formats.volumes_out import Field
 from hagoromo.camera.formats.camera_file import Format as CameraFormat
 from hagoromo.camera.formats.camera_file import read_views, write_views
 from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.whole import replaceable_file
@@ -26,6 +27,7 @@ from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
 from hagoromo.progress import Progress, silent
 
 BOX, SPECTRAL = ".zarr", "spectral"
+EXR_TILE = 64  # px
 NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0, "name": "neutral"}
 
 
@@ -33,7 +35,8 @@ NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.
 class VolumeOptions:
     """What a volume file does not say of a box, and which field of a box is written; see the recipes of kind volume.
 
-    peak: of a picture that becomes one for the display, the linear value that is white.
+    peak: of a picture that becomes one for the display, the linear value that is white. display: which one, see
+    `Image.save`. exr: how all channels of an EXR are laid out in another, of half, tiles and parts.
     material: TOML with the table [material] of recipes; None: a matt grey that sends back π/4 of the light.
     """
 
@@ -45,6 +48,8 @@ class VolumeOptions:
     material: Path | None = None
     field: Field = "density"
     peak: float | None = None
+    display: str | None = None
+    exr: tuple[Literal["half", "tiles", "parts"], ...] = ()
 
 
 def convert(
@@ -109,13 +114,28 @@ def convert(
 
 def _picture(source: str | Path, out: Path, to: str | None, options: VolumeOptions, force: bool) -> None:
     """A picture as another, or the spectral radiance of a rendered image."""
+    if options.exr and to is None:
+        _lay_out(source, out, options, force)
+        return
     if to != SPECTRAL:
-        convert_picture(source, out, options.peak, force)
+        convert_picture(source, out, options.peak, force, options.display)
         return
     if out.suffix.lower() != ".exr":
         raise InputError(f"a spectral picture is an EXR: give --out NAME.exr, given {out.name}")
     replaceable_file(out, force)
     write_spectral_exr(out, spectral_picture(read_image(source)))
+
+
+def _lay_out(source: str | Path, out: Path, options: VolumeOptions, force: bool) -> None:
+    """All channels of an EXR as half floats, in tiles, or a part for each layer."""
+    if Path(source).suffix.lower() != ".exr" or out.suffix.lower() != ".exr":
+        raise InputError(f"--exr is for an EXR that becomes an EXR: given {Path(source).name} and {out.name}")
+    if options.peak is not None or options.display is not None:
+        raise InputError("an EXR is linear, without a peak (--peak) and a display (--display): leave them out")
+    replaceable_file(out, force)
+    channels, texts = read_exr(source)
+    tile = EXR_TILE if "tiles" in options.exr else 0
+    write_exr(out, channels, texts, "half" in options.exr, tile, "parts" in options.exr)
 
 
 def _volume_in(source: str | Path, out: Path, options: VolumeOptions, force: bool, progress: Progress) -> None:

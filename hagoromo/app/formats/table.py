@@ -33,11 +33,13 @@ CAMERAS = (
 PICTURES = (
     Format(
         "OpenEXR", "picture", (".exr",), "hagoromo.files.exr:read_exr", "hagoromo.files.exr:write_exr",
-        "our own (lines), OpenEXR (tiles, parts, all else)", "OpenEXR", "all parts but the first, attributes but texts",
+        "our own (lines), OpenEXR (tiles, parts, all else, and out)", "OpenEXR, OpenImageIO",
+        "all parts but the first, attributes but texts; out: deep pixels, colours beside linear sRGB",
     ),
     Format(
         "PNG", "picture", (".png",), "hagoromo.files.png:read_png", "hagoromo.files.png:write_png", "OpenCV", "Pillow",
-        "colour profiles are not applied; pictures for people say that they are sRGB",
+        "`compare` and `convert` apply profiles of three primaries, photographs of captures none; pictures "
+        "for people say that they are sRGB, or Display P3 (ICC; judged by LittleCMS)",
     ),
     Format(
         "Radiance HDR", "picture", (".hdr",), "hagoromo.files.hdr:read_hdr", "hagoromo.files.hdr:write_hdr", "OpenCV",
@@ -49,13 +51,13 @@ PICTURES = (
         "polarisation, bispectral channels; out: one spectrum a pixel in place of the weights",
     ),
     Format(
-        "JPEG", "picture", (".jpg", ".jpeg"), "hagoromo.files.picture:read_picture", "", "OpenCV", "Pillow",
-        "colour profiles are not applied",
+        "JPEG", "picture", (".jpg", ".jpeg"), "hagoromo.files.picture:read_picture", "", "Pillow", "OpenCV",
+        "colour profiles, as of PNG",
     ),
     Format(
         "TIFF", "picture", (".tif", ".tiff"), "hagoromo.files.tiff:read_tiff", "hagoromo.files.tiff:write_tiff",
         "tifffile, OpenCV", "Pillow",
-        "all pages but the first, colour profiles",
+        "all pages but the first; colour profiles, as of PNG",
     ),
     Format("camera RAW", "picture", RAW_SUFFIXES, "hagoromo.files.raw:read_raw", "", "rawpy", "tifffile", "notes"),
 )  # fmt: skip
