@@ -38,14 +38,23 @@ def is_film(out: Path, turn: Turn | None) -> bool:
 
 
 def write_film_of(
-    scene: Path, out: Path, stated: dict[str, Any], turn: Turn | None, fps: float | None, scheduler: Any, force: bool
+    scene: Path,
+    out: Path,
+    stated: dict[str, Any],
+    turn: Turn | None,
+    fps: float | None,
+    scheduler: Any,
+    force: bool,
+    mode: str,
 ) -> None:
     """Render and write a film; stated: settings that replace those of the scene."""
     from hagoromo.image.scene_file import camera_and_settings
 
     settings = replace(camera_and_settings(scene)[1], **stated) if stated else None
     with progress_bar("render") as progress:
-        film = hg.film(scene, out, settings, turn, rate=fps, scheduler=scheduler, force=force, progress=progress)
+        film = hg.film(
+            scene, out, settings, turn, mode=mode, rate=fps, scheduler=scheduler, force=force, progress=progress
+        )
     kept = film.count - film.rendered
     say(f"{film.count} frames" + (f", {kept} of them were there" if kept else ""))
     wrote(film.frames, *([film.film] if film.film else []))

@@ -63,11 +63,14 @@ def render(
     """
     turn = turn_of(turntable, camera_orbit, lamp_orbit)
     if is_film(out, turn):
-        if mode != "march" or resume or layers or denoise or separate_lamps or display:
-            raise InputError("a film is of mode march, and has no layers: leave other options than its own out")
-        stated = {"tolerance": tolerance, "samples": samples, "seed": seed}
+        if resume or layers or denoise or separate_lamps or display:
+            raise InputError(
+                "a film goes on by itself and has no layers: leave --resume, --layers, --denoise, --separate-lamps and "
+                "--display out"
+            )
+        stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
         given = {key: value for key, value in stated.items() if value is not None}
-        return write_film_of(scene, out, given, turn, fps, scheduler, force)
+        return write_film_of(scene, out, given, turn, fps, scheduler, force, mode)
     from hagoromo.image.shown import Shown
 
     if denoise:

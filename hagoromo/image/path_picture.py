@@ -40,7 +40,11 @@ LONG = 64.0  # events of a walk above which fewer are launched at once
 
 
 def path_picture(
-    scene: Scene, settings: Settings, progress: Progress = silent, unfinished: Image | None = None
+    scene: Scene,
+    settings: Settings,
+    progress: Progress = silent,
+    unfinished: Image | None = None,
+    cache: SceneCache | None = None,
 ) -> Image:
     """The image of a scene by `settings.samples` walks through each pixel; see `render`.
 
@@ -49,7 +53,7 @@ def path_picture(
     """
     for box in scene.boxes:
         check_matter(box)
-    batches, cache = lamp_batches(scene.lamps), SceneCache()
+    batches, cache = lamp_batches(scene.lamps), cache or SceneCache()
     batches[0] += range(len(scene.lamps), len(scene.lights))
     bands = bands_of(albedos_of(scene), distinct([light.spectrum for light in scene.lights]))
     warn_of_few_bands(bands)

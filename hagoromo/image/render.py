@@ -74,7 +74,7 @@ def render(
     if mode not in MODES:
         raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
     if settings is not None:
-        _check_mode(settings, mode)
+        check_mode(settings, mode)
     if unfinished is not None and mode != "path":
         raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
     if scheduler is not None:
@@ -93,22 +93,29 @@ def render(
         loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
         scene, settings = loaded, settings or stated
     settings = settings or Settings()
-    image = _by_mode(mode, scene, settings, progress, unfinished)
+    image = picture_of_mode(mode, scene, settings, SceneCache(), progress, unfinished)
     return with_layers(image, scene, settings) if layers else image
 
 
-def _by_mode(mode: str, scene: Scene, settings: Settings, progress: Progress, unfinished: Image | None) -> Image:
-    """What `render` gives, without layers."""
+def picture_of_mode(
+    mode: str,
+    scene: Scene,
+    settings: Settings,
+    cache: SceneCache,
+    progress: Progress = silent,
+    unfinished: Image | None = None,
+) -> Image:
+    """What `render` gives, without layers; what did not change since the last scene of `cache` is used again."""
     if mode == "path":
         from hagoromo.image.path_picture import path_picture  # the march does without
 
-        return path_picture(scene, settings, progress, unfinished)
+        return path_picture(scene, settings, progress, unfinished, cache)
     points = pixel_points(settings.samples, settings.seed)
     if mode == "full":
         from hagoromo.image.full_picture import full_picture
 
-        return full_picture(scene, settings, points, progress=progress)
-    return picture(scene, settings, SceneCache(), points, progress=progress)
+        return full_picture(scene, settings, points, cache, progress)
+    return picture(scene, settings, cache, points, progress=progress)
 
 
 def with_layers(image: Image, scene: Scene, settings: Settings) -> Image:
@@ -119,7 +126,7 @@ def with_layers(image: Image, scene: Scene, settings: Settings) -> Image:
     return replace(image, layers=layers_of(scene, settings), metadata=record)
 
 
-def _check_mode(settings: Settings, mode: str) -> None:
+def check_mode(settings: Settings, mode: str) -> None:
     """`InputError` for settings that the mode does not heed."""
     if settings.cut is not None and mode != "march":
         raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")

@@ -13,6 +13,7 @@ from hagoromo.cluster import cluster as clusters
 from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.cluster.mapped import mapped
 from hagoromo.image import render_tiles
+from hagoromo.image.film.film import Turn, film
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.measurement.surface import tile_store
@@ -56,6 +57,16 @@ def bits(image: Image) -> bytes:
 
 def pids(cluster: Cluster) -> set[int]:
     return set(cluster.client.run(os.getpid).values())
+
+
+def test_frames_of_a_film_have_the_bits_of_one_machine(slab, address, tmp_path):
+    """Rendered by two processes, each of which keeps the scene from one frame to the next."""
+    turn = Turn(4, camera=True, lamps=True)
+    here = film(slab, tmp_path / "here", turn=turn)
+    there = film(slab, tmp_path / "there.gif", turn=turn, scheduler=address)
+    assert there.rendered == 4
+    for path in here.frames.glob("*.png"):
+        assert (there.frames / path.name).read_bytes() == path.read_bytes(), path.name
 
 
 def test_a_picture_of_tiles_has_the_bits_of_one_machine(slab, address, tmp_path, monkeypatch, capsys):

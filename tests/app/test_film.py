@@ -26,6 +26,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.field.solve import Solver
 
 SCENE = """
 [camera]
@@ -184,6 +185,25 @@ def test_frames_build_nothing_twice(turning, tmp_path, monkeypatch):
     assert sorted(built) == ["Medium", "load_box", "mapped_attenuation", "mapped_attenuation"]  # one for the exposure
 
 
+@pytest.mark.parametrize("mode", ["full", "path"])
+def test_a_film_has_all_orders_of_light_and_solves_them_once_for_all_cameras(turning, tmp_path, monkeypatch, mode):
+    """Of a grey slab, so that there is one band; each frame is what render gives of its tables."""
+    turning.write_text(SCENE + 'extinction = "projected"\n')
+    solved, settings = [], Settings(samples=4)
+    solve = Solver.solved
+    monkeypatch.setattr(Solver, "solved", lambda *some, **more: solved.append(some) or solve(*some, **more))
+    turn = Turn(3, camera=True, lamps=False)
+    made = film(turning, tmp_path / "orbit", settings, turn, mode=mode)
+    once = len(solved)
+    order = filming._ordered(turning, settings, turn, None, mode)
+    (tmp_path / "frame.toml").write_text(toml_text(frame_tables(order, 2)))
+    alone = render(tmp_path / "frame.toml", settings, mode=mode)
+    assert once == len(solved) - once == (mode == "full"), "solved again for another camera, or for the exposure"
+    assert np.array_equal(read_png(made.frames / filming.frame_name(2)), alone.display(made.exposure))
+    assert alone.palette.bands
+    assert 150 < max(read_png(made.frames / filming.frame_name(k)).max() for k in range(3)) <= 255
+
+
 def test_a_film_goes_on_where_it_was_interrupted(turning, tmp_path, monkeypatch):
     turn = Turn(3, camera=False, lamps=True)
     whole = film(turning, tmp_path / "whole", turn=turn)
@@ -306,7 +326,9 @@ def test_motion_that_is_wrong_is_refused(box, tmp_path, refused, more, said):
     [
         (["--turntable", "0"], "0 frames"),
         (["--turntable", "3", "--lamp-orbit", "3"], "two films"),
-        (["--turntable", "3", "--mode", "path"], "mode march"),
+        (["--turntable", "3", "--mode", "path", "--time", "5"], "give samples, or an error"),
+        (["--turntable", "3", "--mode", "full", "--error", "0.1"], "is for mode path"),
+        (["--turntable", "3", "--layers"], "has no layers"),
         (["--turntable", "3", "--fps", "0"], "0 frames a second"),
     ],
 )

@@ -28,13 +28,14 @@ from hagoromo.image.film.motion import Tables, read_motion, turned
 from hagoromo.image.film.sheet import SHEET_FRAMES, STRIP_FRAMES, chosen, sheet, strip
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.image.read_once import read_once
-from hagoromo.image.render import SceneCache, picture, pixel_points
+from hagoromo.image.render import MODES, SceneCache, check_mode, picture_of_mode
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import scene_from_tables
+from hagoromo.image.scene_file import camera_and_settings, scene_from_tables
 from hagoromo.image.settings import Settings
 from hagoromo.progress import Progress, part_of, silent
 
 MOST_FRAMES = 100_000
+METERED_WALKS = 16  # through a pixel of such a frame
 METERED_FRAMES, METERED_SIDE = 8, 64  # frames, and px of their longer side, by which a film is exposed
 RECORD = "film.json"
 FRAMES = "_frames"  # of the folder beside a film
@@ -51,7 +52,9 @@ class Turn:
 
 @dataclass(frozen=True)
 class FilmOrder:
-    """A film as a worker is to render it. digest: of the scene file and what it names. count: of its frames."""
+    """A film as a worker is to render it. digest: of the scene file and what it names. count: of its frames. mode: see
+    `render`.
+    """
 
     path: str
     digest: str
@@ -59,6 +62,7 @@ class FilmOrder:
     turn: Turn | None
     count: int
     rate: float
+    mode: str = "march"
 
     @property
     def fingerprint(self) -> str:
@@ -86,6 +90,7 @@ def film(
     settings: Settings | None = None,
     turn: Turn | None = None,
     *,
+    mode: str = "march",
     rate: float | None = None,
     scheduler: str | int | None = None,
     force: bool = False,
@@ -93,20 +98,21 @@ def film(
 ) -> Filmed:
     """The film of the scene in a TOML file, which moves as its [motion] says, or as a `turn`.
 
+    mode: see `render`; what light of higher orders needs is solved once while lamps and matter stand still.
     out: NAME.mp4, .webm or .gif, whose frames are kept in NAME_frames; or a folder for the frames alone. rate: frames a
     second (default: the scene's, or 24). scheduler: see `render`; each worker renders whole frames and keeps the scene
     from one to the next. All frames have one exposure, by which none of some of them is brighter than `Image.display`
     would show it.
 
-    `InputError` for a scene that does not move, a film of more than 100 000 frames, and frames of another film in the
-    folder, without `force`.
+    `InputError` for `Settings.seconds`, as frames would differ from run to run, a scene that does not move, a film of
+    more than 100 000 frames, and frames of another film in the folder, without `force`.
     """
     target, path = Path(out), Path(scene).absolute()
     film_file = target if target.suffix else None
     if film_file is not None:
         check_film_name(film_file)
         replaceable_file(film_file, force)
-    order = _ordered(path, settings, turn, rate)
+    order = _ordered(path, settings, turn, rate, mode)
     folder = target if film_file is None else target.with_name(target.stem + FRAMES)
     rendered = 0
     tidied(folder)  # as a process may have been killed after it put the frames there
@@ -120,7 +126,14 @@ def film(
     return Filmed(folder, film_file, order.count, rendered, _exposure(folder))
 
 
-def _ordered(path: Path, settings: Settings | None, turn: Turn | None, rate: float | None) -> FilmOrder:
+def _ordered(
+    path: Path, settings: Settings | None, turn: Turn | None, rate: float | None, mode: str = "march"
+) -> FilmOrder:
+    if mode not in MODES:
+        raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
+    check_mode(settings or camera_and_settings(path)[1], mode)
+    if settings is not None and settings.seconds is not None:
+        raise InputError("a time for each picture gives other frames from run to run: give samples, or an error")
     motion = read_motion(path)
     rate = motion.rate if rate is None else rate
     if not 1.0 <= rate <= 240.0:
@@ -130,7 +143,7 @@ def _ordered(path: Path, settings: Settings | None, turn: Turn | None, rate: flo
         raise InputError(f"{path} does not move: give it a table [motion], or ask for a turn (--turntable 120)")
     if not 1 <= count <= MOST_FRAMES:
         raise InputError(f"a film of {count} frames: give 1 to {MOST_FRAMES}")
-    return FilmOrder(str(path), content_with_named(path, quick=True), settings, turn, count, rate)
+    return FilmOrder(str(path), content_with_named(path, quick=True), settings, turn, count, rate, mode)
 
 
 def _is_film(folder: Path, order: FilmOrder) -> bool:
@@ -177,7 +190,12 @@ def frame_exposure(order: FilmOrder, number: int) -> float:
     """On a worker: the factor by which `Image.display` would expose a frame, from a small picture of it."""
     scene, settings, cache = _frame(order, number)
     small = scene.with_camera(scene.camera.limited(METERED_SIDE))
-    image = picture(small, replace(settings, samples=1, shadow_resolution=METERED_SIDE), cache, pixel_points(1, 0))
+    fewer = {
+        "march": {"samples": 1, "shadow_resolution": METERED_SIDE},
+        "full": {"samples": 1},  # with the shadow maps of the frames, as the solved light is theirs
+        "path": {"samples": min(settings.samples, METERED_WALKS), "error": None},
+    }[order.mode]
+    image = picture_of_mode(order.mode, small, replace(settings, **fewer), cache)
     return auto_exposure(image.linear_srgb(), image.alpha)
 
 
@@ -189,7 +207,7 @@ def frame_png(order: FilmOrder, number: int, exposure: float) -> bytes:
 def frame_image(order: FilmOrder, number: int) -> Image:
     """The image of a frame, what `render` gives of its tables."""
     scene, settings, cache = _frame(order, number)
-    return picture(scene, settings, cache, pixel_points(settings.samples, settings.seed))
+    return picture_of_mode(order.mode, scene, settings, cache)
 
 
 def frame_tables(order: FilmOrder, number: int) -> Tables:
