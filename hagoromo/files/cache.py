@@ -75,6 +75,15 @@ class Cache:
             self._trim(entry)
         return value
 
+    @property
+    def used(self) -> bool:
+        """Whether results are kept at all."""
+        return not self.why_not
+
+    def has(self, depends_on: Any) -> bool:
+        """Whether there is an entry; `kept` may still find that it is not whole."""
+        return self.used and os.path.lexists(self.folder / key_of(depends_on))
+
     def entries(self) -> Iterator[tuple[Path, int, float]]:
         """Its entries, the size of each [bytes], and when it was last used [s]."""
         try:

@@ -23,7 +23,9 @@ from hagoromo.files.record import read_json, write_json
 from hagoromo.files.whole import whole_folder, write_bytes
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.material.materials_file import read_materials
-from hagoromo_figures.demo.drawn import Files, drawn
+from hagoromo_figures.demo.beside import beside
+from hagoromo_figures.demo.drawn import Files, build_figure, drawn, is_drawn
+from hagoromo_figures.demo.figures import people
 from hagoromo_figures.demo.measured import measured, reflectances_of
 from hagoromo_figures.demo.report import Report, write_growing, write_report
 from hagoromo_figures.demo.size import SIZES, Size
@@ -132,10 +134,15 @@ def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) 
     materials = {name: reflectance.record() for name, reflectance in found.items()}
     shares = [MEASURED + (DRAWN - MEASURED) * k / len(size.figures) for k in range(len(size.figures) + 1)]
     if scheduler is None:
-        for name, begin, end in zip(size.figures, shares, shares[1:], strict=False):
-            with steps.step(name.replace("_", " "), begin, end) as progress:
-                files = drawn(name, materials, size, progress)
-            yield name, files
+        second = _second_figure(size)
+        missing = not all(is_drawn(name, materials, size) for name in size.figures if second in people(name))
+        with beside(build_figure, second, materials, size, wanted=bool(second) and missing and cache().used) as wait:
+            for name, begin, end in zip(size.figures, shares, shares[1:], strict=False):
+                with steps.step(name.replace("_", " "), begin, end) as progress:
+                    if second in people(name):
+                        wait()
+                    files = drawn(name, materials, size, progress)
+                yield name, files
         return
     start = time.perf_counter()
     with workers_of(scheduler) as cluster:
@@ -144,6 +151,12 @@ def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) 
             steps.progress(shares[done + 1], name)
             steps.seconds[name], start = time.perf_counter() - start, time.perf_counter()
             yield size.figures[number], files
+
+
+def _second_figure(size: Size) -> str:
+    """Whose boxes are built beside the first pictures: who is in a later picture and not in the first; "": nobody."""
+    first, *later = (people(name) for name in size.figures)
+    return next((who for picture in later for who in picture if who not in first), "")
 
 
 def _is_unfinished(target: Path) -> bool:

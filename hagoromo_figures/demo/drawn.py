@@ -34,6 +34,16 @@ def drawn(name: str, materials: Mapping[str, Any], size: Size, progress: Progres
     )
 
 
+def is_drawn(name: str, materials: Mapping[str, Any], size: Size) -> bool:
+    """Whether the cache has the figure `name`."""
+    return cache().has(["figure", name, materials, size.of_figures()])
+
+
+def build_figure(who: str, materials: Mapping[str, Any], size: Size) -> None:
+    """Put the boxes of the "angel" or the "nun" into the cache."""
+    _cast(materials, size).build(who)
+
+
 def _draw(name: str, materials: Mapping[str, Any], size: Size, progress: Progress) -> Files:
     camera = Camera.preset(PRESET, FOCAL_MM, size.figure_binning)
     scene = _cast(materials, size).scene(name, camera, part_of(progress, 0.0, BOXES, "boxes"))
