@@ -121,6 +121,15 @@ def _profile(path: Path) -> Any:
         return linear_by(path.read_bytes(), np.linspace(0.0, 1.0, 12).reshape(2, 2, 3), str(path))
 
 
+def _lens(path: Path) -> Any:
+    """The camera of a photograph by a database, and its names."""
+    from hagoromo.camera.formats.lensfun import camera_by_lensfun
+    from hagoromo.files.exif import Exif
+
+    exif = Exif(focal_mm=20.0, camera="Acme Acme One", lens="Acme 20mm f/2")
+    return camera_by_lensfun((60, 40), exif, database=path), _info(path)
+
+
 def _late(module: str, name: str) -> Callable[[Path], Any]:
     """A function of the package by name, imported when it is called: workers start quickly."""
 
@@ -215,6 +224,7 @@ SIMPLE = (
     Reader("map.hdr", pictures.map_hdr, READ_MAP),
     Reader("map.exr", pictures.map_exr, READ_MAP, share=0.3),
     Reader("ies.ies", records.text(records.IES), _info),
+    Reader("lensfun.xml", records.text(records.LENSFUN), _lens),
     Reader("mesh.ply", records.text(records.PLY), READ_MESH),
     Reader("mesh.obj", records.text(records.OBJ), READ_MESH),
     Reader("mesh.off", records.text(records.OFF), READ_MESH),

@@ -49,6 +49,8 @@ candela_from_profile = true}, {position = [0.0, -1.0, 1.0], profile = {lateral =
 intensity = [[1.0, 0.5]], peak_candela = 10.0}}]
 surface = [{name = "ball", shape = "sphere", scale = 0.15, position = [0.0, 0.0, 0.1], rotation_deg = [0.0, 10.0, 0.0], \
 reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, nu = 2.0, body_colour = {wavelengths = [400.0, 700.0], values = [0.2, 0.4]}, element = "plane"}}, \
+{name = "glass", shape = "sphere", scale = 0.05, position = [0.3, 0.0, 0.1], optics = "glass", reflectance = {alpha = 0.0, \
+beta = 1.0, gamma = 0.1, n = 1.5, body_colour = 0.0}}, \
 {mesh = "a.ply", scale = [1.0, 1.0, 2.0], smooth = false, reflectance = {file = "materials.json", material = "one"}}]
 render = {samples = 4, shadows = "map", shadow_resolution = 64, tolerance = 0.04, seed = 0, separate_lamps = false}
 """
@@ -186,6 +188,19 @@ def motion(folder: Path) -> None:
     scene(folder)
     with (folder / "scene.toml").open("a") as file:
         file.write(MOTION)
+
+
+LENSFUN = """<?xml version="1.0" encoding="utf-8"?>
+<lensdatabase version="1"><mount><name>Acme</name></mount>
+<camera><maker>Acme</maker><model>Acme One</model><mount>Acme</mount><cropfactor>1.5</cropfactor></camera>
+<lens><maker>Acme</maker><model>Acme 20mm f/2</model><mount>Acme</mount><cropfactor>1.5</cropfactor>
+<type>rectilinear</type><calibration>
+<distortion model="ptlens" focal="20" a="0.01" b="-0.03" c="0.004"/>
+<distortion model="poly5" focal="20.5" k1="0.01" k2="-0.003"/>
+<tca model="linear" focal="20" kr="1.0001" kb="1.0002"/>
+<vignetting model="pa" focal="20" aperture="2" distance="10" k1="-0.2" k2="0.1" k3="-0.05"/>
+</calibration></lens></lensdatabase>
+"""
 
 
 def scene(folder: Path) -> None:

@@ -28,11 +28,14 @@ def convert(
     peak: float | None = None,
     display: str | None = None,
     exr: tuple[Literal["half", "tiles", "parts"], ...] = (),
+    lens: str | None = None,
+    lensfun: Path | None = None,
     force: Force = False,
 ) -> None:
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
     (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a volume box; a box → OpenVDB, NRRD, VTI, .vol;
-    a picture → EXR, HDR, TIFF (16 bits), PNG; a glTF → a folder with scene.toml; a scene.toml → .glb;
+    a picture → EXR, HDR, TIFF (16 bits), PNG; a photograph → its camera, by lensfun;
+    a glTF → a folder with scene.toml; a scene.toml → .glb;
     a mesh → PLY, OBJ, STL, OFF, GLB.
 
     Args:
@@ -50,14 +53,25 @@ def convert(
         display: what a PNG or TIFF is made for: sRGB (default), Display P3, or a view of ACES, such as
             "ACES 2.0 - SDR 100 nits (Rec.709)".
         exr: EXR to EXR with all its channels: as half floats, in tiles, a part for each layer.
+        lens: of a photograph that becomes a camera: name or a part of it, or "auto" for what its EXIF says.
+        lensfun: file of lensfun's XML (default: the database of lensfunpy).
         field: which field of a box is written; OpenVDB and VTI hold all.
     """
     from hagoromo.app.formats.convert import VolumeOptions
+    from hagoromo.camera.formats.lensfun import LOST, LensCamera
 
-    options = VolumeOptions(scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak, display, exr)
+    options = VolumeOptions(
+        scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak, display, exr,
+        "" if lens == "auto" else lens, lensfun,
+    )  # fmt: skip
     with progress_bar("convert") as progress:
         result = hg.convert(source, out, to, images, force, options, progress)
-    if isinstance(result, list):
+    if isinstance(result, LensCamera):
+        say(
+            f"{result.lens}: fitted to {result.rms:.2g} px (root mean square), {result.largest:.2g} px at most",
+            f"lost: {LOST}",
+        )
+    elif isinstance(result, list):
         say(*(f"{'lost' if out.suffix else 'made up'}: {each}" for each in result))
     elif isinstance(result, dict):
         if result:

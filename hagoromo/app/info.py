@@ -12,10 +12,10 @@ import numpy as np
 
 from hagoromo.app.formats.find import format_of
 from hagoromo.calibration.camera.calibrate_camera import NAMES
-from hagoromo.camera.formats.camera_file import NERFSTUDIO, read_views
+from hagoromo.camera.formats.camera_file import NERFSTUDIO, read_views, transforms_in
+from hagoromo.camera.formats.lensfun import names_in_lensfun
 from hagoromo.camera.formats.opencv_file import MATRIX
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.mesh import read_mesh
@@ -68,6 +68,11 @@ def _spectrum(path: Path) -> Facts:
     return {"kind": "spectrum", "wavelengths": len(waves), "range_nm": ends, "range": span}
 
 
+def _lenses(path: Path) -> Facts:
+    cameras, lenses = names_in_lensfun(path)
+    return {"kind": "lenses", "cameras": _short(cameras), "lenses": _short(lenses)}
+
+
 def _surface(path: Path) -> Facts:
     mesh = read_mesh(path)
     low, high = mesh.bounds.tolist()
@@ -76,6 +81,7 @@ def _surface(path: Path) -> Facts:
 
 
 def _transforms(path: Path) -> Facts:
+    path = transforms_in(path) or path if path.is_dir() else path
     record = read_json(path)
     frames = record.get("frames") if isinstance(record, dict) else None
     if not isinstance(frames, list):
@@ -235,13 +241,14 @@ def _short(value: Any) -> Any:
 
 FACTS: dict[str, Callable[[Path], Facts]] = {
     "volume box": _box,
-    "capture": lambda path: _transforms(inside(path, "transforms.json")),
+    "capture": _transforms,
     "materials, camera, lamps": _json,
     NERFSTUDIO: _transforms,
     "OpenEXR": _exr,
     "TIFF": _tiff,
     "camera RAW": _raw,
     "IES LM-63": _ies,
+    "lensfun": _lenses,
     "RTI dome .lp": lambda path: {"kind": "lamps", "lamps": len(load_lamps(path))},
 }
 FACTS_OF_KIND: dict[str, Callable[[Path], Facts]] = {

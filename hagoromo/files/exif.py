@@ -31,8 +31,8 @@ class Exif:
     """Settings of one exposure; None where the file does not state them.
 
     exposure_s [s]; iso; f_number (focal length over aperture); focal_mm [mm]; sensor_mm: width of the sensor [mm];
-    camera: maker and model. sensor_conflict, exposure_conflict: what is stated in two ways that differ, in words; ""
-    where nothing is.
+    camera: maker and model. lens: its name. sensor_conflict, exposure_conflict: what is stated in two ways that differ,
+    in words; "" where nothing is.
     """
 
     exposure_s: float | None = None
@@ -43,6 +43,7 @@ class Exif:
     camera: str = ""
     sensor_conflict: str = ""
     exposure_conflict: str = ""
+    lens: str = ""
 
     def focal_px(self, width: int) -> float | None:
         """Focal length [px] of an image of `width` pixels; None if focal length or sensor width is unknown."""
@@ -96,6 +97,7 @@ def _exif(tags: Mapping[str, Any]) -> Exif:
         model if model.startswith(maker) else f"{maker} {model}".strip(),
         _sensor_conflict(plane, equivalent),
         _exposure_conflict(tags),
+        str(tags.get("LensModel", "")).strip()[:200],
     )
 
 

@@ -59,3 +59,11 @@ def test_info_knows_a_mesh(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 2\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
     facts = info(tmp_path / "a.off")
     assert facts["triangles"] == 4 and facts["high"] == [1, 1, 2] and facts["closed"]
+
+
+def test_a_folder_that_is_split_as_nerfs_are_is_known_to_both_verbs(tmp_path):
+    """NeRF's synthetic scenes have transforms_train.json, and no transforms.json."""
+    write_views(tmp_path / "transforms_train.json", VIEWS, "nerfstudio")
+    assert info(tmp_path)["frames"] == 1
+    assert main(["convert", str(tmp_path), "--out", str(tmp_path / "b.yml")]) == 0
+    assert read_views(tmp_path / "b.yml").keys() == VIEWS.keys()

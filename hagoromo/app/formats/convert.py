@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from hagoromo.app.formats.find import format_of
 from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
@@ -13,10 +13,15 @@ from hagoromo.app.formats.table import FORMATS, suffixes
 from hagoromo.app.formats.volumes_out import Field
 from hagoromo.camera.formats.camera_file import Format as CameraFormat
 from hagoromo.camera.formats.camera_file import read_views, write_views
+from hagoromo.camera.formats.lensfun import LensCamera, camera_by_lensfun
 from hagoromo.errors import InputError
+from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.picture import read_picture
+from hagoromo.files.raw import RAW_SUFFIXES, read_raw
 from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
+from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import replaceable_file
 from hagoromo.image.any_picture import convert_picture
 from hagoromo.image.image import read_image
@@ -36,7 +41,9 @@ class VolumeOptions:
     """What a volume file does not say of a box, and which field of a box is written; see the recipes of kind volume.
 
     peak: of a picture that becomes one for the display, the linear value that is white. display: which one, see
-    `Image.save`. exr: how all channels of an EXR are laid out in another, of half, tiles and parts.
+    `Image.save`. exr: how all channels of an EXR are laid out in another, of half, tiles and parts. lens: name or part
+    of the name of the lens that took a photograph, "" for its EXIF's: its camera is written. lensfun: a file of
+    lensfun's XML in place of its database.
     material: TOML with the table [material] of recipes; None: a matt grey that sends back π/4 of the light.
     """
 
@@ -50,6 +57,8 @@ class VolumeOptions:
     peak: float | None = None
     display: str | None = None
     exr: tuple[Literal["half", "tiles", "parts"], ...] = ()
+    lens: str | None = None
+    lensfun: Path | None = None
 
 
 def convert(
@@ -65,6 +74,7 @@ def convert(
 
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
+    A photograph with `volume.lens` becomes the camera that took it, by lensfun; returned is how well it fits.
     A glTF becomes a folder with scene.toml, a scene.toml with surfaces a .glb; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
@@ -93,6 +103,8 @@ def convert(
         return scene_from_gltf(source, out, force)
     if found.holds == "matter" and suffix == ".glb":
         return gltf_from_scene(load_scene(source, progress)[0], out, force)
+    if found.holds == "picture" and volume is not None and volume.lens is not None:
+        return _camera_of(Path(source), out, to, volume, force)
     if found.holds == "picture":
         return _picture(source, out, to, volume or VolumeOptions(), force)
     if found.holds not in ("cameras", "result"):
@@ -124,6 +136,21 @@ def _picture(source: str | Path, out: Path, to: str | None, options: VolumeOptio
         raise InputError(f"a spectral picture is an EXR: give --out NAME.exr, given {out.name}")
     replaceable_file(out, force)
     write_spectral_exr(out, spectral_picture(read_image(source)))
+
+
+def _camera_of(source: Path, out: Path, to: str | None, options: VolumeOptions, force: bool) -> LensCamera:
+    """The camera of a photograph by lensfun, as a file of cameras with one view."""
+    if to == SPECTRAL:
+        raise InputError("a lens (--lens) makes a camera of a photograph: leave --to spectral out")
+    replaceable_file(out, force)
+    shape = read_raw(source).numbers.shape if source.suffix.lower() in RAW_SUFFIXES else _shape(source)
+    found = camera_by_lensfun((shape[1], shape[0]), read_exif(source), options.lens or "", options.lensfun)
+    write_views(out, {source.name: found.camera}, cast(Any, to), force)
+    return found
+
+
+def _shape(source: Path) -> tuple[int, ...]:
+    return (read_tiff(source) if source.suffix.lower() in (".tif", ".tiff") else read_picture(source)).shape
 
 
 def _lay_out(source: str | Path, out: Path, options: VolumeOptions, force: bool) -> None:

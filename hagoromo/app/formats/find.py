@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hagoromo.app.formats.table import FORMATS, suffixes
-from hagoromo.camera.formats.camera_file import cameras_within
+from hagoromo.camera.formats.camera_file import NERFSTUDIO, cameras_within, transforms_in
 from hagoromo.camera.formats.colmap import find_colmap
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, inside
@@ -23,7 +23,13 @@ SIGNATURES = {
 }  # fmt: skip
 BY_NAME = {each.name: each for each in FORMATS}
 BY_SUFFIX = {suffix: each for each in reversed(FORMATS) for suffix in each.suffixes if suffix and not each.folder}
-PLAIN = {**BY_SUFFIX, ".json": BY_NAME["materials, camera, lamps"], ".tif": BY_NAME["TIFF"], ".tiff": BY_NAME["TIFF"]}
+PLAIN = {
+    **BY_SUFFIX,
+    ".xml": BY_NAME["IES TM-27-14"],
+    ".json": BY_NAME["materials, camera, lamps"],
+    ".tif": BY_NAME["TIFF"],
+    ".tiff": BY_NAME["TIFF"],
+}
 START = 4096  # bytes of a file that are looked at
 
 
@@ -44,15 +50,21 @@ def format_of(path: str | Path) -> Format:
         cameras = cameras_within(path)
         if cameras:
             return BY_NAME[cameras]
+    if suffix == ".xml" and b"<lensdatabase" in _start(path):
+        return BY_NAME["lensfun"]
     if suffix in PLAIN and suffix not in (".txt", ".bin"):
         return PLAIN[suffix]
     if suffix == "":
-        with path.open("rb") as file:
-            start = file.read(START)
+        start = _start(path)
         for signature, name in SIGNATURES.items():
             if start.startswith(signature):
                 return BY_NAME[name]
     raise InputError(f"{path} is of unknown type: give a folder or one of {suffixes()}")
+
+
+def _start(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(START)
 
 
 def _of_folder(path: Path) -> Format:
@@ -60,11 +72,13 @@ def _of_folder(path: Path) -> Format:
         return BY_NAME["capture"]
     if (path / "zarr.json").exists():
         return BY_NAME["volume box"]
+    if transforms_in(path) is not None:
+        return BY_NAME[NERFSTUDIO]
     if find_colmap(path) is not None:
         return BY_NAME["COLMAP"]
     if len(slices(path)) > 1:
         return BY_NAME["TIFF stack"]
     raise InputError(
-        f"{path} is neither a capture (transforms.json) nor a volume box (zarr.json), and holds no COLMAP model and no "
-        f"stack of TIFF files: give one of these"
+        f"{path} is neither a capture (transforms.json, transforms_train.json) nor a volume box (zarr.json), "
+        f"and holds no COLMAP model and no stack of TIFF files: give one of these"
     )

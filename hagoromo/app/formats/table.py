@@ -94,6 +94,10 @@ OTHERS = (
         "nothing",
     ),
     Format(
+        "lensfun", "lens", (".xml",), f"{VIEWS}.lensfun:names_in_lensfun", "", "lensfunpy", "its formulas in the tests",
+        "vignetting, colour fringes; fisheyes are refused; the fit's residual is said",
+    ),
+    Format(
         "IES LM-63", "lamps", (".ies",), "hagoromo.light.lamp_profile:LampProfile.from_ies", "", "our own",
         "colour-science's file", "the shape of the luminaire",
     ),

@@ -32,6 +32,7 @@ BY_SUFFIX: dict[str, Format] = {
 
 NERFSTUDIO, OPENCV, COLMAP = "nerfstudio, instant-ngp, NeRF", "OpenCV YAML or JSON", "COLMAP"
 MIDDLEBURY = "Middlebury _par.txt"
+TRANSFORMS = ("transforms.json", "transforms_train.json")
 START = 4096  # bytes of a file that tell its format
 COUNT_LINE = re.compile(rb"\d+[ \t]*\r?(\n|$)")  # how Middlebury's files begin
 
@@ -73,8 +74,8 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
     """
     path = Path(path)
     if path.is_dir():
-        transforms = inside(path, "transforms.json")
-        return read_transforms(transforms) if transforms.is_file() else read_colmap(path)
+        transforms = transforms_in(path)
+        return read_colmap(path) if transforms is None else read_transforms(transforms)
     kind = cameras_within(path)
     if kind == COLMAP:
         return read_colmap(path.parent)
@@ -90,6 +91,11 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
         f"{path} is no file of cameras: give .json, .yml, a _par.txt (the number of images, then a line of 22 words "
         f"each) or a folder of COLMAP's"
     )
+
+
+def transforms_in(folder: Path) -> Path | None:
+    """The list of views of nerfstudio in a folder, or that for training where NeRF's are split; None without both."""
+    return next((file for name in TRANSFORMS if (file := inside(folder, name)).is_file()), None)
 
 
 def cameras_within(path: str | Path) -> str:
