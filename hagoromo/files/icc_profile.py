@@ -17,7 +17,7 @@ PRIMARIES = {  # x, y of red, green, blue: IEC 61966-2-1; SMPTE EG 432-1
 }
 D65 = (0.3127, 0.3290)
 D50 = np.array([0.9642, 1.0, 0.8249])  # X, Y, Z of the white of profiles (ICC.1:2022, 6.3.4.3)
-# Lam 1985, "Bradford": cones of chromatic adaptation
+# cones of chromatic adaptation, "Bradford" (ICC.1:2022, annex E)
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 CURVE = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)  # of sRGB: g, a, b, c, d of ICC.1:2022, table 68, type 3
 
