@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array, Ball, grey
 from hagoromo.calibration.lamps.speck import ellipse_centre
+from hagoromo.calibration.lamps.streaks import where_streaks_meet
 from hagoromo.errors import InputError
 
 LEVELS = (0.3, 0.5, 0.7)  # of the highlight's peak: thresholds of centroids; the middle one is used
@@ -26,6 +27,7 @@ TIP_LEVELS = (0.9, 0.97)  # of the peak: the brightest pixels
 FEWEST_IN_TIP, SLANT, FILLED = 4, 0.4, 0.8  # pixels of them; their width over length; of the area of their ellipse
 ASTRAY_CORE = 0.5  # [px] between centroid and core: more is glare
 SMALLEST_WITH_CORE = 10.0 * CORE_BLURS[-1]  # [px] radius of a ball: on smaller ones blurring moves the peak off the rim
+SMALLEST_WITH_STREAKS = 30.0  # [px] radius of a ball: on smaller ones streaks are hardly longer than wide
 PIXEL_ERROR = 1.0 / np.sqrt(12.0)  # [px] standard deviation of a position known to the pixel
 TILT = 0.01  # [px] step of the finite differences
 
@@ -73,7 +75,8 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
 
     Streaks of glare draw a centroid aside. Where the speck is no ellipse, and its centroid is more than ASTRAY_CORE
     from that of the brightest pixels, these are the lamp if they are as compact as a disc; where streaks are as bright
-    as the lamp, the peak of the blurred light is taken, on balls of a radius of SMALLEST_WITH_CORE or more.
+    as the lamp, it is where they meet, on balls of a radius of SMALLEST_WITH_STREAKS or more, and if they lie along one
+    line the peak of the blurred light, on balls of SMALLEST_WITH_CORE or more.
 
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown.
     """
@@ -91,7 +94,7 @@ def find_highlight(photograph: NDArray, ball: Ball) -> Highlight:
         centre = np.array([finer.x, finer.y]) + corner[::-1]
         points, (x, y), error = points + (centre - centres[1]), centre, finer.standard_error
     else:
-        core = _tip(light, brightest) or (_core(light) if ball.radius >= SMALLEST_WITH_CORE else None)
+        core = _tip(light, brightest) or _meeting(light, speck, ball.radius)
         if core is not None and np.hypot(*(core.centre + corner[::-1] - centres[1])) > ASTRAY_CORE:
             points, weights = core.points + corner[::-1], np.tile(core.weights, (len(LEVELS), 1))
             (x, y), error = core.centre + corner[::-1], float(np.hypot(core.spread, PIXEL_ERROR))
@@ -220,6 +223,14 @@ def _core(light: Array) -> _Core:
     centre, points, weights = cores[len(cores) // 2]
     spread = float(np.std([core[0] for core in cores], axis=0).max())
     return _Core(centre, spread, points, weights)
+
+
+def _meeting(light: Array, speck: NDArray[np.bool_], radius: float) -> _Core | None:
+    """Where the streaks of the speck meet; `_core` where they lie along one line; None on a ball too small for it."""
+    found = where_streaks_meet(light, speck) if radius >= SMALLEST_WITH_STREAKS else None
+    if found is not None:
+        return _Core(found[0], found[1], found[0][None], np.ones(1))
+    return _core(light) if radius >= SMALLEST_WITH_CORE else None
 
 
 def _weight(light: Array, level: float) -> Array:
