@@ -6,7 +6,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders cluster figures gallery published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders cluster figures gallery viewer turning published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -138,6 +138,16 @@ merl: $(READY)
 figures: $(READY)
 	$(BIN)/hagoromo demo --out out/figures --size full --force
 	$(BIN)/python -m hagoromo_figures.demo.plates out/figures docs
+
+# The pictures of docs/howto/view.md, of the viewer in Chromium (a minute).
+viewer: $(READY)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.viewer --out out/viewer --force
+	for name in scene image photograph measurement; do cp out/viewer/$$name.jpg docs/figures/view_$$name.jpg; done
+
+# The film of docs/howto/film.md and docs/figures.md: figure 8, turning (half an hour after a demo, whose folder it takes).
+turning: $(READY)
+	test -e out/demo/measure || $(BIN)/hagoromo demo --out out/demo --force
+	$(BIN)/python -m hagoromo_figures.demo.turning out/demo out/turning docs
 
 # The page of docs/howto/publish.md, made and opened in Chromium (minutes).
 published: $(READY)

@@ -39,12 +39,13 @@ class ImagePlate:
         self.image = image
         height, width = image.alpha.shape
         palette = image.palette
-        self.size, self.lamps = (width, height), image.lamp_names
+        self.size = (width, height)
         groups = palette.lamp_groups or tuple(range(len(palette.lamps)))
-        self.lamps = tuple(
-            ", ".join(name for name, own in zip(image.lamp_names, groups, strict=True) if own == group)
+        alike = [
+            [name for name, own in zip(image.lamp_names, groups, strict=True) if own == group]
             for group in range(len(palette.lamps))
-        )
+        ]
+        self.lamps = tuple(names[0] if len(names) == 1 else f"({len(names)} lamps)" for names in alike)
         parts = {"interface": palette.interfaces, "through": palette.transmitted, "higher": palette.bands}
         found = ["picture", *(["body"] if any(parts.values()) else []), *(name for name, own in parts.items() if own)]
         found += ["opacity"] + ([NOISE_LAYER] if image.variance is not None else [])

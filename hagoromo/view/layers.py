@@ -1,7 +1,7 @@
 """Layers: what a picture is made of: its body and interface light, its opacity, its shadows, and its matter.
 
-Layers of matter (normals, axes, materials) come from the march itself, in which every sample sends a colour of its own
-in place of light: the colour of a pixel is the mean over what is seen there, as opaque as the matter is.
+Layers of matter (density, normals, axes, materials) come from the march itself, in which every sample sends a colour of
+its own in place of light: the colour of a pixel is the mean over what is seen there, as opaque as the matter is.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hagoromo.transport.film import Film
 from hagoromo.transport.medium import Element
 
 OF_LIGHT = ("picture", "body", "interface", "opacity")  # made of the weights of one picture
-OF_MATTER = ("normals", "axes", "material")
+OF_MATTER = ("density", "normals", "axes", "material")
 LAYERS = (*OF_LIGHT, "shadow", *OF_MATTER)
 # linear sRGB of materials 0, 1, 2, …, apart for eyes of all kinds (Okabe and Ito 2008, "Color Universal Design")
 MATERIAL_COLOURS = (
@@ -46,8 +46,10 @@ class LayerPicture:
 class MatterColours:
     """Takes the place of `Lighting` in a march: every sample has a colour for what it is, and nothing shades it."""
 
-    def __init__(self, layer: str, materials: int) -> None:
+    def __init__(self, layer: str, materials: int, densest: float = 1.0) -> None:
+        """`densest`: extinction that the layer "density" shows white [1/m]."""
         jit = arrays()
+        self.densest = dr.opaque(jit.Float, densest)
         self.layer, self.lamps, self.channels, self.voxel_bases = layer, (None,), 3, ()
         self.field = self.surface_light = None
         palette = SimpleNamespace(colours=range(3), channels=3)
@@ -60,10 +62,15 @@ class MatterColours:
         return light
 
     def reflected_radiance(
-        self, point: Array3f, to_eye: Array3f, elements: list[Element], *_: Any
+        self, point: Array3f, to_eye: Array3f, elements: list[Element], coefficients: Any, *of_matter: Any
     ) -> tuple[list[Float], list[Float]]:
-        """The colour of a sample, linear, in place of the light that it sends; as if every lamp reached it."""
+        """The colour of a sample, linear, in place of the light that it sends; as if every lamp reached it.
+
+        of_matter: whether a texel was hit, and the extinction there [1/m]; nothing of a surface, which is white.
+        """
         jit, total = arrays(), [arrays().Float(0)] * 3
+        if self.layer == "density":
+            return [jit.Float(of_matter[1]) / self.densest if of_matter else jit.Float(1)] * 3, [jit.Float(1)]
         for element in elements:
             colour = self._colour(element, to_eye)
             total = [dr.fma(one, element.share, before) for one, before in zip(colour, total, strict=True)]
@@ -84,9 +91,10 @@ def matter_pictures(
     """Pictures of a layer of OF_MATTER, each finer than the last; `rays`: of the first."""
     coarse = strides(scene.camera.width * scene.camera.height, rays)
     unshaded, materials = replace(settings, shadows="none"), sum(len(box.materials) for box in scene.boxes)
+    densest = max((box.tau * box.bricks.densest for box in scene.boxes), default=1.0)
     for number, stride in enumerate([*coarse, 1]):
         prepared: Any = PreparedScene(scene, unshaded, cache, stride)
-        prepared.lighting = MatterColours(layer, materials + len(scene.surfaces))
+        prepared.lighting = MatterColours(layer, materials + len(scene.surfaces), densest)
         film = Film(prepared.camera, 3, stride, prepared.ahead)
         for point in pixel_points(1, 0) if stride > 1 else pixel_points(settings.samples, settings.seed):
             film.add(prepared.camera_radiance, point)

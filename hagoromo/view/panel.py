@@ -15,7 +15,7 @@ from hagoromo.view.probe import plain
 from hagoromo.view.watcher import Desk
 
 PAUSE_S = 1.0  # edits of one control that are this far apart are two
-GIZMO_SHARE = 0.12  # size of a gizmo, of the camera's distance
+GIZMO_SHARE = 0.15  # size of a gizmo, of the height that the camera sees at the middle of the matter
 
 
 class Panel:
@@ -145,7 +145,8 @@ class Panel:
 
     def _add_gizmo(self, control: Control) -> None:
         """A thing to drag for a place, with its name; a far lamp stands on a ball around the middle of the scene."""
-        away = float(np.linalg.norm(self.desk.camera.position - self.desk.middle))
+        camera = self.desk.camera
+        away = float(np.linalg.norm(camera.position - self.desk.middle)) * camera.height / camera.focal[1]
         name = f"/lamps/{len(self.gizmos)}"
         gizmo = self.server.scene.add_transform_controls(name, scale=GIZMO_SHARE * away, disable_rotations=True)
         self.server.scene.add_label(f"{name}/name", control.folder.partition(" ")[2])

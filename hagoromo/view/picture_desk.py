@@ -135,7 +135,7 @@ class PictureDesk:
         found += [
             _of_development("layer", "layer", Choice(plate.layers)),
             _of_development("stops", "exposure [stops]", Slider(-MOST_STOPS, MOST_STOPS, 0.1)),
-            _of_development("white", "white", Choice(("first lamp", *ILLUMINANTS))),
+            *([] if plate.turns else [_of_development("white", "white", Choice(("first lamp", *ILLUMINANTS)))]),
             _of_development("tone", "tone curve", Choice(TONES)),
         ]
         for number, name in enumerate(plate.lamps):
@@ -184,6 +184,7 @@ class PictureWatcher:
     def __init__(self, desk: PictureDesk, longest: int = LONGEST_SIDE) -> None:
         self.desk, self.longest = desk, longest
         self.pose: NDArray[np.float64] | None = None  # of its camera; None: the whole picture
+        self._window = (0, 0)
         self._shown: tuple[Any, ...] = ()
         self._part: tuple[Any, Plate] | None = None  # of the plate, with what it is of
 
@@ -192,7 +193,8 @@ class PictureWatcher:
         self.pose = world_to_camera
 
     def fit(self, width: int, height: int) -> None:
-        """Its window is width × height px."""
+        """Its window is width × height px: another shape is sent anew."""
+        self._window = width, height
         self.longest = int(np.clip(max(width, height), SHORTEST_SIDE, LONGEST_SIDE))
 
     @property
@@ -218,7 +220,7 @@ class PictureWatcher:
         """Its next picture; None where the last one stands."""
         rows, columns = self.seen
         part = self.desk.state.plate, (rows.start, rows.stop), (columns.start, columns.stop), self.size
-        of = part, self.desk.state
+        of = part, self.desk.state, self._window
         if of == self._shown:
             return None
         self._shown = of

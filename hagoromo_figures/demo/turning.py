@@ -29,8 +29,8 @@ from hagoromo_figures.demo.size import SIZES
 from hagoromo_figures.figure.figure import PART_MATERIALS
 
 FIGURE = "figure_8_whole"
-SECONDS, RATE = 8.0, 24.0  # of the film, and frames a second
-LONGER_SIDE = 480  # px
+SECONDS, RATE = 8.0, 12.0  # of the film, and frames a second
+LONGER_SIDE = 400  # px
 SAMPLES = 2  # rays a pixel
 POSTER_QUALITY = 88
 BUILDING = 0.3  # of the time, when the boxes are there

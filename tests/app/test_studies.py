@@ -70,6 +70,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "near_lamps.py": {"cluster.mapped"},
     # workers, before and while they work
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
+    # the viewer itself, to be driven and photographed
+    "viewer.py": {"view.browser", "view.open_desk"},
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
     "gallery/gallery_item.py": {"backend"},

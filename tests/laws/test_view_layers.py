@@ -59,6 +59,23 @@ def test_normals_face_the_eye_and_are_coded_as_half_plus_half(sign):
     assert np.abs(coded[5, 6] - (0.5, 0.0, 0.5)).max() < 0.01 and not coded[0, 0].any()
 
 
+def test_density_is_that_of_what_is_seen_over_the_densest():
+    """As opaque as a cube is, d (1 − exp(−σ d L)), whose right half is a quarter as dense; of a surface 1."""
+    sigma, shares = 40.0, (1.0, 0.25)
+    density = np.where(np.arange(8) < 4, *shares) * np.ones((8, 8, 8), np.float32)
+    axes = np.broadcast_to([0.0, 0.0, 1.0], (8, 8, 8, 3))
+    pose = np.eye(4)
+    pose[:3, 3] = -0.02
+    cube = VolumeBox.from_arrays(density, axes, 0.005, sigma, [matte("cylinder")], pose=pose)
+    lamp = Lamp(to_lamp=(0.0, 0.0, 1.0))
+    coded = last_layer(Scene(CAMERA, (lamp,), (cube,)), "density")
+    for column, share in zip((5, 7), shares, strict=True):
+        assert np.allclose(coded[5, column], -share * np.expm1(-sigma * share * 0.04), atol=0.003)
+    assert not coded[0, 0].any()
+    ball = Surface.sphere((0.0, 0.0, 0.0), 0.05, matte())
+    assert (last_layer(Scene(CAMERA, (lamp,), surfaces=(ball,)), "density")[5, 6] == 1.0).all()
+
+
 def test_axes_are_coded_by_their_absolute_components():
     axis = np.array([-0.48, 0.6, 0.64])
     scene = Scene(CAMERA, (Lamp(to_lamp=(0.0, 0.0, 1.0)),), (half_and_half(axis, "cylinder"),))
