@@ -101,6 +101,12 @@ def _gltf(folder: Path) -> None:
     glb(folder / "a.glb")
 
 
+def _mitsuba(folder: Path) -> None:
+    from fuzz.mitsuba_scenes import scene
+
+    scene(folder)
+
+
 def _small_box(folder: Path) -> None:
     from fuzz.boxes import box
 
@@ -284,6 +290,8 @@ CASES = (
     ),
     Case("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
     Case("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
+    Case("convert a scene for Mitsuba", _scene, ("convert", "scene.toml"), ("out",)),
+    Case("convert a scene of Mitsuba", _mitsuba, ("convert", "a.xml"), ("out",)),
     Case("convert glTF to OBJ", _gltf, ("convert", "a.glb"), ("out.obj",)),
     Case("convert glTF to a scene", _gltf, ("convert", "a.glb"), ("out",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, meshes, pictures, records, volumes
+from fuzz import boxes, meshes, mitsuba_scenes, pictures, records, volumes
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
 
@@ -235,6 +235,8 @@ SIMPLE = (
     Reader("mesh.glb", meshes.glb, READ_MESH),
     Reader("mesh-inside.gltf", meshes.gltf_inside, READ_MESH),
     Reader("mesh-gltf", meshes.gltf, READ_MESH, "a.gltf"),
+    Reader("mitsuba", mitsuba_scenes.scene, mitsuba_scenes.read, "a.xml", share=0.3),
+    Reader("mesh.serialized", mitsuba_scenes.serialized, _late("hagoromo.mitsuba.serialized", "read_serialized")),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
     Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum_file", "read_spectrum_file")),
     Reader("spectrum.spd", records.text("400 0.5\n500 1 # peak\n600 0.25\n"),

@@ -35,7 +35,8 @@ def convert(
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
     (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a volume box; a box → OpenVDB, NRRD, VTI, .vol;
     a picture → EXR, HDR, TIFF (16 bits), PNG; a photograph → its camera, by lensfun;
-    a glTF → a folder with scene.toml; a scene.toml → .glb;
+    a glTF or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, or without a suffix a folder for
+    Mitsuba;
     a mesh → PLY, OBJ, STL, OFF, GLB.
 
     Args:
@@ -64,6 +65,7 @@ def convert(
         scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak, display, exr,
         "" if lens == "auto" else lens, lensfun,
     )  # fmt: skip
+    found = "glTF" if source.suffix.lower() in (".glb", ".gltf") else ""
     with progress_bar("convert") as progress:
         result = hg.convert(source, out, to, images, force, options, progress)
     if isinstance(result, LensCamera):
@@ -72,7 +74,7 @@ def convert(
             f"lost: {LOST}",
         )
     elif isinstance(result, list):
-        say(*(f"{'lost' if out.suffix else 'made up'}: {each}" for each in result))
+        say(*(f"{'made up' if found == 'glTF' and not out.suffix else 'lost'}: {each}" for each in result))
     elif isinstance(result, dict):
         if result:
             print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hagoromo.app.formats.find import format_of
+from hagoromo.app.formats.table import MITSUBA
 from hagoromo.calibration.camera.calibrate_camera import NAMES
 from hagoromo.camera.formats.camera_file import NERFSTUDIO, read_views, transforms_in
 from hagoromo.camera.formats.lensfun import names_in_lensfun
@@ -29,6 +31,7 @@ from hagoromo.image.image import read_image
 from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum_file import read_spectrum_file
+from hagoromo.mitsuba.xml_tree import read_xml
 from hagoromo.photograph.capture import count_absent
 from hagoromo.photograph.lamp_files import load_lamps
 
@@ -239,12 +242,21 @@ def _short(value: Any) -> Any:
     return f"{len(value)} characters" if isinstance(value, str) and len(value) > 200 else value
 
 
+def _mitsuba(path: Path) -> Facts:
+    """How many plugins of each type a scene of Mitsuba has, by their tags; nothing of it is loaded."""
+    parts = [part for part in read_xml(path).values() if isinstance(part, dict)]
+    tags = dict.fromkeys(str(part.get("tag")) for part in parts)
+    counts = {tag: Counter(str(part["type"]) for part in parts if part.get("tag") == tag) for tag in tags}
+    return {"kind": MITSUBA, **{tag: dict(counts[tag]) for tag in tags}}
+
+
 FACTS: dict[str, Callable[[Path], Facts]] = {
     "volume box": _box,
     "capture": _transforms,
     "materials, camera, lamps": _json,
     NERFSTUDIO: _transforms,
     "OpenEXR": _exr,
+    MITSUBA: _mitsuba,
     "TIFF": _tiff,
     "camera RAW": _raw,
     "IES LM-63": _ies,

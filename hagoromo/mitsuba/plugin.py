@@ -174,7 +174,8 @@ def _reflectance(props: Any, largest: dict[str, float]) -> Reflectance:
 def _resolved(name: str) -> str:
     import mitsuba as mi
 
-    return str(mi.file_resolver().resolve(name))
+    library: Any = mi
+    return str(library.file_resolver().resolve(name))
 
 
 def _lobes(text: str, where: str) -> list[list[float]]:

@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 from hagoromo.app.formats.find import format_of
 from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
 from hagoromo.app.formats.surfaces_out import WRITTEN, write_surface
-from hagoromo.app.formats.table import FORMATS, suffixes
+from hagoromo.app.formats.table import FORMATS, MITSUBA, suffixes
 from hagoromo.app.formats.volumes_out import Field
 from hagoromo.camera.formats.camera_file import Format as CameraFormat
 from hagoromo.camera.formats.camera_file import read_views, write_views
@@ -27,6 +27,8 @@ from hagoromo.image.any_picture import convert_picture
 from hagoromo.image.image import read_image
 from hagoromo.image.scene_file import load_scene
 from hagoromo.image.spectral_exr import spectral_picture, write_spectral_exr
+from hagoromo.mitsuba.read import scene_from_mitsuba
+from hagoromo.mitsuba.write import write_mitsuba
 from hagoromo.photograph.gather import gather, size_of_images
 from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
 from hagoromo.progress import Progress, silent
@@ -75,7 +77,8 @@ def convert(
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
     A photograph with `volume.lens` becomes the camera that took it, by lensfun; returned is how well it fits.
-    A glTF becomes a folder with scene.toml, a scene.toml with surfaces a .glb; returned is what was made up or lost.
+    A glTF or a scene of Mitsuba becomes a folder with scene.toml, a scene.toml with surfaces a .glb, or, where `out` is
+    a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
     .vol. `volume`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and
@@ -101,6 +104,10 @@ def convert(
         return write_surface(source, out, force)
     if found.name == "glTF":
         return scene_from_gltf(source, out, force)
+    if found.name == MITSUBA:
+        return scene_from_mitsuba(source, out, force)
+    if found.holds == "matter" and suffix == "":
+        return write_mitsuba(load_scene(source, progress)[0], out, force)
     if found.holds == "matter" and suffix == ".glb":
         return gltf_from_scene(load_scene(source, progress)[0], out, force)
     if found.holds == "picture" and volume is not None and volume.lens is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hagoromo.app.formats.table import FORMATS, suffixes
+from hagoromo.app.formats.table import FORMATS, MITSUBA, suffixes
 from hagoromo.camera.formats.camera_file import NERFSTUDIO, cameras_within, transforms_in
 from hagoromo.camera.formats.colmap import find_colmap
 from hagoromo.errors import InputError
@@ -14,6 +14,7 @@ from hagoromo.files.stores import address
 from hagoromo.files.volumes.arrays import file_and_dataset
 from hagoromo.files.volumes.formats import volume_format
 from hagoromo.files.volumes.tiff_stack import slices
+from hagoromo.mitsuba.xml_tree import is_scene
 
 SIGNATURES = {
     b"v/1\x01": "OpenEXR", b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF",
@@ -52,6 +53,8 @@ def format_of(path: str | Path) -> Format:
             return BY_NAME[cameras]
     if suffix == ".xml" and b"<lensdatabase" in _start(path):
         return BY_NAME["lensfun"]
+    if suffix == ".xml" and is_scene(_start(path)):
+        return BY_NAME[MITSUBA]
     if suffix in PLAIN and suffix not in (".txt", ".bin"):
         return PLAIN[suffix]
     if suffix == "":

@@ -62,12 +62,23 @@ PICTURES = (
     Format("camera RAW", "picture", RAW_SUFFIXES, "hagoromo.files.raw:read_raw", "", "rawpy", "tifffile", "notes"),
 )  # fmt: skip
 MESH, WRITE_MESH = "hagoromo.files.mesh:read_mesh", "hagoromo.app.formats.surfaces_out:write_surface"
+MITSUBA = "Mitsuba scene"
 SURFACES = (
     Format("PLY", "surface", (".ply",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "colours"),
     Format("Wavefront OBJ", "surface", (".obj",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "materials"),
     Format("STL", "surface", (".stl",), MESH, WRITE_MESH, "trimesh", "tests' own bytes", "colours"),
     Format("VTK polygons", "surface", (".vtp",), MESH, "", "VTK", "tests' own text", "lines, points, data"),
     Format("OFF", "surface", (".off",), MESH, WRITE_MESH, "trimesh", "tests' own text", "colours"),
+    Format(
+        MITSUBA,
+        "scene",
+        (".xml",),
+        "hagoromo.mitsuba.read:scene_from_mitsuba",
+        "hagoromo.mitsuba.write:write_mitsuba",
+        "our own, nothing of it is run",
+        "Mitsuba",
+        "textures, instances, media; out: distortion, elements of planes and cylinders, shells of texels",
+    ),
     Format(
         "glTF",
         "scene",

@@ -1,0 +1,240 @@
+"""BSDFs of Mitsuba as our reflectance, where it can hold them, each loss in one line; others are refused by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
+from hagoromo.image.any_picture import read_any_picture
+from hagoromo.light.environment import upsampled
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum_file import read_spectrum_file
+from hagoromo.mitsuba.bsdf import NAME, NUMBERS
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.torrance_sparrow import fresnel
+
+Table = Mapping[str, Any]
+GREY, WHITE = Spectrum.constant(0.5), Spectrum.constant(1.0)
+IORS = {"vacuum": 1.0, "air": 1.000277, "water": 1.333, "water ice": 1.31, "polypropylene": 1.49, "bk7": 1.5046,
+        "acrylic glass": 1.49, "fused quartz": 1.458, "pyrex": 1.47, "pet": 1.575, "diamond": 2.419,
+        "sodium chloride": 1.544, "amber": 1.55, "ethanol": 1.361, "silicone oil": 1.52045}  # fmt: skip
+# Linear sRGB of metals at normal incidence, from their n and k under D65 (Hoffman 2010)
+METALS = {"none": (1.0, 1.0, 1.0), "Ag": (0.972, 0.960, 0.915), "Al": (0.913, 0.922, 0.924), "Au": (1.0, 0.766, 0.336),
+          "Cu": (0.955, 0.637, 0.538), "Cr": (0.549, 0.556, 0.554)}  # fmt: skip
+MIRROR = {"alpha": 0.0, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0}
+SMOOTH_COAT = 0.02  # roughness that stands for a smooth coat
+CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that of any other
+TAILS = 2.0  # exponent of GGX at small angles: (1 + tan²θ/α²)^−2
+
+
+class Converter:
+    """Turns BSDFs into tables [surface.reflectance] of a scene.toml. `lost` grows by a line for each loss."""
+
+    def __init__(self, folder: Path, lost: list[str]) -> None:
+        self.folder, self.lost = folder, lost
+
+    def surface(self, bsdf: Table | None, who: str) -> dict[str, Any] | None:
+        """The keys reflectance and optics of a surface; None for one that is not there (null)."""
+        if bsdf is None:
+            return {"reflectance": self.lambert(GREY)}
+        kind = bsdf["type"]
+        if kind == "null":
+            return None
+        if kind in WRAPPERS:
+            inner = [part for part in bsdf.values() if isinstance(part, Mapping) and part["type"] in ALL_KINDS]
+            if kind != "twosided":
+                self.say(f"{who}: its {kind}; what it wraps stands alone")
+            return self.surface(inner[0] if inner else None, who)
+        if kind not in KINDS:
+            raise InputError(
+                f"{who} has a bsdf {kind!r}, which is not read: give one of {', '.join(sorted(ALL_KINDS))}"
+            )
+        return KINDS[kind](self, bsdf, who)
+
+    def say(self, line: str) -> None:
+        """Add a line to what is lost, once."""
+        if line not in self.lost:
+            self.lost.append(line)
+
+    def lambert(self, colour: Spectrum) -> dict[str, Any]:
+        """A matt reflectance, whose albedo is the colour."""
+        return {**MIRROR, "alpha": 1.0 / math.pi, "body_colour": colour.record()}
+
+    def colour(self, part: Any, default: Spectrum, who: str) -> Spectrum:
+        """A texture or number as a spectrum: R, G, B by the basis of Mallett & Yuksel 2019, pictures by their mean."""
+        if part is None:
+            return default
+        if isinstance(part, (int, float)):
+            return Spectrum.constant(float(part))
+        kind, value = part["type"], part.get("value")
+        if kind in ("rgb", "srgb", "uniform", "rawconstant", "spectrum", "constant") and value is not None:
+            if kind == "spectrum" and isinstance(value, list) and value and isinstance(value[0], tuple):
+                return Spectrum([w for w, _ in value], [v for _, v in value])
+            flat = np.broadcast_to(np.asarray(value, float).ravel()[:3], 3)
+            return Spectrum.constant(float(flat[0])) if np.ptp(flat) == 0.0 else upsampled(flat)
+        if kind == "spectrum" and "filename" in part:
+            return read_spectrum_file(inside(self.folder, str(part["filename"])))
+        if kind in ("irregular", "regular"):
+            return _listed(part)
+        if kind == "d65":
+            return Spectrum.named("D65") * float(part.get("scale", 1.0))
+        if kind == "bitmap":
+            self.say(f"{who}: its texture {part.get('filename', '')!r}, of which the mean colour stands")
+            linear = read_any_picture(inside(self.folder, str(part.get("filename", "")))).linear
+            return upsampled(np.broadcast_to(linear.reshape(-1, linear.shape[2]).mean(axis=0), 3))
+        if kind == "checkerboard":
+            self.say(f"{who}: its checkerboard, of which the mean colour stands")
+            both = (
+                self.colour(part.get(key), Spectrum.constant(x), who) for key, x in (("color0", 0.4), ("color1", 0.2))
+            )
+            return _mean(*both)
+        raise InputError(
+            f"{who} has a texture {kind!r}, which is not read: give rgb, a spectrum, bitmap or checkerboard"
+        )
+
+    def diffuse(self, bsdf: Table, who: str) -> dict[str, Any]:
+        """Exact, but for the other side: here both reflect."""
+        return {"reflectance": self.lambert(_reflecting(self.colour(bsdf.get("reflectance"), GREY, who)))}
+
+    def plastic(self, bsdf: Table, who: str) -> dict[str, Any]:
+        """Body: Lambert's with the light that a diffuse base below the coat sends out; gloss: the coat's facets."""
+        n = max(_ior(bsdf.get("int_ior"), 1.49, who) / _ior(bsdf.get("ext_ior"), 1.000277, who), 1.0)
+        base, out = _reflecting(self.colour(bsdf.get("diffuse_reflectance"), GREY, who)), diffuse_fresnel(n)
+        within = 1.0 - (1.0 - out) / (n * n)
+        values = base.values * (1.0 - out)
+        if bsdf.get("nonlinear", False):
+            values = values * (1.0 - within) / (1.0 - base.values * within)
+        rough = bsdf["type"] == "roughplastic"
+        self.say(
+            f"{who}: how its coat dims the body at grazing angles" + ("" if rough else "; its coat has facets of 0.7°")
+        )
+        width = float(bsdf.get("alpha", 0.1)) if rough else SMOOTH_COAT
+        coat = self.colour(bsdf.get("specular_reflectance"), WHITE, who)
+        made = {"alpha": 1.0 / math.pi, "n": n, "body_colour": Spectrum(base.wavelengths, values).record()}
+        return {"reflectance": self.conserving(made | self.facets(bsdf, width, 1.0, who), coat, who)}
+
+    def conductor(self, bsdf: Table, who: str) -> dict[str, Any]:
+        """Smooth: a mirror; rough: facets without a body."""
+        colour = self.metal(bsdf, who) * self.colour(bsdf.get("specular_reflectance"), WHITE, who)
+        if bsdf["type"] == "conductor":
+            return {"reflectance": {**MIRROR, "interface_colour": colour.record()}, "optics": "mirror"}
+        self.say(f"{who}: the Fresnel curve of its metal")
+        width = math.sqrt(
+            float(bsdf.get("alpha_u", bsdf.get("alpha", 0.1))) * float(bsdf.get("alpha_v", bsdf.get("alpha", 0.1)))
+        )
+        facets = self.facets(bsdf, width, 1.0 / float(fresnel(1.0, CONDUCTOR_N)), who)
+        return {
+            "reflectance": self.conserving({"alpha": 0.0, "n": CONDUCTOR_N, "body_colour": 1.0} | facets, colour, who)
+        }
+
+    def metal(self, bsdf: Table, who: str) -> Spectrum:
+        """Colour of a metal at normal incidence."""
+        if "eta" in bsdf and "k" in bsdf:
+            eta, k = (self.colour(bsdf[key], WHITE, who).mean() for key in ("eta", "k"))
+            self.say(f"{who}: eta and k by wavelength, of which the means stand")
+            return Spectrum.constant(((eta - 1) ** 2 + k * k) / ((eta + 1) ** 2 + k * k))
+        name = str(bsdf.get("material", "Cu"))
+        if name not in METALS:
+            raise InputError(f"{who} is of {name!r}: give eta and k, or one of {', '.join(METALS)}")
+        return WHITE if name == "none" else upsampled(METALS[name])
+
+    def dielectric(self, bsdf: Table, who: str) -> dict[str, Any]:
+        """Glass."""
+        n = _ior(bsdf.get("int_ior"), 1.5046, who) / _ior(bsdf.get("ext_ior"), 1.000277, who)
+        if bsdf["type"] == "roughdielectric":
+            self.say(f"{who}: its roughness: it is clear glass")
+        colours = [self.colour(bsdf.get(key), WHITE, who) for key in ("specular_reflectance", "specular_transmittance")]
+        if not 1.0 <= n <= 10.0:
+            raise InputError(f"{who} is glass of index {n:g} against what is around: give 1 to 10")
+        return {"reflectance": {**MIRROR, "n": n, "interface_colour": colours[1].record()}, "optics": "glass"}
+
+    def own(self, bsdf: Table, who: str) -> dict[str, Any]:
+        """Our own plugin: as it is."""
+        if "file" in bsdf:
+            raise InputError(f"{who} names a materials file: give its parameters, or name the file in the scene.toml")
+        record: dict[str, Any] = {key: float(bsdf[key]) for key in (*NUMBERS, "nu", "epsilon", "sigma") if key in bsdf}
+        if bsdf.get("lobes"):
+            record["lobes"] = [[float(x) for x in pair.split()] for pair in str(bsdf["lobes"]).split(",")]
+        colours = {key: self.colour(bsdf.get(key), WHITE, who).record() for key in ("body_colour", "interface_colour")}
+        return {"reflectance": record | colours}
+
+    def facets(self, bsdf: Table, width: float, factor: float, who: str) -> dict[str, Any]:
+        """β and γ of facets of roughness `width`: at the peak D F G / 4 cosθ_r is that of Mitsuba's."""
+        width = min(max(width, 1e-3), 1.0)
+        record: dict[str, Any] = {"beta": factor / (4.0 * math.pi * width * width)}
+        if bsdf.get("distribution", "beckmann") == "ggx":
+            return record | {"gamma": math.atan(width * math.sqrt(math.sqrt(2.0) - 1.0)), "nu": TAILS}
+        return record | {"gamma": math.atan(width * math.sqrt(math.log(2.0)))}
+
+    def conserving(self, record: dict[str, Any], colour: Spectrum, who: str) -> dict[str, Any]:
+        """With the colour of its gloss, and so much of it that the surface gives back no more than it receives."""
+        record = record | {"interface_colour": colour.record()}
+        body = record["body_colour"]
+        body = Spectrum.constant(body) if isinstance(body, float) else Spectrum(body["wavelengths"], body["values"])
+        keys = {key: record[key] for key in ("alpha", "gamma", "n")} | {"nu": record.get("nu", math.inf)}
+        part = 1.0
+        while part > 1e-3:
+            try:
+                Reflectance(beta=part * record["beta"], body_colour=body, interface_colour=colour, **keys)
+            except InputError:
+                part *= 0.9
+            else:
+                break
+        if part < 1.0:
+            self.say(
+                f"{who}: {1.0 - part:.0%} of its gloss, which would give back more than it receives at grazing angles"
+            )
+        return record | {"beta": part * record["beta"]}
+
+
+KINDS: dict[str, Callable[[Converter, Table, str], dict[str, Any]]] = {
+    "diffuse": Converter.diffuse, "plastic": Converter.plastic, "roughplastic": Converter.plastic,
+    "conductor": Converter.conductor, "roughconductor": Converter.conductor, "dielectric": Converter.dielectric,
+    "roughdielectric": Converter.dielectric, NAME: Converter.own,
+}  # fmt: skip
+WRAPPERS = ("twosided", "bumpmap", "normalmap", "mask")
+ALL_KINDS = {*KINDS, *WRAPPERS, "null"}
+
+
+def diffuse_fresnel(n: float) -> float:
+    """Share of even light from outside that a dielectric of index n reflects: 2 ∫ F(μ) μ dμ."""
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    cosines = 0.5 * (nodes + 1.0)
+    return float(np.sum(weights * cosines * np.array([fresnel(c, n) for c in cosines.tolist()])))
+
+
+def _reflecting(colour: Spectrum) -> Spectrum:
+    """A reflectance of 0…1: upsampled colours may go a little beyond."""
+    return Spectrum(colour.wavelengths, np.clip(colour.values, 0.0, 1.0))
+
+
+def _ior(value: Any, default: float, who: str) -> float:
+    if value is None:
+        return default
+    if isinstance(value, str):
+        if value not in IORS:
+            raise InputError(
+                f"{who} is of {value!r}, whose index is not known: give a number, or one of {', '.join(IORS)}"
+            )
+        return IORS[value]
+    return float(value)
+
+
+def _listed(part: Table) -> Spectrum:
+    """irregular and regular spectra, whose numbers are texts."""
+    values = [float(x) for x in str(part["values"]).replace(",", " ").split()]
+    if part["type"] == "regular":
+        low, high = (float(part[key]) for key in ("wavelength_min", "wavelength_max"))
+        return Spectrum(np.linspace(low, high, len(values)), values)
+    return Spectrum([float(x) for x in str(part["wavelengths"]).replace(",", " ").split()], values)
+
+
+def _mean(one: Spectrum, two: Spectrum) -> Spectrum:
+    waves = np.union1d(one.wavelengths, two.wavelengths)
+    return Spectrum(waves, 0.5 * (one.held(waves[0], waves[-1]).at(waves) + two.held(waves[0], waves[-1]).at(waves)))

@@ -1,0 +1,210 @@
+"""Write: a scene as a folder that Mitsuba 3 loads: scene.xml, a PLY for each mesh, volumes, the map of light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.pose import mitsuba_from_opencv
+from hagoromo.files.exr import write_exr
+from hagoromo.files.whole import scratch_folder, whole_folder, write_text
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
+from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.environment import Environment
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.mitsuba.bsdf import NAME, numbers_of
+from hagoromo.mitsuba.medium import box_shape
+from hagoromo.mitsuba.xml_text import VERSION, Element, plugin, text_of
+
+ENVIRONMENT_FROM_MITSUBA = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of our map from those of `envmap`
+WIDEST_BEAM = 89.0  # degrees, of a spot
+BLACK = Spectrum.constant(0.0)
+
+
+def write_mitsuba(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
+    """Write a scene as a folder with scene.xml, for `mitsuba.load_file` after `hagoromo.mitsuba.register()`.
+
+    Surfaces keep their reflectance, by the plugin `hagoromo`. Returns what is lost, a line each. `InputError` for a
+    folder that is there, without `force`.
+    """
+    with whole_folder(out, force) as folder:
+        return _fill(scene, folder)
+
+
+def load_into_mitsuba(scene: Scene) -> Any:
+    """The scene as `mitsuba.Scene`, in the variant that Mitsuba has: as `write_mitsuba` writes it."""
+    import mitsuba as mi
+
+    from hagoromo.mitsuba.plugin import register
+
+    register()
+    with scratch_folder() as folder:
+        _fill(scene, folder)
+        return mi.load_file(str(folder / "scene.xml"))
+
+
+def _fill(scene: Scene, folder: Path) -> list[str]:
+    root, lost = Element("scene", {"version": VERSION}), []
+    seen = [lamp.visible for lamp in scene.area_lamps] + ([scene.environment.visible] if scene.environment else [])
+    kind = "volpath" if scene.boxes or any(s.optics == "glass" for s in scene.surfaces) else "path"
+    root.append(plugin("integrator", kind, max_depth=-1, hide_emitters=not any(seen)))
+    root.append(_sensor(scene.camera))
+    root.extend(_lamp(lamp) for lamp in scene.lamps)
+    root.extend(_area_lamp(lamp) for lamp in scene.area_lamps)
+    if scene.environment:
+        root.extend(_environment(scene.environment, folder))
+    for number, surface in enumerate(scene.surfaces):
+        root.append(_surface(surface, folder, f"mesh_{number + 1}.ply"))
+    for number, box in enumerate(scene.boxes):
+        shape, missing = box_shape(box, folder, f"box_{number + 1}")
+        root.append(shape)
+        lost += missing
+    write_text(folder / "scene.xml", text_of(root))
+    return [*lost, *_lost(scene, seen)]
+
+
+def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
+    camera = scene.camera
+    if any(camera.distortion):
+        yield "the distortion of the lens"
+    if abs(camera.focal[0] / camera.focal[1] - 1.0) > 1e-6:
+        yield "pixels that are not square: the vertical focal length"
+    for lamp in scene.lamps:
+        if lamp.axis is not None:
+            yield f"lamp {lamp.name!r}: its fall-off or profile; here it falls linearly, as a spot"
+        if isinstance(lamp.intensity, tuple):
+            yield f"lamp {lamp.name!r}: its intensity by channel, of which the mean stands"
+    if scene.area_lamps:
+        yield "area lamps hide what is behind them: Mitsuba's are bodies"
+    if any(seen) and not all(seen):
+        yield "which lights the camera sees: it sees all"
+    if scene.environment:
+        yield "the edges between pixels of the environment: Mitsuba interpolates; each pixel stands as 2 × 2 or more"
+    if any(s.shape == "mesh" and s.smooth for s in scene.surfaces):
+        yield "nothing of meshes, but shaded normals may differ at outlines"
+
+
+def _sensor(camera: Camera) -> Element:
+    """Pinhole or thin lens; Mitsuba counts the principal point from the middle to the left and up, in film sizes."""
+    film = plugin(
+        "film", "hdrfilm", parts=[plugin("rfilter", "box")], width=camera.width, height=camera.height,
+        component_format="float32", pixel_format="rgb",
+    )  # fmt: skip
+    lens: dict[str, Any] = {}
+    if camera.aperture:
+        focus = camera.focus if math.isfinite(camera.focus) else 1e6
+        lens = {"aperture_radius": 0.5 * camera.aperture, "focus_distance": focus}
+    (x0, y0), size = camera.principal, (camera.width, camera.height)
+    return plugin(
+        "sensor", "thinlens" if camera.aperture else "perspective", parts=[film, plugin("sampler", "independent")],
+        fov=2.0 * math.degrees(math.atan(0.5 * size[0] / camera.focal[0])), fov_axis="x",
+        principal_point_offset_x=0.5 - x0 / size[0], principal_point_offset_y=0.5 - y0 / size[1],
+        near_clip=1e-4, far_clip=1e6, to_world=mitsuba_from_opencv(camera.camera_to_world), **lens,
+    )  # fmt: skip
+
+
+def _lamp(lamp: Lamp) -> Element:
+    light = lamp.spectrum * float(np.mean(lamp.intensity))
+    if lamp.position is None:
+        return plugin("emitter", "directional", direction=-np.asarray(lamp.to_lamp), irradiance=light)
+    if lamp.axis is None:
+        return plugin("emitter", "point", position=lamp.position, intensity=light)
+    beam, edge = _beam(lamp)
+    return plugin(
+        "emitter", "spot", to_world=_turned_z_to(lamp.axis, lamp.position), intensity=light, cutoff_angle=edge,
+        beam_width=beam,
+    )  # fmt: skip
+
+
+def _beam(lamp: Lamp) -> tuple[float, float]:
+    """Where a spot begins to fall and where it ends [°]: the lamp is half as bright in the middle of the two."""
+    angles = np.radians(np.arange(0.0, 180.0, 0.05))
+    assert lamp.axis is not None
+    side = lamp.frame[0]
+    around = np.cos(angles)[:, None] * lamp.axis + np.sin(angles)[:, None] * side
+    below = np.flatnonzero(lamp.relative_intensity(around) < 0.5)
+    half = math.degrees(angles[below[0]]) if below.size else 180.0
+    edge = min(2.0 * half, WIDEST_BEAM)
+    return max(min(2.0 * half - edge, 0.99 * edge), 0.0), edge
+
+
+def _turned_z_to(direction: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A pose whose third axis is `direction`, unit."""
+    pose = np.eye(4)
+    side = np.cross((0.0, 1.0, 0.0) if abs(direction[1]) < 0.9 else (1.0, 0.0, 0.0), direction)
+    side /= np.linalg.norm(side)
+    pose[:3, :3] = np.stack([side, np.cross(direction, side), direction], axis=1)
+    pose[:3, 3] = place
+    return pose
+
+
+def _area_lamp(lamp: AreaLamp) -> Element:
+    light = plugin("emitter", "area", radiance=lamp.spectrum * lamp.radiance)
+    parts = [plugin("bsdf", "diffuse", reflectance=BLACK), light]
+    if lamp.radius is not None:
+        return plugin("shape", "sphere", parts=parts, center=lamp.position, radius=lamp.radius)
+    assert lamp.edges is not None
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([0.5 * lamp.edges[0], 0.5 * lamp.edges[1], lamp.normal])
+    pose[:3, 3] = lamp.position
+    return plugin("shape", "rectangle", parts=parts, to_world=pose)
+
+
+def _environment(environment: Environment, folder: Path) -> Iterator[Element]:
+    """The map, its pixels as 2 × 2 or more, of one colour; R, G, B as they are."""
+    values = np.asarray(environment.values, np.float32)
+    values = values[..., None] if values.ndim == 2 else values
+    times = max(2, math.ceil(256 / values.shape[0]))
+    values = np.repeat(np.repeat(values, times, axis=0), times, axis=1)
+    tint = environment.spectrum
+    scale = environment.scale * (float(tint.values[0]) if np.ptp(tint.values) == 0.0 else tint.mean())
+    channels = {c: np.ascontiguousarray(values[..., k if values.shape[2] == 3 else 0]) for k, c in enumerate("RGB")}
+    write_exr(folder / "environment.exr", channels)
+    pose = np.eye(4)
+    pose[:3, :3] = environment.rotation @ ENVIRONMENT_FROM_MITSUBA
+    yield plugin("emitter", "envmap", filename="environment.exr", scale=scale, to_world=pose)
+
+
+def _surface(surface: Surface, folder: Path, file: str) -> Element:
+    parts = [_optics(surface) if surface.optics else reflecting(surface)]
+    if surface.shape != "mesh":
+        return plugin("shape", surface.shape, parts=parts, to_world=np.asarray(surface.pose, float))
+    import trimesh
+
+    assert surface.vertices is not None and surface.faces is not None
+    placed = surface.vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
+    mesh = trimesh.Trimesh(placed, surface.faces, process=False)
+    data: Any = mesh.export(file_type="ply", vertex_normal=surface.smooth)
+    (folder / file).write_bytes(data)
+    return plugin("shape", "ply", parts=parts, filename=file, face_normals=not surface.smooth)
+
+
+def reflecting(surface: Surface) -> Element:
+    """The BSDF of a surface."""
+    made = surface.reflectance
+    return plugin(
+        "bsdf", NAME, **numbers_of(made), body_colour=made.body_colour, interface_colour=made.interface_colour
+    )
+
+
+def _optics(surface: Surface) -> Element:
+    made = surface.reflectance
+    if surface.optics == "mirror":
+        return plugin("bsdf", "conductor", material="none", specular_reflectance=made.interface_colour)
+    colour = made.interface_colour
+    return plugin(
+        "bsdf",
+        "dielectric",
+        int_ior=float(made.n),
+        ext_ior=1.0,
+        specular_reflectance=colour,
+        specular_transmittance=colour,
+    )

@@ -1,0 +1,184 @@
+"""Scenes go to Mitsuba and come from it: the same picture there and here, all orders, judged block by block.
+
+Mitsuba's `path` draws our surfaces by the plugin `hagoromo`, its `volpath` our box of spheres as a stock medium.
+Pictures are judged as in `test_mitsuba_orders.py`, with the variance of both solvers, and refused when ours is made 3 %
+brighter.
+"""
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+import hagoromo.mitsuba as hm
+from hagoromo import backend
+from hagoromo.image.scene_file import load_scene
+from hagoromo.light.colour import colour_matching, xyz_from_srgb
+from hagoromo.light.spectrum import integrate_product
+from tests.agreement.test_mitsuba import INTENSITY, LAMP, TAU, VOXELS, cloud
+from tests.agreement.test_mitsuba import camera as camera_of_cloud
+from tests.judges import blocks_agree
+
+RENDERS, PATHS, BLOCK = 16, 24, 8
+SILK = hg.Reflectance(0.15, 0.6, 0.25, 1.5, hg.Spectrum.constant(1.0))
+PLASTER = hg.Reflectance(0.28, 0.1, 0.4, 1.5, hg.Spectrum.constant(1.0), epsilon=0.1)
+FRAME = hg.Camera(32, 24, (40, 40), (14, 13)).look_at((0, -3, 1.0), (0, 0, 0.3))  # its axis is not in the middle
+
+
+def renders_of_mitsuba(colours, load, paths=PATHS):
+    """Independent renders (RENDERS, height, width, channels) in a variant of Mitsuba; afterwards ours is set again."""
+    import mitsuba as mi
+
+    mi.set_variant(f"{backend.name()}_ad_{colours}")
+    hm.register()
+    scene = load(mi)
+    pictures = np.array([np.array(mi.render(scene, spp=paths, seed=mi.UInt32(seed))) for seed in range(RENDERS)])
+    backend.mitsuba()
+    return pictures
+
+
+def assert_same_radiance(scene, walks, paths=PATHS, load=None):
+    """In grey light. load: what loads the scene into Mitsuba; None: as we write it."""
+    seen = renders_of_mitsuba("mono", load or (lambda mi: hm.load_into_mitsuba(scene)), paths)[..., 0]
+    image = hg.render(scene, hg.Settings(samples=walks), mode="path")
+    radiance = image.weights @ np.array([colour.at(550.0) for colour in image.palette.colours])
+    both = seen.var(axis=0, ddof=1) / RENDERS + image.variance
+    assert blocks_agree(seen.mean(axis=0), radiance, both, BLOCK)
+    assert not blocks_agree(seen.mean(axis=0), 1.03 * radiance, both, BLOCK)
+
+
+def bowl():
+    """The lower half of a sphere as a mesh, of flat faces."""
+    polar, turn = np.meshgrid(np.linspace(0.5, 1.0, 9) * np.pi, np.arange(24) * 2 * np.pi / 24, indexing="ij")
+    corners = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    one = np.arange(8 * 24).reshape(8, 24)
+    right = np.roll(one, -1, axis=1)
+    faces = np.concatenate([np.stack([one, right, one + 24], -1), np.stack([right, right + 24, one + 24], -1)])
+    return corners.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def plates():
+    """Two plates that face each other, a ball between them."""
+    low, high = np.diag([0.8, 0.8, 1.0, 1.0]), np.diag([0.8, 0.8, 1.0, 1.0])
+    high[2, 3] = 0.8
+    return (hg.Surface(PLASTER, "rectangle", pose=low), hg.Surface(SILK, "rectangle", pose=high),
+            hg.Surface.sphere((0.1, 0, 0.3), 0.25, SILK))  # fmt: skip
+
+
+def test_our_reflectance_sends_light_on_in_mitsuba_as_here():
+    """Plates and a ball, by a near and a far lamp, all orders."""
+    lamps = hg.Lamp(position=(0.5, -2, 1.2), intensity=5.0), hg.Lamp(to_lamp=(-1, -1, 0.6), intensity=0.5)
+    assert_same_radiance(hg.Scene(FRAME, lamps, surfaces=plates()), 256)
+
+
+@pytest.mark.slow
+def test_light_goes_to_and_fro_in_a_bowl_as_in_mitsuba():
+    vertices, faces = bowl()
+    inside = hg.Surface(PLASTER, vertices=vertices, faces=faces, smooth=False, pose=np.diag([0.9, 0.9, 0.9, 1.0]))
+    camera = hg.Camera(32, 24, (40, 40), (16, 12)).look_at((0, -1.2, 2.0), (0, 0, -0.4))
+    assert_same_radiance(hg.Scene(camera, (hg.Lamp(position=(0.3, 0.2, 1.0), intensity=2.0),), surfaces=(inside,)), 256)
+
+
+@pytest.mark.slow
+def test_a_box_of_spheres_is_a_stock_medium():
+    """With a body and gloss, in `volpath`, all orders."""
+    density, pose = cloud(), np.eye(4)
+    pose[:3, 3] = -1.0
+    matter = hg.Reflectance(0.2, 0.4, 0.4, 1.5, hg.Spectrum.constant(1.0), element="sphere")
+    box = hg.VolumeBox.from_arrays(density, np.zeros((*density.shape, 3)), 2.0 / VOXELS, TAU, [matter], pose=pose)
+    lamp = hg.Lamp(position=LAMP, intensity=INTENSITY)
+    assert_same_radiance(hg.Scene(camera_of_cloud(), (lamp,), boxes=(box,)), 512, paths=48)
+
+
+SKY = 0.2 + np.random.default_rng(6).random((8, 16)).astype(np.float32)
+SKY[2, 5] = 12.0
+TURN = np.array([[0.6, 0.0, 0.8], [0.64, 0.6, -0.48], [-0.48, 0.8, 0.36]])
+WINDOW = hg.AreaLamp((0.0, -2.5, 1.5), edges=[[0.0, 0.4, 0.5], [-0.6, 0.0, 0.0]], radiance=9.0)
+BULB = hg.AreaLamp((1.5, -2.0, 1.0), radius=0.3, radiance=4.0)
+
+
+@pytest.mark.slow
+def test_an_environment_and_area_lamps_shine_there_as_here():
+    """A turned map with a bright place, and lamps with a size that stand where they hide nothing from the rest."""
+    sky = hg.Environment(SKY, scale=0.5, rotation=TURN)
+    assert_same_radiance(hg.Scene(FRAME, (), surfaces=plates()[:1], environment=sky), 512, paths=48)
+    assert_same_radiance(hg.Scene(FRAME, (), surfaces=plates(), area_lamps=(WINDOW, BULB)), 2048, paths=256)
+
+
+def test_lights_and_camera_are_read_back_as_they_were_written(tmp_path):
+    sky, lamps = hg.Environment(SKY, scale=0.5, rotation=TURN), (WINDOW, BULB)
+    hm.write_mitsuba(hg.Scene(FRAME, (), surfaces=plates(), area_lamps=lamps, environment=sky), tmp_path / "there")
+    hm.scene_from_mitsuba(tmp_path / "there" / "scene.xml", tmp_path / "back")
+    back, _ = load_scene(tmp_path / "back" / "scene.toml")
+    ways = np.random.default_rng(1).normal(size=(500, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    assert back.environment is not None
+    assert np.allclose(back.environment.radiance_from(ways).sum(axis=-1), sky.radiance_from(ways)[:, 0], rtol=1e-5)
+    for mine, other in zip(lamps, back.area_lamps, strict=True):
+        assert np.allclose(mine.position, other.position) and mine.radiance == pytest.approx(other.radiance)
+        assert mine.area == pytest.approx(other.area)
+    assert np.allclose(back.area_lamps[0].normal, lamps[0].normal)
+    assert np.allclose(back.camera.world_to_camera, FRAME.world_to_camera)
+    assert (back.camera.focal, back.camera.principal) == (pytest.approx(FRAME.focal), pytest.approx(FRAME.principal))
+
+
+ROOM = """<scene version="3.0.0"><default name="w" value="48"/>
+<integrator type="path"><integer name="max_depth" value="-1"/></integrator>
+<sensor type="perspective"><float name="fov" value="40"/><string name="fov_axis" value="smaller"/>
+  <float name="principal_point_offset_x" value="0.05"/>
+  <transform name="to_world"><lookat origin="0.2,0.1,3.6" target="0,0,0" up="0,1,0"/></transform>
+  <film type="hdrfilm"><integer name="width" value="$w"/><integer name="height" value="32"/>
+    <string name="component_format" value="float32"/><rfilter type="box"/></film></sensor>
+<bsdf type="diffuse" id="white"><spectrum name="reflectance" value="0.7"/></bsdf>
+<bsdf type="diffuse" id="tint"><spectrum name="reflectance" value="400:0.1, 700:0.8"/></bsdf>
+<shape type="rectangle"><transform name="to_world"><translate z="-1"/></transform><ref id="white"/></shape>
+<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><translate y="-1"/></transform>
+  <ref id="white"/></shape>
+<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><translate y="1"/></transform>
+  <ref id="white"/></shape>
+<shape type="rectangle"><transform name="to_world"><rotate y="1" angle="90"/><translate x="-1"/></transform>
+  <ref id="tint"/></shape>
+<shape type="sphere"><point name="center" x="0.4" y="-0.6" z="0.2"/><float name="radius" value="0.4"/>
+  <ref id="tint"/></shape>
+<shape type="cylinder"><point name="p0" x="-0.5" y="-1" z="0"/><point name="p1" x="-0.4" y="0" z="0.1"/>
+  <float name="radius" value="0.2"/><bsdf type="twosided"><ref id="white"/></bsdf></shape>
+<shape type="obj"><string name="filename" value="lamp.obj"/><boolean name="face_normals" value="true"/>
+  <bsdf type="diffuse"><spectrum name="reflectance" value="0"/></bsdf>
+  <emitter type="area"><spectrum name="radiance" value="20"/></emitter></shape>
+<emitter type="spot"><spectrum name="intensity" value="400:1, 700:3"/><float name="cutoff_angle" value="25"/>
+  <float name="beam_width" value="10"/>
+  <transform name="to_world"><lookat origin="-0.5,0.5,2" target="0.3,-0.6,0" up="0,1,0"/></transform></emitter>
+</scene>"""
+LAMP_OBJ = "v -0.5 1.2 2.5\nv -0.5 1.8 2.5\nv 0.5 1.8 2.5\nv 0.5 1.2 2.5\nf 1 2 3\nf 1 3 4\n"
+
+
+def room(folder, text=ROOM):
+    """The room as a scene of ours. Its lamp stands outside, where it hides nothing from the rest."""
+    (folder / "room.xml").write_text(text)
+    (folder / "lamp.obj").write_text(LAMP_OBJ)
+    lost = hm.scene_from_mitsuba(folder / "room.xml", folder / "room")
+    assert lost == ["lamps with a size neither reflect nor hide what is behind them"]
+    scene, _ = load_scene(folder / "room" / "scene.toml")
+    assert scene.area_lamps[0].radius is None and scene.lamps[0].profile is not None
+    return scene
+
+
+def test_a_scene_of_mitsuba_is_the_same_picture_here(tmp_path):
+    """A grey room with a lamp of triangles and a spot, all orders."""
+    scene = room(tmp_path, ROOM.replace("400:0.1, 700:0.8", "0.4").replace("400:1, 700:3", "2"))
+    assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "room.xml")))
+
+
+@pytest.mark.slow
+def test_a_coloured_scene_of_mitsuba_is_the_same_picture_here(tmp_path):
+    """In its spectral variant: Y of all orders."""
+    scene = room(tmp_path)
+    theirs = renders_of_mitsuba("spectral", lambda mi: mi.load_file(str(tmp_path / "room.xml")), paths=64)
+    seen, luminosity = xyz_from_srgb(theirs)[..., 1], colour_matching()[1]
+    white = integrate_product(scene.lamps[0].spectrum, luminosity) / integrate_product(luminosity)
+    drawn = np.array([
+        white * hg.render(scene, hg.Settings(samples=96, seed=seed), mode="path").xyz()[..., 1]
+        for seed in range(RENDERS)
+    ])  # fmt: skip
+    both = (seen.var(axis=0, ddof=1) + drawn.var(axis=0, ddof=1)) / RENDERS
+    assert blocks_agree(seen.mean(axis=0), drawn.mean(axis=0), both, BLOCK)
+    assert not blocks_agree(seen.mean(axis=0), 1.03 * drawn.mean(axis=0), both, BLOCK)
