@@ -40,12 +40,12 @@ from hagoromo.image.render import SceneCache, pixel_points
 
 BLOCK = 32  # px a side
 SEEN = 0.02  # coverage of a pixel by matter from which it counts
-MOST = 8.0  # times the time of path that the picture of a rival may take
+MOST = 6.0  # times the time of path that the picture of a rival may take
 CHASED = "Mitsuba volpath"
 FULL_RAYS = 4  # a pixel
 PARTS = 8  # pictures of a chase, about
 SURE = 1.65  # standard errors that are added to the square of full's error: in 95 of 100 cases it is less
-LOOK = 4  # walks a pixel of the first look
+LOOK = 4  # walks a pixel of the first look at most
 Array = NDArray[np.float64]
 Picture = Callable[[int, int], Array]
 
@@ -70,9 +70,15 @@ class Timed:
     def look(self, error: float, budget: float, seen: NDArray[np.bool_]) -> None:
         """Choose the walks: for an error of blocks, or what the budget of CPU time is enough for."""
         self.run(1, 90)  # compiles
-        (taken, one), (_, other) = self.run(LOOK, 91), self.run(LOOK, 92)
-        noise = relative_noise([one, other], seen, BLOCK)
-        wanted, affordable = LOOK * (noise / error) ** 2, LOOK * budget / max(taken, 1e-9)
+        taken, one = self.run(1, 91)
+        count = int(np.clip(0.25 * budget / max(taken, 1e-9), 1, LOOK))
+        if taken > budget:
+            self.walks = 1
+            return
+        if count > 1:
+            taken, one = self.run(count, 91)
+        noise = relative_noise([one, self.run(count, 92)[1]], seen, BLOCK)
+        wanted, affordable = count * (noise / error) ** 2, count * budget / max(taken, 1e-9)
         self.walks = max(math.ceil(min(wanted, affordable)), 1)
 
     def turn(self, seed: int) -> None:

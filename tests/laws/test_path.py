@@ -202,7 +202,7 @@ def replace_lamp(lamp):
 
 def test_bands_share_a_path():
     """Three bands together are each by itself, to rounding: before roulette, which looks at the brightest."""
-    scene = scene_of([cube(matter("sphere", 0.3, hg.Spectrum((360, 830), (0.3, 1.0))), 6.0)])
+    scene = scene_of([cube(matter("sphere", 0.31, hg.Spectrum((360, 830), (0.65, 1.0))), 6.0)])
     origin, _ = disc(EYE, 500, 15)
     along, bands = np.broadcast_to(-EYE, origin.shape), (470.0, 560.0, 630.0)
     together = light_along(scene, origin, along, 4, orders=2, wavelengths=bands)

@@ -26,7 +26,9 @@ from hagoromo.transport.path.next_event import LampDrawn, lamp_drawn
 from hagoromo.transport.path.optics import Optics
 from hagoromo.transport.path.scatter import Scattering
 
-FAINT = 0.3  # throughput below which a walk goes on by chance
+LANES = 1 << 12  # that walks go on at a time on a processor, enough for its threads; the rest waits
+FAINT = 0.6  # throughput below which a walk goes on by chance
+FAINT_TO_LIGHTS = 0.3  # the same where it may meet a light, or glass, in which radiance is (1/n)² of that outside
 
 
 class SurfaceHits(Protocol):
@@ -84,6 +86,11 @@ class Walks:
     def channels(self) -> int:
         """Weights of a walk: of every group of lamps, one for each colour of the palette and each band."""
         return self.groups * (self.colours + self.bands.count)
+
+    @property
+    def faint(self) -> float:
+        """Throughput below which a walk goes on by chance."""
+        return FAINT if self.lights is None and self.optics is None else FAINT_TO_LIGHTS
 
     def event(self, origin: Array3f, direction: Array3f, random: Random) -> tuple[Event, Random]:
         """The next event along rays."""
@@ -269,6 +276,51 @@ class Onwards:
     weights: list[Float]
 
 
+class Queue:
+    """Walks that wait for a lane, and what came of those that have ended.
+
+    Walks have very different lengths. A lane that is done takes the next of the queue at once; otherwise all lanes of a
+    packet would wait for the longest of their walks. What a walk brings does not depend on the lane that it has.
+    A plain object: loops do not take its values into their state.
+    """
+
+    def __init__(self, origin: Array3f, direction: Array3f, random: Random, channels: int) -> None:
+        """One walk for each ray. channels: numbers that a walk brings."""
+        jit = arrays()
+        self.count, self.channels = dr.width(direction), channels
+        nothing = dr.zeros(jit.Float, self.count)
+        self.rays = [value + nothing for vector in (origin, direction) for value in vector]
+        self.random, self.size = random, dr.opaque(jit.UInt, self.count)
+        few = dr.backend_v(jit.Float) == dr.JitBackend.LLVM
+        self.lanes = min(self.count, LANES) if few else self.count
+        self.taken = dr.full(jit.UInt, self.lanes, 1)  # walks that have a lane or had one
+        self.light, self.events = dr.zeros(jit.Float, self.count * channels), dr.zeros(jit.UInt, self.count)
+        dr.eval(self.rays, self.random, self.taken, self.light, self.events)
+
+    def next(self) -> UInt:
+        """A further walk, `size` or more where none is left."""
+        return dr.scatter_inc(self.taken, arrays().UInt(0))
+
+    def start(self, walk: UInt) -> tuple[Array3f, Array3f, Random]:
+        """The ray of a walk, and its random numbers."""
+        jit = arrays()
+        there = walk < self.size
+        x, y, z, *way = (dr.gather(jit.Float, value, walk, there) for value in self.rays)
+        return jit.Array3f(x, y, z), jit.Array3f(*way), dr.gather(jit.PCG32, self.random, walk, there)
+
+    def end(self, walk: UInt, channels: list[Float], events: UInt) -> None:
+        """Keep what a walk has brought."""
+        for k, channel in enumerate(channels):
+            dr.scatter(self.light, channel, walk * self.channels + k)
+        dr.scatter(self.events, events, walk)
+
+    def results(self) -> tuple[list[Float], UInt]:
+        """Channels and events of all walks."""
+        jit = arrays()
+        lane = dr.arange(jit.UInt, self.count) * self.channels
+        return [dr.gather(jit.Float, self.light, lane + k) for k in range(self.channels)], self.events
+
+
 @dr.syntax
 def light_of_walks(
     walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt
@@ -277,13 +329,13 @@ def light_of_walks(
 
     most: number of events of a walk, after which it ends.
     """
-    jit, count = arrays(), dr.width(direction)
-    channels = [dr.zeros(jit.Float, count) for _ in range(walks.channels)]
-    carried = [dr.full(jit.Float, 1.0, count) for _ in range(walks.bands.count)]
-    events, alive = dr.zeros(jit.UInt, count), dr.full(jit.Bool, True, count)
+    jit = arrays()
+    queue = Queue(origin, direction, random, walks.channels)
     colours = walks.colours if walks.lights is not None else 0
-    onwards = Onwards(dr.full(jit.Float, dr.inf, count), [dr.zeros(jit.Float, count) for _ in range(colours)])
-    within = dr.full(jit.Bool, False, count)
+    walk = dr.arange(jit.UInt, queue.lanes)
+    alive = walk < queue.size
+    origin, direction, random = queue.start(walk)
+    channels, carried, events, within, onwards = fresh(walks, queue.lanes, colours)
     while alive:
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
@@ -302,16 +354,33 @@ def light_of_walks(
                 event, direction, to_eye, sent, good, within, random.next_float32()
             )
         carried = products(carried, walks.mixed(event.coefficients, sent))
-        alive = event.there & good & walks.goes_on(events, most)
-        alive &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)
+        goes_on = event.there & good & walks.goes_on(events, most)
+        goes_on &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)
         origin = event.point
-        stays = dr.fmin(largest(carried) * (1.0 / FAINT), 1.0)
-        alive &= random.next_float32() < stays
+        stays = dr.fmin(largest(carried) * (1.0 / walks.faint), 1.0)
+        goes_on &= random.next_float32() < stays
         carried = [old / dr.fmax(stays, 1e-30) for old in carried]
         if dr.hint(walks.lights is not None, mode="scalar"):
             onwards = walks.onwards(event, direction, to_eye, sent, stays)
             onwards.spread = dr.select(single, dr.inf, onwards.spread)
-    return channels, events
+        if ~goes_on:
+            queue.end(walk, channels, events)
+            walk = queue.next()
+            alive = walk < queue.size
+            origin, direction, random = queue.start(walk)
+            channels, carried, events, within, onwards = fresh(walks, 1, colours)
+    return queue.results()
+
+
+def fresh(walks: Walks, count: int, colours: int) -> tuple[list[Float], list[Float], UInt, Bool, Onwards]:
+    """What walks have at their beginning: channels, throughput of each band, events, whether in glass, what is taken
+    along.
+    """
+    jit = arrays()
+    nothing, one = dr.zeros(jit.Float, count), dr.full(jit.Float, 1.0, count)
+    onwards = Onwards(dr.full(jit.Float, dr.inf, count), [nothing] * colours)
+    within = dr.full(jit.Bool, False, count)
+    return [nothing] * walks.channels, [one] * walks.bands.count, dr.zeros(jit.UInt, count), within, onwards
 
 
 def five_of(random: Random) -> list[Float]:
