@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, meshes, mitsuba_scenes, pictures, records, volumes
+from fuzz import boxes, curves, meshes, mitsuba_scenes, pictures, records, volumes
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
 
@@ -190,6 +190,7 @@ READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
 HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
+READ_CURVES = _late("hagoromo.files.curves.curve_file", "read_curves")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
@@ -234,6 +235,8 @@ SIMPLE = (
     Reader("mesh-text.stl", meshes.stl_text, READ_MESH),
     Reader("mesh.glb", meshes.glb, READ_MESH),
     Reader("mesh-inside.gltf", meshes.gltf_inside, READ_MESH),
+    Reader("curves.hair", curves.hair, READ_CURVES),
+    Reader("curves.obj", records.text(curves.OBJ), READ_CURVES),
     Reader("mesh-gltf", meshes.gltf, READ_MESH, "a.gltf"),
     Reader("mitsuba", mitsuba_scenes.scene, mitsuba_scenes.read, "a.xml", share=0.3),
     Reader("mesh.serialized", mitsuba_scenes.serialized, _late("hagoromo.mitsuba.serialized", "read_serialized")),

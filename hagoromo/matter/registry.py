@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from hagoromo.errors import InputError
-from hagoromo.matter.recipes import cloth, feather, knit, relief, skin, solid, volume, wing
+from hagoromo.matter.recipes import cloth, feather, hair, knit, relief, skin, solid, volume, wing
 from hagoromo.matter.recipes.recipe import Kind
 
 GROUP = "hagoromo.matter"
@@ -22,6 +22,7 @@ OWN = {
     "knit": knit.KIND,
     "feather": feather.KIND,
     "wing": wing.KIND,
+    "hair": hair.KIND,
     "solid": solid.KIND,
     "volume": volume.KIND,
     "relief": relief.KIND,

@@ -54,6 +54,7 @@ ITEMS = {
     "primary": _feather("primary", "Primary feather", (4.0, 55.0)),
     "covert": _feather("covert", "Covert", (2.0, 22.0)),
     "down": _feather("down", "Down", (3.0, 14.0)),
+    "hair": Item("hair", "Head of hair", {}),
     "linen_through": Item(
         "linen", "White linen that lets light through",
         {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": 0.34 / 7, "variants": 2}

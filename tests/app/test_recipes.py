@@ -16,13 +16,14 @@ from studies.gallery.gallery_items import ITEMS
 FOLDER = Path(__file__).parents[2] / "examples" / "recipes"
 RECIPES = sorted(path.stem for path in FOLDER.glob("*.toml"))
 LINE = re.compile(r"^(\w+) = (.+?)(\s+#.*)?$")
-SIGNED = {"bow_mm", "arch_mm", "camber_mm"}  # these may be below 0
+SIGNED = {"bow_mm", "arch_mm", "camber_mm", "parting_mm"}  # these may be below 0
 COARSE = {"skin": 0.3, "solid": 0.5}  # resolution of a quick build
 
 
 def coarse(name: str) -> str:
     """The text of a recipe for a quick build: coarse, small where a size is told, of one variant of a texel."""
     text = re.sub(r"^((?:width|height|size)_mm) = .*", r"\1 = 5.0", (FOLDER / f"{name}.toml").read_text(), flags=re.M)
+    text = re.sub(r"^(hairs|locks) = .*", r"\1 = 50", text, flags=re.M)
     text = re.sub(r"^(resolution|variants) = .*\n", "", text, flags=re.M)
     few = "variants = 1\n" if re.search(r'^kind = "(cloth|knit)"', text, flags=re.M) else ""
     return f"resolution = {COARSE.get(name, 0.35)}\n{few}{text}"

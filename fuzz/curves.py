@@ -1,0 +1,18 @@
+"""Good samples of curves: hair in binary, lines of OBJ."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 0 1\nl 1 2\nl 2 3\nl -4 -1\n"
+
+
+def hair(path: Path) -> None:
+    """Two hairs of two and three points with all arrays."""
+    points = np.arange(15, dtype="<f4")
+    arrays = [np.array([1, 2], "<u2"), points, np.full(5, 0.1, "<f4"), np.zeros(5, "<f4"), np.ones(15, "<f4")]
+    head = b"HAIR" + struct.pack("<4I5f", 2, 5, 0b11111, 0, 0.1, 0.0, 1.0, 1.0, 1.0)
+    path.write_bytes(head.ljust(128, b"\0") + b"".join(array.tobytes() for array in arrays))

@@ -1,0 +1,1 @@
+"""Curves of files: hair and lines."""

@@ -1,0 +1,1 @@
+"""Hair: fibres along curves, from a file or grown on a shape."""

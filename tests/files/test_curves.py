@@ -1,0 +1,122 @@
+"""Curves of hair and lines are read as other programs write them: positions, thickness, places; damage is told."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hagoromo.errors import InputError
+from hagoromo.files.curves.curve_file import read_curves
+
+POINTS = np.random.default_rng(7).normal(size=(9, 3)).astype(np.float32)
+COUNTS = (2, 4, 3)
+FIRST = [0, 2, 6, 9]
+
+
+def hair(path: Path, **change) -> None:
+    """As the format's page describes it: head, segments, points, thickness, transparency, colour."""
+    values = {"hairs": 3, "points": 9, "bits": 0b11111, "segments": np.array(COUNTS, "<u2") - 1} | change
+    head = b"HAIR" + struct.pack("<4I5f", values["hairs"], values["points"], values["bits"], 0, 0.5, 0, 1, 1, 1)
+    wide = np.linspace(0.1, 0.9, 9).astype("<f4")
+    arrays = [values["segments"], POINTS, wide, np.zeros(9, "<f4"), np.ones((9, 3), "<f4")]
+    body = b"".join(array.tobytes() for bit, array in enumerate(arrays) if values["bits"] >> bit & 1)
+    path.write_bytes(head.ljust(128, b"\0") + body)
+
+
+def test_a_hair_file_has_its_points_and_thickness(tmp_path):
+    hair(tmp_path / "a.hair")
+    lines = read_curves(tmp_path / "a.hair")
+    np.testing.assert_array_equal(lines.points, POINTS)
+    np.testing.assert_array_equal(lines.first, FIRST)
+    assert lines.diameter is not None
+    np.testing.assert_allclose(lines.diameter, np.linspace(0.1, 0.9, 9), rtol=1e-6)
+
+
+def test_a_hair_file_without_arrays_has_what_its_head_says(tmp_path):
+    """Three hairs of two segments each, 0.5 thick."""
+    hair(tmp_path / "a.hair", bits=0b10)
+    data = bytearray((tmp_path / "a.hair").read_bytes())
+    data[16:20] = struct.pack("<I", 2)
+    (tmp_path / "a.hair").write_bytes(data)
+    lines = read_curves(tmp_path / "a.hair")
+    np.testing.assert_array_equal(lines.first, [0, 3, 6, 9])
+    np.testing.assert_array_equal(lines.diameter, 0.5)
+
+
+def test_lines_of_obj_go_on_where_they_end(tmp_path):
+    """Blender writes a curve as segments; others as one line; a number below 0 counts from the end."""
+    rows = [f"v {x} {y} {z}" for x, y, z in POINTS.tolist()]
+    rows += ["l 1 2", "l 3 4", "l 4 5", "l 5 6", "l -3/1 -2/2 -1"]
+    (tmp_path / "a.obj").write_text("\n".join(rows))
+    lines = read_curves(tmp_path / "a.obj")
+    np.testing.assert_array_equal(lines.first, FIRST)
+    np.testing.assert_allclose(lines.points, POINTS, rtol=1e-6)
+    assert lines.diameter is None
+
+
+USD = """#usda 1.0
+def Xform "head" {{
+    double3 xformOp:translate = (1, 2, 3)
+    double3 xformOp:scale = (2, 2, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    def BasisCurves "hair" {{
+        uniform token type = "{kind}"
+        uniform token basis = "{basis}"
+        uniform token wrap = "{wrap}"
+        int[] curveVertexCounts = [4, 4]
+        point3f[] points = [(0,0,0),(1,0,0),(2,0,0),(3,0,0),(0,1,0),(1,1,1),(2,1,8),(3,1,27)]
+        float[] widths = [0.25] (interpolation = "constant")
+    }}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "basis", "wrap", "ends"),
+    [("linear", "bezier", "nonperiodic", [(0, 0, 0), (3, 0, 0)]),
+     ("cubic", "bezier", "nonperiodic", [(0, 0, 0), (3, 0, 0)]),
+     ("cubic", "bspline", "nonperiodic", [(1, 0, 0), (2, 0, 0)]),
+     ("cubic", "bspline", "pinned", [(0, 0, 0), (3, 0, 0)]),
+     ("cubic", "catmullRom", "pinned", [(0, 0, 0), (3, 0, 0)])],
+)  # fmt: skip
+def test_curves_of_usd_are_evaluated_at_their_places(tmp_path, kind, basis, wrap, ends):
+    """A straight curve stays straight and begins and ends where its basis says; widths grow with the place."""
+    pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
+    (tmp_path / "a.usda").write_text(USD.format(kind=kind, basis=basis, wrap=wrap))
+    lines = read_curves(tmp_path / "a.usda")
+    one = lines.points[: lines.first[1]]
+    np.testing.assert_allclose(one[[0, -1]], 2.0 * np.array(ends) + [1, 2, 3], atol=1e-12)
+    np.testing.assert_allclose(one[:, 1:], [[2.0, 3.0]] * len(one), atol=1e-12)
+    assert lines.diameter is not None
+    np.testing.assert_allclose(lines.diameter, 0.5)
+    if basis == "catmullRom":  # of a cubic through its points: (2, 1, 8) is one of them
+        assert (np.abs(lines.points - (5.0, 4.0, 19.0)).max(axis=1) < 1e-12).any()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"hairs": 2**31}, "cut off"), ({"points": 2**32 - 1}, "cut off"), ({"bits": 1}, "cut off"),
+     ({"segments": np.array([9, 9, 9], "<u2")}, "damaged"), ({"segments": np.zeros(3, "<u2")}, "no curves")],
+)  # fmt: skip
+def test_a_damaged_hair_file_is_refused(tmp_path, change, said):
+    hair(tmp_path / "a.hair", **change)
+    with pytest.raises(InputError, match=said):
+        read_curves(tmp_path / "a.hair")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("v 0 0 0\nl 1 2\n", "names vertex"), ("v 0 0 0\nv 1 nan 0\nl 1 2\n", "not finite"), ("v 0 0\nl 1 1", "cannot"),
+     ("v 0 0 0\nf 1 1 1\n", "no curves")],
+)  # fmt: skip
+def test_a_damaged_obj_is_refused(tmp_path, text, said):
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_curves(tmp_path / "a.obj")
+
+
+def test_other_formats_are_refused_with_what_is_read(tmp_path):
+    (tmp_path / "a.abc").write_bytes(b"Ogawa")
+    with pytest.raises(InputError, match=r"\.hair, \.obj, \.usd"):
+        read_curves(tmp_path / "a.abc")
