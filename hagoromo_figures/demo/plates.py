@@ -20,6 +20,15 @@ fill, a rim from behind; the Canon EOS Kiss Digital with its 55 mm lens. Light i
 """
 
 
+FILM = "figure_8_turning"  # of `make turning`, see `turning.py`
+FILM_TEXT = f"""<video controls loop muted playsinline preload="none" width="400" poster="figures/{FILM}.jpg">
+<source src="figures/{FILM}.webm" type="video/webm"><a href="figures/{FILM}.webm">Figure 8 as a film</a></video>
+
+*Figure 8 as a film of 8 s, made by `make turning`: each figure turns once before camera and lamps, in boxes of half the
+resolution.*
+"""
+
+
 def write_plates(demo: Path, docs: Path) -> None:
     """The pictures of the demo in the folder `demo` as `docs`/figures/*.jpg, and the page `docs`/figures.md."""
     import cv2
@@ -35,6 +44,8 @@ def write_plates(demo: Path, docs: Path) -> None:
             path.write_bytes(code.tobytes())
         number, caption = name.split("_")[1], PAPER_FIGURES[name].caption
         parts.append(f"![{caption}](figures/{name}.jpg)\n\n*Figure {number}. {caption}*\n")
+    if (docs / "figures" / f"{FILM}.webm").exists():
+        parts.append(FILM_TEXT)
     with whole_file(docs / "figures.md", force=True) as page:
         page.write_text("\n".join(parts), encoding="utf-8", newline="\n")
 

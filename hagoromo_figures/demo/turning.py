@@ -1,7 +1,7 @@
 """Turning: figure 8 as a film: the angel and the nun turn once, each where it stands, before camera, lamps and ground.
 
 Enters: the folder of a demo, whose measured reflectances it takes. Leaves: a scene file with its motion, volume boxes
-and mesh, the film of it, and what the documentation shows.
+and mesh, the film of it, and what the documentation shows (`plates.py` writes the page).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from hagoromo.progress import Progress, part_of
 from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo_figures.demo.figures import MM, PAPER_FIGURES, Cast
 from hagoromo_figures.demo.measured import reflectances_of
+from hagoromo_figures.demo.plates import FILM
 from hagoromo_figures.demo.samples import FOCAL_MM, PRESET
 from hagoromo_figures.demo.size import SIZES
 from hagoromo_figures.figure.figure import PART_MATERIALS
@@ -50,7 +51,7 @@ def write_turning(demo: Path, out: Path, docs: Path, progress: Progress) -> None
     if not written:
         raise InputError(f"the first frame of {made.frames} cannot be written as JPEG: render it again")
     for name, data in (("jpg", poster.tobytes()), ("webm", made.film.read_bytes())):
-        with whole_file(docs / "figures" / f"figure_8_turning.{name}", force=True) as partial:
+        with whole_file(docs / "figures" / f"{FILM}.{name}", force=True) as partial:
             partial.write_bytes(data)
 
 

@@ -148,6 +148,14 @@ def test_a_turntable_turns_the_matter_before_camera_and_lamps(turning):
     assert np.array_equal(still, render(turning).weights), "the first frame is the scene's picture"
 
 
+def test_the_axis_of_a_turn_stands_in_the_boxes_whatever_background_there_is(turning):
+    tables = read_toml(turning)
+    alone, _ = load_scene(turning)
+    wall = Surface.sphere((3.0, 9.0, 0.0), 4.0, Reflectance(0.2, 0.0, 0.2, 1.5, Spectrum.constant(0.5)))
+    before_wall = replace(alone, surfaces=(wall,))
+    assert turned(tables, alone, 1.0, True, True) == turned(tables, before_wall, 1.0, True, True)
+
+
 def test_a_lamp_with_a_profile_turns_with_it():
     profile = LampProfile.load(
         {"lateral": [0.0, 90.0, 180.0, 270.0, 360.0], "vertical": [0.0, 90.0],

@@ -42,7 +42,7 @@ def test_a_scene_is_shown_with_a_lamp_to_move(records):
     import html
     import re
 
-    shown = hg.show(records["Scene"], lamps=8)
+    shown = records["Scene"].show(lamps=8)
     assert shown.page.startswith("<!doctype html>") and "Content-Security-Policy" in shown.page
     cell = re.fullmatch(
         r'<iframe sandbox="allow-scripts" style="[^"]*" srcdoc="([^"]*)"></iframe>', shown._repr_html_()

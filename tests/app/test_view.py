@@ -59,6 +59,17 @@ def test_the_picture_at_rest_is_that_of_the_scene_written_bit_by_bit(desk, box):
     assert np.array_equal(watcher.image.alpha, rendered.alpha)
 
 
+def test_viewers_at_one_desk_look_from_where_they_are_and_see_each_others_edits(desk):
+    one, other = Watcher(desk), desk.watcher()
+    other.look_from(Camera(3, 3, (3, 3), (1, 1)).look_at((0.5, -0.9, 0.1), (0, 0, 0)).world_to_camera)
+    before = [last_picture(each) for each in (one, other)]
+    assert not np.array_equal(*before)
+    desk.edit(desk.state.with_value(("lamp", 0, "intensity"), 0.1), "strength")
+    for watcher, picture in zip((one, other), before, strict=True):
+        assert not np.array_equal(last_picture(watcher), picture)
+    assert one.pose is None and other.pose is not None
+
+
 def test_strengths_and_spectra_of_lamps_march_nothing(desk, monkeypatch):
     watcher = Watcher(desk)
     before = last_picture(watcher)

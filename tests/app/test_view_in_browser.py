@@ -10,7 +10,9 @@ import pytest
 from PIL import Image as Picture
 
 from hagoromo.app.view_verb import LOOPBACK
+from hagoromo.image.render import render
 from hagoromo.view.browser import Browser
+from hagoromo.view.open_desk import open_desk
 from hagoromo.view.scene_files import opened
 from hagoromo.view.watcher import Desk
 from tests.ball_scene import BALL, lamp
@@ -29,9 +31,8 @@ eye = [0.0, -1.0, 0.0]
 class Seen:
     """A viewer's page, and the desk behind it."""
 
-    def __init__(self, chromium, folder):
-        (folder / "ball.toml").write_text(CAMERA + lamp("key", 0.2, -0.3, 0.0, intensity="intensity = 0.3\n") + BALL)
-        self.browser = Browser(Desk(*opened(folder / "ball.toml")), LOOPBACK, 0)
+    def __init__(self, chromium, desk):
+        self.browser = Browser(desk, LOOPBACK, 0)
         self.page = chromium.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         self.asked, self.faults = [], []
         self.page.on("request", lambda one: self.asked.append(one.url))
@@ -50,7 +51,6 @@ class Seen:
     def rest(self):
         """Serve until no better picture comes and the window stands still; the window's pixels."""
         before, now, quiet = np.zeros(1), self._window(), 0
-        self.until(lambda: self.watcher.image is not None)
         while quiet < 10 or not np.array_equal(before, now):
             quiet = 0 if self.browser.step() else quiet + 1
             self.page.wait_for_timeout(50)
@@ -94,11 +94,25 @@ class Seen:
 
 
 @pytest.fixture
-def seen(browser, tmp_path):
-    shown = Seen(browser, tmp_path)
-    yield shown
-    shown.page.close()
-    shown.browser.stop()
+def scene(tmp_path):
+    text = CAMERA + lamp("key", 0.2, -0.3, 0.0, intensity="intensity = 0.3\n") + BALL
+    (tmp_path / "ball.toml").write_text(text)
+    return tmp_path / "ball.toml"
+
+
+@pytest.fixture
+def look(browser):
+    """Opens a desk in Chromium."""
+    every = []
+
+    def at(desk) -> Seen:
+        every.append(Seen(browser, desk))
+        return every[-1]
+
+    yield at
+    for shown in every:
+        shown.page.close()
+        shown.browser.stop()
 
 
 def halves(picture):
@@ -106,7 +120,8 @@ def halves(picture):
     return picture[62:75, 60:80].mean(), picture[62:75, 80:100].mean()
 
 
-def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(seen):
+def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(look, scene):
+    seen = look(Desk(*opened(scene)))
     pixels = seen.picture_of(seen.rest())
     picture = seen.watcher._developed(seen.watcher.image).astype(int)
     assert np.abs(pixels - picture)[55:110].mean() < 2.0, "another picture than that of the desk"
@@ -144,3 +159,23 @@ def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(seen):
     assert {url.partition("/?")[0].rstrip("/") for url in seen.asked if url.startswith("http")} == {
         seen.browser.address.partition("/?")[0]
     }
+
+
+def test_an_image_fills_the_window_undistorted_is_probed_and_seen_nearer(look, scene):
+    image = render(scene)
+    image.save(scene.with_suffix(".exr"))
+    seen = look(open_desk(scene.with_suffix(".exr")))
+    picture = image.display().astype(int)
+    assert np.abs(seen.picture_of(seen.rest()) - picture)[55:110].mean() < 2.0
+    seen.page.mouse.click(*(seen.corner + seen.scale * np.array([90.5, 70.5])), delay=60)
+    own, watcher = next(iter(seen.browser.watchers.values()))
+    seen.until(lambda: own.last is not None)
+    assert (own.last.column, own.last.row) == (90, 70) and "pixel 90, 70 of 160 × 120" in own.said.content
+    seen.page.mouse.wheel(0, -600)
+    seen.until(lambda: watcher.seen[1].stop - watcher.seen[1].start < 120)
+    near = seen.rest()
+    middle = (seen.canvas / 2).round().astype(int)
+    shown = picture[watcher.seen].reshape(-1, 3)
+    assert np.abs(near[middle[1], middle[0]] - picture[60, 80]).max() < 12
+    assert np.abs(near[: int(seen.canvas[1]), : int(seen.canvas[0])].mean() - shown.mean()) < 12
+    assert not seen.faults
