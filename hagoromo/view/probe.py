@@ -77,7 +77,7 @@ def _linear(image: Image, row: int, column: int) -> NDArray[np.float64]:
 
 
 def plain(text: str) -> str:
-    """Text in Markdown as it stands: viser would run what a name has in braces, and take < for the tags of a page."""
+    """Text in Markdown as it stands, whatever marks a name has: a link, a tag or a program is never made of it."""
     return re.sub(r"([\\`*_{}\[\]()<>#+\-!|~$&^@])", r"\\\1", text)
 
 

@@ -197,7 +197,7 @@ def test_a_measurement_is_lit_by_its_reflectance_and_shows_its_uncertainty(tmp_p
 
 @pytest.mark.parametrize("name", ["{globalThis.x = 1}", "<img src=x onerror=y>", "*a* _b_ `c` [d](e) $f$ \\g"])
 def test_a_name_is_no_markup(name):
-    """Of CommonMark, and of MDX, which viser compiles to a program: every mark has a backslash before it."""
+    """Of CommonMark, nor of MDX, whose braces hold programs: every mark has a backslash before it."""
     text = plain(name)
     marks = [k for k, one in enumerate(text) if one in "{}<>*_`[]()$"]
     assert marks and all(text[k - 1] == "\\" for k in marks)
