@@ -286,7 +286,7 @@ SIMPLE = (
         for name in ("zstd", "gzip", "blosc")
     ),
     *(
-        Reader(name, write, READ_VOLUME, share=share, good=HAS_VTK or not name.endswith(".vti"))
+        Reader(name, write, READ_VOLUME, share=share, good=HAS_VTK or not name.endswith((".vti", ".slc")))
         for name, (write, share) in volumes.SAMPLES.items()
     ),
     Reader("plan-volume", volumes.recipe, _plan, "a.toml", share=0.5),

@@ -44,6 +44,15 @@ def vti(path: Path) -> None:
     write_vti(path, {"density": VALUES.astype(np.float32)}, MATRIX)
 
 
+def slc(path: Path) -> None:
+    """SLC of VolVis."""
+    data = b"11111\n5 4 3 8\n1 1 2\n1 6 0 1\n2 1 X" + bytes(6)
+    for layer in VALUES.astype(np.uint8):
+        packed = bytes([0x80 | layer.size, *layer.ravel().tolist(), 0])
+        data += b"%d X" % len(packed) + packed
+    path.write_bytes(data)
+
+
 def vol(path: Path) -> None:
     """Mitsuba's grid volume."""
     from hagoromo.files.volumes.mitsuba_volume import write_mitsuba_volume
@@ -126,6 +135,7 @@ SAMPLES: dict[str, tuple[Callable[[Path], None], float]] = {  # share of the mut
     "volume.nii": (nifti, 1.0),
     "volume.nii.gz": (nifti, 0.5),
     "volume.vti": (vti, 0.05),
+    "volume.slc": (slc, 0.05),
     "volume.vol": (vol, 1.0),
     "volume.vdb": (vdb, 0.5),
     "volume.nvdb": (nvdb, 0.5),

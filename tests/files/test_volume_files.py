@@ -79,6 +79,16 @@ def vol() -> bytes:
     return struct.pack("<3sB5i6f", b"VOL", 3, 3, 5, 4, 3, 1, *corners) + VALUES.astype(np.uint8).tobytes()
 
 
+def slc() -> bytes:
+    """VolVis: a header, an icon of 2 × 1 pixels, and layers of runs: n | 128 bytes as they are, or n times the next."""
+    data = b"11111\n5 4 3 8\n0.5 0.75 2.0\n1 6 0 1\n2 1 X" + bytes(6)
+    for layer in VALUES.astype(np.uint8):
+        first, *rest = layer.ravel().tolist()
+        packed = bytes([1, first, 0x80 | len(rest), *rest, 0])
+        data += b"%d X" % len(packed) + packed
+    return data
+
+
 PLACED = matrix_of()
 SAMPLES = {
     "a.nrrd": (nrrd(), PLACED),
@@ -89,6 +99,7 @@ SAMPLES = {
     "a.nii.gz": (gzip.compress(nifti()), PLACED),
     "a.vti": (vti(), PLACED),
     "a.vol": (vol(), matrix_of((0.5, 0.75, 2.0), (0.25, 0.375, 1.0), np.eye(3))),
+    "a.slc": (slc(), matrix_of(first=(0.0, 0.0, 0.0), turn=np.eye(3))),
     "head_5x4x3_uint16.raw": (RAW, None),
 }
 
@@ -96,8 +107,8 @@ SAMPLES = {
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_volume_is_read_as_its_definition_says(tmp_path, name):
     """Bytes written above by the format's definition. NIfTI and .vol keep places as float32."""
-    if name.endswith(".vti"):
-        pytest.importorskip("vtkmodules", reason="VTI is read by VTK, which is not installed")
+    if name.endswith((".vti", ".slc")):
+        pytest.importorskip("vtkmodules", reason="VTI and SLC are read by VTK, which is not installed")
     data, matrix = SAMPLES[name]
     (tmp_path / name).write_bytes(data)
     volume = read_volume(tmp_path / name)
