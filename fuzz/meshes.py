@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,9 @@ def glb_of(text: bytes) -> bytes:
     arrays = ARRAYS + b"\0" * (-len(ARRAYS) % 4)
     chunks = struct.pack("<2I", len(text), TEXT_CHUNK) + text + struct.pack("<2I", len(arrays), BINARY_CHUNK) + arrays
     return b"glTF" + struct.pack("<2I", 2, 12 + len(chunks)) + chunks
+
+
+def abc(path: Path) -> None:
+    """Alembic, as Blender wrote it."""
+    with zipfile.ZipFile(Path(__file__).parent.parent / "tests" / "files" / "blender_samples.zip") as held:
+        path.write_bytes(held.read("b.abc"))

@@ -188,6 +188,7 @@ READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
 LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
 READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
+HAS_ALEMBIC = find_spec("alembic3d") is not None
 HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_CURVES = _late("hagoromo.files.curves.curve_file", "read_curves")
@@ -231,6 +232,7 @@ SIMPLE = (
     Reader("mesh.off", records.text(records.OFF), READ_MESH),
     Reader("mesh-binary.ply", meshes.ply, READ_MESH),
     Reader("mesh.vtp", meshes.vtp, READ_MESH, share=0.1, good=HAS_VTK),
+    Reader("mesh.abc", meshes.abc, READ_MESH, share=0.1, good=HAS_ALEMBIC),
     Reader("mesh.stl", meshes.stl, READ_MESH),
     Reader("mesh-text.stl", meshes.stl_text, READ_MESH),
     Reader("mesh.glb", meshes.glb, READ_MESH),

@@ -9,7 +9,7 @@ from hagoromo.errors import InputError
 
 EXTRAS = {
     "nrrd": "volumes", "nibabel": "volumes", "h5py": "volumes", "vtkmodules": "vtk", "pxr": "usd",
-    "lensfunpy": "lenses", "PyOpenColorIO": "display",
+    "lensfunpy": "lenses", "PyOpenColorIO": "display", "alembic3d": "alembic",
 }  # fmt: skip
 
 

@@ -1,6 +1,6 @@
-"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK; the parts of a file are joined to one mesh.
+"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK, Alembic by its own library.
 
-Archives are not opened, nor textures, nor addresses; a glTF may name files of its own folder.
+The parts of a file are joined to one mesh. Archives are not opened, nor textures, nor addresses; a glTF may name files of its own folder.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes, sized_file
 from hagoromo.files.memory import require
+from hagoromo.files.mesh_abc import read_abc
 from hagoromo.files.mesh_vtp import read_vtp
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import trimesh_silenced
 
-VTP = ".vtp"
+VTP, ABC = ".vtp", ".abc"
 # suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
 # smallest triangles in binary
-GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0}
+GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0, ABC: 300.0}
 LARGEST_MESH = 1 << 32  # bytes
 MOST_NODES = 1 << 16  # places of a glTF at which a mesh may stand
 BYTES_PER_ENTRY = 300.0  # memory of a corner or an index of a glTF, at every place where it stands
@@ -43,8 +44,8 @@ def read_mesh(path: str | Path) -> Any:
             _check_gltf(_gltf_record(data, suffix), str(path))
         files = _folder_files(Path(path).parent, GROWTH[suffix])
         mesh = (
-            trimesh.Trimesh(*read_vtp(Path(path)))
-            if suffix == VTP
+            trimesh.Trimesh(*(read_vtp if suffix == VTP else read_abc)(Path(path)))
+            if suffix in (VTP, ABC)
             else trimesh.load(
                 io.BytesIO(data), file_type=suffix[1:], force="mesh", resolver=files, skip_materials=True, process=True
             )

@@ -1,5 +1,8 @@
 """Meshes go from one format to another: VTP as its text says, and what is written as trimesh and Mitsuba find it."""
 
+import zipfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -27,6 +30,23 @@ def test_vtk_polygons_are_read_as_their_text_says(tmp_path):
         (tmp_path / f"{name}.vtp").write_text(data)
         with pytest.raises(InputError, match=f"{name}.vtp"):
             read_mesh(tmp_path / f"{name}.vtp")
+
+
+def test_alembic_is_read_as_blender_wrote_it(tmp_path):
+    """Blender 5.0 wrote the same two objects, moved, turned and scaled, as STL: in blender_samples.zip."""
+    pytest.importorskip("alembic3d", reason="Alembic is read by alembic3d, which is not installed")
+    with zipfile.ZipFile(Path(__file__).with_name("blender_samples.zip")) as held:
+        for name in held.namelist():
+            (tmp_path / name).write_bytes(held.read(name))
+    found, expected = read_mesh(tmp_path / "b.abc"), read_mesh(tmp_path / "b.stl")
+    assert found.bounds == pytest.approx(expected.bounds, abs=1e-6)
+    assert found.volume == pytest.approx(expected.volume, rel=1e-6) and found.volume > 0
+    assert found.area == pytest.approx(expected.area, rel=1e-6) and len(found.faces) == len(expected.faces)
+    data = (tmp_path / "b.abc").read_bytes()
+    for name, spoilt in {"cut": data[: len(data) // 2], "none": b"", "text": b"Ogawa"}.items():
+        (tmp_path / f"{name}.abc").write_bytes(spoilt)
+        with pytest.raises(InputError, match=f"{name}.abc"):
+            read_mesh(tmp_path / f"{name}.abc")
 
 
 @pytest.mark.parametrize("suffix", WRITTEN)

@@ -68,6 +68,16 @@ SURFACES = (
     Format("Wavefront OBJ", "surface", (".obj",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "materials"),
     Format("STL", "surface", (".stl",), MESH, WRITE_MESH, "trimesh", "tests' own bytes", "colours"),
     Format("VTK polygons", "surface", (".vtp",), MESH, "", "VTK", "tests' own text", "lines, points, data"),
+    Format(
+        "Alembic",
+        "surface",
+        (".abc",),
+        MESH,
+        "",
+        "alembic3d",
+        "Blender wrote it, and the same as STL",
+        "motion, UVs, materials; curves, points and NURBS; a subdivision surface is its cage",
+    ),
     Format("OFF", "surface", (".off",), MESH, WRITE_MESH, "trimesh", "tests' own text", "colours"),
     Format(
         MITSUBA,
