@@ -1,6 +1,7 @@
 """Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK, Alembic by its own library.
 
-The parts of a file are joined to one mesh. Archives are not opened, nor textures, nor addresses; a glTF may name files of its own folder.
+The parts of a file are joined to one mesh. Archives are not opened, nor textures, nor addresses; a glTF may name files
+of its own folder.
 """
 
 from __future__ import annotations
