@@ -24,9 +24,10 @@ GREY, WHITE = Spectrum.constant(0.5), Spectrum.constant(1.0)
 IORS = {"vacuum": 1.0, "air": 1.000277, "water": 1.333, "water ice": 1.31, "polypropylene": 1.49, "bk7": 1.5046,
         "acrylic glass": 1.49, "fused quartz": 1.458, "pyrex": 1.47, "pet": 1.575, "diamond": 2.419,
         "sodium chloride": 1.544, "amber": 1.55, "ethanol": 1.361, "silicone oil": 1.52045}  # fmt: skip
-# Linear sRGB of metals at normal incidence, from their n and k under D65 (Hoffman 2010)
-METALS = {"none": (1.0, 1.0, 1.0), "Ag": (0.972, 0.960, 0.915), "Al": (0.913, 0.922, 0.924), "Au": (1.0, 0.766, 0.336),
-          "Cu": (0.955, 0.637, 0.538), "Cr": (0.549, 0.556, 0.554)}  # fmt: skip
+# Linear sRGB, 1 at most, of what metals reflect at normal incidence under D65, by the n and k that Mitsuba 3.9 has
+METALS = {"none": (1.0, 1.0, 1.0), "Ag": (0.971, 0.960, 0.915), "Al": (0.913, 0.922, 0.924), "Au": (1.0, 0.782, 0.343),
+          "Be": (0.539, 0.538, 0.537), "Cr": (0.635, 0.662, 0.704), "Cu": (0.955, 0.638, 0.538),
+          "Hg": (0.781, 0.780, 0.778), "Ir": (0.701, 0.693, 0.656)}  # fmt: skip
 MIRROR = {"alpha": 0.0, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0}
 SMOOTH_COAT = 0.02  # roughness that stands for a smooth coat
 CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that of any other
@@ -142,7 +143,7 @@ class Converter:
         name = str(bsdf.get("material", "Cu"))
         if name not in METALS:
             raise InputError(f"{who} is of {name!r}: give eta and k, or one of {', '.join(METALS)}")
-        return WHITE if name == "none" else upsampled(METALS[name])
+        return WHITE if name == "none" else _reflecting(upsampled(METALS[name]))
 
     def dielectric(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Glass."""

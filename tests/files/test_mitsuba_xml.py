@@ -9,11 +9,14 @@ import pytest
 
 import hagoromo as hg
 import hagoromo.mitsuba as hm
+from hagoromo import backend
 from hagoromo.app.cli import main
 from hagoromo.backend import mitsuba
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_toml
 from hagoromo.image.scene_file import load_scene
+from hagoromo.light.colour import linear_colour
+from hagoromo.mitsuba.bsdfs import METALS
 from hagoromo.mitsuba.serialized import read_serialized
 from hagoromo.mitsuba.xml_tree import read_xml
 
@@ -71,6 +74,24 @@ def peak(record):
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)
     return float(np.array(mi.load_dict(record).eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1))).ravel()[1])
+
+
+def test_metals_have_the_colours_of_mitsuba():
+    """What Mitsuba's conductors reflect at normal incidence, by wavelength, as linear sRGB under D65."""
+    import drjit as dr
+    import mitsuba as mi
+
+    mi.set_variant(f"{backend.name()}_ad_spectral")
+    waves = np.arange(380.0, 781.0, 5.0)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(waves))
+    si.wi = mi.Vector3f(0, 0, 1)
+    si.wavelengths = mi.Spectrum(*(mi.Float(waves.astype(np.float32)),) * 4)
+    for name, rgb in ((name, rgb) for name, rgb in METALS.items() if name != "none"):
+        metal = mi.load_dict({"type": "conductor", "material": name})
+        weight = metal.sample(mi.BSDFContext(), si, mi.Float(0), mi.Point2f(0))[1]
+        seen = linear_colour(hg.Spectrum(waves, np.array(weight)[0]), hg.Spectrum.named("D65"))
+        assert np.allclose(np.minimum(seen, 1.0), rgb, atol=6e-4), name
+    backend.mitsuba()
 
 
 def test_a_dictionary_is_read_as_its_xml(tmp_path):
