@@ -23,6 +23,8 @@ def test_every_format_has_what_its_row_names():
         assert callable(form.read), form.name
         assert not form.writer or callable(form.write), form.name
         assert form.lost, f"{form.name}: say what is lost"
+        own = form.holds in ("matter", "result") or form.name == "capture"
+        assert own or form.judge, f"{form.name}: name what the tests compare with"
 
 
 def test_the_page_of_formats_has_every_format():

@@ -12,7 +12,8 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo.files.hdr import read_hdr, write_hdr
-from hagoromo.files.png import png_bytes, read_png
+from hagoromo.files.png import png_bytes, read_png, write_png
+from hagoromo.files.tiff import write_tiff
 from hagoromo.image.any_picture import convert_picture, read_any_picture
 from hagoromo.image.spectral_exr import CHANNEL, SpectralPicture, read_spectral_exr, write_spectral_exr
 
@@ -36,6 +37,22 @@ def test_hdr_that_is_written_keeps_eight_bits(tmp_path):
     image = np.random.default_rng(4).random((33, 40, 3)) * 10.0 ** np.linspace(-3, 3, 40)[:, None]
     write_hdr(tmp_path / "a.hdr", image)
     assert (np.abs(read_hdr(tmp_path / "a.hdr") - image) <= image.max(axis=2, keepdims=True) / 127).all()
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    other = np.array(mi.Bitmap(str(tmp_path / "a.hdr")).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32))
+    assert (np.abs(other - image) <= image.max(axis=2, keepdims=True) / 127).all()
+
+
+def test_sixteen_bits_that_are_written_are_what_openimageio_reads(tmp_path):
+    oiio = pytest.importorskip("OpenImageIO")
+    numbers = np.random.default_rng(6).integers(0, 65536, (7, 11, 3)).astype(np.uint16)
+    write_tiff(tmp_path / "a.tif", numbers)
+    write_png(tmp_path / "a.png", numbers)
+    for name in ("a.tif", "a.png"):
+        file = oiio.ImageInput.open(str(tmp_path / name))
+        assert file.spec().format == "uint16"
+        assert np.array_equal(np.asarray(file.read_image("uint16")), numbers)
 
 
 def test_hdr_that_is_damaged_is_refused(tmp_path):

@@ -37,13 +37,14 @@ PICTURES = (
         "all parts but the first, attributes but texts; out: deep pixels, colours beside linear sRGB",
     ),
     Format(
-        "PNG", "picture", (".png",), "hagoromo.files.png:read_png", "hagoromo.files.png:write_png", "OpenCV", "Pillow",
+        "PNG", "picture", (".png",), "hagoromo.files.png:read_png", "hagoromo.files.png:write_png", "OpenCV",
+        "Pillow, OpenImageIO",
         "`compare` and `convert` apply profiles of three primaries, photographs of captures none; pictures "
         "for people say that they are sRGB, or Display P3 (ICC; judged by LittleCMS)",
     ),
     Format(
         "Radiance HDR", "picture", (".hdr",), "hagoromo.files.hdr:read_hdr", "hagoromo.files.hdr:write_hdr", "OpenCV",
-        "our own bytes", "EXPOSURE and PRIMARIES; out: 8 bits of the brightest channel, what is below 0",
+        "Mitsuba, our own bytes", "EXPOSURE and PRIMARIES; out: 8 bits of the brightest channel, what is below 0",
     ),
     Format(
         "spectral EXR (Fichet et al.)", "picture", (".exr",), "hagoromo.image.spectral_exr:read_spectral_exr",
@@ -56,7 +57,7 @@ PICTURES = (
     ),
     Format(
         "TIFF", "picture", (".tif", ".tiff"), "hagoromo.files.tiff:read_tiff", "hagoromo.files.tiff:write_tiff",
-        "tifffile, OpenCV", "Pillow",
+        "tifffile, OpenCV", "Pillow, OpenImageIO",
         "all pages but the first; colour profiles, as of PNG",
     ),
     Format("camera RAW", "picture", RAW_SUFFIXES, "hagoromo.files.raw:read_raw", "", "rawpy", "tifffile", "notes"),
@@ -66,7 +67,7 @@ MITSUBA = "Mitsuba scene"
 SURFACES = (
     Format("PLY", "surface", (".ply",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "colours"),
     Format("Wavefront OBJ", "surface", (".obj",), MESH, WRITE_MESH, "trimesh", "Mitsuba", "materials"),
-    Format("STL", "surface", (".stl",), MESH, WRITE_MESH, "trimesh", "tests' own bytes", "colours"),
+    Format("STL", "surface", (".stl",), MESH, WRITE_MESH, "trimesh", "Blender wrote it, tests' own bytes", "colours"),
     Format("VTK polygons", "surface", (".vtp",), MESH, "", "VTK", "tests' own text", "lines, points, data"),
     Format(
         "Alembic",
