@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside
+from hagoromo.files.checks import inside, sized_file
 from hagoromo.files.exr import write_exr
 from hagoromo.files.mesh import read_mesh
 from hagoromo.files.reading import reading
@@ -51,6 +51,7 @@ INTEGRATORS = (
     "stokes",
 )
 MOST_SHAPES = 2000
+LARGEST_MAP = 1 << 32  # bytes
 DEFAULT_FILM = 768, 576  # px
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
 RECTANGLE = 1e-4  # of its size, by which a mesh that is a lamp may miss a rectangle
@@ -201,7 +202,7 @@ class _Scene:
             raise InputError(f"{who} names no file: give filename, an .exr or .hdr")
         source = inside(self.home, str(part["filename"]))
         file = f"environment{source.suffix.lower()}"
-        shutil.copyfile(source, self.folder / file)
+        shutil.copyfile(sized_file(source, LARGEST_MAP, "an environment"), self.folder / file)
         turn = place[:3, :3] @ ENVIRONMENT_FROM_MITSUBA.T
         if np.linalg.det(turn) < 0.0 or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
             raise InputError(f"{who} is scaled or mirrored by to_world: give a turn")

@@ -78,7 +78,7 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
     if abs(camera.focal[0] / camera.focal[1] - 1.0) > 1e-6:
         yield "pixels that are not square: the vertical focal length"
     for lamp in scene.lamps:
-        if lamp.axis is not None:
+        if lamp.axis is not None and _cone(lamp) is None:
             yield f"lamp {lamp.name!r}: its fall-off or profile; here it falls linearly, as a spot"
         if isinstance(lamp.intensity, tuple):
             yield f"lamp {lamp.name!r}: its intensity by channel, of which the mean stands"
@@ -88,8 +88,9 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
         yield "which lights the camera sees: it sees all"
     if scene.environment:
         yield "the edges between pixels of the environment: Mitsuba interpolates; each pixel stands as 2 × 2 or more"
+        yield "the spectrum of the environment: in spectral variants Mitsuba takes white for D65"
     if any(s.shape == "mesh" and s.smooth for s in scene.surfaces):
-        yield "nothing of meshes, but shaded normals may differ at outlines"
+        yield "nothing of smooth meshes but at outlines, where shaded normals turn away from the eye"
 
 
 def _sensor(camera: Camera) -> Element:
@@ -117,15 +118,26 @@ def _lamp(lamp: Lamp) -> Element:
         return plugin("emitter", "directional", direction=-np.asarray(lamp.to_lamp), irradiance=light)
     if lamp.axis is None:
         return plugin("emitter", "point", position=lamp.position, intensity=light)
-    beam, edge = _beam(lamp)
+    beam, edge = _cone(lamp) or _nearest_cone(lamp)
     return plugin(
         "emitter", "spot", to_world=_turned_z_to(lamp.axis, lamp.position), intensity=light, cutoff_angle=edge,
         beam_width=beam,
     )  # fmt: skip
 
 
-def _beam(lamp: Lamp) -> tuple[float, float]:
-    """Where a spot begins to fall and where it ends [°]: the lamp is half as bright in the middle of the two."""
+def _cone(lamp: Lamp) -> tuple[float, float] | None:
+    """Where a spot begins to fall and where it ends [°], of a profile that is even and then linear to nothing."""
+    if lamp.profile is None:
+        return None
+    angles, values = lamp.profile.vertical, lamp.profile.intensity
+    one = np.array([1.0, 1.0, 0.0] if len(angles) == 3 else [1.0, 0.0])
+    if len(angles) not in (2, 3) or angles[0] != 0.0 or not (values == one).all():
+        return None
+    return float(angles[-2]), float(angles[-1])
+
+
+def _nearest_cone(lamp: Lamp) -> tuple[float, float]:
+    """As `_cone`, of any lamp with an axis: it is half as bright in the middle of the two."""
     angles = np.radians(np.arange(0.0, 180.0, 0.05))
     assert lamp.axis is not None
     side = lamp.frame[0]

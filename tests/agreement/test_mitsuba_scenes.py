@@ -166,6 +166,14 @@ def test_a_scene_of_mitsuba_is_the_same_picture_here(tmp_path):
     """A grey room with a lamp of triangles and a spot, all orders."""
     scene = room(tmp_path, ROOM.replace("400:0.1, 700:0.8", "0.4").replace("400:1, 700:3", "2"))
     assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "room.xml")))
+    assert not any("spot" in line for line in hm.write_mitsuba(scene, tmp_path / "there"))
+    hm.scene_from_mitsuba(tmp_path / "there" / "scene.xml", tmp_path / "back")
+    (back,), (spot,) = load_scene(tmp_path / "back" / "scene.toml")[0].lamps, scene.lamps
+    assert spot.axis is not None
+    ways = np.random.default_rng(2).normal(size=(500, 3)) + 3.0 * spot.axis
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    assert np.allclose(back.relative_intensity(ways), spot.relative_intensity(ways), atol=1e-6)
+    assert back.intensity == spot.intensity == 2.0
 
 
 @pytest.mark.slow
