@@ -140,7 +140,7 @@ def test_bad_recipes_are_refused_in_one_line(change, message):
         ({"form": "cone"}, "form must be one of"),
         ({"form": "box", "size_mm": [1, 0, 1]}, "size_mm must be a list of 3 numbers above 0"),
         ({"form": "box", "size_mm": [1, 1, 1], "rounding_mm": 2}, "at most half"),
-        ({"form": "mesh", "file": "a.ply", "height_mm": 3.0}, "is for kind 'solid'"),
+        ({"form": "mesh", "file": "a.ply", "height_mm": 3.0}, "does not exist"),
     ],
 )
 def test_shapes_that_cannot_be_are_refused(shape, message):

@@ -9,8 +9,11 @@ import pytest
 import trimesh
 from scipy.ndimage import label
 
+from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
+from hagoromo.matter.shape import distance_and_normal
+from hagoromo.matter.solid.solid import MeshSurface
 from hagoromo.volume.box import VolumeBox
 from tests.data import DATA, real_data
 
@@ -179,3 +182,30 @@ def test_an_angel_of_a_hundred_thousand_faces_keeps_her_volume(voxel_mm, tmp_pat
     pieces = np.zeros(box.bricks.shape, np.int32)
     assert label(box.bricks.dense()[0] > 0, np.ones((3, 3, 3)), output=pieces) == 1
     assert volume_mm3(box) == pytest.approx(mesh.volume * (100.0 / mesh.extents[2]) ** 3, rel=0.02)
+
+
+def test_the_signed_distance_to_a_mesh_is_that_of_its_body(tmp_path):
+    """A ball of fine faces: distances within its sagitta (of edges of 5.6°, 0.12 %), smooth normals near the surface.
+
+    Far away the nearest point of a face may lie half an edge aside, near it that times the distance.
+    """
+    trimesh.creation.icosphere(subdivisions=4, radius=1.0).export(tmp_path / "a.ply")
+    mesh = MeshSurface(tmp_path / "a.ply", 20.0)
+    way = np.random.default_rng(5).normal(size=(211, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    radius = np.linspace(4.0, 30.0, 211)
+    point = arrays().Array3f(*(radius[:, None] * way + (0.0, 0.0, 10.0)).T.astype(np.float32))
+    away, normal = distance_and_normal(mesh.signed_distance, point)
+    assert np.abs(np.array(away) - (radius - 10.0)).max() < 0.0013 * 10.0
+    along = (np.array(normal).T * way).sum(axis=1)
+    assert along.min() > np.cos(np.radians(2.8))
+    assert along[np.abs(radius - 10.0) < 1.0].min() > np.cos(np.radians(0.5))
+
+
+def test_skin_covers_a_mesh_as_it_covers_the_shape(tmp_path):
+    """A ball as a mesh and as a form: the same matter, but for what faces are inside of the ball."""
+    trimesh.creation.icosphere(subdivisions=4, radius=1.0).export(tmp_path / "a.ply")
+    recipe = {"kind": "skin", "voxel_mm": 0.4, "mean_free_path_mm": 0.4, "corneum_mm": 0.0, "material": MATERIAL}
+    mesh = {"form": "mesh", "file": str(tmp_path / "a.ply"), "height_mm": 8.0}
+    volumes = [volume_mm3(build(recipe | {"shape": s})) for s in (mesh, {"form": "sphere", "radius_mm": 4.0})]
+    assert volumes[0] == pytest.approx(volumes[1], rel=0.01)

@@ -1,18 +1,20 @@
 """Form: the table [shape] of a recipe → a shape that stands on z = 0 around x = y = 0, and room around it. In mm.
 
 {form = "sphere", radius_mm}, {form = "ellipsoid", radii_mm = [x, y, z]}, {form = "box", size_mm = [x, y, z],
-rounding_mm}, {form = "capsule", radius_mm, length_mm}; for a solid also {form = "mesh", file = "name.ply", height_mm,
-rotation_deg = [x, y, z]}, which is turned about x, then y, then z before it is measured.
+rounding_mm}, {form = "capsule", radius_mm, length_mm}, and for solids, skin and hair {form = "mesh", file = "name.ply",
+height_mm, rotation_deg = [x, y, z]}, which is turned about x, then y, then z before it is measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.record import NotNegative, Positive, Record, Vector, about, decode_one
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
-from hagoromo.matter.solid.solid import Extent
+from hagoromo.matter.solid.solid import Extent, MeshSurface
 
 Sizes = tuple[Positive, Positive, Positive]
 SHORTEST_MM = 1e-6  # least half side of a shape: kernels compute in single precision
@@ -52,8 +54,7 @@ class Mesh(Record, frozen=True, tag_field="form", tag="mesh"):
     rotation_deg: Annotated[Vector, about("turns about x, y and z [°]")] = (0.0, 0.0, 0.0)
 
 
-FORM_SHAPES = (Sphere, Ellipsoid, Box, Capsule)
-FORMS = (*FORM_SHAPES, Mesh)
+FORMS = (Sphere, Ellipsoid, Box, Capsule, Mesh)
 
 
 def form_of(record: dict[str, Any], where: str) -> Sphere | Ellipsoid | Box | Capsule | Mesh:
@@ -61,11 +62,13 @@ def form_of(record: dict[str, Any], where: str) -> Sphere | Ellipsoid | Box | Ca
     return decode_one(record, FORMS, where)
 
 
-def shape_of(record: dict[str, Any], where: str) -> tuple[Shape, Extent]:
-    """The shape, and the corners of a box with room around it."""
+def shape_of(record: dict[str, Any], where: str, file: Callable[[str], Path]) -> tuple[Shape, Extent]:
+    """The shape, and the corners of a box with room around it. file: the place of a file that the recipe names."""
     form = form_of(record, where)
     if isinstance(form, Mesh):
-        raise InputError(f"{where}: form 'mesh' is for kind 'solid': give one of sphere, ellipsoid, box, capsule")
+        mesh = MeshSurface(file(form.file), form.height_mm, form.rotation_deg)
+        room = 2.0 + 0.01 * float((mesh.high - mesh.low).max())
+        return mesh.signed_distance, (tuple(mesh.low - room), tuple(mesh.high + room))
     if isinstance(form, Sphere):
         half = (form.radius_mm,) * 3
         made: Shape = lambda p: sphere(p, (0.0, 0.0, half[2]), half[0])  # noqa: E731

@@ -17,7 +17,7 @@ from hagoromo.matter.fill import MM, Fineness
 from hagoromo.matter.hair.fibres import Curves, fibre_blocks, one_fibre
 from hagoromo.matter.hair.growth import Growth, grown
 from hagoromo.matter.hair.placed_curves import placed
-from hagoromo.matter.recipes.form import FORM_SHAPES, shape_of
+from hagoromo.matter.recipes.form import FORMS, shape_of
 from hagoromo.matter.recipes.recipe import Kind, Recipe, RecipeTable, Voxel
 from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
@@ -39,7 +39,7 @@ class HairPlace(RecipeTable, frozen=True, kw_only=True):
     """Hair along curves of a file, or hair that grows on a shape."""
 
     curves: Annotated[dict[str, Any] | None, like(CurvesTable), about("curves of a file")] = None
-    shape: Annotated[dict[str, Any] | None, like(*FORM_SHAPES), about("shape that hair grows on")] = None
+    shape: Annotated[dict[str, Any] | None, like(*FORMS), about("shape that hair grows on")] = None
     origin: Annotated[
         str,
         one_of("floor", "own"),
@@ -91,7 +91,7 @@ def _curves(recipe: Recipe[Any]) -> Curves:
 def _grown(recipe: Recipe[Any]) -> Curves:
     table = recipe.table
     growth = Growth(*(getattr(table, name) for name in Growth._fields))
-    return grown(*shape_of(table.shape, f"{recipe.where} [shape]"), growth, table.seed)
+    return grown(*shape_of(table.shape, f"{recipe.where} [shape]", recipe.file), growth, table.seed)
 
 
 def _placed(recipe: Recipe[Any]) -> Curves:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from hagoromo.files.record import Positive, about, extended, like
-from hagoromo.matter.recipes.form import FORM_SHAPES, shape_of
+from hagoromo.matter.recipes.form import FORMS, shape_of
 from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, RecipeTable, Voxel
 from hagoromo.matter.skin.skin import Granules, check_granules, skin_on, skin_patch
 from hagoromo.volume.store.plan import BoxPlan
@@ -15,7 +15,7 @@ class SkinPlace(RecipeTable, frozen=True, kw_only=True):
     """A patch of skin, or skin on a shape."""
 
     size_mm: Annotated[Positive, about("edge of the square patch [mm]")] = 10.0
-    shape: Annotated[dict[str, Any] | None, like(*FORM_SHAPES), about("shape that is covered with skin")] = None
+    shape: Annotated[dict[str, Any] | None, like(*FORMS), about("shape that is covered with skin")] = None
     voxel_mm: Voxel = 0.02
     mean_free_path_mm: MeanFreePath = 0.04
 
@@ -28,7 +28,7 @@ def _plan(recipe: Recipe[Any]) -> BoxPlan:
     granules = check_granules(Granules(*(getattr(table, name) for name in Granules._fields)))
     if table.shape is None:
         return skin_patch(recipe.material, table.size_mm, granules, fine, table.seed)
-    shape, extent = shape_of(table.shape, f"{recipe.where} [shape]")
+    shape, extent = shape_of(table.shape, f"{recipe.where} [shape]", recipe.file)
     return skin_on(shape, extent, recipe.material, granules, fine, table.seed, name="skin")
 
 

@@ -25,7 +25,7 @@ def _plan(recipe: Recipe[SolidTable]) -> BoxPlan:
     if isinstance(form, Mesh):
         mesh = MeshSurface(recipe.file(form.file), form.height_mm, form.rotation_deg)
         return mesh_solid(mesh, recipe.material, recipe.fineness)
-    return solid(*shape_of(recipe.table.shape, where), recipe.material, recipe.fineness)
+    return solid(*shape_of(recipe.table.shape, where, recipe.file), recipe.material, recipe.fineness)
 
 
 KIND = Kind("plane", SolidTable, _plan)

@@ -18,13 +18,14 @@ from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import Shape, coverage, distance_and_normal, unit
 from hagoromo.matter.solid.mesh_rays import MeshRays
 from hagoromo.matter.solid.mesh_repair import repaired
-from hagoromo.matter.solid.mesh_tree import MeshTree
+from hagoromo.matter.solid.mesh_tree import MeshTree, Nearest
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
 BOUNDED = 10.0  # [voxels] reach of distances in the search for bricks: more than half the diagonal of an octant
 NEAR_SURFACE = 1e-3  # [half the softness] closer to the surface than this, the normal of the face is used
+FARTHEST = 10.0  # [diagonals of the mesh] from the mesh, at which signed distances are still asked for
 CREASE = math.radians(40)  # edges of a mesh sharper than this stay sharp
 
 
@@ -70,6 +71,7 @@ class MeshSurface:
         mesh.apply_scale(height_mm / mesh.extents[2])
         mesh.apply_translation([*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]])
         self.low, self.high = mesh.bounds
+        self._diagonal = float(np.linalg.norm(mesh.extents))
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         self._tree, self._rays = MeshTree(vertices, faces), MeshRays(vertices, faces)
         self._normals = lookup(arrays().Float, _corner_normals(mesh).astype(np.float32))
@@ -88,9 +90,21 @@ class MeshSurface:
         across = dr.select(dr.squared_norm(away) > (NEAR_SURFACE * half) ** 2, unit(away), plane)
         share = self._rays.share_inside(point - across * half, across, softness, near.is_within_reach)
         deep = self._rays.inside(point, ~near.is_within_reach)
+        return dr.select(near.is_within_reach, share, dr.select(deep, 1.0, 0.0)), self._normal(near)
+
+    def signed_distance(self, point: Any) -> Any:
+        """A `Shape`: signed distance [mm]; its gradient is the normal of the nearest surface, smooth over the faces."""
+        still = type(point)(dr.detach(point))
+        near = self._tree.nearest(still, FARTHEST * self._diagonal)
+        away = dr.norm(still - near.point)
+        away = dr.select(self._rays.inside(still), -away, away)
+        return away + dr.dot(point - still, self._normal(near))
+
+    def _normal(self, near: Nearest) -> Any:
+        """The normal of the nearest face, interpolated between its corners."""
+        jit = arrays()
         corners = (dr.gather(jit.Array3f, self._normals, near.face * 3 + k) for k in range(3))
-        normal = sum((corner * near.shares[k] for k, corner in enumerate(corners)), jit.Array3f(0))
-        return dr.select(near.is_within_reach, share, dr.select(deep, 1.0, 0.0)), unit(normal)
+        return unit(sum((corner * near.shares[k] for k, corner in enumerate(corners)), jit.Array3f(0)))
 
     def distance(self, point: Any, reach: float) -> Any:
         """Distance [mm] to the mesh, `reach` at most; 0 inside."""
