@@ -14,6 +14,7 @@ from hagoromo import backend
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import colour_matching, xyz_from_srgb
 from hagoromo.light.spectrum import integrate_product
+from hagoromo.mitsuba.medium import flakes
 from tests.agreement.test_mitsuba import INTENSITY, LAMP, TAU, VOXELS, cloud
 from tests.agreement.test_mitsuba import camera as camera_of_cloud
 from tests.judges import blocks_agree
@@ -190,3 +191,29 @@ def test_a_coloured_scene_of_mitsuba_is_the_same_picture_here(tmp_path):
     both = (seen.var(axis=0, ddof=1) + drawn.var(axis=0, ddof=1)) / RENDERS
     assert blocks_agree(seen.mean(axis=0), drawn.mean(axis=0), both, BLOCK)
     assert not blocks_agree(seen.mean(axis=0), 1.03 * drawn.mean(axis=0), both, BLOCK)
+
+
+def test_a_box_is_loaded_as_the_nearest_medium_and_says_what_is_lost(tmp_path):
+    """A box of fibres, turned: it stands where ours does, and the light that it sends on is named."""
+    turn = np.eye(4)
+    turn[:3, :3] = TURN
+    density, axis = np.ones((3, 4, 5), np.float32), np.zeros((3, 4, 5, 3))
+    axis[..., 0] = 1.0
+    matter = hg.Reflectance(0.2, 0.2, 0.3, 1.5, hg.Spectrum.constant(0.8), element="cylinder")
+    box = hg.VolumeBox.from_arrays(density, axis, 0.1, 5.0, [matter], pose=turn, extinction="projected")
+    frame = hg.Camera(8, 6, (8, 8), (4, 3)).look_at((0, -3, 1.0), (0, 0, 0.3))
+    lost = hm.write_mitsuba(hg.Scene(frame, (hg.Lamp(to_lamp=(0, -1, 1)),), (box,)), tmp_path / "there")
+    assert len(lost) == 2 and "SGGX" in lost[0] and "extinction by direction" in lost[1]
+    (shape,) = backend.mitsuba().load_file(str(tmp_path / "there" / "scene.xml")).shapes()
+    assert shape.interior_medium() is not None and np.allclose(box.corners().min(axis=0), np.array(shape.bbox().min))
+
+
+@pytest.mark.parametrize("element", ["plane", "cylinder"])
+def test_flakes_are_as_wide_as_they_are_seen(element):
+    """1 along normals of planes and across fibres, else their roughness squared."""
+    matter = hg.Reflectance(0.2, 0.2, 0.3, 1.5, hg.Spectrum.constant(0.8), element=element)
+    s, along, across = flakes(matter, TURN[:, 0]), TURN[:, 0], TURN[:, 1]
+    matrix = np.array([[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]])
+    rough = (np.tan(0.3) / np.sqrt(np.sqrt(2.0) - 1.0)) ** 2
+    seen = [along @ matrix @ along, across @ matrix @ across]
+    assert seen == pytest.approx([1.0, rough] if element == "plane" else [rough, 1.0], rel=1e-5)
