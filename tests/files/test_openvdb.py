@@ -20,6 +20,7 @@ from hagoromo.app.info import info
 from hagoromo.errors import InputError
 from hagoromo.files.volumes.formats import read_volume
 from hagoromo.files.volumes.openvdb_out import write_openvdb
+from hagoromo.files.volumes.sparse_lattice import SparseLattice
 from hagoromo.volume.store.box_store import load_box
 from tests.files.test_volume_files import a_box
 
@@ -72,6 +73,20 @@ def test_a_grid_is_named_behind_a_colon_and_a_level_set_is_refused(tmp_path):
         read_volume(f"{path}:ball")
     with pytest.raises(InputError, match="has the grids density, ball: name one"):
         read_volume(f"{path}:smoke")
+
+
+def test_leaves_without_active_voxels_do_not_widen_the_lattice():
+    """They lie before, behind and beside it; one leaf is active from its voxel (1, 2, 3) to (4, 5, 6)."""
+    active = np.zeros((8, 8, 8), bool)
+    active[1:5, 2:6, 3:7] = True
+    values = np.arange(512, dtype=np.float32).reshape(8, 8, 8)
+    lattice = SparseLattice("a", "", np.float32, 1, 0.0, np.eye(4))
+    lattice.leaves.append((np.array([8, 8, 8]), active, values))
+    for other in ([0, 8, 8], [16, 8, 8], [8, 0, 16], [80, -80, 8]):
+        lattice.leaves.append((np.array(other), np.zeros((8, 8, 8), bool), values + 1000.0))
+    volume = lattice.dense("a")
+    assert np.array_equal(np.swapaxes(volume.values, 0, 2), values[1:5, 2:6, 3:7])
+    assert volume.matrix is not None and volume.matrix[:3, 3] == pytest.approx([9.0, 10.0, 11.0])
 
 
 def fields(shape=(19, 29, 143)) -> tuple[dict[str, np.ndarray], np.ndarray]:

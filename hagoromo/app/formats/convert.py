@@ -40,7 +40,8 @@ NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.
 
 @dataclass(frozen=True)
 class VolumeOptions:
-    """What a volume file does not say of a box, and which field of a box is written; see the recipes of kind volume.
+    """What files do not say. Of volumes: what a box needs, as recipes of kind volume have it; field: of a box, which
+    one is written. Of pictures: how they are written, and by which lens they were taken.
 
     peak: of a picture that becomes one for the display, the linear value that is white. display: which one, see
     `Image.save`. exr: how all channels of an EXR are laid out in another, of half, tiles and parts. lens: name or part

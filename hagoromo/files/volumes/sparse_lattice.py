@@ -77,5 +77,6 @@ def _span(first: NDArray[np.int64], active: NDArray[np.bool_]) -> tuple[NDArray[
 
 
 def _part(first: NDArray[np.int64], edge: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Where a cube lies in the lattice; of one that ends before it nothing."""
-    return tuple(slice(max(0, int(f)), max(0, min(int(f) + edge, n))) for f, n in zip(first, shape, strict=True))
+    """Where a cube lies in the lattice; of one that lies beside it nothing."""
+    starts = [max(0, int(f)) for f in first]
+    return tuple(slice(s, max(s, min(int(f) + edge, n))) for s, f, n in zip(starts, first, shape, strict=True))
