@@ -71,7 +71,7 @@ def placed(job):
     link(volume(job, folder))
     for x, y, z, intensity in job["lamps"]:
         light = bpy.data.lights.new("lamp", "POINT")
-        light.energy, light.shadow_soft_size = 4.0 * np.pi**2 * intensity, 0.0  # W: π for what Blender calls radiance
+        light.energy, light.shadow_soft_size = 4.0 * np.pi * intensity, 0.0  # [W], all around
         lamp = bpy.data.objects.new("lamp", light)
         lamp.location = (x, y, z)
         link(lamp)
