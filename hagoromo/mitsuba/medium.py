@@ -18,6 +18,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.files.volumes.mitsuba_volume import write_mitsuba_volume
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.mitsuba.colours import LIMITS
 from hagoromo.mitsuba.xml_text import Element, plugin
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
@@ -74,9 +75,9 @@ def albedo_of(material: Reflectance) -> Spectrum:
     """Share of the light that an element sends on, by wavelength, mean over the directions."""
     body, interface = shares_of(material)
     colour, gloss = material.body_colour, material.interface_colour
-    waves = np.unique(np.concatenate([colour.wavelengths, gloss.wavelengths, (360.0, 830.0)]))
-    inside = waves[(waves >= 360.0) & (waves <= 830.0)]
-    values = body * colour.held(360.0, 830.0).at(inside) + interface * gloss.held(360.0, 830.0).at(inside)
+    waves = np.unique(np.concatenate([colour.wavelengths, gloss.wavelengths, LIMITS]))
+    inside = waves[(waves >= LIMITS[0]) & (waves <= LIMITS[1])]
+    values = body * colour.held(*LIMITS).at(inside) + interface * gloss.held(*LIMITS).at(inside)
     if np.ptp(values) <= 1e-9:
         return Spectrum.constant(float(values[0]))
     return Spectrum(inside, np.clip(values, 0.0, 1.0))
@@ -84,8 +85,8 @@ def albedo_of(material: Reflectance) -> Spectrum:
 
 def shares_of(material: Reflectance) -> tuple[float, float]:
     """What a sphere of the material sends on of body and of interface, each for a white colour: ∫ f dL."""
-    waves, weights = np.polynomial.legendre.leggauss(2048)
-    body, interface = _sphere(material, waves)
+    cosines, weights = np.polynomial.legendre.leggauss(2048)
+    body, interface = _sphere(material, cosines)
     return tuple(float(2.0 * math.pi * np.sum(weights * each)) for each in (body, interface))  # type: ignore[return-value]
 
 

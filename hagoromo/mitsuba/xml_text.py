@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.mitsuba.colours import LIMITS
 
 Element = ElementTree.Element
 VERSION = "3.0.0"
-LIMITS = 360.0, 830.0  # nm, of Mitsuba's spectra
 
 
 def plugin(tag: str, kind: str, name: str = "", parts: Iterable[Element] = (), **values: Any) -> Element:
