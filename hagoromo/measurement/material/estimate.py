@@ -17,7 +17,7 @@ from scipy.stats import t as student
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import find_albedo_variation
-from hagoromo.measurement.material.hidden_body import is_hidden, profile_over_strength
+from hagoromo.measurement.material.hidden_body import is_hidden, is_open, profile_over_strength
 from hagoromo.measurement.material.interval import (
     Profile,
     degrees_of_freedom,
@@ -48,6 +48,7 @@ from hagoromo.measurement.material.uncertainty import (
     intervals_of_hidden,
     is_identifiable,
     values_at,
+    with_open_strength,
 )
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL, channels_of, colour_slice
@@ -124,6 +125,8 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
     intervals = _with_wide(chosen, intervals_of(profile, over_tails))
     if is_hidden(fit):
         intervals |= intervals_of_hidden(profile_over_strength(fit))
+    elif is_open(fit):
+        intervals = with_open_strength(intervals, profile_over_strength(fit))
     identifiable = identifiable_of(fit, intervals)
     remarks, values = _remarks(fitted, tested, profile), values_at(fit.theta)
     covered = None if is_hidden(fit) else fit

@@ -36,6 +36,8 @@ WELL_KNOWN = 0.25  # standard error of ln(n − 1) below which n is identifiable
 SMALLEST_TAIL = 1e-9  # largest 1/ν of an interval at least: its reciprocal is finite
 COARSE_TAILS = 6  # points through the whole range of 1/ν
 FINE = 48  # points interpolated between two nodes of the profile
+STEEP = 5.0  # Δχ² of a node just outside an interval, over what is allowed: with more there is a bend before it
+BETWEEN, BISECTIONS = 8, 2  # points that are put there, and how often
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,35 @@ def profile_over_tail(fit: MaterialFit) -> Profile:
 
 def _profile(fit: MaterialFit, place: int, nodes: Array, others: NDArray[np.bool_]) -> Profile:
     """Profile along the parameter at `place`, at `nodes` (K,), over the parameters `others` (P,)."""
-    rows = minimise(fit.objective, _starts(fit, place, nodes), others)
+    return profile_from(fit, place, _starts(fit, place, nodes), others)
+
+
+def profile_from(fit: MaterialFit, place: int, starts: Array, others: NDArray[np.bool_]) -> Profile:
+    """Profile at the values that `starts` (K, P) have at `place`, from there, over the parameters `others` (P,).
+
+    Where Δχ² leaves what an interval allows by a bend, as where a body comes to its limit, nodes are added.
+    """
+    profile, limit = _settled(fit, place, starts, others), allowance(fit, coordinate(place))
+    for _ in range(BISECTIONS):
+        inside = profile.rest <= limit
+        left = np.nonzero((inside[1:] != inside[:-1]) & (np.fmax(profile.rest[1:], profile.rest[:-1]) > STEEP * limit))[
+            0
+        ]
+        if not left.size:
+            break
+        more = []
+        for k in left:
+            row = np.tile(profile.theta[k if inside[k] else k + 1], (BETWEEN, 1))
+            row[:, place] = np.linspace(profile.along[k], profile.along[k + 1], BETWEEN + 2)[1:-1]
+            more.append(row)
+        starts = np.concatenate([profile.theta, *more])
+        profile = _settled(fit, place, starts[np.argsort(starts[:, place], kind="stable")], others)
+    return profile
+
+
+def _settled(fit: MaterialFit, place: int, starts: Array, others: NDArray[np.bool_]) -> Profile:
+    """The profile at the values of `starts` alone."""
+    rows = minimise(fit.objective, starts, others)
     pairs = zip(rows.curvature, rows.theta, strict=True)
     covariance = np.stack([inverse_over(curvature, others & ~at_bound(theta)) for curvature, theta in pairs])
     best = fit.objective.evaluate(fit.theta[None])[0][0]

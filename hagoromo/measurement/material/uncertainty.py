@@ -86,6 +86,12 @@ def intervals_of_hidden(profile: Profile) -> dict[str, Any]:
     }
 
 
+def with_open_strength(intervals: dict[str, Any], profile: Profile) -> dict[str, Any]:
+    """`intervals` with what belongs to them along `profile`, over the strength of a highlight; n stays as it is."""
+    other = {key: bounds for key, bounds in _intervals(profile).items() if key != "n"}
+    return intervals | {key: _joined(intervals[key], bounds) for key, bounds in other.items()}
+
+
 def _above_nothing(bounds: tuple[float, float]) -> tuple[float, float]:
     """The bounds of α: no body reflects less than nothing."""
     return max(bounds[0], 0.0), max(bounds[1], 0.0)
