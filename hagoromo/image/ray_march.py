@@ -35,7 +35,8 @@ class RayMarch:
     coefficients of its body and interface colours on the palette; beta and gamma of further lobes; where any body
     departs from Lambert's law epsilon and sigma; where the facets of any have tails the exponent nu. Both can be
     replaced, or tracked by `dr.enable_grad`.
-    Shadow maps are made once: a derivative holds them fixed. With `Settings(shadows="none")` there are none.
+    Shadow maps are made once: a derivative holds them fixed. With `Settings(shadows="none")` there are none. Marched
+    shadows (`shadows="march"`) cannot be differentiated by the voxels: `derivative` refuses it.
 
         rays = hg.RayMarch(scene, differentiable=True)
         light, change = rays.derivative(origins, directions, voxels=direction_of_change)
@@ -45,6 +46,7 @@ class RayMarch:
         self.scene = scene
         self._prepared = PreparedScene(lit_by_points(scene, settings or Settings())[0], settings or Settings())
         self.palette = self._prepared.palette
+        self._marched_shadows = (settings or Settings()).shadows == "march"
         if differentiable and self._prepared.medium is not None:
             self._prepared.medium.voxels = _plain_voxels(self._prepared.medium)
 
@@ -93,8 +95,13 @@ class RayMarch:
     ) -> tuple[RayLight, RayLight]:
         """The light along rays, and its derivative d/dt at t = 0 for the parameters p + t · change.
 
-        voxels, materials: the change of each parameter, of its size; None for no change. `InputError` for another size.
+        voxels, materials: the change of each parameter, of its size; None for no change. `InputError` for another size,
+        and for voxels with marched shadows.
         """
+        if voxels is not None and self._marched_shadows:
+            raise InputError(
+                'shadows = "march" cannot be differentiated by the voxels: use shadows "map", held fixed, or "none"'
+            )
         changes = {"voxels": voxels, "materials": materials}
         chosen = [(getattr(self, key), change, key) for key, change in changes.items() if change is not None]
         if not chosen:

@@ -188,5 +188,8 @@ def test_changes_that_do_not_fit_are_refused(ball):
         ball.derivative(ORIGINS, FORWARD)
     with pytest.raises(hg.InputError, match="materials: the change has 2 numbers"):
         ball.derivative(ORIGINS, FORWARD, materials=[1.0, 0.0])
+    marched = hg.RayMarch(ball.scene, hg.Settings(shadows="march"), differentiable=True)
+    with pytest.raises(hg.InputError, match='shadows = "march" cannot be differentiated by the voxels'):
+        marched.derivative(ORIGINS, FORWARD, voxels=np.zeros(dr.width(marched.voxels)))
     with pytest.raises(hg.InputError, match=r"\(rays, 3\)"):
         hg.march(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
