@@ -13,15 +13,14 @@ from hagoromo.backend import Array3f, Bool, Float, UInt, arrays
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.directions import many_directions
 from hagoromo.transport.field.fit import averaged, fitted
-from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, mean_of, plus, smooth_extinction
+from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, smooth_extinction
 from hagoromo.transport.field.patches import SIDES, CornerLight
-from hagoromo.transport.field.sent_light import Numbers, nothing
+from hagoromo.transport.field.sent_light import Numbers, added, nothing
 from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
 from hagoromo.transport.field.sweep import sweep
 
-PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of one of the LAST_LINKS
-LAST_LINKS = 3  # sets of rays with which the light that the camera sees is gathered
-CELL_LANES = 1 << 21  # rays of all cells to the surfaces, about
+PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of the light that the camera sees
+CELL_LANES = 1 << 19  # rays of all cells to the surfaces, about
 FEWEST_WAYS, MOST_WAYS = 12, 64  # of one cell
 
 
@@ -80,12 +79,10 @@ class Joint:
         elif orders > 2:
             once = light = self._once()
             for _ in range(orders - 3):
-                light, sweeps = plus(once, self._swept(light)), sweeps + 1
+                light, sweeps = added(once, self._swept(light)), sweeps + 1
         warn_if_unsettled(residual, sweeps)
         incident, arriving = self._parts(light) if light else (None, None)
-        surface = mean_of(
-            [self._at_patches(self._patch_links(LAST_WAYS), incident, arriving) for _ in range(LAST_LINKS)]
-        )
+        surface = self._at_patches(self._patch_links(LAST_WAYS), incident, arriving)
         return self._in_cells(incident, arriving, residual, sweeps + 1), SurfaceLight(lit, surface)
 
     def _once(self) -> Numbers:
@@ -93,7 +90,7 @@ class Joint:
         cells = None
         if self.solver:
             swept = averaged(self.solver.cells, self.solver.fine_cells, self.once_finely)
-            cells = plus(swept, self.cell_links.direct())
+            cells = added(swept, self.cell_links.direct())
         return self._together(cells, self._at_patches(self.patch_links, None, None))
 
     def _swept(self, light: Numbers) -> Numbers:
@@ -102,23 +99,23 @@ class Joint:
         cells, patches = None, self.patch_links.again(arriving)
         if self.solver and incident:
             sent = self.solver.again(incident)
-            cells = plus(
+            cells = added(
                 sweep(self.solver.cells, sent, self.ways, self.solver.cells, sight=self.sight)[0],
                 self.cell_links.again(arriving),
             )
-            patches = plus(patches, self.patch_links.from_matter(SmoothMatter(self.solver.cells, self.sigma, sent)))
+            patches = added(patches, self.patch_links.from_matter(SmoothMatter(self.solver.cells, self.sigma, sent)))
         return self._together(cells, patches)
 
     def _at_patches(self, links: Links, incident: Numbers | None, arriving: Numbers | None) -> Numbers:
         """Light at the patches: of the lamps, sent on once, and of smooth light, sent on again."""
         total = links.direct()
         if arriving:
-            total = plus(total, links.again(arriving))
+            total = added(total, links.again(arriving))
         if self.solver:
-            total = plus(total, links.from_matter(self.single))
+            total = added(total, links.from_matter(self.single))
             if incident:
                 matter = SmoothMatter(self.solver.cells, self.sigma, self.solver.again(incident))
-                total = plus(total, links.from_matter(matter))
+                total = added(total, links.from_matter(matter))
         return total
 
     def _in_cells(
@@ -128,10 +125,10 @@ class Joint:
             return None
         cells, fine = self.solver.cells, self.solver.fine_cells
         links = self._cell_links(fine)
-        light = plus(self.once_finely, links.direct())
+        light = added(self.once_finely, links.direct())
         if incident and arriving:
             again = self.solver.gathered_finely(self.random, self.solver.grid, self.solver.again(incident))
-            light = plus(light, again, links.again(arriving))
+            light = added(light, again, links.again(arriving))
         light, known = fitted(cells, fine, light)
         cells.without(~known)
         return Solution(light, residual, sweeps)

@@ -7,7 +7,6 @@ light passes the matter in between, is found once; the light that is sent may th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,19 +78,33 @@ class SmoothMatter:
     """σ and the light that cells send, both of the second order in direction. A plain object."""
 
     def __init__(self, cells: Cells, sigma: list[Float], sent: Numbers) -> None:
-        self.cells, self.sigma, self.sent = cells, sigma, sent
+        self.cells, self.sigma, self.channels = cells, sigma, len(sent)
+        self.packed = packed([number for numbers in (sigma, *sent) for number in numbers])
 
     def at(self, cell: Int, towards: Array3f) -> tuple[Float, list[Float]]:
         """σ [1/m] of a cell along a direction, and the light that it sends from there, over σ."""
-        kind, holds = arrays().Float, self.cells.holds(cell)
+        jit, holds = arrays(), self.cells.holds(cell)
+        packets = -(-NUMBERS * (1 + self.channels) // 4)
+        first = jit.UInt(cell) * packets
+        flat = [x for k in range(packets) for x in dr.gather(jit.Array4f, self.packed, first + k, holds)]
 
-        def along(numbers: list[Float], way: Array3f) -> Float:
-            there = [dr.gather(kind, number, arrays().UInt(cell), holds) for number in numbers]
-            return dr.fmax(second_order(there).at(way), 0.0)
+        def along(part: int, way: Array3f) -> Float:
+            return dr.fmax(second_order(flat[part * NUMBERS : (part + 1) * NUMBERS]).at(way), 0.0)
 
-        sigma = along(self.sigma, towards)
+        sigma = along(0, towards)
         inverse = dr.rcp(dr.fmax(sigma, 1e-30))
-        return sigma, [along(numbers, -towards) * inverse for numbers in self.sent]
+        return sigma, [along(1 + k, -towards) * inverse for k in range(self.channels)]
+
+
+def packed(columns: list[Float]) -> Float:
+    """The numbers of each cell together, in whole packets of four."""
+    jit, cells = arrays(), dr.width(columns[0])
+    each, lane = 4 * -(-len(columns) // 4), dr.arange(jit.UInt, cells)
+    values = dr.zeros(jit.Float, each * cells)
+    for k, column in enumerate(columns):
+        dr.scatter(values, column, lane * each + k)
+    dr.eval(values)
+    return values
 
 
 def smooth_extinction(ways: Ways) -> list[Float]:
@@ -162,34 +175,58 @@ class Links:
         if surface:
             light = [dr.select(self.there, each * self.passed, 0.0) for each in light]
         weight = 4.0 * math.pi / self.ways
+        light = [each * weight for each in light]
         dr.eval(light)
-        if not self.patches:
-            return [self._summed(each * weight) for each in light]
-        fronts, backs = (
-            [self._side(dr.select(self.cosine * sign > 0.0, each * weight, 0.0), sign) for each in light]
-            for sign in (1.0, -1.0)
-        )
-        numbers = [
-            [dr.concat([f, b]) for f, b in zip(front, back, strict=True)]
-            for front, back in zip(fronts, backs, strict=True)
-        ]
+        sides = summed(Rays(self, light), self.count * (SIDES if self.patches else 1))
+        numbers = [self._scaled(*side) for side in sides] if self.patches else [numbers for numbers, _ in sides]
         dr.eval(numbers)
         return numbers
 
-    def _summed(self, light: Float) -> list[Float]:
-        numbers = [dr.block_sum(factor * light, self.ways) for factor in projected(self.towards)]
-        dr.eval(numbers)
-        return numbers
-
-    def _side(self, light: Float, sign: float) -> list[Float]:
-        """Of one side, so scaled that the irradiance of the second order is that of the rays."""
-        numbers = self._summed(light)
-        exact = dr.block_sum(light * dr.abs(self.cosine), self.ways)
-        x, y, z = (self.lit.patches.normals[:, k] * sign for k in range(3))
-        normal = arrays().Array3f(*(lookup(arrays().Float, n.astype(np.float32)) for n in (x, y, z)))
-        smooth = irradiance(numbers, normal)
+    def _scaled(self, numbers: list[Float], exact: Float) -> list[Float]:
+        """Of the sides of patches, so that the irradiance of the second order is the `exact` one of the rays."""
+        normals = np.concatenate([self.lit.patches.normals, -self.lit.patches.normals])
+        smooth = irradiance(numbers, _vectors(normals))
         scale = dr.select(smooth > 0.0, dr.fmin(exact / dr.fmax(smooth, 1e-30), LARGEST_SCALE), 0.0)
         return [number * scale for number in numbers]
+
+
+class Rays:
+    """Light along the rays of `Links`, weighed. A plain object: loops do not take its arrays into their state."""
+
+    def __init__(self, links: Links, light: list[Float]) -> None:
+        self.towards, self.light, self.patches = links.towards, light, links.patches
+        self.cosine = links.cosine if links.patches else None
+        self.ways, self.count = (dr.opaque(arrays().UInt, n) for n in (links.ways, links.count))
+
+    def added(self, k: UInt, lane: UInt, sides: list[tuple[list[Float], Float]]) -> list[tuple[list[Float], Float]]:
+        """The nine numbers and the irradiance of every channel, with the light of ray k of each receiver."""
+        jit = arrays()
+        ray = lane % self.count * self.ways + k
+        factors = projected(dr.gather(jit.Array3f, self.towards, ray))
+        cosine, seen = jit.Float(1), jit.Bool(True)
+        if self.cosine is not None:
+            cosine = dr.gather(jit.Float, self.cosine, ray) * dr.select(lane < self.count, 1.0, jit.Float(-1))
+            seen = cosine > 0.0
+        arrived = [dr.gather(jit.Float, light, ray, seen) for light in self.light]
+        return [
+            ([dr.fma(f, new, old) for f, old in zip(factors, numbers, strict=True)], dr.fma(cosine, new, irradiance))
+            for new, (numbers, irradiance) in zip(arrived, sides, strict=True)
+        ]
+
+
+@dr.syntax
+def summed(rays: Rays, receivers: int) -> list[tuple[list[Float], Float]]:
+    """Of every channel, the nine numbers of the light along all rays of each receiver, one after the other, and the
+    irradiance; patches: of their fronts, then of their backs.
+    """
+    jit = arrays()
+    zero = dr.zeros(jit.Float, receivers)
+    sides = [([zero] * NUMBERS, zero) for _ in rays.light]
+    k, lane = jit.UInt(0), dr.arange(jit.UInt, receivers)
+    while k < rays.ways:
+        sides = rays.added(k, lane, sides)
+        k += 1
+    return sides
 
 
 def irradiance(numbers: list[Float], normal: Array3f) -> Float:
@@ -206,7 +243,7 @@ def through(
     """Light that the cells send to points from along rays up to `far` [m], of every channel, and the transmittance."""
     jit, count = arrays(), dr.width(towards)
     path = Path(cells, cells.place(point), towards)
-    light = [dr.zeros(jit.Float, count) for _ in matter.sent]
+    light = [dr.zeros(jit.Float, count) for _ in range(matter.channels)]
     depth, distance = dr.zeros(jit.Float, count), path.entry()
     far = dr.fmin(far * cells.per_metre, path.exit())
     while (distance < far) & (depth < DEEPEST):
@@ -242,20 +279,6 @@ def turned_ways(receivers: int, ways: int, random: np.random.Generator) -> Array
     way, axis = jit.Array3f(x, y, z), jit.Array3f(q.x, q.y, q.z)
     across = 2.0 * dr.cross(axis, way)
     return dr.normalize(way + q.w * across + dr.cross(axis, across))
-
-
-def mean_of(parts: Sequence[Numbers]) -> Numbers:
-    """The mean of the same light by several links."""
-    total = parts[0]
-    for part in parts[1:]:
-        total = plus(total, part)
-    return [[number * (1.0 / len(parts)) for number in numbers] for numbers in total]
-
-
-def plus(*parts: Numbers | None) -> Numbers:
-    """The sum of those that are there."""
-    some = [part for part in parts if part is not None]
-    return [[sum(each) for each in zip(*numbers, strict=True)] for numbers in zip(*some, strict=True)]
 
 
 def dark(lit: LitSurfaces) -> Numbers:

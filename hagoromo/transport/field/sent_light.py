@@ -75,6 +75,11 @@ def with_incident(sent: Numbers, sample: Sample, scattering: Scattering, inciden
     return sent
 
 
+def added(*parts: Numbers) -> Numbers:
+    """The sum of several."""
+    return [[sum(each) for each in zip(*numbers, strict=True)] for numbers in zip(*parts, strict=True)]
+
+
 def nothing(channels: int, cells: int) -> Numbers:
     """No light."""
     return [[dr.zeros(arrays().Float, cells) for _ in range(NUMBERS)] for _ in range(channels)]

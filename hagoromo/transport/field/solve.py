@@ -24,7 +24,7 @@ from hagoromo.transport.field.fit import FINER, averaged, fitted
 from hagoromo.transport.field.matter_samples import MatterSamples, sampled
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.second_order import NUMBERS
-from hagoromo.transport.field.sent_light import Numbers, nothing, sent_again, sent_from_lamps
+from hagoromo.transport.field.sent_light import Numbers, added, nothing, sent_again, sent_from_lamps
 from hagoromo.transport.field.sweep import Sight, Ways, sweep
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Medium
@@ -53,7 +53,7 @@ class Solver:
         self.scattering, self.bands = scattering, colours.count
         self.sight: Sight | None = None
         low, touched = grid_over(medium.boxes, size)
-        voxel = min(box.voxel_size for box in medium.boxes)
+        voxel = min(float(box.texel.edges[0]) if box.texel else box.voxel_size for box in medium.boxes)
 
         def grid(parts: int) -> Grid:
             fine, finer = size / parts, touched
@@ -171,6 +171,7 @@ class Anderson:
     def __init__(self) -> None:
         self.lights: list[Float] = []
         self.changes: list[Float] = []
+        self.products = np.zeros((0, 0))  # of the changes with each other
 
     def __call__(self, light: list[Float], change: list[Float]) -> list[Float]:
         """The next light from the last one and its change by a sweep."""
@@ -186,9 +187,11 @@ class Anderson:
 
     def _shares(self) -> np.ndarray:
         """Shares, whose sum is 1, of the last changes that together are least."""
-        count = len(self.changes)
-        gram = np.array([[_dot(a, b) for b in self.changes] for a in self.changes])
-        size = np.trace(gram)
+        count, last = len(self.changes), self.changes[-1]
+        gram = np.zeros((count, count))
+        gram[:-1, :-1] = self.products[-(count - 1) :, -(count - 1) :] if count > 1 else 0.0
+        gram[-1] = gram[:, -1] = [_dot(change, last) for change in self.changes]
+        self.products, size = gram, np.trace(gram)
         if not size > 0.0:
             return np.eye(count)[-1]
         raw = np.linalg.solve(gram / size + REGULAR * np.eye(count), np.ones(count))
@@ -198,11 +201,6 @@ class Anderson:
 def _joined(parts: Sequence[Float], order: UInt) -> Float:
     """The parts one after the other, in `order`."""
     return dr.gather(arrays().Float, dr.concat(list(parts)), order)
-
-
-def added(one: Numbers, other: Numbers) -> Numbers:
-    """The sum."""
-    return [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(one, other, strict=True)]
 
 
 def norm(numbers: list[Float]) -> float:
