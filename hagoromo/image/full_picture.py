@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
@@ -55,7 +54,7 @@ def full_picture(
 ) -> Image:
     """The image of a scene by rays through `points` of every pixel; see `render`.
 
-    `InputError` for a box whose matter would send on more light than it takes, or has texels.
+    `InputError` for a box whose matter would send on more light than it takes.
     """
     lit, points_of_light = lit_by_points(scene, settings)
     if points_of_light:
@@ -63,10 +62,6 @@ def full_picture(
         return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
     for box in scene.boxes:
         check_matter(box)
-        if box.texel is not None:
-            raise InputError(
-                f"volume box {box.name!r} has texels: mode full takes boxes without; use mode march or path"
-            )
     kept = cache or SceneCache()
     bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))  # one choice for all batches
     warn_of_few_bands(bands)

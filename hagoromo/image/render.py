@@ -290,7 +290,8 @@ class PreparedScene:
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
-        cone = jit.Float(width), self.spread
+        smooth = self.lighting.field is not None  # which is that of texels at their finest level
+        cone = (0.0, 0.0) if smooth else (jit.Float(width), self.spread)
         end = far if length is None else dr.minimum(far, length)
         channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), end, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]

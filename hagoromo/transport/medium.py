@@ -150,7 +150,7 @@ class Medium:
         return Step(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
 
     def at(self, box: UInt, place: Array3f, brick: Int) -> Step:
-        """A place in a stored brick of a box without texels, as a step without length."""
+        """A place in a stored brick of a box, as a step without length; in a texel at its finest level."""
         nowhere = Crossing(self.frames, (place, place, arrays().Float(0), arrays().Float(0)), 0.0, (0.0, 0.0))
         zero = arrays().Float(0)
         return Step(arrays().UInt(0), nowhere.ray(box), zero, zero, place, brick, zero, zero)
@@ -288,33 +288,36 @@ class Medium:
         """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m]."""
         free = arrays().Float(0)
         if (textures := self.textures) is None:
-            sigma = self._cell_extinction(step)
+            sigma = self.cell_extinction(step)
         else:
             sigma, free = dr.if_stmt(
                 (step,), textures.textured(step.ray.box),
-                self._texel_extinction, lambda step: (self._cell_extinction(step), arrays().Float(0)),
+                self.texel_extinction, lambda step: (self.cell_extinction(step), arrays().Float(0)),
             )  # fmt: skip
         if (flakes := self.flakes) is None:
             return sigma, free
         elements, _ = self._elements(step)
         return sigma * sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements), free
 
-    def _cell_extinction(self, step: Step) -> Float:
+    def cell_extinction(self, step: Step) -> Float:
+        """τρ in a cell of eight voxels [1/m]."""
         around = self.voxels.densities_around(arrays().UInt(step.brick), step.place)
         tau = dr.fmin(step.ray.tau, step.ray.densest / dr.fmax(functools.reduce(dr.fmax, around), 1e-30))
         return tau * trilinear(around, step.place - dr.floor(step.place))
 
-    def _texel_extinction(self, step: Step) -> tuple[Float, Float]:
+    def texel_extinction(self, step: Step) -> tuple[Float, Float]:
+        """τρ in a texel [1/m], and how far from there light meets no matter [m]."""
         density, clearance = self._texel_density(step)
         return step.ray.tau * density, CLEARANCE_SHARE * clearance
 
-    def elements(self, step: Step, direction: Array3f) -> tuple[list[Element], TexelHit | None]:
-        """Elements of a sample in a stored brick as a ray along `direction` sees them: shares are those of extinction.
+    def elements(self, step: Step, direction: Array3f | None) -> tuple[list[Element], TexelHit | None]:
+        """Elements of a sample in a stored brick as a ray along `direction` sees them: shares are those of extinction;
+        without a direction those of density.
 
         With them its place in a texel (None: no box has one).
         """
         elements, texel_hit = self._elements(step)
-        if self.flakes is None or len(elements) == 1:
+        if direction is None or self.flakes is None or len(elements) == 1:
             return elements, texel_hit
         shares = [e.share * self.flakes.area(e.material, e.axis, direction) for e in elements]
         scale = dr.rcp(dr.fmax(sum(shares), 1e-9))

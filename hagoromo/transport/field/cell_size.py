@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hagoromo.transport.field.cells import grid_over
+from hagoromo.transport.field.cells import Bounds, grid_over, matter_bounds, voxels_in_reach
 from hagoromo.transport.field.second_order import NUMBERS
+from hagoromo.transport.path.majorants import texel_density
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import BRICK
 
@@ -27,25 +28,39 @@ def cell_size(boxes: Sequence[VolumeBox], channels: int) -> float:
     part = min(box.voxel_size for box in boxes) / PARTS
     corners = np.concatenate([box.matter_corners() for box in boxes])
     most = float(np.ptp(corners, axis=0).min()) / FEWEST_ACROSS
-    densest = densest_extinction(boxes)
+    sigma = densest_extinction(boxes)
     bricks = {id(box.bricks): box.bricks.bytes for box in boxes}
-    allowed = max(MEMORY_SHARE * sum(bricks.values()), LITTLE)
-    volume = sum(box.bricks.kept * (BRICK * box.voxel_size) ** 3 for box in boxes)
+    texels = {id(box.texel): box.texel.bytes for box in boxes if box.texel}
+    allowed = max(MEMORY_SHARE * (sum(bricks.values()) + sum(texels.values())), LITTLE)
+    volume = sum(
+        len(voxels_in_reach(box)) * box.voxel_size**3 if box.texel else box.bricks.kept * (BRICK * box.voxel_size) ** 3
+        for box in boxes
+    )
     least = 0.8 * (cell_bytes(channels) * volume / allowed) ** (1.0 / 3.0)  # near where the search begins
-    count = max(round(max(min(DEEPEST_CELL / max(densest, 1e-30), most), least) / part), 1)
-    while light_bytes(boxes, part * count, channels) > allowed:
+    count = max(round(max(min(DEEPEST_CELL / max(sigma, 1e-30), most), least) / part), 1)
+    bounds = [matter_bounds(box) for box in boxes]
+    while _light_bytes(bounds, part * count, channels) > allowed:
         count += max(count // 32, 1)
     return part * count
 
 
 def densest_extinction(boxes: Sequence[VolumeBox]) -> float:
     """The largest σ of the matter, mean over directions [1/m]."""
-    return max((0.5 if box.extinction == "projected" else 1.0) * box.tau * box.bricks.densest for box in boxes)
+    return max((0.5 if box.extinction == "projected" else 1.0) * box.tau * densest(box) for box in boxes)
+
+
+def densest(box: VolumeBox) -> float:
+    """The largest density of the matter in a box, 0…1."""
+    return float(texel_density(box.texel)) if box.texel else box.bricks.densest
 
 
 def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float:
     """Memory of the light in cells of edge `size` [m], if bricks were full [byte]; and of the table of cells."""
-    _, touched = grid_over(boxes, size)
+    return _light_bytes([matter_bounds(box) for box in boxes], size, channels)
+
+
+def _light_bytes(bounds: Sequence[Bounds], size: float, channels: int) -> float:
+    _, touched = grid_over(bounds, size)
     return cell_bytes(channels) * float(np.count_nonzero(touched)) + 4.0 * touched.size
 
 

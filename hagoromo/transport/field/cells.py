@@ -16,11 +16,14 @@ from scipy.ndimage import binary_dilation, distance_transform_cdt
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, lookup, opaque_vector
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
+from hagoromo.transport.textures import HEIGHT_ERROR
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.voxels import BRICK
+from hagoromo.volume.voxels import BRICK, STORED, unpacked_density
 
 MOST_PLACES = 1 << 27  # cells of the grid, stored or not
 MARGIN = 2  # cells around all matter
+BRICKS_AT_ONCE = 2048  # whose heights are read together
+Bounds = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Cells:
@@ -113,12 +116,12 @@ class Cells:
         return cells, weights
 
 
-def grid_over(boxes: Sequence[VolumeBox], size: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Corner of a grid of cells of edge `size` [m], and which of them a brick with matter touches: (nz, ny, nx).
+def grid_over(bounds: Sequence[Bounds], size: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Corner of a grid of cells of edge `size` [m], and which of them the parts of boxes within `bounds` touch:
+    (nz, ny, nx). See `matter_bounds`.
 
     `InputError` for boxes that stand so far apart that the grid has more than MOST_PLACES cells.
     """
-    bounds = [brick_bounds(box) for box in boxes]
     low = np.min([low.min(axis=0) for low, _ in bounds], axis=0) - MARGIN * size
     high = np.max([high.max(axis=0) for _, high in bounds], axis=0) + MARGIN * size
     shape = np.ceil((high - low) / size).astype(int)
@@ -131,15 +134,43 @@ def grid_over(boxes: Sequence[VolumeBox], size: float) -> tuple[NDArray[np.float
     touched = np.zeros(tuple(shape[::-1]), bool)
     for begin, end in bounds:
         first, last = (((corner - low) / size).astype(int) for corner in (begin, end))
+        reach = (last - first).max(axis=0) + 1
+        if len(first) > reach.prod():  # many small parts
+            for step in np.ndindex(*reach):
+                x, y, z = np.minimum(first + step, last).T
+                touched[z, y, x] = True
+            continue
         for (x, y, z), (u, v, w) in zip(first, last + 1, strict=True):
             touched[z:w, y:v, x:u] = True
     return low, touched
 
 
-def brick_bounds(box: VolumeBox) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Corners, in the coordinates of the box's pose [m], between which each stored brick lies: (bricks, 3) each."""
-    edge = box.voxel_size * BRICK
-    middle = (box.bricks.places[:, ::-1] + 0.5) * edge + 0.5 * box.voxel_size
-    reach = np.abs(box.pose[:3, :3]).sum(axis=1) * (0.5 * edge + 0.5 * box.voxel_size)
+def matter_bounds(box: VolumeBox) -> Bounds:
+    """Corners, in the coordinates of the box's pose [m], between which each stored brick lies; of a box with a texel
+    each voxel in reach of its matter: (parts, 3) each.
+    """
+    if box.texel:
+        middle, half = voxels_in_reach(box) * box.voxel_size, 0.5 * box.voxel_size
+    else:
+        edge = box.voxel_size * BRICK
+        middle = (box.bricks.places[:, ::-1] + 0.5) * edge + 0.5 * box.voxel_size
+        half = 0.5 * edge + 0.5 * box.voxel_size
+    reach = np.abs(box.pose[:3, :3]).sum(axis=1) * half
     middle = middle @ box.pose[:3, :3].T + box.pose[:3, 3]
     return middle - reach, middle + reach
+
+
+def voxels_in_reach(box: VolumeBox) -> NDArray[np.float64]:
+    """Middles of the lattice cells of a box with a texel whose heights may be those of its matter, x, y, z [voxel]."""
+    texel, (low, high), places = box.texel, box.band, []
+    assert texel is not None
+    slack = HEIGHT_ERROR * box.voxel_size
+    for begin in range(0, box.bricks.kept, BRICKS_AT_ONCE):
+        end = min(begin + BRICKS_AT_ONCE, box.bricks.kept)
+        share = unpacked_density(np.array(box.bricks.density.read(begin, end)))
+        height = low + (high - low) * np.asarray(share, np.float64).reshape(-1, *[STORED] * 3)
+        around = np.stack([height[:, z : z + BRICK, y : y + BRICK, x : x + BRICK] for z, y, x in np.ndindex(2, 2, 2)])
+        there = (around.min(axis=0) <= texel.top + slack) & (around.max(axis=0) >= texel.bottom - slack)
+        brick, *cell = np.nonzero(there)
+        places.append(box.bricks.places[begin:end][brick] * float(BRICK) + np.stack(cell, axis=1) + 1.0)
+    return np.concatenate(places)[:, ::-1]

@@ -5,8 +5,7 @@ Each cell is asked at `side`³ places. Those with matter are kept, cell after ce
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
@@ -17,12 +16,11 @@ from hagoromo.errors import InputError
 from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.transport.crossing import LATTICE_MARGIN, Step
 from hagoromo.transport.field.band_colours import BandColours
+from hagoromo.transport.field.cell_size import densest
 from hagoromo.transport.field.cells import Cells
-from hagoromo.transport.frames import DENSEST
 from hagoromo.transport.lighting import Lighting, Materials
-from hagoromo.transport.medium import Medium
+from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.voxels import trilinear
 
 SAMPLES_AT_ONCE = 1 << 21
 PLACES_SEED = 15
@@ -94,8 +92,9 @@ def sampled(
             kept = dr.compress(density > 0.0)
             if dr.width(kept) > 0:
                 twice = 1.0 if box.extinction == "projected" else 2.0  # for the area ½ of a sphere
-                parts.append(_kept(medium, lighting, bands, kept, (step, density * (twice / side**3), point)))
-                owners.append(begin + np.array(kept).astype(np.int64) // side**3)
+                some = _kept(medium, lighting, bands, kept, (number, step, density * (twice / side**3), point))
+                parts += some
+                owners += [begin + np.array(kept).astype(np.int64) // side**3] * len(some)
     if not parts:
         raise InputError("no volume box holds matter: render in mode march")
     owner = np.concatenate(owners)
@@ -116,7 +115,7 @@ def sampled(
 
 def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:
     """A place in box `number` as a step without length, and τρ there [1/m]; 0 outside."""
-    jit, box = arrays(), medium.boxes[number]
+    jit, texel = arrays(), medium.boxes[number].texel
     number = dr.opaque(jit.UInt, number)
     frame = medium.frames.frame(number)
     (x, y, z), (low, high) = frame.columns, frame.bounds
@@ -124,41 +123,53 @@ def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]
     inside = dr.all((place >= low) & (place <= high))
     place = jit.Array3f(*(clip(place[k], 0.0, frame.last[k] - LATTICE_MARGIN) for k in range(3)))
     brick = medium.brick_at(frame, place)
-    densest = dr.opaque(jit.Float, DENSEST / box.voxel_size)
     step = medium.at(number, place, brick)
 
     def density(step: Step) -> Float:
-        around = medium.voxels.densities_around(jit.UInt(step.brick), step.place)
-        tau = dr.fmin(frame.tau, densest / dr.fmax(functools.reduce(dr.fmax, around), 1e-30))
-        return tau * trilinear(around, step.place - dr.floor(step.place))
+        return medium.texel_extinction(step)[0] if texel else medium.cell_extinction(step)
 
     return step, dr.if_stmt((step,), inside & (brick >= 0), density, lambda step: jit.Float(0))
 
 
-def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, where: tuple) -> list[Float]:
-    """Columns of the samples that are `kept` of those at `where`: step, density share and point."""
-    step, density, point = where
+def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, where: tuple) -> list[list[Float]]:
+    """Columns of the samples that are `kept` of those at `where`; of every element.
+
+    where: number of the box, step, density share and point.
+    """
+    number, step, density, point = where
     place, point, share = (dr.gather(type(each), each, kept) for each in (step.place, point, density))
     brick = dr.gather(arrays().Int, step.brick, kept)
-    step = replace(step, place=place, brick=brick)
-    (element, *_), _ = medium.elements(step, point)
-    coefficients = lighting.materials.coefficients(element.material)
-    if lighting.voxel_bases:
-        coefficients = lighting.with_voxel_colour(coefficients, step.ray.box, medium.colour(step))
+    step = medium.at(dr.full(arrays().UInt, number, dr.width(kept)), place, brick)
+    elements, texel_hit = medium.elements(step, None)
+    parts = []
+    for k, element in enumerate(elements):
+        coefficients = lighting.materials.coefficients(element.material)
+        if lighting.voxel_bases and k == 0:
+            coefficients = lighting.with_voxel_colour(coefficients, step.ray.box, medium.colour(step))
+        light = _light(lighting, element, point, share, texel_hit)
+        columns = [share * element.share, *element.axis, *point, *bands.of(coefficients), *light]
+        count = dr.width(kept)
+        columns = [
+            element.material + dr.zeros(arrays().UInt, count),
+            *(c + dr.zeros(arrays().Float, count) for c in columns),
+        ]
+        dr.eval(columns)
+        parts.append(columns)
+    return parts
+
+
+def _light(
+    lighting: Lighting, element: Element, point: Array3f, share: Float, texel_hit: TexelHit | None
+) -> list[Float]:
+    """Irradiance from every lamp, with shadows."""
     light = []
     for lamp in range(len(lighting.lamps)):
         to_lamp, distance, irradiance = lighting.arriving(lamp, point)
         if lighting.attenuation is not None:
             origin = element.shadow_origin(point, to_lamp)
-            irradiance = irradiance * lighting.attenuation(lamp, origin, to_lamp, distance, 0.5 * share, None)
+            irradiance = irradiance * lighting.attenuation(lamp, origin, to_lamp, distance, 0.5 * share, texel_hit)
         light.append(irradiance)
-    count, columns = dr.width(kept), [share, *element.axis, *point, *bands.of(coefficients), *light]
-    columns = [
-        element.material + dr.zeros(arrays().UInt, count),
-        *(c + dr.zeros(arrays().Float, count) for c in columns),
-    ]
-    dr.eval(columns)
-    return columns
+    return light
 
 
 def _points(low: NDArray, size: float, cells: NDArray, side: int, spread: float) -> Array3f:
@@ -179,4 +190,4 @@ def _spread(box: VolumeBox, part: float) -> float:
 
     Deeper within matter the light of the lamps falls off between the places, and few at its face would stand for all.
     """
-    return min(1.0 / max(part * box.tau * box.bricks.densest, 1e-30), 1.0)
+    return min(1.0 / max(part * box.tau * densest(box), 1e-30), 1.0)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Float, UInt, arrays, lookup
 from hagoromo.transport.field.band_colours import BandColours
-from hagoromo.transport.field.cells import Cells, grid_over
+from hagoromo.transport.field.cells import Cells, grid_over, matter_bounds
 from hagoromo.transport.field.directions import few_directions, many_directions, turn
 from hagoromo.transport.field.fit import FINER, averaged, fitted
 from hagoromo.transport.field.matter_samples import MatterSamples, sampled
@@ -52,7 +52,7 @@ class Solver:
         """`size`: edge of a cell [m]. `scattering`: of the materials of all boxes, in order."""
         self.scattering, self.bands = scattering, colours.count
         self.sight: Sight | None = None
-        low, touched = grid_over(medium.boxes, size)
+        low, touched = grid_over([matter_bounds(box) for box in medium.boxes], size)
         voxel = min(float(box.texel.edges[0]) if box.texel else box.voxel_size for box in medium.boxes)
 
         def grid(parts: int) -> Grid:
