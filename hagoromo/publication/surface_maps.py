@@ -59,8 +59,11 @@ class SurfaceMaps:
         """Only the rectangle around the object."""
         rows, columns = np.flatnonzero(self.known.any(axis=1)), np.flatnonzero(self.known.any(axis=0))
         top, left = max(rows[0] - MARGIN_PX, 0), max(columns[0] - MARGIN_PX, 0)
-        part = slice(top, rows[-1] + 1 + MARGIN_PX), slice(left, columns[-1] + 1 + MARGIN_PX)
-        return self._mapped(lambda one: one[part], (1.0, 1.0), float(left), float(top))
+        return self.part(slice(top, rows[-1] + 1 + MARGIN_PX), slice(left, columns[-1] + 1 + MARGIN_PX))
+
+    def part(self, rows: slice, columns: slice) -> SurfaceMaps:
+        """Only the pixels in `rows` and `columns`."""
+        return self._mapped(lambda one: one[rows, columns], (1.0, 1.0), float(columns.start), float(rows.start))
 
     def reduced(self, factor: float) -> SurfaceMaps:
         """With pixels `factor` times as wide: means over the object's part of each, the label of most of them."""

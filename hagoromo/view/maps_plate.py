@@ -44,10 +44,7 @@ class MapsPlate:
 
     def part(self, rows: slice, columns: slice, size: tuple[int, int]) -> MapsPlate:
         """See `Plate`."""
-        maps = self.maps
-        cut = maps._mapped(
-            lambda one: one[rows, columns], (1.0, 1.0), float(columns.start or 0), float(rows.start or 0)
-        )
+        cut = self.maps.part(rows, columns)
         width = cut.labels.shape[1]
         return MapsPlate(cut.reduced(width / size[0]) if size[0] < width else cut, self.measurement)
 
