@@ -58,10 +58,10 @@ def convert(
         lensfun: file of lensfun's XML (default: the database of lensfunpy).
         field: which field of a box is written; OpenVDB and VTI hold all.
     """
-    from hagoromo.app.formats.convert import VolumeOptions
+    from hagoromo.app.formats.convert import ConvertOptions
     from hagoromo.camera.formats.lensfun import LOST, LensCamera
 
-    options = VolumeOptions(
+    options = ConvertOptions(
         scale, window, voxel_mm, mean_free_path_mm, axis, material, field, peak, display, exr,
         "" if lens == "auto" else lens, lensfun,
     )  # fmt: skip

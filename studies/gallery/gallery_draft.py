@@ -34,4 +34,5 @@ def drawn(record: Mapping[str, Any], field_mm: float, size: int) -> NDArray[np.u
     large[::PIXELS_PER_CROSSING] = LINE
     large[:, ::PIXELS_PER_CROSSING] = LINE
     high, wide = np.round(per_mm * field_mm * PIXELS_PER_CROSSING).astype(int)
-    return np.repeat(cv2.resize(large[-high:, :wide], (size, size), interpolation=cv2.INTER_AREA)[..., None], 3, axis=2)
+    small = cv2.resize(large[-high:, :wide], (size, size), interpolation=cv2.INTER_AREA).astype(np.uint8)
+    return np.repeat(small[..., None], 3, axis=2)

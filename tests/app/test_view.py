@@ -63,7 +63,7 @@ def test_viewers_at_one_desk_look_from_where_they_are_and_see_each_others_edits(
     one, other = Watcher(desk), desk.watcher()
     other.look_from(Camera(3, 3, (3, 3), (1, 1)).look_at((0.5, -0.9, 0.1), (0, 0, 0)).world_to_camera)
     before = [last_picture(each) for each in (one, other)]
-    assert not np.array_equal(*before)
+    assert not np.array_equal(before[0], before[1])
     desk.edit(desk.state.with_value(("lamp", 0, "intensity"), 0.1), "strength")
     for watcher, picture in zip((one, other), before, strict=True):
         assert not np.array_equal(last_picture(watcher), picture)

@@ -67,7 +67,9 @@ class Seen:
 
     def place(self, point):
         """Where in the window a point of the scene is."""
-        return (self.browser.desk.scene.camera.project(point) * self.scale + self.corner).tolist()
+        desk = self.browser.desk
+        assert isinstance(desk, Desk)
+        return (desk.scene.camera.project(point) * self.scale + self.corner).tolist()
 
     @property
     def canvas(self):

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from hagoromo.app.cli import main
-from hagoromo.app.formats.convert import VolumeOptions, convert
+from hagoromo.app.formats.convert import ConvertOptions, convert
 from hagoromo.app.info import info
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
@@ -99,7 +99,7 @@ def test_what_lensfun_does_not_know_is_refused(tmp_path):
         ("other.xml", "Acme 20mm", "no lensfun database"),
     ):
         with pytest.raises(InputError, match=said):
-            convert(tmp_path / "a.jpg", tmp_path / "b.json", volume=VolumeOptions(lens=lens, lensfun=tmp_path / xml))
+            convert(tmp_path / "a.jpg", tmp_path / "b.json", options=ConvertOptions(lens=lens, lensfun=tmp_path / xml))
     with pytest.raises(InputError, match="knows no camera 'Acme Two'"):
         camera_by_lensfun(SIZE, Exif(focal_mm=FOCAL, camera="Acme Two", lens="a"), database=tmp_path / "a.xml")
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from fuzz.volumes import nvdb
-from hagoromo.app.formats.convert import VolumeOptions, convert
+from hagoromo.app.formats.convert import ConvertOptions, convert
 from hagoromo.app.formats.volumes_out import dense_field
 from hagoromo.app.info import info
 from hagoromo.errors import InputError
@@ -154,8 +154,8 @@ def test_a_box_is_the_same_box_after_openvdb(tmp_path):
     """Density and axes; what has no density around the matter is left out."""
     box = a_box(tmp_path)
     convert(tmp_path / "a.zarr", tmp_path / "b.vdb")
-    options = VolumeOptions(axis=Path(f"{tmp_path / 'b.vdb'}:axis"))
-    convert(f"{tmp_path / 'b.vdb'}:density", tmp_path / "b.zarr", volume=options)
+    options = ConvertOptions(axis=Path(f"{tmp_path / 'b.vdb'}:axis"))
+    convert(f"{tmp_path / 'b.vdb'}:density", tmp_path / "b.zarr", options=options)
     again, density = load_box(tmp_path / "b.zarr"), dense_field(box, "density")
     low = np.argwhere(density).min(0)
     part = tuple(map(slice, low, low + again.bricks.shape))

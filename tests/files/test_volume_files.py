@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hagoromo.app.formats.convert import VolumeOptions, convert
+from hagoromo.app.formats.convert import ConvertOptions, convert
 from hagoromo.app.formats.volumes_out import dense_field
 from hagoromo.app.info import info
 from hagoromo.errors import InputError
@@ -195,7 +195,7 @@ def test_another_reader_finds_the_same_numbers_and_edges(tmp_path, name):
 def a_box(tmp_path, **options):
     """A box of the sample, in even voxels of 0.5 mm, 200 being density 1."""
     (tmp_path / "a.mha").write_bytes(metaimage() + RAW)
-    convert(tmp_path / "a.mha", tmp_path / "a.zarr", volume=VolumeOptions(scale=1 / 200, **options), force=True)
+    convert(tmp_path / "a.mha", tmp_path / "a.zarr", options=ConvertOptions(scale=1 / 200, **options), force=True)
     return load_box(tmp_path / "a.zarr")
 
 
@@ -237,7 +237,7 @@ def test_a_box_that_is_written_is_read_alike_by_us_and_by_others(tmp_path, suffi
         pytest.importorskip("vtkmodules", reason="VTI is read by VTK, which is not installed")
     box = a_box(tmp_path)
     path = tmp_path / f"out{suffix}"
-    assert convert(tmp_path / "a.zarr", path, volume=VolumeOptions(field=field)) is None
+    assert convert(tmp_path / "a.zarr", path, options=ConvertOptions(field=field)) is None
     expected, volume = dense_field(box, field), read_volume(path)
     assert np.array_equal(volume.values, expected) and expected.any()
     assert volume.edges == pytest.approx([box.voxel_size] * 3)

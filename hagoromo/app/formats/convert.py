@@ -39,7 +39,7 @@ NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.
 
 
 @dataclass(frozen=True)
-class VolumeOptions:
+class ConvertOptions:
     """What files do not say. Of volumes: what a box needs, as recipes of kind volume have it; field: of a box, which
     one is written. Of pictures: how they are written, and by which lens they were taken.
 
@@ -70,19 +70,19 @@ def convert(
     to: CameraFormat | Literal["spectral"] | None = None,
     images: str | Path | None = None,
     force: bool = False,
-    volume: VolumeOptions | None = None,
+    options: ConvertOptions | None = None,
     progress: Progress = silent,
 ) -> Any:
     """Write what is in the file (or folder) `source` to `out`, in the format of its suffix.
 
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
-    A photograph with `volume.lens` becomes the camera that took it, by lensfun; returned is how well it fits.
+    A photograph with `options.lens` becomes the camera that took it, by lensfun; returned is how well it fits.
     A glTF or a scene of Mitsuba becomes a folder with scene.toml, a scene.toml with surfaces a .glb, or, where `out` is
     a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
-    .vol. `volume`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and
+    .vol. `options`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and
     contradictions.
 
     >>> from tempfile import mkdtemp
@@ -98,9 +98,9 @@ def convert(
         return {}
     found = format_of(source)
     if found.holds == "volume" or (suffix == BOX and found.holds != "box"):
-        return _volume_in(source, out, volume or VolumeOptions(), force, progress)
+        return _volume_in(source, out, options or ConvertOptions(), force, progress)
     if found.holds == "box":
-        return _volume_out(source, out, volume or VolumeOptions(), force)
+        return _volume_out(source, out, options or ConvertOptions(), force)
     if found.holds == "surface" or (found.name == "glTF" and suffix in WRITTEN):
         return write_surface(source, out, force)
     if found.name == "glTF":
@@ -111,10 +111,10 @@ def convert(
         return write_mitsuba(load_scene(source, progress)[0], out, force)
     if found.holds == "matter" and suffix == ".glb":
         return gltf_from_scene(load_scene(source, progress)[0], out, force)
-    if found.holds == "picture" and volume is not None and volume.lens is not None:
-        return _camera_of(Path(source), out, to, volume, force)
+    if found.holds == "picture" and options is not None and options.lens is not None:
+        return _camera_of(Path(source), out, to, options, force)
     if found.holds == "picture":
-        return _picture(source, out, to, volume or VolumeOptions(), force)
+        return _picture(source, out, to, options or ConvertOptions(), force)
     if found.holds not in ("cameras", "result"):
         raise InputError(f"{source} is {found.name}, which is not converted: {suffixes('cameras', 'volume')} are")
     if images is None:
@@ -132,7 +132,7 @@ def convert(
     return capture
 
 
-def _picture(source: str | Path, out: Path, to: str | None, options: VolumeOptions, force: bool) -> None:
+def _picture(source: str | Path, out: Path, to: str | None, options: ConvertOptions, force: bool) -> None:
     """A picture as another, or the spectral radiance of a rendered image."""
     if options.exr and to is None:
         _lay_out(source, out, options, force)
@@ -146,7 +146,7 @@ def _picture(source: str | Path, out: Path, to: str | None, options: VolumeOptio
     write_spectral_exr(out, spectral_picture(read_image(source)))
 
 
-def _camera_of(source: Path, out: Path, to: str | None, options: VolumeOptions, force: bool) -> LensCamera:
+def _camera_of(source: Path, out: Path, to: str | None, options: ConvertOptions, force: bool) -> LensCamera:
     """The camera of a photograph by lensfun, as a file of cameras with one view."""
     if to == SPECTRAL:
         raise InputError("a lens (--lens) makes a camera of a photograph: leave --to spectral out")
@@ -161,7 +161,7 @@ def _shape(source: Path) -> tuple[int, ...]:
     return (read_tiff(source) if source.suffix.lower() in (".tif", ".tiff") else read_picture(source)).shape
 
 
-def _lay_out(source: str | Path, out: Path, options: VolumeOptions, force: bool) -> None:
+def _lay_out(source: str | Path, out: Path, options: ConvertOptions, force: bool) -> None:
     """All channels of an EXR as half floats, in tiles, or a part for each layer."""
     if Path(source).suffix.lower() != ".exr" or out.suffix.lower() != ".exr":
         raise InputError(f"--exr is for an EXR that becomes an EXR: given {Path(source).name} and {out.name}")
@@ -173,7 +173,7 @@ def _lay_out(source: str | Path, out: Path, options: VolumeOptions, force: bool)
     write_exr(out, channels, texts, "half" in options.exr, tile, "parts" in options.exr)
 
 
-def _volume_in(source: str | Path, out: Path, options: VolumeOptions, force: bool, progress: Progress) -> None:
+def _volume_in(source: str | Path, out: Path, options: ConvertOptions, force: bool, progress: Progress) -> None:
     """The volume box of a volume file: as the recipe of kind volume that the options make."""
     from hagoromo.matter.build import build_to
 
@@ -204,7 +204,7 @@ def _material(path: Path) -> dict[str, Any]:
     return material
 
 
-def _volume_out(source: str | Path, out: Path, options: VolumeOptions, force: bool) -> None:
+def _volume_out(source: str | Path, out: Path, options: ConvertOptions, force: bool) -> None:
     from hagoromo.volume.store.box_store import load_box
 
     written = {suffix: each for each in FORMATS if each.holds == "volume" and each.writer for suffix in each.suffixes}
