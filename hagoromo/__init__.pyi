@@ -153,7 +153,7 @@ from .publication.publish_scene import PublishedScene as PublishedScene, publish
 from .publication.export.export import export as export
 
 # Files of other programs
-from .app.formats.convert import VolumeOptions as VolumeOptions, convert as convert
+from .app.formats.convert import ConvertOptions as ConvertOptions, convert as convert
 
 from .view.notebook import Shown as Shown, show as show
 
