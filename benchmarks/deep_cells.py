@@ -41,7 +41,7 @@ def light_of(image: hg.Image) -> float:
 
 
 def light_by_cells(depth: float, voxels: int, edge: float, walks: int) -> tuple[float, float]:
-    """Light of full over that of path, and its noise, at `depth` mean free paths a cell, 1 / `edge` of the cube wide."""
+    """Light of full over that of path, and its noise: `edge` cells across, of `depth` mean free paths each."""
     scene = cube(depth * edge, voxels)
     full.cell_size = lambda boxes, channels: 1.0 / edge
     walked = hg.render(scene, hg.Settings(samples=walks), mode="path")
