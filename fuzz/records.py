@@ -49,7 +49,7 @@ candela_from_profile = true}, {position = [0.0, -1.0, 1.0], profile = {lateral =
 intensity = [[1.0, 0.5]], peak_candela = 10.0}}]
 surface = [{name = "ball", shape = "sphere", scale = 0.15, position = [0.0, 0.0, 0.1], rotation_deg = [0.0, 10.0, 0.0], \
 reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, nu = 2.0, body_colour = {wavelengths = [400.0, 700.0], values = [0.2, 0.4]}, element = "plane"}}, \
-{name = "glass", shape = "sphere", scale = 0.05, position = [0.3, 0.0, 0.1], optics = "glass", reflectance = {alpha = 0.0, \
+{name = "glass", shape = "sphere", scale = 0.05, position = [0.3, 0.0, 0.1], optics = "glass", absorption = 2.0, reflectance = {alpha = 0.0, \
 beta = 1.0, gamma = 0.1, n = 1.5, body_colour = 0.0}}, \
 {mesh = "a.ply", scale = [1.0, 1.0, 2.0], smooth = false, reflectance = {file = "materials.json", material = "one"}}]
 render = {samples = 4, shadows = "map", shadow_resolution = 64, tolerance = 0.04, seed = 0, separate_lamps = false}

@@ -10,6 +10,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.image.render import reflectances_of
 from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.path.bands import COUNTS, Bands
@@ -23,7 +24,16 @@ BANDS_ERROR = 0.02  # of bands, above which a picture warns
 def albedos_of(scene: Scene) -> list[Spectrum]:
     """What bodies and interfaces of a scene send on of the light of each wavelength, about."""
     tints = [surface.reflectance.interface_colour for surface in scene.surfaces if surface.optics]
+    tints += [through(surface) for surface in scene.surfaces if surface.absorption is not None]
     return albedos(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis]) + tints
+
+
+def through(surface: Surface) -> Spectrum:
+    """What is left of light that goes straight through the whole length of a glass that absorbs."""
+    assert surface.absorption is not None
+    length = float(np.ptp(surface.corners(), axis=0).max())
+    wavelengths = np.arange(400.0, 701.0, 1.0)
+    return Spectrum(wavelengths, np.exp(-length * surface.absorption.at(wavelengths)))
 
 
 def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spectrum]:

@@ -122,12 +122,11 @@ def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     scattering = Scattering(reflectances_of(scene), prepared.lighting.materials)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
     first, lights = prepared.first_on_surface, lights_of(scene, prepared)
-    return Walks(
-        matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics_of(scene, prepared)
-    )
+    optics = optics_of(scene, prepared, bands)
+    return Walks(matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics)
 
 
-def optics_of(scene: Scene, prepared: PreparedScene) -> Optics | None:
+def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | None:
     """The mirrors and glasses of a scene for walks; None without. `InputError` for a lamp within glass."""
     if prepared.surfaces is None or not any(surface.optics for surface in scene.surfaces):
         return None
@@ -137,8 +136,15 @@ def optics_of(scene: Scene, prepared: PreparedScene) -> Optics | None:
         around = prepared.surfaces.around(np.asarray(lamp.position, float) - prepared.origin)
         if around is not None and around.optics == "glass":
             raise InputError(f"lamp {lamp.name!r} stands within the glass of surface {around.name!r}: move it out")
-    kinds = [""] * sum(len(box.materials) for box in scene.boxes) + [surface.optics for surface in scene.surfaces]
-    return Optics(kinds, prepared.lighting.materials, prepared.surfaces.shadow_bias)
+    others = sum(len(box.materials) for box in scene.boxes)
+    kinds = [""] * others + [surface.optics for surface in scene.surfaces]
+    absorption = None
+    if any(surface.absorption is not None for surface in scene.surfaces):
+        absorption = np.zeros((len(kinds), bands.count))
+        for number, surface in enumerate(scene.surfaces):
+            if surface.absorption is not None:
+                absorption[others + number] = surface.absorption.at(bands.wavelengths)
+    return Optics(kinds, prepared.lighting.materials, prepared.surfaces.shadow_bias, absorption)
 
 
 def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:

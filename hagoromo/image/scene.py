@@ -128,6 +128,7 @@ class Scene:
             "surfaces": [
                 {"name": s.name, "shape": s.shape, "pose": s.pose.tolist(), "reflectance": s.reflectance.record()}
                 | ({"optics": s.optics} if s.optics else {})
+                | ({"absorption": s.absorption.record()} if s.absorption else {})
                 for s in self.surfaces
             ],
         }  # fmt: skip

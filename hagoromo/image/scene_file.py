@@ -44,6 +44,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.scene_lights import SceneAreaLamp, SceneEnvironment, area_lamp_from, environment_from
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
+from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
@@ -127,6 +128,9 @@ class SceneSurface(Place, frozen=True, kw_only=True):
     reflectance: Annotated[dict[str, Any], MATERIAL, about("its reflectance")]
     optics: Annotated[
         Annotated[str, one_of(*KINDS[1:])] | None, about("mirror or glass in place of body and facets; mode path only")
+    ] = None
+    absorption: Annotated[
+        Any, SOURCE, about("absorption coefficient of glass [1/m]: a number, a CSV file or a table; default: clear")
     ] = None
     name: Annotated[str, about("name of the surface")] = ""
 
@@ -342,11 +346,12 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
     scale = key.scale if isinstance(key.scale, tuple) else (key.scale,) * 3
     pose = _pose(key, where) @ np.diag([*scale, 1.0])
     reflectance = reflectance_from_table(key.reflectance, folder, f"{where} reflectance")
+    absorption = None if key.absorption is None else Spectrum.load(key.absorption, folder)
     if key.shape is not None:
-        return Surface(reflectance, key.shape, pose=pose, name=key.name, optics=key.optics or "")
+        return Surface(reflectance, key.shape, pose=pose, name=key.name, optics=key.optics or "", absorption=absorption)
     mesh = str(key.mesh)
     made = read.mesh(inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem)
-    return replace(made, optics=key.optics or "")
+    return replace(made, optics=key.optics or "", absorption=absorption)
 
 
 def _pose(key: Place, where: str) -> NDArray[np.float64]:

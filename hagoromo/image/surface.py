@@ -18,6 +18,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError
+from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.path.optics import KINDS
 
@@ -34,8 +35,9 @@ class Surface:
 
     pose: shape to world, (4, 4) affine (scale included). smooth: interpolate the normals of a mesh's vertices.
     optics: "mirror" or "glass" in place of body and facets, in mode path: of the reflectance, `n` (glass) and the
-    interface colour (of mirrored light, and of what passes) count. Glass is closed, in air, smooth and clear; lamps
-    without size do not shine through it. "": a surface by its reflectance.
+    interface colour (of mirrored light, and of what passes) count. Glass is closed, in air, and smooth; lamps
+    without size do not shine through it. "": a surface by its reflectance. absorption: coefficient a of glass [1/m],
+    over wavelength; of light that goes d through it exp(−a d) is left (Beer–Lambert). None: clear glass.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
@@ -50,11 +52,17 @@ class Surface:
     smooth: bool = True
     name: str = ""
     optics: str = ""
+    absorption: Spectrum | None = None
 
     def __post_init__(self) -> None:
         who = f"surface {self.name!r}" if self.name else "surface"
         if self.optics not in KINDS:
             raise InputError(f"{who}: optics is {self.optics!r}: give mirror or glass, or leave it out")
+        if self.absorption is not None:
+            if self.optics != "glass":
+                raise InputError(f"{who}: absorption is of glass, and optics is {self.optics!r}: leave absorption out")
+            if not (self.absorption.values >= 0.0).all():
+                raise InputError(f"{who}: absorption is below 0 at some wavelength: give 0 or more [1/m]")
         if self.optics:
             smooth = {"alpha": 0.0, "beta": 0.0, "lobes": (), "epsilon": 0.0, "sigma": 0.0}
             object.__setattr__(self, "reflectance", replace(self.reflectance, **smooth))

@@ -82,6 +82,9 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
             yield f"lamp {lamp.name!r}: its fall-off or profile; here it falls linearly, as a spot"
         if isinstance(lamp.intensity, tuple):
             yield f"lamp {lamp.name!r}: its intensity by channel, of which the mean stands"
+    for surface in scene.surfaces:
+        if surface.absorption is not None:
+            yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
     if scene.area_lamps:
         yield "area lamps hide what is behind them: Mitsuba's are bodies"
     if any(seen) and not all(seen):

@@ -46,6 +46,33 @@ def test_a_slab_passes_what_fresnel_says(n):
     assert abs(mean_light(image).mean() - passed) < 4 * deviation + 1e-4
 
 
+def test_a_slab_of_coloured_glass_passes_what_beer_and_lambert_leave():
+    """t (1 − R)² / (1 − R² t²) of a slab 0.1 m thick, t = exp(−a d), at two bands; a of 4 and 12 [1/m]."""
+    absorption = hg.Spectrum([400, 700], [4.0, 12.0])
+    slab = hg.Surface(glass(), "cube", pose=np.diag([4.0, 0.05, 4.0, 1.0]), optics="glass", absorption=absorption)
+    lamp = hg.AreaLamp(position=(0, 2, 0), edges=((8, 0, 0), (0, 0, 8)), radiance=1.0, visible=True)
+    scene = hg.Scene(camera(focal=200.0), (), surfaces=(slab,), area_lamps=(lamp,))
+    image = hg.render(scene, hg.Settings(samples=1024), mode="path")
+    for wavelength in (400.0, 700.0):
+        left = math.exp(-0.1 * absorption.at(wavelength))
+        passed = left * 0.96**2 / (1 - (0.04 * left) ** 2)
+        deviation = left * math.sqrt(0.96**2 * (1 - 0.96**2) / (12 * 8 * 1024))  # about, of walks that pass or not
+        assert abs(mean_light(image, wavelength).mean() - passed) < 4 * deviation + 5e-4 * passed
+
+
+def test_what_lies_in_coloured_glass_is_seen_through_it():
+    """A white ball in a furnace: all light comes back through clear glass, of 1/m what is left of 1 m at the most."""
+    shell = hg.Surface.sphere((0, 0, 0), 1.0, glass())
+    core = hg.Surface.sphere((0, 0, 0), 0.5, replace(PAINT, alpha=1.0 / math.pi))
+    light = []
+    for rate in (0.0, 1.0):
+        outer = replace(shell, optics="glass", absorption=hg.Spectrum.constant(rate))
+        scene = hg.Scene(camera(focal=60.0), (), surfaces=(outer, core), environment=SKY)
+        light.append(mean_light(hg.render(scene, hg.Settings(samples=128), mode="path")).mean())
+    assert abs(light[0] - 1.0) < 0.02
+    assert light[1] < 0.04 + 0.96 * math.exp(-2 * 0.5)  # the glint, and at least 0.5 m in and out
+
+
 def test_a_mirror_shows_the_mirrored_scene_in_its_colour():
     """A lit ball in a red mirror, against the ball seen from the mirrored place of the camera."""
     ball, lamp = hg.Surface.sphere((0, 0, 0), 0.4, PAINT), hg.Lamp(to_lamp=(0.3, -1, 0.5))
@@ -72,5 +99,9 @@ def test_what_mirrors_and_glass_cannot_do_is_said_in_one_line():
             hg.render(scene, mode=mode)
     with pytest.raises(hg.InputError, match=r"stands within the glass of surface 'drop'"):
         hg.render(scene.with_lamps(hg.Lamp(position=(0.2, 0.1, 0.3))), mode="path")
+    with pytest.raises(hg.InputError, match="absorption is of glass, and optics is 'mirror'"):
+        replace(ball, optics="mirror", absorption=WHITE)
+    with pytest.raises(hg.InputError, match="absorption is below 0"):
+        replace(ball, absorption=hg.Spectrum([400, 700], [0.0, -1.0]))
     with pytest.raises(hg.InputError, match="optics is 'jelly': give mirror or glass"):
         replace(ball, optics="jelly")

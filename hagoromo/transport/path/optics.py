@@ -1,7 +1,7 @@
 """Optics: mirrors and smooth glass, from which a walk goes on in one direction, or one of two.
 
-Glass is closed, stands in air, and does not absorb: a walk that is refracted changes sides. Radiance falls by (1/n)² on
-its way in and rises by n² on its way out.
+Glass is closed and stands in air: a walk that is refracted changes sides. Radiance falls by (1/n)² on its way in and
+rises by n² on its way out; within, exp(−a d) of it is left after a distance d (Beer–Lambert).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
 from hagoromo.reflectance.torrance_sparrow import fresnel
@@ -33,10 +34,24 @@ class Turned:
 class Optics:
     """The mirrors and glasses among the materials of a scene. bias: of the points of hits, along the normal [m]."""
 
-    def __init__(self, kinds: Sequence[str], materials: Materials, bias: Float) -> None:
-        """`kinds`: of KINDS, of every material."""
+    def __init__(
+        self, kinds: Sequence[str], materials: Materials, bias: Float, absorption: NDArray[np.float64] | None = None
+    ) -> None:
+        """`kinds`: of KINDS, of every material. absorption: (materials, bands) [1/m]; None where all are clear."""
         self.materials, self.bias = materials, bias
         self.kinds = lookup(arrays().UInt, np.array([KINDS.index(kind) for kind in kinds], np.uint32))
+        self.bands = 0 if absorption is None else absorption.shape[1]
+        self.absorption = None if absorption is None else lookup(arrays().Float, absorption.astype(np.float32))
+
+    def left(self, glass: UInt, distance: Float, carried: list[Float]) -> list[Float]:
+        """What is left of light in every band after a distance [m]. glass: 1 + the number of its material; 0: air."""
+        if self.absorption is None:
+            return carried
+        there = (glass > 0) & dr.isfinite(distance)
+        first = dr.select(there, glass - 1, 0) * self.bands
+        rates = [dr.gather(arrays().Float, self.absorption, first + k, there) for k in range(self.bands)]
+        way = dr.select(there, distance, 0.0)
+        return [light * dr.exp(-rate * way) for light, rate in zip(carried, rates, strict=True)]
 
     def turned(self, material: UInt, there: Bool, normal: Array3f, to_eye: Array3f, within: Bool, u: Float) -> Turned:
         """A walk at an event. normal: unit, to the eye. within: whether the walk is in glass. u: uniform in [0, 1)."""

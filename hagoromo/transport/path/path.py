@@ -233,14 +233,14 @@ class Walks:
         to_eye: Array3f,
         sent: Sequence[Float],
         good: Bool,
-        within: Bool,
+        glass: UInt,
         u: Float,
-    ) -> tuple[Event, Array3f, list[Float], Bool, Bool, Bool]:
-        """Event, direction, weights, whether the walk goes on and whether it is in glass, now that it may have met a
-        mirror or glass; and whether it did.
+    ) -> tuple[Event, Array3f, list[Float], Bool, UInt, Bool]:
+        """Event, direction, weights, whether the walk goes on and in which glass, see `Optics.left`, now that it may
+        have met a mirror or glass; and whether it did.
         """
         assert self.optics is not None
-        turn = self.optics.turned(event.material, event.there, event.axis, to_eye, within, u)
+        turn = self.optics.turned(event.material, event.there, event.axis, to_eye, glass > 0, u)
         behind = event.point - event.face * (2.0 * self.optics.bias)
         moved = replace(
             event,
@@ -248,8 +248,14 @@ class Walks:
             face=dr.select(turn.refracted, 0.0, event.face),
         )
         weights = [dr.select(turn.here, turn.factor if part == 1 else 0.0, old) for part, old in enumerate(sent)]
-        within = within ^ (turn.here & turn.refracted)
-        return moved, dr.select(turn.here, turn.direction, direction), weights, good | turn.here, within, turn.here
+        behind_it = dr.select(glass > 0, arrays().UInt(0), event.material + 1)
+        glass = dr.select(turn.here & turn.refracted, behind_it, glass)
+        return moved, dr.select(turn.here, turn.direction, direction), weights, good | turn.here, glass, turn.here
+
+    def left(self, event: Event, glass: UInt, carried: list[Float]) -> list[Float]:
+        """What glass has left of the light in every band on the way to an event."""
+        assert self.optics is not None
+        return self.optics.left(glass, event.distance, carried)
 
     def goes_on(self, events: UInt, most: UInt) -> Bool:
         """Whether a walk goes on after some events: from the last one only to meet lights."""
@@ -335,13 +341,15 @@ def light_of_walks(
     walk = dr.arange(jit.UInt, queue.lanes)
     alive = walk < queue.size
     origin, direction, random = queue.start(walk)
-    channels, carried, events, within, onwards = fresh(walks, queue.lanes, colours)
+    channels, carried, events, glass, onwards = fresh(walks, queue.lanes, colours)
     while alive:
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
         if dr.hint(walks.lights is not None, mode="scalar"):
             channels = walks.met(channels, origin, direction, event, events, onwards, carried)
             event.there &= events < most
+        if dr.hint(walks.optics is not None, mode="scalar"):
+            carried = walks.left(event, glass, carried)
         lamp, weights, random = walks.lamp(event, to_eye, random)
         channels = walks.added(channels, events == 0, lamp, event.coefficients, weights, carried)
         events += dr.select(event.there, 1, jit.UInt(0))
@@ -350,8 +358,8 @@ def light_of_walks(
         single = jit.Bool(False)
         sent = list(sent)
         if dr.hint(walks.optics is not None, mode="scalar"):
-            event, direction, sent, good, within, single = walks.turned(
-                event, direction, to_eye, sent, good, within, random.next_float32()
+            event, direction, sent, good, glass, single = walks.turned(
+                event, direction, to_eye, sent, good, glass, random.next_float32()
             )
         carried = products(carried, walks.mixed(event.coefficients, sent))
         goes_on = event.there & good & walks.goes_on(events, most)
@@ -368,19 +376,19 @@ def light_of_walks(
             walk = queue.next()
             alive = walk < queue.size
             origin, direction, random = queue.start(walk)
-            channels, carried, events, within, onwards = fresh(walks, 1, colours)
+            channels, carried, events, glass, onwards = fresh(walks, 1, colours)
     return queue.results()
 
 
-def fresh(walks: Walks, count: int, colours: int) -> tuple[list[Float], list[Float], UInt, Bool, Onwards]:
-    """What walks have at their beginning: channels, throughput of each band, events, whether in glass, what is taken
+def fresh(walks: Walks, count: int, colours: int) -> tuple[list[Float], list[Float], UInt, UInt, Onwards]:
+    """What walks have at their beginning: channels, throughput of each band, events, in which glass, what is taken
     along.
     """
     jit = arrays()
     nothing, one = dr.zeros(jit.Float, count), dr.full(jit.Float, 1.0, count)
     onwards = Onwards(dr.full(jit.Float, dr.inf, count), [nothing] * colours)
-    within = dr.full(jit.Bool, False, count)
-    return [nothing] * walks.channels, [one] * walks.bands.count, dr.zeros(jit.UInt, count), within, onwards
+    none = dr.zeros(jit.UInt, count)
+    return [nothing] * walks.channels, [one] * walks.bands.count, dr.zeros(jit.UInt, count), none, onwards
 
 
 def five_of(random: Random) -> list[Float]:
