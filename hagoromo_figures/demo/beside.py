@@ -43,8 +43,8 @@ def _alone(work: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     above = parent_process()
     if above is not None:
         threading.Thread(target=lambda: (above.join(), os._exit(1)), daemon=True).start()
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        os.dup2(nowhere.fileno(), 2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
     with suppress(BaseException):  # whoever needs the results makes them
         work(*arguments)

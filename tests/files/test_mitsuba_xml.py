@@ -42,6 +42,7 @@ def ball(folder, bsdf):
 
 def test_stock_materials_become_ours_with_what_is_lost(tmp_path):
     """Exact ones lose nothing; a rough coat has Mitsuba's value where eye, lamp and normal are one."""
+    mitsuba()  # the package's variant, whatever was set before
     table, lost = ball(tmp_path, '<bsdf type="diffuse"><spectrum name="reflectance" value="0.6"/></bsdf>')
     assert table["reflectance"]["alpha"] == pytest.approx(1 / math.pi) and lost == []
     assert table["reflectance"]["body_colour"]["values"] == [0.6, 0.6]

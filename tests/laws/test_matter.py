@@ -112,7 +112,7 @@ def test_a_recipe_file_is_built_like_its_tables(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"kind": "hair"}, "kind must be one of"),
+        ({"kind": "fur"}, "kind must be one of"),
         ({"color": 1}, "unknown key 'color'"),
         ({"voxel_mm": -0.1}, "voxel_mm must be a number above 0"),
         ({"voxel_mm": 1e-4}, "too fine"),
