@@ -120,3 +120,19 @@ def test_other_formats_are_refused_with_what_is_read(tmp_path):
     (tmp_path / "a.abc").write_bytes(b"Ogawa")
     with pytest.raises(InputError, match=r"\.hair, \.obj, \.usd"):
         read_curves(tmp_path / "a.abc")
+
+
+@pytest.mark.parametrize("how", ["sublayer", "reference", "payload"])
+def test_a_usd_file_that_names_other_files_is_refused(tmp_path, how):
+    """They could lie anywhere; the one named here would be read."""
+    pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
+    curves = USD.format(kind="linear", basis="bezier", wrap="nonperiodic")
+    (tmp_path / "other.usda").write_text(curves)
+    text = {
+        "sublayer": "#usda 1.0\n(\n    subLayers = [@./other.usda@]\n)\n",
+        "reference": '#usda 1.0\ndef "a" (references = @./other.usda@</a>) {}\n',
+        "payload": '#usda 1.0\ndef "a" (payload = @./other.usda@</a>) {}\n',
+    }[how]
+    (tmp_path / "a.usda").write_text(text)
+    with pytest.raises(InputError, match="names other files"):
+        read_curves(tmp_path / "a.usda")

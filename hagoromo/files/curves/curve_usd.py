@@ -34,11 +34,20 @@ def usd_lines(path: Path) -> Lines:
 
 
 def lines_by_usd(path: Path) -> Mapping[str, NDArray[Any]]:
-    """In the other process: points, first, diameter (empty where a curve states none)."""
-    usd, geometry = library("pxr.Usd"), library("pxr.UsdGeom")
+    """In the other process: points, first, diameter (empty where a curve states none).
+
+    `InputError` for a file that names other files: they could lie anywhere.
+    """
+    usd, geometry, layers = library("pxr.Usd"), library("pxr.UsdGeom"), library("pxr.Sdf")
     parts: list[NDArray[np.float64]] = []
     with reading(path, "USD"):
-        stage = usd.Stage.Open(str(path))
+        layer = layers.Layer.OpenAsAnonymous(str(path))
+        named = sorted({*layer.GetCompositionAssetDependencies(), *layer.GetExternalAssetDependencies()})
+        if named:
+            raise InputError(
+                f"{path} names other files, such as {named[0]}: write its curves into one file (flattened)"
+            )
+        stage = usd.Stage.Open(layer)
         cache = geometry.XformCache()
         for prim in stage.Traverse():
             if prim.IsA(geometry.BasisCurves):
