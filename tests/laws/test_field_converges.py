@@ -18,7 +18,8 @@ def cube_scene(depth, size=8):
     """A cube of 12 voxels, 1 m wide, of matte spheres of albedo 0.9, `depth` mean free paths wide."""
     axes = np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 12, 3))
     box = hg.VolumeBox.from_arrays(np.ones((12,) * 3), axes, 1 / 12, 2.0 * depth, [SPHERES], extinction="projected")
-    camera = hg.Camera(size, size, (1.6 * size,) * 2, (size / 2,) * 2).look_at((1.7, -2.2, 1.6), (0.5, 0.5, 0.5))
+    camera = hg.Camera(size, size, (1.6 * size, 1.6 * size), (size / 2, size / 2))
+    camera = camera.look_at((1.7, -2.2, 1.6), (0.5, 0.5, 0.5))
     return hg.Scene(camera, (hg.Lamp(to_lamp=(0.48, -0.6, 0.64)),), (box,))
 
 
@@ -30,6 +31,7 @@ def light_of(image):
 def walked(scene, walks):
     """The light by random walks, and one deviation of its noise."""
     image = hg.render(scene, hg.Settings(samples=walks), mode="path")
+    assert image.variance is not None
     return light_of(image), math.sqrt(float(image.variance.sum()))
 
 
