@@ -43,12 +43,12 @@ class Panel:
         """Show a line above the controls."""
         self.message.content = plain(text)
 
-    def edit(self, name: str, value: Any) -> None:
-        """A viewer set a control."""
+    def edit(self, name: str, value: Any, dragged: bool = False) -> None:
+        """A viewer set a control; edits of one drag are one, however long the hand rests between them."""
         control = self.controls.get(name)
         if control is None or _same(control.get(self.desk.state), value):
             return
-        if time.monotonic() - self.edited_at > PAUSE_S:
+        if not dragged and time.monotonic() - self.edited_at > PAUSE_S:
             self.desk.history.close()
         self.edited_at = time.monotonic()
         self._try(lambda state: control.put(state, value), name)
@@ -173,7 +173,9 @@ class Panel:
         assert isinstance(control.kind, Place)
         if control.kind.away is not None:
             place = (place - self.desk.middle) / control.kind.away
-        self.edit(name, tuple(place.tolist()))
+        if phase == "start":
+            self.desk.history.close()
+        self.edit(name, tuple(place.tolist()), dragged=True)
         if name in self.widgets:
             self._set(self.widgets[name], self.controls[name].get(self.desk.state))
         if phase == "end":
