@@ -1,5 +1,6 @@
 """Captures that are written photograph by photograph: half floats, a model of the variance, memory for one of them."""
 
+import gc
 import json
 import tracemalloc
 
@@ -110,23 +111,27 @@ def test_eight_bits_keep_the_rounding_of_their_curve(tmp_path):
 
 
 def test_memory_does_not_grow_with_the_photographs(tmp_path):
-    """The peak of nine photographs is within 3 % of that of three; six more of them would be 1.3 MB of values."""
+    """The peak of nine photographs is within 3 % of that of three; six more of them would be 1.3 MB of values.
+
+    Other threads of the process may allocate at the same time: the least of two peaks counts.
+    """
     random = np.random.default_rng(1)
     lamps = [hg.Lamp(to_lamp=(random.normal(), random.normal(), 3.0)) for _ in range(9)]
-    peaks = []
+    peaks: dict[int, list[int]] = {3: [], 9: []}
     for k in range(9):
         picture = random.integers(600, 700, (110, 160, 3))
         picture[30:70, 50:110] = random.integers(20000, 60000, (40, 60, 3))
         write_png(tmp_path / f"{k}.png", picture.astype(np.uint16))
-    for count in (3, 3, 9):  # the first run fills caches of imports
+    for count in (3, 9, 3, 9):  # the first run fills caches of imports
         files = [tmp_path / f"{k}.png" for k in range(count)]
+        gc.collect()
         tracemalloc.start()
         hg.capture_to(
             hg.session(files, lamps[:count], masks="auto", developing=KNOWN), tmp_path / "capture", force=True
         )
-        peaks.append(tracemalloc.get_traced_memory()[1])
+        peaks[count].append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[2] < 1.03 * peaks[1]
+    assert min(peaks[9]) < 1.03 * min(peaks[3])
 
 
 def test_an_orthographic_capture_needs_no_focal_length(tmp_path):
