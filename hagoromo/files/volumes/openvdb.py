@@ -80,16 +80,16 @@ class Codec:
 
     def values(self, source: Bytes, active: NDArray[np.bool_]) -> NDArray[Any]:
         """The values of a node (n, components): all, or the active ones and what says which the others are."""
-        (told,) = source.numbers("B")
-        if told > ALL:
+        (layout,) = source.numbers("B")
+        if layout > ALL:
             raise ValueError("a node of it has an unknown compression")
-        other, first = self.background, self.background if told != MINUS and told != MASK else -self.background
-        if told in (ONE, MASK_ONE, MASK_TWO):
+        other, first = self.background, self.background if layout != MINUS and layout != MASK else -self.background
+        if layout in (ONE, MASK_ONE, MASK_TWO):
             first = source.array(self.kind, self.components)
-        if told == MASK_TWO:
+        if layout == MASK_TWO:
             other = source.array(self.kind, self.components)
-        second = source.mask(round(len(active) ** (1 / 3))) if told in (MASK, MASK_ONE, MASK_TWO) else None
-        sparse = bool(self.flags & ACTIVE_MASK) and told != ALL
+        second = source.mask(round(len(active) ** (1 / 3))) if layout in (MASK, MASK_ONE, MASK_TWO) else None
+        sparse = bool(self.flags & ACTIVE_MASK) and layout != ALL
         held = self._unpacked(source, int(active.sum()) if sparse else len(active))
         if not sparse:
             return held
