@@ -8,6 +8,7 @@ from hagoromo.files.record import about, like
 from hagoromo.matter.recipes.form import FORMS, Mesh, form_of, shape_of
 from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, RecipeTable, Voxel
 from hagoromo.matter.solid.solid import MeshSurface, mesh_solid, solid
+from hagoromo.matter.solid.thin_parts import Thin
 from hagoromo.volume.store.plan import BoxPlan
 
 
@@ -15,6 +16,10 @@ class SolidTable(RecipeTable, frozen=True, kw_only=True):
     """A solid: a shape, or any mesh, filled."""
 
     shape: Annotated[dict[str, Any], like(*FORMS), about("its shape")]
+    thin: Annotated[
+        Thin,
+        about("what is thinner than two voxels of a mesh: made that thick, or left to let light through; both warn"),
+    ] = "thicken"
     voxel_mm: Voxel = 0.5
     mean_free_path_mm: MeanFreePath = 0.5
 
@@ -24,7 +29,7 @@ def _plan(recipe: Recipe[SolidTable]) -> BoxPlan:
     form = form_of(recipe.table.shape, where)
     if isinstance(form, Mesh):
         mesh = MeshSurface(recipe.file(form.file), form.height_mm, form.rotation_deg)
-        return mesh_solid(mesh, recipe.material, recipe.fineness)
+        return mesh_solid(mesh, recipe.material, recipe.fineness, recipe.table.thin)
     return solid(*shape_of(recipe.table.shape, where, recipe.file), recipe.material, recipe.fineness)
 
 

@@ -19,6 +19,7 @@ from hagoromo.matter.shape import Shape, coverage, distance_and_normal, unit
 from hagoromo.matter.solid.mesh_rays import MeshRays
 from hagoromo.matter.solid.mesh_repair import repaired
 from hagoromo.matter.solid.mesh_tree import MeshTree, Nearest
+from hagoromo.matter.solid.thin_parts import Thin, ThinParts, thickness, thin_parts, warn_of_thin
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 
@@ -42,18 +43,25 @@ def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Finenes
     return fill(field, lambda point: shape(point) - fineness.softness, extent, fineness, material, name=name)
 
 
-def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness) -> BoxPlan:
+def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness, thin: Thin = "thicken") -> BoxPlan:
     """What a mesh encloses, of density 1; its axis is the outward normal of the nearest surface.
 
-    What is thinner than two voxels is spread over two, its optical depth kept; both sides keep their normals.
+    thin: what is thinner than two voxels is made that thick ("thicken"), or it keeps its optical depth, spread over two
+    voxels ("warn"). Both sides keep their normals, and a warning says how much of the surface that is. A mesh without
+    thin parts is the same with both.
     """
     soft = fineness.softness
     extent = tuple(mesh.low - soft), tuple(mesh.high + soft)
+    parts = mesh.thin_parts(soft)
+    warn_of_thin(mesh.name, fineness.voxel_mm, parts, thin)
+    is_thickened = parts.some and thin == "thicken"
+    reach = soft if is_thickened else 0.5 * soft
+    matter = mesh.thickened if is_thickened else mesh.matter
 
     def bound(point: Any) -> Any:
-        return mesh.distance(point, BOUNDED * fineness.voxel_mm) - 0.5 * soft
+        return mesh.distance(point, BOUNDED * fineness.voxel_mm) - reach
 
-    return fill(lambda point: mesh.matter(point, soft), bound, extent, fineness, material, name=mesh.name)
+    return fill(lambda point: matter(point, soft), bound, extent, fineness, material, name=mesh.name)
 
 
 class MeshSurface:
@@ -70,6 +78,7 @@ class MeshSurface:
         mesh.apply_transform(turn)
         mesh.apply_scale(height_mm / mesh.extents[2])
         mesh.apply_translation([*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]])
+        self._mesh = mesh
         self.low, self.high = mesh.bounds
         self._diagonal = float(np.linalg.norm(mesh.extents))
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -83,14 +92,40 @@ class MeshSurface:
         The density is the share of a line of length `softness` across the nearest surface that is inside: the coverage
         of what is thick, and the thickness of what is thin spread over `softness`.
         """
-        jit, half = arrays(), 0.5 * softness
+        half = 0.5 * softness
         near = self._tree.nearest(point, half)
-        away = point - near.point
-        plane = dr.gather(jit.Array3f, self._planes, near.face)
-        across = dr.select(dr.squared_norm(away) > (NEAR_SURFACE * half) ** 2, unit(away), plane)
+        across = self._across(point, near, half)
         share = self._rays.share_inside(point - across * half, across, softness, near.is_within_reach)
         deep = self._rays.inside(point, ~near.is_within_reach)
         return dr.select(near.is_within_reach, share, dr.select(deep, 1.0, 0.0)), self._normal(near)
+
+    def thickened(self, point: Any, softness: float) -> tuple[Any, Any]:
+        """As `matter`, but the surface is moved outwards where less than `softness` of matter lies beneath it.
+
+        By g = (`softness` − thickness) / 2, on both sides: a plate of any thickness has an optical depth of `softness`.
+        """
+        half = 0.5 * softness
+        near = self._tree.nearest(point, softness)
+        across, is_inside = self._across(point, near, half), self._rays.inside(point)
+        inwards = dr.select(is_inside == (dr.dot(across, point - near.point) > 0), across, -across)
+        beneath = thickness(self._rays, near.point, inwards, softness, near.is_within_reach)
+        grown = dr.fmax(half - 0.5 * beneath, 0.0)
+        away = dr.norm(point - near.point)
+        is_close = near.is_within_reach & (away < half)
+        share = self._rays.share_inside(point - across * half, across, softness, is_close)
+        density = dr.select(is_close, share, dr.select(is_inside, 1.0, 0.0))
+        moved = coverage(dr.select(is_inside, -away, away) - grown, softness)
+        return dr.select(near.is_within_reach & (grown > 0), dr.fmax(density, moved), density), self._normal(near)
+
+    def thin_parts(self, softness: float) -> ThinParts:
+        """What is thinner than `softness` [mm], see `thin_parts`."""
+        return thin_parts(self._mesh, self._rays, softness)
+
+    def _across(self, point: Any, near: Nearest, half: float) -> Any:
+        """Unit vector across the nearest surface, from it to the point; the face's normal where it is on it."""
+        away = point - near.point
+        plane = dr.gather(arrays().Array3f, self._planes, near.face)
+        return dr.select(dr.squared_norm(away) > (NEAR_SURFACE * half) ** 2, unit(away), plane)
 
     def signed_distance(self, point: Any) -> Any:
         """A `Shape`: signed distance [mm]; its gradient is the normal of the nearest surface, smooth over the faces."""
