@@ -16,6 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.nesting import Glass
 from hagoromo.image.origin import scene_from
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, palette_of_scene, reflectances_of
 from hagoromo.image.scene import Scene
@@ -127,24 +128,28 @@ def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
 
 
 def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | None:
-    """The mirrors and glasses of a scene for walks; None without. `InputError` for a lamp within glass."""
+    """The mirrors and glasses of a scene for walks; None without. `InputError` for a lamp or camera within glass."""
     if prepared.surfaces is None or not any(surface.optics for surface in scene.surfaces):
         return None
-    for lamp in (*scene.lamps, *scene.area_lamps):
-        if lamp.position is None:
-            continue
-        around = prepared.surfaces.around(np.asarray(lamp.position, float) - prepared.origin)
-        if around is not None and around.optics == "glass":
-            raise InputError(f"lamp {lamp.name!r} stands within the glass of surface {around.name!r}: move it out")
+    glass = Glass(scene.surfaces, prepared.origin)
+    eye = "the camera", scene.camera.position
+    lamps = [(f"lamp {lamp.name!r}", lamp.position) for lamp in (*scene.lamps, *scene.area_lamps)]
+    for what, place in (eye, *lamps):
+        holding = glass.holding(np.asarray(place, float)) if place is not None else None
+        if holding is not None:
+            raise InputError(f"{what} stands within the glass of surface {holding.name!r}: move it out")
     others = sum(len(box.materials) for box in scene.boxes)
     kinds = [""] * others + [surface.optics for surface in scene.surfaces]
+    around = np.zeros(len(kinds), np.uint32)
+    for one, outer in glass.around.items():
+        around[others + one] = 0 if outer is None else 1 + others + outer
     absorption = None
     if any(surface.absorption is not None for surface in scene.surfaces):
         absorption = np.zeros((len(kinds), bands.count))
         for number, surface in enumerate(scene.surfaces):
             if surface.absorption is not None:
                 absorption[others + number] = surface.absorption.at(bands.wavelengths)
-    return Optics(kinds, prepared.lighting.materials, prepared.surfaces.shadow_bias, absorption)
+    return Optics(kinds, prepared.lighting.materials, prepared.surfaces.shadow_bias, around, absorption)
 
 
 def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:

@@ -35,9 +35,10 @@ class Surface:
 
     pose: shape to world, (4, 4) affine (scale included). smooth: interpolate the normals of a mesh's vertices.
     optics: "mirror" or "glass" in place of body and facets, in mode path: of the reflectance, `n` (glass) and the
-    interface colour (of mirrored light, and of what passes) count. Glass is closed, in air, and smooth; lamps
-    without size do not shine through it. "": a surface by its reflectance. absorption: coefficient a of glass [1/m],
-    over wavelength; of light that goes d through it exp(−a d) is left (Beer–Lambert). None: clear glass.
+    interface colour (of mirrored light, and of what passes) count. Glass is closed and smooth, in air or wholly in
+    other glass, which it does not touch; lamps without size do not shine through it. "": a surface by its reflectance.
+    absorption: coefficient a of glass [1/m], over wavelength; of light that goes d through it exp(−a d) is left
+    (Beer–Lambert). None: clear glass.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
@@ -187,15 +188,6 @@ class Surfaces:
         surface = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape))
         point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
         return jit.Float(hit.t), point, normal, flat, surface
-
-    def around(self, place: np.ndarray) -> Surface | None:
-        """The closed surface around a `place` (3,) [m]: the first one that is met there from its back, if any."""
-        mi, jit = mitsuba(), arrays()
-        towards = mi.Vector3f(0.26726, 0.53452, 0.80178)
-        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(opaque_vector(place) + self.offset), towards))
-        from_back = hit.is_valid() & (dr.dot(hit.n, towards) > 0.0)
-        number = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape), hit.is_valid())
-        return self.surfaces[int(number[0])] if bool(from_back[0]) else None
 
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.image.nesting import is_closed
 
 WHITE = hg.Spectrum.constant(1.0)
 RED = hg.Spectrum([360, 400, 700, 830], [0.2, 0.2, 0.8, 0.8])
@@ -60,6 +61,22 @@ def test_a_slab_of_coloured_glass_passes_what_beer_and_lambert_leave():
         assert abs(mean_light(image, wavelength).mean() - passed) < 4 * deviation + 5e-4 * passed
 
 
+@pytest.mark.parametrize(("outer", "inner"), [(1.33, 1.9), (1.9, 1.0)])
+def test_glass_within_glass_passes_what_fresnel_says(outer, inner):
+    """A slab in a slab, also one of air: (1 − T)/T = Σ R/(1 − R) over the four faces, R = ((a − b)/(a + b))²."""
+    slabs = tuple(
+        hg.Surface(glass(n), "cube", pose=np.diag([4.0 - k, thick, 4.0 - k, 1.0]), optics="glass", name=str(n))
+        for k, (n, thick) in enumerate([(outer, 0.05), (inner, 0.02)])
+    )
+    lamp = hg.AreaLamp(position=(0, 2, 0), edges=((8, 0, 0), (0, 0, 8)), radiance=1.0, visible=True)
+    scene = hg.Scene(camera(focal=200.0), (), surfaces=slabs[::-1], area_lamps=(lamp,))
+    image = hg.render(scene, hg.Settings(samples=1024), mode="path")
+    faces = [((a - b) / (a + b)) ** 2 for a, b in ((1.0, outer), (outer, inner))]
+    passed = 1.0 / (1.0 + 2.0 * sum(one / (1.0 - one) for one in faces))
+    deviation = math.sqrt(passed * (1 - passed) / (12 * 8 * 1024))
+    assert abs(mean_light(image).mean() - passed) < 4 * deviation + 1e-4
+
+
 def test_what_lies_in_coloured_glass_is_seen_through_it():
     """A white ball in a furnace: all light comes back through clear glass, of 1/m what is left of 1 m at the most."""
     shell = hg.Surface.sphere((0, 0, 0), 1.0, glass())
@@ -91,6 +108,14 @@ def test_a_mirror_shows_the_mirrored_scene_in_its_colour():
         assert np.abs(seen - truth).max() < 0.1 * truth.max()
 
 
+def test_a_closed_mesh_is_known_wherever_its_vertices_coincide():
+    tetrahedron = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    apart = tetrahedron[faces].reshape(-1, 3), np.arange(12).reshape(4, 3)
+    assert is_closed(hg.Surface(glass(), "mesh", tetrahedron, faces)) and is_closed(hg.Surface(glass(), "mesh", *apart))
+    assert not is_closed(hg.Surface(glass(), "mesh", tetrahedron, faces[:3]))
+
+
 def test_what_mirrors_and_glass_cannot_do_is_said_in_one_line():
     ball = replace(hg.Surface.sphere((0, 0, 0), 1.0, glass(), name="drop"), optics="glass")
     scene = hg.Scene(camera(), (hg.Lamp(to_lamp=(0, 0, 1)),), surfaces=(ball,))
@@ -99,6 +124,18 @@ def test_what_mirrors_and_glass_cannot_do_is_said_in_one_line():
             hg.render(scene, mode=mode)
     with pytest.raises(hg.InputError, match=r"stands within the glass of surface 'drop'"):
         hg.render(scene.with_lamps(hg.Lamp(position=(0.2, 0.1, 0.3))), mode="path")
+    with pytest.raises(hg.InputError, match=r"the camera stands within the glass of surface 'drop'"):
+        hg.render(scene.with_camera(camera(eye=(0, -0.5, 0))), mode="path")
+    core = hg.Surface.sphere((0, 0, 0), 0.5, PAINT)  # in front of the wall of the drop, as a lamp sees it
+    hidden = replace(scene.with_lamps(hg.Lamp(position=(-0.2, -0.5, -0.6))), surfaces=(ball, core))
+    with pytest.raises(hg.InputError, match=r"stands within the glass of surface 'drop'"):
+        hg.render(hidden, mode="path")
+    beside = replace(hg.Surface.sphere((0.9, 0, 0), 0.5, glass(), name="bubble"), optics="glass")
+    with pytest.raises(hg.InputError, match=r"'(drop|bubble)' crosses that of '(drop|bubble)': put it wholly within"):
+        hg.render(replace(scene, surfaces=(ball, beside)), mode="path")
+    pane = replace(hg.Surface.floor(0.0, 1.0, glass(), name="pane"), optics="glass")
+    with pytest.raises(hg.InputError, match=r"'pane' is glass and has an open edge: give a closed mesh"):
+        hg.render(replace(scene, surfaces=(pane,)), mode="path")
     with pytest.raises(hg.InputError, match="absorption is of glass, and optics is 'mirror'"):
         replace(ball, optics="mirror", absorption=WHITE)
     with pytest.raises(hg.InputError, match="absorption is below 0"):

@@ -1,7 +1,8 @@
 """Optics: mirrors and smooth glass, from which a walk goes on in one direction, or one of two.
 
-Glass is closed and stands in air: a walk that is refracted changes sides. Radiance falls by (1/n)² on its way in and
-rises by n² on its way out; within, exp(−a d) of it is left after a distance d (Beer–Lambert).
+Glass is closed and stands in air or wholly in other glass: a walk that is refracted changes sides. With n its
+refractive index over that around it, radiance falls by (1/n)² on its way in and rises by n² on its way out; within,
+exp(−a d) of it is left after a distance d (Beer–Lambert).
 """
 
 from __future__ import annotations
@@ -23,22 +24,32 @@ KINDS = ("", "mirror", "glass")
 
 @dataclass
 class Turned:
-    """How a walk goes on: whether by a mirror or glass; direction; factor on its radiance; whether through glass."""
+    """How a walk goes on: whether by a mirror or glass; direction; factor on its radiance; whether through glass, and
+    then in which, see `Optics.left`.
+    """
 
     here: Bool
     direction: Array3f
     factor: Float
     refracted: Bool
+    glass: UInt
 
 
 class Optics:
     """The mirrors and glasses among the materials of a scene. bias: of the points of hits, along the normal [m]."""
 
     def __init__(
-        self, kinds: Sequence[str], materials: Materials, bias: Float, absorption: NDArray[np.float64] | None = None
+        self,
+        kinds: Sequence[str],
+        materials: Materials,
+        bias: Float,
+        around: NDArray[np.uint32],
+        absorption: NDArray[np.float64] | None = None,
     ) -> None:
-        """`kinds`: of KINDS, of every material. absorption: (materials, bands) [1/m]; None where all are clear."""
-        self.materials, self.bias = materials, bias
+        """`kinds`: of KINDS, of every material. around: 1 + the number of the material in which a glass lies; 0: air.
+        absorption: (materials, bands) [1/m]; None where all are clear.
+        """
+        self.materials, self.bias, self.around = materials, bias, lookup(arrays().UInt, around)
         self.kinds = lookup(arrays().UInt, np.array([KINDS.index(kind) for kind in kinds], np.uint32))
         self.bands = 0 if absorption is None else absorption.shape[1]
         self.absorption = None if absorption is None else lookup(arrays().Float, absorption.astype(np.float32))
@@ -53,18 +64,22 @@ class Optics:
         way = dr.select(there, distance, 0.0)
         return [light * dr.exp(-rate * way) for light, rate in zip(carried, rates, strict=True)]
 
-    def turned(self, material: UInt, there: Bool, normal: Array3f, to_eye: Array3f, within: Bool, u: Float) -> Turned:
-        """A walk at an event. normal: unit, to the eye. within: whether the walk is in glass. u: uniform in [0, 1)."""
+    def turned(self, material: UInt, there: Bool, normal: Array3f, to_eye: Array3f, glass: UInt, u: Float) -> Turned:
+        """A walk at an event. normal: unit, to the eye. glass: in which the walk is. u: uniform in [0, 1)."""
         kind = dr.gather(arrays().UInt, self.kinds, material)
-        glass, cosine = there & (kind == GLASS), dr.fmax(dr.dot(normal, to_eye), 0.0)
-        n = self.materials.read(material, 3)
+        is_glass, cosine = there & (kind == GLASS), dr.fmax(dr.dot(normal, to_eye), 0.0)
+        around, within = dr.gather(arrays().UInt, self.around, material), glass == material + 1
+        nested = around > 0
+        outside = dr.select(nested, self.materials.read(dr.select(nested, around - 1, material), 3), 1.0)
+        n = self.materials.read(material, 3) / outside
         ratio = dr.select(within, n, dr.rcp(n))  # refractive index where the eye is, over that behind
         squared = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
         behind = dr.sqrt(dr.fmax(squared, 0.0))
         reflected = dr.select(squared > 0.0, fresnel(dr.select(within, behind, cosine), n), 1.0)
-        refracted = glass & (u >= reflected)
+        refracted = is_glass & (u >= reflected)
         mirrored = 2.0 * cosine * normal - to_eye
         through = (ratio * cosine - behind) * normal - ratio * to_eye
         direction = dr.normalize(dr.select(refracted, through, mirrored))
         factor = dr.select(refracted, ratio * ratio, 1.0)
-        return Turned(there & (kind != NEITHER), direction, factor, refracted)
+        entered = dr.select(within, around, material + 1)
+        return Turned(there & (kind != NEITHER), direction, factor, refracted, dr.select(refracted, entered, glass))

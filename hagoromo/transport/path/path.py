@@ -240,17 +240,15 @@ class Walks:
         have met a mirror or glass; and whether it did.
         """
         assert self.optics is not None
-        turn = self.optics.turned(event.material, event.there, event.axis, to_eye, glass > 0, u)
+        turn = self.optics.turned(event.material, event.there, event.axis, to_eye, glass, u)
         behind = event.point - event.face * (2.0 * self.optics.bias)
         moved = replace(
             event,
             point=dr.select(turn.refracted, behind, event.point),
-            face=dr.select(turn.refracted, 0.0, event.face),
+            face=dr.select(turn.refracted, -event.face, event.face),
         )
         weights = [dr.select(turn.here, turn.factor if part == 1 else 0.0, old) for part, old in enumerate(sent)]
-        behind_it = dr.select(glass > 0, arrays().UInt(0), event.material + 1)
-        glass = dr.select(turn.here & turn.refracted, behind_it, glass)
-        return moved, dr.select(turn.here, turn.direction, direction), weights, good | turn.here, glass, turn.here
+        return moved, dr.select(turn.here, turn.direction, direction), weights, good | turn.here, turn.glass, turn.here
 
     def left(self, event: Event, glass: UInt, carried: list[Float]) -> list[Float]:
         """What glass has left of the light in every band on the way to an event."""
