@@ -225,6 +225,7 @@ SIMPLE = (
     Reader("wif.wif", records.text(records.WIF), _draft),
     Reader("map.hdr", pictures.map_hdr, READ_MAP),
     Reader("map.exr", pictures.map_exr, READ_MAP, share=0.3),
+    Reader("texture.png", pictures.png, _late("hagoromo.image.surface_texture", "SurfaceTexture.from_file"), share=0.3),
     Reader("ies.ies", records.text(records.IES), _info),
     Reader("lensfun.xml", records.text(records.LENSFUN), _lens),
     Reader("mesh.ply", records.text(records.PLY), READ_MESH),

@@ -116,6 +116,7 @@ from .matter.solid.relief import Relief as Relief, relief_plan as relief_plan
 
 # Scenes and images
 from .image.surface import Surface as Surface
+from .image.surface_texture import SurfaceTexture as SurfaceTexture
 from .image.scene import Scene as Scene
 from .image.scene_file import load_scene as load_scene
 from .transport.lighting import Palette as Palette

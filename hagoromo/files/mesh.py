@@ -58,6 +58,32 @@ def read_mesh(path: str | Path) -> Any:
     return mesh
 
 
+def uv_of(mesh: Any) -> Any:
+    """UVs (n, 2) of the vertices of a mesh that `read_mesh` gave, v up; None where it has none."""
+    import numpy as np
+
+    uv = getattr(mesh.visual, "uv", None)
+    if uv is None or np.shape(uv) != (len(mesh.vertices), 2):
+        return None
+    return np.asarray(uv, np.float64)
+
+
+def vertex_colours_of(mesh: Any, path: str | Path) -> tuple[Any, bool]:
+    """R, G, B (n, 3), 0…1, of the vertices of a mesh that `read_mesh` gave, and whether they are encoded as sRGB:
+    those of a glTF are linear. `InputError` where it has none.
+    """
+    import numpy as np
+
+    colours = mesh.visual.vertex_colors if mesh.visual.kind == "vertex" else mesh.vertex_attributes.get("color")
+    if colours is None or np.ndim(colours) != 2 or np.shape(colours)[0] != len(mesh.vertices):
+        raise InputError(f"{path} has no colours of its vertices: give a mesh that has them, or an image")
+    stored = np.asarray(colours)[:, :3]
+    stored = stored / 255.0 if stored.dtype == np.uint8 else stored  # in OBJ they are 0…1
+    if not ((stored >= 0.0) & (stored <= 1.0)).all():
+        raise InputError(f"{path} has colours of vertices outside 0…1: correct them")
+    return stored, Path(path).suffix.lower() not in (".glb", ".gltf")
+
+
 def read_gltf(path: str | Path) -> tuple[dict[str, Any], Any]:
     """The JSON of a .glb or .gltf file, and its meshes at their places, a `trimesh.Scene`, without textures.
 

@@ -118,7 +118,7 @@ def light_of(
     """The light of higher orders in a prepared scene, and on its surfaces, solved unless `cache` holds it."""
     lamps = json.dumps([record_from_lamp(lamp) for lamp in scene.lamps], default=float)
     materials = tuple(material for box in scene.boxes for material in box.materials)
-    surfaces = tuple((surface.figure, surface.reflectance) for surface in scene.surfaces)
+    surfaces = tuple((s.figure, s.reflectance, s.body_texture, s.beta_texture, id(s.uv)) for s in scene.surfaces)
     figures = (
         materials,
         surfaces,
@@ -143,7 +143,8 @@ def light_of(
             assert solver is not None
             return Field(solver, solver.solved(settings.seed, settings.orders), colours), None
         patches = Patches(patch_meshes(scene_from(scene, prepared.origin)))
-        lit = LitSurfaces(prepared.surfaces, patches, prepared.lighting, colours, scattering, prepared.first_on_surface)
+        first, textures = prepared.first_on_surface, prepared.surface_colours
+        lit = LitSurfaces(prepared.surfaces, patches, prepared.lighting, colours, scattering, first, textures)
         solution, surface_light = Joint(solver, lit, settings.seed).solved(settings.orders)
         return Field(solver, solution, colours) if solver and solution else None, surface_light
 

@@ -32,11 +32,12 @@ def _once(read: Callable[[Path], Read]) -> Callable[[Path], Read]:
 
 
 def _meshes_once(read: Callable[..., Surface]) -> Callable[..., Surface]:
-    kept: dict[Path, Surface] = {}
+    kept: dict[tuple[Path, bool], Surface] = {}
 
-    def once(path: Path, reflectance: Reflectance, **record: Any) -> Surface:
-        if path not in kept:
-            kept[path] = read(path, reflectance)
-        return replace(kept[path], reflectance=reflectance, **record)
+    def once(path: Path, reflectance: Reflectance, vertex_colours: bool = False, **record: Any) -> Surface:
+        key = path, vertex_colours
+        if key not in kept:
+            kept[key] = read(path, reflectance, vertex_colours)
+        return replace(kept[key], reflectance=reflectance, **record)
 
     return once

@@ -22,16 +22,19 @@ from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surfaces
+from hagoromo.image.surface import Surface, Surfaces
+from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.lamp import by_place
+from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import R3, Film
 from hagoromo.transport.film import tile_order as tile_order
-from hagoromo.transport.lighting import Attenuation, Lighting, Materials, Palette, palette_of
+from hagoromo.transport.lighting import Attenuation, Lighting, Materials, Palette, palette_of, position_of
 from hagoromo.transport.march import march
 from hagoromo.transport.medium import Element, Medium, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
+from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface
 from hagoromo.volume.box import VolumeBox
 
 MODES = ("march", "full", "path")  # how light is computed
@@ -185,9 +188,19 @@ def reflectances_of(scene: Scene) -> list[Reflectance]:
     return [m for box in scene.boxes for m in box.materials] + [s.reflectance for s in scene.surfaces]
 
 
+def bases_of(scene: Scene) -> list[Spectrum]:
+    """The spectra of which body colours of single voxels and places of surfaces are sums."""
+    textures = [surface.body_texture for surface in scene.surfaces if surface.body_texture is not None]
+    return [
+        spectrum
+        for thing in (*(box.basis for box in scene.boxes), *(t.spectra for t in textures))
+        for spectrum in thing
+    ]
+
+
 def palette_of_scene(scene: Scene, settings: Settings) -> Palette:
     """The colours that the weights of a scene's picture are of, without bands of higher orders."""
-    colours = palette_of(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis], [])
+    colours = palette_of(reflectances_of(scene), bases_of(scene), [])
     return colours.with_lamps(scene.lights, settings.separate_lamps)
 
 
@@ -242,6 +255,7 @@ class PreparedScene:
         self.medium = _medium(scene, settings, cache)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
         self.surfaces = _surfaces(world, cache, self.origin)
+        self.surface_colours = surface_colours_of(scene, self.palette, cache)
         boxes_shade: Attenuation | None = None
         if self.medium and (
             settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))
@@ -277,16 +291,17 @@ class PreparedScene:
         jit, far = arrays(), arrays().Float(dr.inf)
         behind: list[Any] = [jit.Float(0)] * self.lighting.channels
         if self.surfaces:
-            far, point, normal, surface = self.surfaces.intersect(origin, direction)
-            if length is not None:
-                far = dr.select(far < length, far, dr.inf)
-            material = self.first_on_surface + surface
-            coefficients = self.lighting.materials.coefficients(material)
-            light, _ = self.lighting.reflected_radiance(point, -direction, [Element(normal, material)], [coefficients])
+            hit = self.surfaces.hit(origin, direction)
+            far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
+            element = Element(hit.normal, self.first_on_surface + hit.surface)
+            coefficients = self.lighting.materials.coefficients(element.material)
+            if self.surface_colours is not None:
+                coefficients = self.surface_colours.with_textures(coefficients, hit)
+            light, _ = self.lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
             channels = self.lighting.in_groups(light)
             if self.lighting.surface_light:
                 there = dr.isfinite(far)
-                channels += self.lighting.surface_light.radiance(point, normal, material, -direction, there)
+                channels += self.lighting.surface_light.radiance(hit.point, element, coefficients, -direction, there)
             behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
@@ -343,6 +358,36 @@ def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | Non
     own = origin_of(scene.surfaces, scene.camera)
     figures = (own.tobytes(), *(surface.figure for surface in scene.surfaces))
     return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces, own)).seen_from(origin)
+
+
+def surface_colours_of(scene: Scene, palette: Palette, cache: SceneCache) -> SurfaceColours | None:
+    """The textures of the surfaces of a scene on the device; None where there are none."""
+    textured = [surface for surface in scene.surfaces if surface.body_texture or surface.beta_texture]
+    if not textured:
+        return None
+    colours = len(palette.colours)
+    bodies, factors, key = [], [], []
+    for surface in scene.surfaces:
+        places = [position_of(s, palette.bodies) for s in surface.body_texture.spectra] if surface.body_texture else []
+        bodies.append(_texture(surface, surface.body_texture, np.eye(len(palette.bodies), dtype=np.float32)[places]))
+        factors.append(_texture(surface, surface.beta_texture, np.ones((1, 1), np.float32)))
+        key.append((surface.figure, id(surface.uv), surface.body_texture, surface.beta_texture, tuple(places)))
+    first = len(palette.bodies)
+    places = range(first, first + len(palette.interfaces))
+    return cache.get("textures", (colours, *key), lambda: SurfaceColours(bodies, factors, places))
+
+
+def _texture(
+    surface: Surface, texture: SurfaceTexture | None, on_palette: NDArray[np.float32]
+) -> TextureOfSurface | None:
+    """A texture of a surface as kernels take it."""
+    if texture is None:
+        return None
+    if texture.of == "image" and surface.uv is not None:
+        assert surface.faces is not None
+        return TextureOfSurface(texture.values, texture.smooth, on_palette, surface.faces, surface.uv)
+    corners = surface.faces if texture.of == "vertices" else None
+    return TextureOfSurface(texture.values, texture.smooth, on_palette, corners)
 
 
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:

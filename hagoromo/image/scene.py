@@ -129,6 +129,8 @@ class Scene:
                 {"name": s.name, "shape": s.shape, "pose": s.pose.tolist(), "reflectance": s.reflectance.record()}
                 | ({"optics": s.optics} if s.optics else {})
                 | ({"absorption": s.absorption.record()} if s.absorption else {})
+                | ({"body_texture": s.body_texture.record()} if s.body_texture else {})
+                | ({"beta_texture": s.beta_texture.record()} if s.beta_texture else {})
                 for s in self.surfaces
             ],
         }  # fmt: skip

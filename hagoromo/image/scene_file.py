@@ -42,6 +42,7 @@ from hagoromo.image.film.motion_record import MotionRecord
 from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_lights import SceneAreaLamp, SceneEnvironment, area_lamp_from, environment_from
+from hagoromo.image.scene_textures import BetaTexture, BodyTexture, beta_texture_from, body_texture_from
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.light.spectrum import SOURCE, Spectrum
@@ -131,6 +132,14 @@ class SceneSurface(Place, frozen=True, kw_only=True):
     ] = None
     absorption: Annotated[
         Any, SOURCE, about("absorption coefficient of glass [1/m]: a number, a CSV file or a table; default: clear")
+    ] = None
+    body_texture: Annotated[
+        dict[str, Any] | None,
+        like(BodyTexture),
+        about("body colour from place to place, in place of the reflectance's"),
+    ] = None
+    beta_texture: Annotated[
+        dict[str, Any] | None, like(BetaTexture), about("factor on the reflectance's beta from place to place")
     ] = None
     name: Annotated[str, about("name of the surface")] = ""
 
@@ -346,12 +355,22 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
     scale = key.scale if isinstance(key.scale, tuple) else (key.scale,) * 3
     pose = _pose(key, where) @ np.diag([*scale, 1.0])
     reflectance = reflectance_from_table(key.reflectance, folder, f"{where} reflectance")
-    absorption = None if key.absorption is None else Spectrum.load(key.absorption, folder)
+    further = {
+        "optics": key.optics or "",
+        "absorption": None if key.absorption is None else Spectrum.load(key.absorption, folder),
+        "beta_texture": beta_texture_from(key.beta_texture, folder, where),
+    }
+    body = body_texture_from(key.body_texture, folder, where)
     if key.shape is not None:
-        return Surface(reflectance, key.shape, pose=pose, name=key.name, optics=key.optics or "", absorption=absorption)
+        if body is True:
+            raise InputError(f"{where} body_texture: a shape has no vertices: give file (an image), or a mesh")
+        return Surface(reflectance, key.shape, pose=pose, name=key.name, body_texture=body or None, **further)
     mesh = str(key.mesh)
-    made = read.mesh(inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem)
-    return replace(made, optics=key.optics or "", absorption=absorption)
+    given = {"vertex_colours": True} if body is True else {}
+    made = read.mesh(
+        inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem, **given
+    )
+    return replace(made, body_texture=made.body_texture if body is True else body, **further)
 
 
 def _pose(key: Place, where: str) -> NDArray[np.float64]:

@@ -17,14 +17,18 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
 from hagoromo.camera.pose import FARTHEST
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, described
+from hagoromo.image.surface_texture import SurfaceTexture
+from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.path.optics import KINDS
+from hagoromo.transport.surface_colours import SurfaceHit
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
 LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which there is a warning
+LARGEST_UV = 1e4  # single precision leaves a thousandth of an image there
 DETAILS = 256.0  # of a surface, along its size
 RELATIVE_SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 
@@ -39,6 +43,8 @@ class Surface:
     other glass, which it does not touch; lamps without size do not shine through it. "": a surface by its reflectance.
     absorption: coefficient a of glass [1/m], over wavelength; of light that goes d through it exp(−a d) is left
     (Beer–Lambert). None: clear glass.
+    body_texture: the body colour from place to place, in place of that of the reflectance. beta_texture: a factor on
+    beta, 0…1, one value a place. uv: (n, 2) of the vertices of a mesh, which images need; shapes have Mitsuba's.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
@@ -54,6 +60,9 @@ class Surface:
     name: str = ""
     optics: str = ""
     absorption: Spectrum | None = None
+    body_texture: SurfaceTexture | None = None
+    beta_texture: SurfaceTexture | None = None
+    uv: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         who = f"surface {self.name!r}" if self.name else "surface"
@@ -76,8 +85,11 @@ class Surface:
             raise InputError(
                 f"{who}: its reflectance has element {self.reflectance.element!r}: a surface needs 'plane'"
             )
-        if self.shape in SHAPES:
-            return
+        if self.shape not in SHAPES:
+            self._check_mesh(who)
+        self._check_textures(who)
+
+    def _check_mesh(self, who: str) -> None:
         if self.shape != "mesh" or self.vertices is None or self.faces is None:
             raise InputError(f"{who}: shape is {self.shape!r}: give a mesh or one of {', '.join(SHAPES)}")
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
@@ -90,6 +102,35 @@ class Surface:
             raise InputError(f"{who}: vertices are {vertices.shape}: give (n, 3) finite numbers up to {FARTHEST:g} m")
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
             raise InputError(f"{who}: faces are {faces.shape}: give (m, 3) indices of its {len(vertices)} vertices")
+        if self.uv is None:
+            return
+        uv = np.asarray(self.uv)
+        if uv.shape != (len(vertices), 2) or not (np.abs(uv) <= LARGEST_UV).all():
+            raise InputError(f"{who}: uv are {uv.shape}: give 2 numbers up to {LARGEST_UV:g} for each of its vertices")
+
+    def _check_textures(self, who: str) -> None:
+        if self.uv is not None and self.shape != "mesh":
+            raise InputError(f"{who}: uv are of a mesh, and a {self.shape} has its own: leave uv out")
+        for key in ("body_texture", "beta_texture"):
+            texture = getattr(self, key)
+            if texture is None:
+                continue
+            if self.optics:
+                raise InputError(f"{who} is {self.optics} and has a {key}: leave one of them out")
+            if texture.of == "image" and self.shape == "mesh" and self.uv is None:
+                raise InputError(f"{who}: {key} is an image, and its mesh has no UVs: give uv, or a mesh that has them")
+            if texture.of == "vertices" and (self.vertices is None or len(texture.values) != len(self.vertices)):
+                count = "no" if self.vertices is None else str(len(self.vertices))
+                raise InputError(
+                    f"{who}: {key} is of {len(texture.values)} vertices, and the surface has {count}: give one each"
+                )
+        if self.beta_texture is not None:
+            if self.beta_texture.values.shape[-1] != 1 or self.beta_texture.values.max() > 1.0:
+                raise InputError(f"{who}: beta_texture is a factor on beta: give one value 0…1 a place")
+        if self.body_texture is not None:
+            brightest = Spectrum.constant(self.body_texture.brightest())
+            with described(f"{who}: where its body_texture is brightest"):
+                replace(self.reflectance, body_colour=brightest)
 
     def __repr__(self) -> str:
         """The name, the shape and the reflectance's name."""
@@ -111,12 +152,16 @@ class Surface:
         return cls(reflectance, "rectangle", pose=pose, name=name)
 
     @classmethod
-    def from_file(cls, path: str | Path, reflectance: Reflectance, **record: Any) -> Surface:
-        """The mesh in the file at `path` (PLY, OBJ, …, in metres); several parts become one mesh.
+    def from_file(
+        cls, path: str | Path, reflectance: Reflectance, vertex_colours: bool = False, **record: Any
+    ) -> Surface:
+        """The mesh in the file at `path` (PLY, OBJ, …, in metres) with its UVs; several parts become one mesh.
 
-        record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file without faces.
+        vertex_colours: whether the colours of its vertices are the `body_texture`; those of a glTF are linear, others
+        sRGB. record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file without
+        faces, or without colours of vertices where they are asked for.
         """
-        from hagoromo.files.mesh import read_mesh
+        from hagoromo.files.mesh import read_mesh, uv_of, vertex_colours_of
 
         mesh = read_mesh(path)
         vertices = np.asarray(mesh.vertices)
@@ -128,7 +173,11 @@ class Surface:
                 "write it about (0, 0, 0) and place it by position",
                 stacklevel=2,
             )
-        return cls(reflectance, "mesh", vertices, np.asarray(mesh.faces), **record)
+        if vertex_colours:
+            stored, encoded = vertex_colours_of(mesh, path)
+            colours = srgb_decode(255.0 * stored) if encoded else stored
+            record["body_texture"] = SurfaceTexture(colours, of="vertices", name=f"{path}: colours of vertices")
+        return cls(reflectance, "mesh", vertices, np.asarray(mesh.faces), uv=uv_of(mesh), **record)
 
     @property
     def figure(self) -> Hashable:
@@ -175,11 +224,11 @@ class Surfaces:
 
     def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
         """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
-        distance, point, normal, _, surface = self.hit(origin, direction)
-        return distance, point, normal, surface
+        hit = self.hit(origin, direction)
+        return hit.distance, hit.point, hit.normal, hit.surface
 
-    def hit(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, Array3f, UInt]:
-        """As `intersect`, with the unit normal of the face, to the eye, before the surface number."""
+    def hit(self, origin: Array3f, direction: Array3f) -> SurfaceHit:
+        """First hit of rays."""
         mi, jit = mitsuba(), arrays()
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin + self.offset), mi.Vector3f(direction)))
         flat, normal = jit.Array3f(hit.n), jit.Array3f(hit.sh_frame.n)
@@ -187,7 +236,8 @@ class Surfaces:
         flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
         surface = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape))
         point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
-        return jit.Float(hit.t), point, normal, flat, surface
+        uv = jit.Array2f(hit.uv)
+        return SurfaceHit(jit.Float(hit.t), point, normal, flat, surface, ~back, jit.UInt(hit.prim_index), uv)
 
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
         """Whether no surface stands between points and the lamp."""

@@ -85,6 +85,8 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
     for surface in scene.surfaces:
         if surface.absorption is not None:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
+        if surface.body_texture is not None or surface.beta_texture is not None:
+            yield f"surface {surface.name!r}: its textures; it has one reflectance"
     if scene.area_lamps:
         yield "area lamps hide what is behind them: Mitsuba's are bodies"
     if any(seen) and not all(seen):

@@ -285,8 +285,10 @@ class HigherOrdersOnSurfaces(Protocol):
 
     channels: int
 
-    def radiance(self, point: Array3f, normal: Array3f, material: UInt, to_eye: Array3f, there: Bool) -> list[Float]:
-        """Radiance of every channel that it becomes towards the eye."""
+    def radiance(
+        self, point: Array3f, element: Element, coefficients: list[Float], to_eye: Array3f, there: Bool
+    ) -> list[Float]:
+        """Radiance of every channel that it becomes towards the eye; coefficients: of the surface on the palette."""
         ...
 
 

@@ -225,6 +225,9 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
         partial.write_bytes(data)
     lost = [f"{len(scene.boxes)} volume boxes"] if scene.boxes else []
     lost += ["the distortion of the lens"] if any(scene.camera.distortion) else []
+    lost += [f"{len(scene.area_lamps)} area lamps"] if scene.area_lamps else []
+    lost += ["the environment"] if scene.environment else []
+    lost += [f"surface {s.name!r}: its textures" for s in scene.surfaces if s.body_texture or s.beta_texture]
     return [*lost, "spectra (colours are linear sRGB), gloss, where between two pixels the optical axis is"]
 
 

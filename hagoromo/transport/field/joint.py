@@ -9,7 +9,7 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays
+from hagoromo.backend import Array3f, Bool, Float, arrays
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.directions import many_directions
 from hagoromo.transport.field.fit import averaged, fitted
@@ -18,6 +18,7 @@ from hagoromo.transport.field.patches import SIDES, CornerLight
 from hagoromo.transport.field.sent_light import Numbers, added, nothing
 from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
 from hagoromo.transport.field.sweep import sweep
+from hagoromo.transport.medium import Element
 
 PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of the light that the camera sees
 CELL_LANES = 1 << 19  # rays of all cells to the surfaces, about
@@ -35,10 +36,12 @@ class SurfaceLight:
         """Memory of the light [byte]."""
         return self.light.bytes
 
-    def radiance(self, point: Array3f, normal: Array3f, material: UInt, to_eye: Array3f, there: Bool) -> list[Float]:
+    def radiance(
+        self, point: Array3f, element: Element, coefficients: list[Float], to_eye: Array3f, there: Bool
+    ) -> list[Float]:
         """Radiance of every channel that the surface sends to the eye; 0 where it is not `there`."""
-        patch = self.lit.patches.at(point, normal, there)
-        light = self.lit.again(normal, material, to_eye, self.light.at(patch))
+        patch = self.lit.patches.at(point, element.axis, there)
+        light = self.lit.again(element, coefficients, to_eye, self.light.at(patch))
         return [dr.select(patch.there, each, 0.0) for each in light]
 
 
@@ -65,7 +68,7 @@ class Joint:
     def sight(self, cells: Cells, place: Array3f, towards: Array3f) -> Float:
         """How far places on a grid see along directions [cell]."""
         point = dr.fma(place, cells.edge, cells.corner)
-        return self.lit.surfaces.hit(point, towards)[0] * cells.per_metre
+        return self.lit.surfaces.hit(point, towards).distance * cells.per_metre
 
     def solved(self, orders: int | None) -> tuple[Solution | None, SurfaceLight]:
         """The light of orders 1 … `orders` − 1 (None: of all) in the stored cells, and at the surfaces."""

@@ -26,6 +26,7 @@ from hagoromo.transport.field.sweep import DEEPEST, Path, Ways
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Element
 from hagoromo.transport.path.path import SurfaceHits
+from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit
 
 BYTES_PER_RAY = 160  # memory of one ray, its hit and the light along it, about
 LARGEST_SCALE = 4.0  # of the nine numbers of a patch's light, so that their irradiance is that of its rays
@@ -41,16 +42,21 @@ class LitSurfaces:
     colours: BandColours
     scattering: Scattering
     first: UInt
+    surface_colours: SurfaceColours | None = None
+
+    def coefficients(self, hit: SurfaceHit) -> list[Float]:
+        """Coefficients of surfaces on the palette where rays hit them."""
+        plain = self.lighting.materials.coefficients(self.first + hit.surface)
+        return plain if self.surface_colours is None else self.surface_colours.with_textures(plain, hit)
 
     @property
     def channels(self) -> int:
         """Bands of all groups of lamps."""
         return len(self.lighting.materials.palette.lamps) * self.colours.count
 
-    def direct(self, point: Array3f, normal: Array3f, material: UInt, to_eye: Array3f) -> list[Float]:
+    def direct(self, point: Array3f, element: Element, coefficients: list[Float], to_eye: Array3f) -> list[Float]:
         """Radiance, of every channel, that a surface sends to the eye of the light of the lamps."""
-        coefficients = self.lighting.materials.coefficients(material)
-        light, _ = self.lighting.reflected_radiance(point, to_eye, [Element(normal, material)], [coefficients])
+        light, _ = self.lighting.reflected_radiance(point, to_eye, [element], [coefficients])
         light = self.lighting.in_groups(light)
         each, bands = len(coefficients), self.colours.count
         values = [self.colours.values_of(band) for band in range(bands)]
@@ -60,10 +66,13 @@ class LitSurfaces:
             for band in range(bands)
         ]
 
-    def again(self, normal: Array3f, material: UInt, to_eye: Array3f, incident: list[list[Float]]) -> list[Float]:
+    def again(
+        self, element: Element, coefficients: list[Float], to_eye: Array3f, incident: list[list[Float]]
+    ) -> list[Float]:
         """Radiance, of every channel, that it sends to the eye of smooth incident light, nine numbers a channel."""
-        colours, bands = self.colours.of(self.lighting.materials.coefficients(material)), self.colours.count
-        parts = [self.scattering.towards(material, part, normal, to_eye) for part in range(self.scattering.parts)]
+        colours, bands = self.colours.of(coefficients), self.colours.count
+        towards = self.scattering.towards
+        parts = [towards(element.material, part, element.axis, to_eye) for part in range(self.scattering.parts)]
         factors = [
             [sum(colours[j * bands + band] * part[k] for j, part in enumerate(parts)) for k in range(NUMBERS)]
             for band in range(bands)
@@ -143,27 +152,30 @@ class Links:
             normal = dr.gather(jit.Array3f, _vectors(normals), receiver)
             self.cosine = dr.dot(normal, self.towards)
             self.point = self.point + normal * dr.copysign(2.0 * lit.patches.reach, self.cosine)
-        far, point, normal, _, surface = lit.surfaces.hit(self.point, self.towards)
-        self.far, self.hit, self.normal = far, point, normal
-        self.material = lit.first + surface
+        hit = lit.surfaces.hit(self.point, self.towards)
+        far, self.far, self.hit = hit.distance, hit.distance, hit.point
+        self.element, self.coefficients = Element(hit.normal, lit.first + hit.surface), lit.coefficients(hit)
         self.there = dr.isfinite(far)
-        self.patch: Patch = lit.patches.at(point, normal, self.there)
+        self.patch: Patch = lit.patches.at(hit.point, hit.normal, self.there)
         _, self.passed = (
             through(matter.cells, matter, self.point, self.towards, far)
             if matter
             else ([], dr.full(jit.Float, 1.0, dr.width(far)))
         )
-        dr.eval(self.towards, self.point, self.far, self.hit, self.normal, self.material, self.patch, self.passed)
+        normal, material = self.element.axis, self.element.material
+        dr.eval(self.towards, self.point, self.far, self.hit, normal, material, self.patch, self.passed)
+        if lit.surface_colours is not None:
+            dr.eval(self.coefficients)
 
     def direct(self) -> Numbers:
         """Incident light that surfaces send on of the light of the lamps."""
-        return self._gathered(self.lit.direct(self.hit, self.normal, self.material, -self.towards), surface=True)
+        return self._gathered(self.lit.direct(self.hit, self.element, self.coefficients, -self.towards), surface=True)
 
     def again(self, light: Numbers) -> Numbers:
         """Incident light that surfaces send on of the `light` that arrives at the sides of the patches."""
         there = self.patch.there
         incident = [[dr.gather(arrays().Float, n, self.patch.side, there) for n in numbers] for numbers in light]
-        return self._gathered(self.lit.again(self.normal, self.material, -self.towards, incident), surface=True)
+        return self._gathered(self.lit.again(self.element, self.coefficients, -self.towards, incident), surface=True)
 
     def from_matter(self, matter: SmoothMatter) -> Numbers:
         """Incident light that the cells send."""

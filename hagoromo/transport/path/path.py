@@ -25,6 +25,7 @@ from hagoromo.transport.path.lights import Lights, share_of_drawn
 from hagoromo.transport.path.next_event import LampDrawn, lamp_drawn
 from hagoromo.transport.path.optics import Optics
 from hagoromo.transport.path.scatter import Scattering
+from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit
 
 LANES = 1 << 12  # that walks go on at a time on a processor, enough for its threads; the rest waits
 FAINT = 0.6  # throughput below which a walk goes on by chance
@@ -34,8 +35,8 @@ FAINT_TO_LIGHTS = 0.3  # the same where it may meet a light, or glass, in which 
 class SurfaceHits(Protocol):
     """Surfaces as walks need them."""
 
-    def hit(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, Array3f, UInt]:
-        """First hit: distance [m] (inf: none), offset point, unit normals (shaded, and of the face), surface number."""
+    def hit(self, origin: Array3f, direction: Array3f) -> SurfaceHit:
+        """First hit of rays."""
         ...
 
     def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
@@ -71,11 +72,12 @@ class Walks:
         bands: Bands,
         lights: Lights | None = None,
         optics: Optics | None = None,
+        surface_colours: SurfaceColours | None = None,
     ) -> None:
         """first_on_surface: number of the material of the first surface. lights: of a scene with lamps of a size.
-        optics: of one with mirrors or glass.
+        optics: of one with mirrors or glass. surface_colours: of one with textures.
         """
-        self.optics = optics
+        self.optics, self.surface_colours = optics, surface_colours
         self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
         self.lighting, self.scattering, self.bands, self.lights = lighting, scattering, bands, lights
         palette = lighting.materials.palette
@@ -98,11 +100,13 @@ class Walks:
         far = dr.full(jit.Float, dr.inf, dr.width(direction))
         nothing = jit.Array3f(0.0)
         event = Event(jit.Bool(False), far, nothing, nothing, nothing, jit.UInt(0), [])
+        hit: SurfaceHit | None = None
         if self.surfaces is not None:
-            far, point, normal, face, surface = self.surfaces.hit(origin, direction)
-            event = Event(dr.isfinite(far), far, point, normal, face, self.first_on_surface + surface, [])
+            hit = self.surfaces.hit(origin, direction)
+            far, material = hit.distance, self.first_on_surface + hit.surface
+            event = Event(dr.isfinite(far), far, hit.point, hit.normal, hit.flat, material, [])
         if self.matter is None:
-            event.coefficients = materials.coefficients(event.material)
+            event.coefficients = self._with_textures(materials.coefficients(event.material), hit, event.there)
             return event, random
         found, random = first_collision(self.matter, origin, direction, far, random)
         inside = dr.isfinite(found.distance)
@@ -119,7 +123,15 @@ class Walks:
         event.coefficients = materials.coefficients(event.material)
         if self.lighting.voxel_bases:
             event.coefficients = self._with_voxel_colour(event.coefficients, found, inside)
+        event.coefficients = self._with_textures(event.coefficients, hit, event.there & ~inside)
         return event, random
+
+    def _with_textures(self, coefficients: list[Float], hit: SurfaceHit | None, there: Bool) -> list[Float]:
+        """`coefficients` of events, with the textures of those that are `there`, on a surface."""
+        if self.surface_colours is None or hit is None:
+            return coefficients
+        mixed = self.surface_colours.with_textures(coefficients, hit)
+        return [dr.select(there, own, old) for own, old in zip(mixed, coefficients, strict=True)]
 
     def _element(self, found: Collision, direction: Array3f, inside: Bool, number: Float) -> tuple[Array3f, UInt]:
         """Axis and material of what a ray collides with: of a texel's populations one, by its share of extinction."""
