@@ -3,6 +3,7 @@ surfaces, and between both. Pictures are judged as in `test_mitsuba.py`, with th
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,3 +68,17 @@ def test_a_cloud_is_that_of_volpath(depth):
     """Optical depth 3 and 30, all orders."""
     scene = hg.Scene(camera(), (lamp_of(None),), (box_of_cloud(depth),))
     assert_same_radiance(scene, *cloud_of_mitsuba(depth, None, depth=-1))
+
+
+def test_a_textured_wall_beside_a_ball_sends_on_the_light_of_path():
+    """A smooth image on the wall, all orders: both interpolate between the middles of pixels."""
+    (ball, wall_surface), wall = surfaces()
+    values = np.random.default_rng(3).random((4, 8)).astype(np.float32)
+    textured = replace(wall_surface, body_texture=hg.SurfaceTexture(values))
+    objects = surfaces_of_mitsuba(wall)
+    upside_down = math.pi * ALPHA * values[::-1, :, None]  # the first row of a bitmap is at v = 0
+    bitmap = mitsuba().Bitmap(np.ascontiguousarray(upside_down))
+    paint = {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap, "raw": True}}
+    objects["wall"]["bsdf"] = {"type": "twosided", "bsdf": paint}
+    scene = hg.Scene(camera(), (lamp_of(None),), surfaces=(ball, textured))
+    assert_same_radiance(scene, *pictures_of_mitsuba("path", objects, depth=-1))
