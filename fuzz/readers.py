@@ -193,6 +193,7 @@ HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_CURVES = _late("hagoromo.files.curves.curve_file", "read_curves")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
+READ_PARTS = _late("hagoromo.files.mesh_parts", "read_parts")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
     Reader("motion", records.motion, _late("hagoromo.image.film.motion", "read_motion"), "scene.toml"),
@@ -230,6 +231,9 @@ SIMPLE = (
     Reader("lensfun.xml", records.text(records.LENSFUN), _lens),
     Reader("mesh.ply", records.text(records.PLY), READ_MESH),
     Reader("mesh.obj", records.text(records.OBJ), READ_MESH),
+    Reader("mesh-parts.obj", records.text(records.OBJ_OF_PARTS), READ_PARTS),
+    Reader("mesh-parts.glb", meshes.glb, READ_PARTS, share=0.5),
+    Reader("mesh-parts.ply", meshes.ply, READ_PARTS, share=0.5),
     Reader("mesh.off", records.text(records.OFF), READ_MESH),
     Reader("mesh-binary.ply", meshes.ply, READ_MESH),
     Reader("mesh.vtp", meshes.vtp, READ_MESH, share=0.1, good=HAS_VTK),

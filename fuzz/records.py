@@ -134,6 +134,7 @@ end_header
 3 1 2 3
 """
 OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf 1 2 4\nf 1//1 3//1 4//1\n"
+OBJ_OF_PARTS = OBJ.replace("f 1 2 4", "usemtl a b\nf 1 2 4") + "usemtl c\nf 2/1 3/1 4/1\n"
 OFF = "OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
 

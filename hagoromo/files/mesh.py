@@ -32,8 +32,11 @@ BYTES_PER_ENTRY = 300.0  # memory of a corner or an index of a glTF, at every pl
 GLTF_START = struct.Struct("<4sIIII")  # of a binary one: magic, version, length, length and type of its JSON
 
 
-def read_mesh(path: str | Path) -> Any:
-    """The `trimesh.Trimesh` in a file; `InputError` when it is missing, damaged, too large, or has no triangles."""
+def read_mesh(path: str | Path, process: bool = True) -> Any:
+    """The `trimesh.Trimesh` in a file; `InputError` when it is missing, damaged, too large, or has no triangles.
+
+    process: whether vertices in one place are joined.
+    """
     import trimesh
 
     suffix = Path(path).suffix.lower()
@@ -48,7 +51,12 @@ def read_mesh(path: str | Path) -> Any:
             trimesh.Trimesh(*(read_vtp if suffix == VTP else read_abc)(Path(path)))
             if suffix in (VTP, ABC)
             else trimesh.load(
-                io.BytesIO(data), file_type=suffix[1:], force="mesh", resolver=files, skip_materials=True, process=True
+                io.BytesIO(data),
+                file_type=suffix[1:],
+                force="mesh",
+                resolver=files,
+                skip_materials=True,
+                process=process,
             )
         )
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):

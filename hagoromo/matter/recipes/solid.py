@@ -1,14 +1,20 @@
-"""Kind "solid": [shape], or a mesh, of density 1; element plane."""
+"""Kind "solid": [shape], or a mesh, of density 1; element plane.
+
+[face_materials.NAME]   keys of [material] that the faces of the mesh's material NAME have in its place: `usemtl` of
+                        an OBJ, a material of a glTF, or the colour of faces of a PLY, such as "#ff0000"
+"""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
+from hagoromo.errors import InputError
 from hagoromo.files.record import about, like
 from hagoromo.matter.recipes.form import FORMS, Mesh, form_of, shape_of
 from hagoromo.matter.recipes.recipe import Kind, MeanFreePath, Recipe, RecipeTable, Voxel
 from hagoromo.matter.solid.solid import MeshSurface, mesh_solid, solid
 from hagoromo.matter.solid.thin_parts import Thin
+from hagoromo.reflectance.material.material_table import PARTS
 from hagoromo.volume.store.plan import BoxPlan
 
 
@@ -20,6 +26,10 @@ class SolidTable(RecipeTable, frozen=True, kw_only=True):
         Thin,
         about("what is thinner than two voxels of a mesh: made that thick, or left to let light through; both warn"),
     ] = "thicken"
+    face_materials: Annotated[
+        dict[str, Annotated[dict[str, Any], PARTS]],
+        about("what faces of a material of the mesh, by its name, have in the place of [material]"),
+    ] = {}
     voxel_mm: Voxel = 0.5
     mean_free_path_mm: MeanFreePath = 0.5
 
@@ -27,9 +37,15 @@ class SolidTable(RecipeTable, frozen=True, kw_only=True):
 def _plan(recipe: Recipe[SolidTable]) -> BoxPlan:
     where = f"{recipe.where} [shape]"
     form = form_of(recipe.table.shape, where)
+    named = recipe.table.face_materials
     if isinstance(form, Mesh):
-        mesh = MeshSurface(recipe.file(form.file), form.height_mm, form.rotation_deg)
-        return mesh_solid(mesh, recipe.material, recipe.fineness, recipe.table.thin)
+        own = [
+            recipe.reflectance(recipe.table.material | keys, f"[face_materials.{name}]") for name, keys in named.items()
+        ]
+        mesh = MeshSurface(recipe.file(form.file), form.height_mm, form.rotation_deg, tuple(named))
+        return mesh_solid(mesh, recipe.material, recipe.fineness, recipe.table.thin, own)
+    if named:
+        raise InputError(f'{recipe.where}: face_materials are for a mesh: leave them out, or give form = "mesh"')
     return solid(*shape_of(recipe.table.shape, where, recipe.file), recipe.material, recipe.fineness)
 
 

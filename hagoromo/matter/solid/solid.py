@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from hagoromo.backend import arrays, lookup
+from hagoromo.errors import InputError
 from hagoromo.files.mesh import read_mesh
-from hagoromo.matter.fill import Fineness, fill
+from hagoromo.files.mesh_parts import read_parts
+from hagoromo.matter.fill import CORE_TO, Fineness, fill
 from hagoromo.matter.shape import Shape, coverage, distance_and_normal, unit
 from hagoromo.matter.solid.mesh_rays import MeshRays
 from hagoromo.matter.solid.mesh_repair import repaired
@@ -27,6 +31,8 @@ Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
 BOUNDED = 10.0  # [voxels] reach of distances in the search for bricks: more than half the diagonal of an octant
 NEAR_SURFACE = 1e-3  # [half the softness] closer to the surface than this, the normal of the face is used
 FARTHEST = 10.0  # [diagonals of the mesh] from the mesh, at which signed distances are still asked for
+MATERIAL = "material"  # attribute of the faces of a mesh
+MOST_SAID = 8  # materials of a mesh that a message lists
 CREASE = math.radians(40)  # edges of a mesh sharper than this stay sharp
 
 
@@ -43,9 +49,17 @@ def solid(shape: Shape, extent: Extent, material: Reflectance, fineness: Finenes
     return fill(field, lambda point: shape(point) - fineness.softness, extent, fineness, material, name=name)
 
 
-def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness, thin: Thin = "thicken") -> BoxPlan:
+def mesh_solid(
+    mesh: MeshSurface,
+    material: Reflectance,
+    fineness: Fineness,
+    thin: Thin = "thicken",
+    own: Sequence[Reflectance] = (),
+) -> BoxPlan:
     """What a mesh encloses, of density 1; its axis is the outward normal of the nearest surface.
 
+    own: reflectance of the faces of each of the mesh's `named` materials; voxels have that of the nearest face, as deep
+    as light comes. The other faces, and what is deeper, have `material`.
     thin: what is thinner than two voxels is made that thick ("thicken"), or it keeps its optical depth, spread over two
     voxels ("warn"). Both sides keep their normals, and a warning says how much of the surface that is. A mesh without
     thin parts is the same with both.
@@ -61,18 +75,30 @@ def mesh_solid(mesh: MeshSurface, material: Reflectance, fineness: Fineness, thi
     def bound(point: Any) -> Any:
         return mesh.distance(point, BOUNDED * fineness.voxel_mm) - reach
 
-    return fill(lambda point: matter(point, soft), bound, extent, fineness, material, name=mesh.name)
+    def field(point: Any) -> tuple[Any, ...]:
+        held = matter(point, soft)
+        return (*held, mesh.material(point, soft + CORE_TO * fineness.mean_free_path_mm)) if own else held
+
+    plan = fill(field, bound, extent, fineness, material, name=mesh.name)
+    return replace(plan, header=replace(plan.header, materials=(material, *own)))
 
 
 class MeshSurface:
     """The mesh in a file, `height_mm` high, that stands on z = 0 around x = y = 0: its nearest face, what is inside.
 
-    rotation_deg: turns it about x, then y, then z before. A warning lists repairs, see `repaired`.
-    Raises `InputError` for a file that holds no mesh, or one that does not enclose a volume.
+    rotation_deg: turns it about x, then y, then z before. named: materials of its faces that `material` numbers, from 1
+    on. A warning lists repairs, see `repaired`.
+    Raises `InputError` for a file that holds no mesh, one that does not enclose a volume, or has no such materials.
     """
 
-    def __init__(self, path: str | Path, height_mm: float, rotation_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        mesh = repaired(read_mesh(path), str(path))
+    def __init__(
+        self,
+        path: str | Path,
+        height_mm: float,
+        rotation_deg: Sequence[float] = (0.0, 0.0, 0.0),
+        named: Sequence[str] = (),
+    ) -> None:
+        mesh = repaired(_numbered(path, named) if named else read_mesh(path), str(path))
         self.name, turn = Path(path).stem, np.eye(4)
         turn[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
         mesh.apply_transform(turn)
@@ -85,6 +111,7 @@ class MeshSurface:
         self._tree, self._rays = MeshTree(vertices, faces), MeshRays(vertices, faces)
         self._normals = lookup(arrays().Float, _corner_normals(mesh).astype(np.float32))
         self._planes = lookup(arrays().Float, np.asarray(mesh.face_normals, np.float32))
+        self._materials = lookup(arrays().UInt, _material_numbers(mesh)) if named else None
 
     def matter(self, point: Any, softness: float) -> tuple[Any, Any]:
         """Density at points [mm], and unit outward normal of the nearest surface; arbitrary where no surface is near.
@@ -117,6 +144,11 @@ class MeshSurface:
         moved = coverage(dr.select(is_inside, -away, away) - grown, softness)
         return dr.select(near.is_within_reach & (grown > 0), dr.fmax(density, moved), density), self._normal(near)
 
+    def material(self, point: Any, reach: float) -> Any:
+        """Number of the material of the nearest face no farther than `reach` [mm], UInt; 0 without one."""
+        near = self._tree.nearest(point, reach)
+        return dr.select(near.is_within_reach, dr.gather(arrays().UInt, self._materials, near.face), 0)
+
     def thin_parts(self, softness: float) -> ThinParts:
         """What is thinner than `softness` [mm], see `thin_parts`."""
         return thin_parts(self._mesh, self._rays, softness)
@@ -146,6 +178,30 @@ class MeshSurface:
         near = self._tree.nearest(point, reach)
         far = dr.select(near.is_within_reach, dr.norm(point - near.point), reach)
         return dr.select(self._rays.inside(point), 0.0, far)
+
+
+def _numbered(path: str | Path, named: Sequence[str]) -> Any:
+    """The mesh in a file, its faces with the number of their material in `named`, from 1 on, as attribute MATERIAL."""
+    import trimesh
+
+    parts = read_parts(path)
+    unknown = [name for name in named if name not in parts.names]
+    if unknown:
+        known = ", ".join(repr(name) for name in parts.names[:MOST_SAID] if name) or "none"
+        raise InputError(f"{path} has no faces of material {unknown[0]!r}: its materials are {known}")
+    number = np.array([1 + named.index(name) if name in named else 0 for name in parts.names])
+    return trimesh.Trimesh(
+        parts.vertices, parts.faces, process=False, face_attributes={MATERIAL: number[parts.material]}
+    )
+
+
+def _material_numbers(mesh: Any) -> NDArray[np.uint32]:
+    """The attribute MATERIAL of a mesh; faces that closed its holes have that of the nearest one that was there."""
+    number, middle = mesh.face_attributes[MATERIAL], mesh.triangles_center
+    was_there = number >= 0  # trimesh numbers faces that it adds −1
+    nearest = KDTree(middle[was_there]).query(middle[~was_there])[1]
+    number[~was_there] = number[was_there][nearest]
+    return number.astype(np.uint32)
 
 
 def _corner_normals(mesh: Any) -> NDArray[np.float64]:
