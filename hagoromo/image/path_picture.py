@@ -124,8 +124,10 @@ def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     matter = Matter(prepared.medium) if prepared.medium is not None else None
     first, lights = prepared.first_on_surface, lights_of(scene, prepared)
     optics = optics_of(scene, prepared, bands)
-    colours = prepared.surface_colours
-    return Walks(matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics, colours)
+    colours, sheets = prepared.surface_colours, any(surface.reflectance.transmits for surface in scene.surfaces)
+    return Walks(
+        matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics, colours, sheets
+    )
 
 
 def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | None:

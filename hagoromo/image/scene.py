@@ -51,12 +51,6 @@ class Scene:
             raise InputError("the scene is empty: give at least one volume box or surface")
         for thing in (*self.boxes, *self.surfaces):
             _check_place(thing)
-        for surface in self.surfaces:
-            if surface.reflectance.transmits:
-                raise InputError(
-                    f"surface {surface.name!r} has transmission: light passes through matter of volume boxes only; "
-                    "give transmission = 0"
-                )
         if not any(_in_view(self.camera, thing.corners()) for thing in (*self.boxes, *self.surfaces)):
             where = np.round(self.camera.position, 4).tolist()
             raise InputError(f"the camera at {where} m looks at nothing: turn it towards the scene")
@@ -137,8 +131,13 @@ class Scene:
 
 
 def check_no_optics(scene: Scene) -> None:
-    """`InputError` for a mirror or glass, which only walks follow."""
+    """`InputError` for a mirror, glass or a sheet that lets light through, which only walks follow."""
     for surface in scene.surfaces:
+        if surface.reflectance.transmits:
+            raise InputError(
+                f"surface {surface.name!r} has transmission: only mode path follows light through a surface: use "
+                "--mode path, or give transmission = 0"
+            )
         if surface.optics:
             raise InputError(
                 f"surface {surface.name!r} is {surface.optics}: only mode path follows it: use --mode path"

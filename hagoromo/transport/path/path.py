@@ -33,7 +33,9 @@ FAINT_TO_LIGHTS = 0.3  # the same where it may meet a light, or glass, in which 
 
 
 class SurfaceHits(Protocol):
-    """Surfaces as walks need them."""
+    """Surfaces as walks need them. shadow_bias: of the points of hits, along the normal [m]."""
+
+    shadow_bias: Float
 
     def hit(self, origin: Array3f, direction: Array3f) -> SurfaceHit:
         """First hit of rays."""
@@ -73,10 +75,13 @@ class Walks:
         lights: Lights | None = None,
         optics: Optics | None = None,
         surface_colours: SurfaceColours | None = None,
+        sheets: bool = False,
     ) -> None:
         """first_on_surface: number of the material of the first surface. lights: of a scene with lamps of a size.
-        optics: of one with mirrors or glass. surface_colours: of one with textures.
+        optics: of one with mirrors or glass. surface_colours: of one with textures. sheets: whether some surfaces let
+        light through.
         """
+        self.sheets = sheets
         self.optics, self.surface_colours = optics, surface_colours
         self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
         self.lighting, self.scattering, self.bands, self.lights = lighting, scattering, bands, lights
@@ -173,16 +178,30 @@ class Walks:
         weights = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye)
         f = sum(weights[1:], weights[0])
         lit = event.there & (f > 0.0) & (lamp.irradiance > 0.0)
+        point = self.on_side(event, lamp.to_lamp).point
         if self.surfaces is not None:
-            lit &= self.surfaces.visible(event.point, lamp.to_lamp, lamp.distance)
+            lit &= self.surfaces.visible(point, lamp.to_lamp, lamp.distance)
         passed = dr.select(lit, arrays().Float(1), 0.0)
         if self.matter is not None:
-            passed, random = transmittance(self.matter, event.point, lamp.to_lamp, lamp.distance, lit, random)
+            passed, random = transmittance(self.matter, point, lamp.to_lamp, lamp.distance, lit, random)
         seen = lit & (passed > 0.0)
         irradiance = lamp.irradiance * passed
         if self.lights is not None:
             irradiance *= share_of_drawn(lamp, self.lights.spread(event.material, f))
         return lamp, [dr.select(seen, irradiance * weight, 0.0) for weight in weights], random
+
+    def on_side(self, event: Event, direction: Array3f) -> Event:
+        """An event on a sheet on the side of it to which a direction points; others as they are."""
+        if not self.sheets:
+            return event
+        assert self.surfaces is not None
+        behind = (dr.dot(event.face, direction) < 0.0) & (self.lighting.materials.passed(event.material, 0) > 0.0)
+        across = event.point - event.face * (2.0 * self.surfaces.shadow_bias)
+        return replace(
+            event,
+            point=dr.select(behind, across, event.point),
+            face=dr.select(behind, -event.face, event.face),
+        )
 
     def mixed(self, coefficients: list[Float], weights: Sequence[Float]) -> list[Float]:
         """body · c_b + interface · e, and what is transmitted, in every band."""
@@ -372,6 +391,7 @@ def light_of_walks(
                 event, direction, to_eye, sent, good, glass, random.next_float32()
             )
         carried = products(carried, walks.mixed(event.coefficients, sent))
+        event = walks.on_side(event, direction)
         goes_on = event.there & good & walks.goes_on(events, most)
         goes_on &= dr.all(event.face == 0.0) | (dr.dot(event.face, direction) > 0.0)
         origin = event.point
