@@ -1,12 +1,12 @@
 # make setup | data | demo | test | test-slow | docs | bench | cycles | figures | gallery | published | tutorials | real | relit | lamps | calibration | near |
-# spectra | response | coverage | merl | first-order | orders | cluster | platforms | package | crash | fuzz: each sets up what it needs.
+# spectra | response | coverage | merl | first-order | orders | modes | cluster | platforms | package | crash | fuzz: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders cluster figures gallery viewer turning published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders modes cluster figures gallery viewer turning published tutorials schemas platforms package crash fuzz
 
 setup: $(READY)
 
@@ -123,6 +123,13 @@ first-order: $(READY)
 orders: $(READY)
 	$(BIN)/python -m studies.orders examples/recipes --out out/orders --force
 	cp out/orders/orders.md docs/ && cp out/orders/orders.png out/orders/orders_colour.png docs/figures/
+
+# The gallery and figures 6, 7 and 8 by modes march, full and path (an hour, and a demo before it): docs/modes.md. What is
+# in out/modes stays as it is.
+modes: $(READY)
+	test -e out/demo/measure || $(BIN)/hagoromo demo --out out/demo --force
+	$(BIN)/python -m studies.modes out/demo examples/recipes --out out/modes
+	mkdir -p docs/figures/modes && cp out/modes/modes.md docs/ && cp out/modes/modes/*.jpg docs/figures/modes/
 
 # Workers on this machine, one of them killed, and a simulation of many (minutes): docs/cluster.md.
 cluster: $(READY)

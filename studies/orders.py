@@ -70,7 +70,7 @@ def orders_study(
             progress(0.9 * number / len(chosen), subject.title)
             scenes[name] = scene_of(box_of(Path(recipes), subject), subject, pixels)
             images, seconds = images_of(scenes[name], samples)
-            rows.append(row(subject, images, seconds))
+            rows.append(row(subject.title, images, seconds))
             shown[name] = images
         record = {"hagoromo": hg.__version__, "pixels": pixels, "samples": samples, "seed": 0, "rows": rows}
         if {"linen", "backlit"} <= set(shown):
@@ -117,7 +117,7 @@ def scene_of(box: hg.VolumeBox, subject: Subject, pixels: int) -> hg.Scene:
     return hg.Scene(camera.look_at(eye, middle), (lamp,), (box,))
 
 
-def row(subject: Subject, images: Mapping[str, hg.Image], seconds: Mapping[str, float]) -> dict[str, Any]:
+def row(title: str, images: Mapping[str, hg.Image], seconds: Mapping[str, float]) -> dict[str, Any]:
     """Figures of one subject; all are of Y."""
     light = {mode: images[mode].xyz()[..., 1].astype(float) for mode in MODES}
     blocks = {mode: in_blocks(light[mode]) for mode in MODES}
@@ -125,14 +125,15 @@ def row(subject: Subject, images: Mapping[str, hg.Image], seconds: Mapping[str, 
     variance = images["path"].variance
     assert variance is not None
     return {
-        "title": subject.title,
+        "title": title,
         "all_over_first": float(mean / light["march"].mean()),
         "full_over_path": float(light["full"].mean() / mean),
+        "march_off_path": float(np.sqrt(np.mean((blocks["march"] - blocks["path"]) ** 2)) / mean),
         "full_off_path": float(np.sqrt(np.mean((blocks["full"] - blocks["path"]) ** 2)) / mean),
         "noise_of_path": float(np.sqrt(variance.mean()) / mean),
         "noise_of_blocks": float(np.sqrt(variance.mean()) / mean / BLOCK),
         "seconds": dict(seconds),
-        "field": images["full"].metadata["field"],
+        "field": images["full"].metadata.get("field"),
     }
 
 

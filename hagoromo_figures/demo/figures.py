@@ -15,7 +15,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.kept_box import kept_box
 from hagoromo.progress import Progress
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box import Extinction, VolumeBox
 from hagoromo_figures.demo.studio import background, ball_around, framed, studio_lamps, turned_upright
 from hagoromo_figures.figure.figure import PART_MATERIALS, figure_part
 from hagoromo_figures.figure.tresses import HAIR_COLOUR
@@ -73,13 +73,19 @@ class Cast:
     """The parts of the figures; each is built at its first use and reused in later pictures.
 
     measured: reflectances of skin, cloth, feather and dielectric. resolution: of all lattices. seed: of the matter.
-    without: parts that are left out of all pictures.
+    without: parts that are left out of all pictures. extinction: of all boxes, see `VolumeBox`.
     """
 
     def __init__(
-        self, measured: Mapping[str, Reflectance], resolution: float, seed: int, without: tuple[str, ...] = ()
+        self,
+        measured: Mapping[str, Reflectance],
+        resolution: float,
+        seed: int,
+        without: tuple[str, ...] = (),
+        extinction: Extinction = "isotropic",
     ) -> None:
         self.measured, self.resolution, self.seed, self.without = measured, resolution, seed, without
+        self.extinction: Extinction = extinction
         self.materials, self._boxes = wardrobe(measured), {}
 
     def scene(self, name: str, camera: Camera, progress: Progress) -> Scene:
@@ -111,8 +117,8 @@ class Cast:
         if (who, part) not in self._boxes:
             material = self.materials[PART_MATERIALS[who][part]]
             self._boxes[who, part] = kept_box(
-                [who, part, material.record(), self.resolution, self.seed],
-                lambda: figure_part(who, part, material, self.resolution, self.seed).box(),
+                [who, part, material.record(), self.resolution, self.seed, self.extinction],
+                lambda: figure_part(who, part, material, self.resolution, self.seed, self.extinction).box(),
             )
         return self._boxes[who, part]
 

@@ -32,11 +32,10 @@ MIB = 2**20
 def make(recipes: Path, name: str, out: Path, data: Path) -> None:
     """All pictures and figures of one item."""
     item = ITEMS[name]
-    mesh = {"shape": SCAN_POSE | {"form": "mesh", "file": str((data / item.scan).resolve())}}
-    box, cost = _built(recipes, item, (item.whole or {}) | (mesh if item.scan else {}))
+    box, cost = _built(recipes, item, of_whole(item, data))
     hg.write_json(out / f"{name}.json", cost)
-    _write(out / f"{name}_whole.jpg", whole(box))
-    _write(out / f"{name}_lamps.jpg", around(box))
+    _write(out / f"{name}_whole.jpg", whole(box, item.stops))
+    _write(out / f"{name}_lamps.jpg", around(box, item.stops))
     for view, field_mm, change in (("10_mm", 10.0, item.centimetre), ("1_mm", 1.0, item.millimetre)):
         if change is not None:
             box, _ = _built(recipes, item, change)
@@ -46,12 +45,24 @@ def make(recipes: Path, name: str, out: Path, data: Path) -> None:
         _write(out / f"{name}_draft.jpg", draft)
 
 
-def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[hg.VolumeBox, dict[str, Any]]:
-    """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
+def of_whole(item: Item, data: Path) -> dict[str, Any]:
+    """The keys by which the recipe of an item differs where all of it is shown; data: folder that has the scan."""
+    mesh = {"shape": SCAN_POSE | {"form": "mesh", "file": str((data / item.scan).resolve())}}
+    return (item.whole or {}) | (mesh if item.scan else {})
+
+
+def changed(recipes: Path, item: Item, change: dict[str, Any]) -> dict[str, Any]:
+    """The recipe of an item with other keys."""
     record = hg.read_toml(recipes / f"{item.recipe}.toml")
     for key, value in change.items():
         merged = isinstance(value, dict) and key in record and key != "shape"
         record[key] = record[key] | value if merged else value
+    return record
+
+
+def _built(recipes: Path, item: Item, change: dict[str, Any]) -> tuple[hg.VolumeBox, dict[str, Any]]:
+    """A box, and what it cost: seconds (core_seconds: of all cores), peak of the process's memory [MiB], bricks."""
+    record = changed(recipes, item, change)
     before, start, busy = _peak(), time.perf_counter(), time.process_time()
     box = hg.build(record)
     cost = {

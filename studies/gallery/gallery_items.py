@@ -9,7 +9,8 @@ class Item(NamedTuple):
     """A recipe (name of its file), its title, and keys that differ in the views; None: no such view.
 
     whole: all of it. centimetre, millimetre: fields of view of 10 and 1 mm around the middle of a patch. scan: mesh in
-    the folder of the data, in place of the recipe's shape.
+    the folder of the data, in place of the recipe's shape. stops: of exposure, from that which makes the brightest part
+    nearly white; below 0 for what is dark in life.
     """
 
     recipe: str
@@ -18,6 +19,7 @@ class Item(NamedTuple):
     centimetre: dict[str, Any] | None = None
     millimetre: dict[str, Any] | None = None
     scan: str = ""
+    stops: float = 0.0
 
 
 IVORY = {"wavelengths": [380, 450, 550, 650, 730], "values": [0.55, 0.68, 0.8, 0.86, 0.88]}
@@ -54,7 +56,7 @@ ITEMS = {
     "primary": _feather("primary", "Primary feather", (4.0, 55.0)),
     "covert": _feather("covert", "Covert", (2.0, 22.0)),
     "down": _feather("down", "Down", (3.0, 14.0)),
-    "hair": Item("hair", "Head of hair", {}),
+    "hair": Item("hair", "Head of hair", {}, stops=-1.8),
     "linen_through": Item(
         "linen", "White linen that lets light through",
         {"lay": "hanging", "width_mm": 60.0, "height_mm": 70.0, "voxel_mm": 0.34 / 7, "variants": 2}

@@ -1,0 +1,114 @@
+"""The study of modes: the gallery and figures 6, 7 and 8 by march, full and path, and how far march and full are off.
+
+    python -m studies.modes out/demo examples/recipes --out out/modes
+
+Each scene leaves NAME.json and NAME.npz, and is left as it is where both are there: the command goes on where it was
+interrupted, `--only` makes some. The page modes.md and its pictures show the scenes that are there.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+import hagoromo as hg
+from studies.modes_scenes import ORDER, Sources, scene_of, title_of
+from studies.orders import BLOCK, MODES, images_of, in_blocks, row
+
+WALKS = 100  # a pixel of mode path
+CLOSE = 0.05  # root mean square over blocks, over the mean, within which a mode is right on the page
+PANELS = "march", "full", "path", "march − path", "full − path"
+LARGEST_SHOWN = 0.2  # of white, at the ends of the colours
+WHITE_AT = 99.5  # per cent of path's values that are darker than white
+Linear = Mapping[str, NDArray[np.floating]]
+
+
+def rendered(name: str, sources: Sources, out: Path, walks: int) -> None:
+    """Render a scene by all modes, and keep its figures and pictures."""
+    scene = scene_of(name, sources)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        images, seconds = images_of(scene, walks)
+    record = row(title_of(name), images, seconds) | {"size": [scene.camera.width, scene.camera.height], "walks": walks}
+    record["warnings"] = sorted({str(one.message) for one in said})
+    xyz = {mode: image.xyz().astype(np.float32) for mode, image in images.items()}
+    with hg.whole_file(out / f"{name}.npz", force=True) as path, path.open("wb") as file:
+        np.savez_compressed(file, march=xyz["march"], full=xyz["full"], path=xyz["path"])
+    hg.write_json(out / f"{name}.json", record)
+
+
+def plot(path: Path, xyz: Linear) -> None:
+    """A scene by the modes, exposed alike, and how far march and full are from path, in per cent of white."""
+    from matplotlib.figure import Figure
+
+    high, wide = xyz["path"].shape[:2]
+    figure = Figure(figsize=(2.0 * len(PANELS) + 0.9, 2.0 * high / wide + 0.3), layout="constrained")
+    axes: Any = figure.subplots(1, len(PANELS))
+    white = float(np.percentile(xyz["path"][..., 1], WHITE_AT))
+    for axis, mode in zip(axes, MODES, strict=False):
+        axis.imshow(hg.srgb_encode(np.clip(0.9 / white * hg.srgb_from_xyz(xyz[mode]), 0.0, 1.0)))
+    light = {mode: in_blocks(xyz[mode][..., 1].astype(float)) for mode in MODES}
+    ends = {"vmin": -100.0 * LARGEST_SHOWN, "vmax": 100.0 * LARGEST_SHOWN, "cmap": "RdBu_r"}
+    last: Any = None
+    for axis, mode in zip(axes[-2:], MODES, strict=False):
+        last = axis.imshow(100.0 / white * (light[mode] - light["path"]), **ends)
+    for axis, title in zip(axes, PANELS, strict=True):
+        axis.set(xticks=[], yticks=[])
+        axis.set_title(title, fontsize=8)
+    bar = figure.colorbar(last, ax=axes[-1], shrink=0.9)
+    bar.set_label("[% of white]", fontsize=7)
+    bar.ax.tick_params(labelsize=6)
+    figure.savefig(path, format="jpg", dpi=90, pil_kwargs={"quality": 85})
+
+
+def right_mode(record: Mapping[str, Any]) -> str:
+    """The mode of least cost whose blocks are within CLOSE of those of path."""
+    return next((mode for mode in ("march", "full") if record[f"{mode}_off_path"] < CLOSE), "path")
+
+
+def write_page(out: Path) -> dict[str, dict[str, Any]]:
+    """The page modes.md and the pictures modes/NAME.jpg of the scenes that are there; gives their figures."""
+    (out / "modes").mkdir(exist_ok=True)
+    records = {name: hg.read_json(out / f"{name}.json") for name in ORDER if (out / f"{name}.json").exists()}
+    for name in records:
+        with np.load(out / f"{name}.npz") as kept, hg.whole_file(out / "modes" / f"{name}.jpg", force=True) as path:
+            plot(path, {mode: kept[mode] for mode in MODES})
+    rows = [record | {"name": name, "right": right_mode(record)} for name, record in records.items()]
+    page = hg.page_text("modes.md.j2", "studies", rows=rows, close=CLOSE, block=BLOCK)
+    with hg.whole_file(out / "modes.md", force=True) as path:
+        path.write_text(page, encoding="utf-8", newline="\n")
+    return records
+
+
+def main(
+    demo: tyro.conf.Positional[Path], recipes: tyro.conf.Positional[Path], out: Path,
+    data: Path = Path("../shared/data"), only: tuple[str, ...] = (), walks: int = WALKS, force: bool = False,
+) -> None:  # fmt: skip
+    """Render every scene by every mode.
+
+    Args:
+        demo: folder of a demo, whose measured materials the figures have.
+        recipes: folder of the recipes.
+        out: folder to write.
+        data: folder that has the gallery's scan.
+        only: names of scenes; the others stay as they are.
+        walks: a pixel of mode path.
+        force: make scenes anew that are there.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for name in only or ORDER:
+        if force or not (out / f"{name}.json").exists():
+            print(name, flush=True)
+            rendered(name, Sources(demo, recipes, data), out, walks)
+    write_page(out)
+    print(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,54 @@
+"""The study of modes, with a small scene: what it keeps, what it does not make twice, its page and its pictures."""
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo_figures.demo import figures
+from studies import modes, modes_scenes
+
+SOURCES = modes_scenes.Sources(*3 * [modes_scenes.Path("nowhere")])
+
+
+def scene_of(name, sources):
+    """A dense box of grey spheres on a floor."""
+    grey = hg.Reflectance(0.3, 0.0, 0.3, 1.5, hg.Spectrum.constant(0.9), element="sphere")
+    box = hg.VolumeBox.from_arrays(np.ones((8, 8, 8)), np.zeros((8, 8, 8, 3)), 0.025, 60.0, [grey])
+    camera = hg.Camera(16, 8, (40.0, 40.0), (8.0, 4.0)).look_at((0.1, -1.0, 0.1), (0.1, 0.1, 0.1))
+    return hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0.5)),), (box,))
+
+
+def test_a_scene_is_kept_and_shown_on_the_page(monkeypatch, tmp_path):
+    monkeypatch.setattr(modes, "scene_of", scene_of)
+    modes.rendered("skin", SOURCES, tmp_path, walks=64)
+    monkeypatch.setattr(modes, "scene_of", None)
+    modes.main(*SOURCES[:2], tmp_path, only=("skin",))  # it is there
+    record = hg.read_json(tmp_path / "skin.json")
+    assert record["size"] == [16, 8] and record["walks"] == 64 and record["all_over_first"] > 1.1
+    assert abs(record["full_over_path"] - 1.0) < 0.1
+    page = (tmp_path / "modes.md").read_text(encoding="utf-8")
+    assert f"| Skin | 16 × 8 | {record['all_over_first']:.2f} |" in page and "figures/modes/skin.jpg" in page
+    assert "figure_8" not in page and (tmp_path / "modes" / "skin.jpg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("march", "full", "right"), [(0.04, 0.01, "march"), (0.06, 0.04, "full"), (0.3, 0.2, "path")])
+def test_the_cheapest_mode_that_is_close_enough_is_right(march, full, right):
+    assert modes.right_mode({"march_off_path": march, "full_off_path": full}) == right
+
+
+def test_every_scene_has_a_title_and_stands_in_the_order_once():
+    names = {*modes_scenes.ITEMS, *figures.PAPER_FIGURES}
+    assert set(modes_scenes.ORDER) == names and len(modes_scenes.ORDER) == len(names)
+    assert modes_scenes.title_of("figure_7_skin") == "Figure 7. Skin: granules, made of spheres"
+    assert len({modes_scenes.title_of(name) for name in names}) == len(names)
+
+
+def test_boxes_of_figures_have_the_extinction_that_is_asked_for(monkeypatch):
+    """And the cache tells them from others."""
+    grey = hg.Reflectance(0.3, 0.0, 0.3, 1.5, hg.Spectrum.constant(0.9))
+    asked = []
+    monkeypatch.setattr(figures, "kept_box", lambda key, make: asked.append(key) or make())
+    for extinction in ("isotropic", "projected"):
+        cast = figures.Cast(dict.fromkeys(("skin", "cloth", "feather", "dielectric"), grey), 0.4, 1, (), extinction)
+        assert cast.box("nun", "hair").extinction == extinction
+    assert asked[0] != asked[1]
