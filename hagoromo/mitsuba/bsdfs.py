@@ -34,11 +34,15 @@ CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that 
 TAILS = 2.0  # exponent of GGX at small angles: (1 + tan²θ/α²)^−2
 
 
+AIR, SAME_INDEX = 1.000277, 1e-3  # refractive index, and how near two are alike
+
+
 class Converter:
     """Turns BSDFs into tables [surface.reflectance] of a scene.toml. `lost` grows by a line for each loss."""
 
     def __init__(self, folder: Path, lost: list[str]) -> None:
         self.folder, self.lost = folder, lost
+        self.glass: list[tuple[dict[str, Any], float, float, str]] = []  # reflectance, index inside, around; whose
 
     def surface(self, bsdf: Table | None, who: str) -> dict[str, Any] | None:
         """The keys reflectance and optics of a surface; None for one that is not there (null)."""
@@ -105,7 +109,7 @@ class Converter:
 
     def plastic(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Body: Lambert's with the light that a diffuse base below the coat sends out; gloss: the coat's facets."""
-        n = max(_ior(bsdf.get("int_ior"), 1.49, who) / _ior(bsdf.get("ext_ior"), 1.000277, who), 1.0)
+        n = max(_ior(bsdf.get("int_ior"), 1.49, who) / _ior(bsdf.get("ext_ior"), AIR, who), 1.0)
         base, out = _reflecting(self.colour(bsdf.get("diffuse_reflectance"), GREY, who)), diffuse_fresnel(n)
         within = 1.0 - (1.0 - out) / (n * n)
         values = base.values * (1.0 - out)
@@ -147,13 +151,23 @@ class Converter:
 
     def dielectric(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Glass."""
-        n = _ior(bsdf.get("int_ior"), 1.5046, who) / _ior(bsdf.get("ext_ior"), 1.000277, who)
+        own, around = _ior(bsdf.get("int_ior"), 1.5046, who), _ior(bsdf.get("ext_ior"), AIR, who)
         if bsdf["type"] == "roughdielectric":
             self.say(f"{who}: its roughness: it is clear glass")
         colours = [self.colour(bsdf.get(key), WHITE, who) for key in ("specular_reflectance", "specular_transmittance")]
-        if not 1.0 <= n <= 10.0:
-            raise InputError(f"{who} is glass of index {n:g} against what is around: give 1 to 10")
-        return {"reflectance": {**MIRROR, "n": n, "interface_colour": colours[1].record()}, "optics": "glass"}
+        reflectance = {**MIRROR, "n": own / around, "interface_colour": colours[1].record()}
+        self.glass.append((reflectance, own, around, who))
+        return {"reflectance": reflectance, "optics": "glass"}
+
+    def nest_glass(self) -> None:
+        """Give glass whose surroundings have the index of other glass here its own index: it lies within that."""
+        for reflectance, own, around, who in self.glass:
+            others = [index for _, index, _, _ in self.glass if abs(index - around) < SAME_INDEX]
+            if others and abs(around - AIR) > SAME_INDEX:
+                reflectance["n"] = own
+            n = reflectance["n"]
+            if not 1.0 <= n <= 10.0:
+                raise InputError(f"{who} is glass of index {n:g} against what is around: give 1 to 10")
 
     def own(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Our own plugin: as it is."""

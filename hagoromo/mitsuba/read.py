@@ -107,6 +107,7 @@ class _Scene:
         self.hidden = any(part.get("hide_emitters") is True for part in parts.values())
         for name, part in parts.items():
             self.add(part, f"{part.get('type')} {part.get('id', name)!r}")
+        self.bsdfs.nest_glass()
         if not self.cameras:
             raise InputError(f"{where} has no camera: give a sensor, {' or '.join(SENSORS)}")
         write_transforms(self.folder / "cameras.json", self.cameras)

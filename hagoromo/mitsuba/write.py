@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import mitsuba_from_opencv
 from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import scratch_folder, whole_folder, write_text
+from hagoromo.image.nesting import Glass
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.area_lamp import AreaLamp
@@ -61,8 +62,9 @@ def _fill(scene: Scene, folder: Path) -> list[str]:
     root.extend(_area_lamp(lamp) for lamp in scene.area_lamps)
     if scene.environment:
         root.extend(_environment(scene.environment, folder))
+    around = _around_glass(scene.surfaces)
     for number, surface in enumerate(scene.surfaces):
-        root.append(_surface(surface, folder, f"mesh_{number + 1}.ply"))
+        root.append(_surface(surface, folder, f"mesh_{number + 1}.ply", around.get(number, 1.0)))
     for number, box in enumerate(scene.boxes):
         shape, missing = box_shape(box, folder, f"box_{number + 1}")
         root.append(shape)
@@ -190,8 +192,16 @@ def _environment(environment: Environment, folder: Path) -> Iterator[Element]:
     yield plugin("emitter", "envmap", filename="environment.exr", scale=scale, to_world=pose)
 
 
-def _surface(surface: Surface, folder: Path, file: str) -> Element:
-    parts = [_optics(surface) if surface.optics else reflecting(surface)]
+def _around_glass(surfaces: Sequence[Surface]) -> dict[int, float]:
+    """Refractive index around each glass that lies in other glass, by its number."""
+    if sum(surface.optics == "glass" for surface in surfaces) < 2:
+        return {}
+    around = Glass(surfaces, np.zeros(3)).around
+    return {one: float(surfaces[outer].reflectance.n) for one, outer in around.items() if outer is not None}
+
+
+def _surface(surface: Surface, folder: Path, file: str, around: float) -> Element:
+    parts = [_optics(surface, around) if surface.optics else reflecting(surface)]
     if surface.shape != "mesh":
         return plugin("shape", surface.shape, parts=parts, to_world=np.asarray(surface.pose, float))
     import trimesh
@@ -212,7 +222,7 @@ def reflecting(surface: Surface) -> Element:
     )
 
 
-def _optics(surface: Surface) -> Element:
+def _optics(surface: Surface, around: float) -> Element:
     made = surface.reflectance
     if surface.optics == "mirror":
         return plugin("bsdf", "conductor", material="none", specular_reflectance=made.interface_colour)
@@ -221,7 +231,7 @@ def _optics(surface: Surface) -> Element:
         "bsdf",
         "dielectric",
         int_ior=float(made.n),
-        ext_ior=1.0,
+        ext_ior=around,
         specular_reflectance=colour,
         specular_transmittance=colour,
     )

@@ -40,6 +40,26 @@ def ball(folder, bsdf):
     return read_toml(folder / "out" / "scene.toml")["surface"][0], lost
 
 
+def test_glass_within_glass_keeps_its_index_there_and_back(tmp_path):
+    """Mitsuba's has the index inside and that around it, ours its own; glass in water alone is that of their ratio."""
+    mitsuba()
+    glass = """<shape type="sphere" id="{}"><float name="radius" value="{}"/><bsdf type="dielectric">
+    <float name="int_ior" value="{}"/><float name="ext_ior" value="{}"/></bsdf></shape>"""
+    both = glass.format("outer", 0.8, 1.5, 1.0) + glass.format("inner", 0.4, 1.33, 1.5)
+    converted(tmp_path, HEAD + SENSOR + LAMP + both + "</scene>")
+    scene, _ = load_scene(tmp_path / "out" / "scene.toml")
+    assert {surface.name: surface.reflectance.n for surface in scene.surfaces} == {"outer": 1.5, "inner": 1.33}
+    hm.write_mitsuba(scene, tmp_path / "back")
+    hm.scene_from_mitsuba(tmp_path / "back" / "scene.xml", tmp_path / "again")
+    again, _ = load_scene(tmp_path / "again" / "scene.toml")
+    assert [s.reflectance.n for s in again.surfaces] == [s.reflectance.n for s in scene.surfaces]
+    converted(tmp_path, HEAD + SENSOR + LAMP + glass.format("alone", 0.8, 1.5, 1.33) + "</scene>")
+    alone = load_scene(tmp_path / "out" / "scene.toml")[0].surfaces[0]
+    assert alone.reflectance.n == pytest.approx(1.5 / 1.33)
+    with pytest.raises(InputError, match=r"'alone' is glass of index 0\.75\d* against what is around"):
+        converted(tmp_path, HEAD + SENSOR + LAMP + glass.format("alone", 0.8, 1.0, 1.3333) + "</scene>")
+
+
 def test_stock_materials_become_ours_with_what_is_lost(tmp_path):
     """Exact ones lose nothing; a rough coat has Mitsuba's value where eye, lamp and normal are one."""
     mitsuba()  # the package's variant, whatever was set before
