@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, clip, lookup
 
 MORTON_BITS = 16  # a coordinate
+LEAST_AREA = 1e-6  # square of the sine of the angle of a triangle below which it counts as a line
 
 
 class Nearest(NamedTuple):
@@ -118,9 +119,11 @@ def _nearest_on(point: Any, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
     ab, ac, ap = b - a, c - a, point - a
     aa, bb, ab_ac = dr.squared_norm(ab), dr.squared_norm(ac), dr.dot(ab, ac)
     along_b, along_c = dr.dot(ap, ab), dr.dot(ap, ac)
-    area = dr.fmax(aa * bb - ab_ac * ab_ac, 1e-30)  # 0 for a triangle without area: one of its edges then decides
+    area = aa * bb - ab_ac * ab_ac
+    is_wide = area > LEAST_AREA * aa * bb  # otherwise one of its edges decides
+    area = dr.select(is_wide, area, 1.0)
     v, w = (bb * along_b - ab_ac * along_c) / area, (aa * along_c - ab_ac * along_b) / area
-    inside = (v >= 0) & (w >= 0) & (v + w <= 1)
+    inside = is_wide & (v >= 0) & (w >= 0) & (v + w <= 1)
     on_b, on_c = clip(along_b / dr.fmax(aa, 1e-30), 0.0, 1.0), clip(along_c / dr.fmax(bb, 1e-30), 0.0, 1.0)
     bc = c - b
     on_bc = clip(dr.dot(point - b, bc) / dr.fmax(dr.squared_norm(bc), 1e-30), 0.0, 1.0)
