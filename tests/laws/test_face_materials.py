@@ -52,7 +52,7 @@ def write_glb(path: Path) -> None:
     """Two primitives at one place, another turn of the axes: glTF is y up."""
     scene, mesh = trimesh.Scene(), ball()
     for name, chosen in (("old brass", is_right(mesh)), ("wood", ~is_right(mesh))):
-        part = mesh.submesh([np.flatnonzero(chosen)], append=True)
+        part: Any = mesh.submesh([np.flatnonzero(chosen)], append=True)
         part.visual = TextureVisuals(material=PBRMaterial(name=name))
         scene.add_geometry(part)
     scene.export(path)

@@ -4,6 +4,7 @@ lay = "flat"      a patch, width_mm × height_mm, that stands on z = 0 and faces
 lay = "hanging"   the same, gathered into folds: their number, and fold_depth_mm at the hem
 lay = "ball"      the same, fallen over a ball of radius_mm on the floor z = 0
 lay = "patch"     a flat patch without a texel, all of its voxels its own: for close-ups smaller than a repeat
+lay = "mesh"      on the mesh of [shape], by its UV map, of which a unit is uv_mm = [u, v] of cloth
 
 carrier_mm: voxels of the lattice of the chart; variants: of the texel, so that its repeat is not visible.
 """
@@ -16,14 +17,18 @@ from typing import Annotated, Any, TypeVar
 import drjit as dr
 
 from hagoromo.backend import arrays
-from hagoromo.files.record import NotNegative, Positive, about, from_to, one_of
+from hagoromo.errors import InputError
+from hagoromo.files.record import NotNegative, Positive, about, decode, from_to, like, one_of
 from hagoromo.matter.cloth.fabric import Fabric
 from hagoromo.matter.drape.drape import over_ball
 from hagoromo.matter.drape.eased import eased
 from hagoromo.matter.drape.hanging import flat, hanging
+from hagoromo.matter.drape.mesh_chart import mesh_chart
 from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
+from hagoromo.matter.drape.uv_mesh import UvMesh, uv_mesh
 from hagoromo.matter.fill import MM, blocks_in
+from hagoromo.matter.recipes.form import Mesh
 from hagoromo.matter.recipes.recipe import Recipe, RecipeTable
 from hagoromo.matter.shape import coverage, rounded_box
 from hagoromo.matter.texel.micro_structure import texel
@@ -43,14 +48,19 @@ class LaidTable(RecipeTable, frozen=True, kw_only=True):
 
     lay: Annotated[
         str,
-        one_of("flat", "hanging", "ball", "patch"),
-        about("flat, hanging in folds, over a ball, or a flat patch without repeat"),
+        one_of("flat", "hanging", "ball", "patch", "mesh"),
+        about("flat, hanging in folds, over a ball, a flat patch without repeat, or on a mesh by its UV map"),
     ] = "flat"
     width_mm: Annotated[Positive, about("width of the cloth [mm]")] = 30.0
     height_mm: Annotated[Positive, about("height of the cloth [mm]")] = 30.0
     folds: Annotated[int, from_to(0, MOST_FOLDS), about("number of folds of a hanging cloth")] = 3
     fold_depth_mm: Annotated[NotNegative, about("depth of the folds at the hem [mm]")] = 7.0
     radius_mm: Annotated[Positive, about("radius of the ball under the cloth [mm]")] = 12.0
+    shape: Annotated[dict[str, Any] | None, like(Mesh), about("mesh that the cloth is laid on, of lay = mesh")] = None
+    uv_mm: Annotated[
+        tuple[Positive, Positive] | None,
+        about("cloth on a unit of the mesh's UV map, along u and v; default: as much as it stretches least [mm]"),
+    ] = None
     carrier_mm: Annotated[Positive, about("voxels of the lattice that says where the cloth is [mm]")] = 0.8
     variants: Annotated[int, from_to(0, MOST_VARIANTS), about("variants of the repeat, so that it is not visible")] = 4
 
@@ -60,6 +70,8 @@ L = TypeVar("L", bound=LaidTable)
 
 def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
     """The plan of a box of `fabric` as the recipe lays it; one material per population."""
+    if (recipe.table.lay == "mesh") != (recipe.table.shape is not None):
+        raise InputError(f'{recipe.where}: lay = "mesh" and [shape] go together: give both or none')
     if recipe.table.lay == "patch":
         return _patch(recipe, fabric, materials, name)
     voxel, carrier = recipe.fineness.voxel_mm, recipe.table.carrier_mm
@@ -67,7 +79,10 @@ def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], na
         fabric.field, fabric.period_mm, fabric.heights_mm, voxel, fabric.populations, max(recipe.table.variants, 1)
     )
     reach = max(abs(height) for height in fabric.heights_mm) + CARRIER_MARGIN * carrier
-    chart, bound, extent = sheet_chart(_sheets(recipe, NARROW * carrier), reach, HEM * carrier, fabric.period_mm)
+    if recipe.table.lay == "mesh":
+        chart, bound, extent = mesh_chart(_uv_mesh(recipe, fabric), reach, HEM * carrier)
+    else:
+        chart, bound, extent = sheet_chart(_sheets(recipe, NARROW * carrier), reach, HEM * carrier, fabric.period_mm)
     path = recipe.fineness.mean_free_path_mm
     return shell(chart, bound, extent, carrier, made, path, materials, recipe.table.extinction, name=name)
 
@@ -93,6 +108,14 @@ def _patch(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], 
     blocks, pose = blocks_in(field, lambda p: 0.0 * p.x - 1.0, extent, fine.voxel_mm)
     tau = 1.0 / (fine.mean_free_path_mm * MM)
     return BoxPlan(BoxHeader(fine.voxel_mm * MM, tau, tuple(materials), pose, name=name), blocks)
+
+
+def _uv_mesh(recipe: Recipe[L], fabric: Fabric) -> UvMesh:
+    """The mesh of [shape] with its UV map; one line about it is said."""
+    form = decode(recipe.table.shape or {}, Mesh, f"{recipe.where} [shape]")
+    cloth = uv_mesh(recipe.file(form.file), form.height_mm, form.rotation_deg, recipe.table.uv_mm, fabric.period_mm)
+    cloth.say(form.file)
+    return cloth
 
 
 def _sheets(recipe: Recipe[L], narrow: float) -> list[Sheet]:

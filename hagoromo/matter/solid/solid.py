@@ -31,6 +31,7 @@ Extent = tuple[tuple[float, ...], tuple[float, ...]]  # low and high corner [mm]
 BOUNDED = 10.0  # [voxels] reach of distances in the search for bricks: more than half the diagonal of an octant
 NEAR_SURFACE = 1e-3  # [half the softness] closer to the surface than this, the normal of the face is used
 FARTHEST = 10.0  # [diagonals of the mesh] from the mesh, at which signed distances are still asked for
+FLATTEST = 1e-6  # least height of a mesh, of its largest extent
 MATERIAL = "material"  # attribute of the faces of a mesh
 MOST_SAID = 8  # materials of a mesh that a message lists
 CREASE = math.radians(40)  # edges of a mesh sharper than this stay sharp
@@ -99,17 +100,12 @@ class MeshSurface:
         named: Sequence[str] = (),
     ) -> None:
         mesh = repaired(_numbered(path, named) if named else read_mesh(path), str(path))
-        self.name, turn = Path(path).stem, np.eye(4)
-        turn[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
-        mesh.apply_transform(turn)
-        mesh.apply_scale(height_mm / mesh.extents[2])
-        mesh.apply_translation([*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]])
-        self._mesh = mesh
+        self.name, self._mesh = Path(path).stem, stood(mesh, height_mm, rotation_deg)
         self.low, self.high = mesh.bounds
         self._diagonal = float(np.linalg.norm(mesh.extents))
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         self._tree, self._rays = MeshTree(vertices, faces), MeshRays(vertices, faces)
-        self._normals = lookup(arrays().Float, _corner_normals(mesh).astype(np.float32))
+        self._normals = lookup(arrays().Float, corner_normals(mesh).astype(np.float32))
         self._planes = lookup(arrays().Float, np.asarray(mesh.face_normals, np.float32))
         self._materials = lookup(arrays().UInt, _material_numbers(mesh)) if named else None
 
@@ -204,7 +200,21 @@ def _material_numbers(mesh: Any) -> NDArray[np.uint32]:
     return number.astype(np.uint32)
 
 
-def _corner_normals(mesh: Any) -> NDArray[np.float64]:
+def stood(mesh: Any, height_mm: float, rotation_deg: Sequence[float]) -> Any:
+    """`mesh` itself, turned about x, then y, then z, made `height_mm` high and stood on z = 0 around x = y = 0.
+
+    `InputError` for one without a height.
+    """
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
+    mesh.apply_transform(turn)
+    if not (np.isfinite(mesh.extents).all() and mesh.extents[2] > FLATTEST * mesh.extents.max()):
+        raise InputError(f"the mesh is {mesh.extents.tolist()} wide, deep and high: turn it upright by rotation_deg")
+    mesh.apply_scale(height_mm / mesh.extents[2])
+    return mesh.apply_translation([*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]])
+
+
+def corner_normals(mesh: Any) -> NDArray[np.float64]:
     """Normals at the corners of the faces, (m, 3, 3): of the vertices, or of the faces where these meet in a CREASE."""
     flat, corners = mesh.face_normals[:, None], mesh.vertex_normals[mesh.faces]
     return np.where((corners * flat).sum(axis=-1, keepdims=True) > math.cos(CREASE), corners, flat)
