@@ -12,6 +12,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from hagoromo.light.lamp import Lamp
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # of points; the last is the most
 FINE = 2048  # points of an area lamp that stand for all of it
 HALVES = 100  # of all directions
+FEWEST_ROWS = 64  # of a map: pixels of a coarser one are cut, too, so that light comes from all over each
 WIDEST_MAP = 128  # rows of a map up to which all its pixels are cut; of a larger one, blocks of them
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad], turn between neighbours of a sunflower
 Array = NDArray[np.float64]
@@ -39,7 +41,7 @@ class LightPoints(NamedTuple):
 
 def environment_points(environment: Environment, tolerance: float) -> LightPoints:
     """Far lamps in place of an environment, those of its parts together at each place."""
-    ways, light = _blocks(environment)  # (rows, columns, 3) times their light, (rows, columns, parts)
+    ways, light = _blocks(_cut_pixels(environment))  # (rows, columns, 3) times their light, (rows, columns, parts)
     total = light.sum(axis=2)
     unit = ways / np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), 1e-300)
     truth = _halves(unit.reshape(-1, 3), total.ravel())
@@ -68,6 +70,15 @@ def area_points(lamp: AreaLamp, low: Array, high: Array, tolerance: float) -> Li
         if error <= tolerance:
             break
     return LightPoints(lamps, len(lamps), error)
+
+
+def _cut_pixels(environment: Environment) -> Environment:
+    """The same light as a map of FEWEST_ROWS or more, by cutting each pixel in equal parts."""
+    parts = -(-FEWEST_ROWS // environment.values.shape[0])
+    if parts == 1:
+        return environment
+    values = environment.values.repeat(parts, axis=0).repeat(parts, axis=1)
+    return replace(environment, values=values)
 
 
 def _blocks(environment: Environment) -> tuple[Array, Array]:
