@@ -38,6 +38,7 @@ from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film
 from hagoromo.transport.lighting import Palette, distinct, position_of
 from hagoromo.transport.path.bands import Bands, bands_of
+from hagoromo.volume.box import VolumeBox
 
 BANDS_TOLERANCE = 0.01  # of the light of a camera's channel: the field itself is no nearer
 MOST_BANDS = 7  # each is nine numbers a cell, and a part of every kernel
@@ -137,7 +138,7 @@ def light_of(
         if prepared.medium is not None:
             channels = len(prepared.palette.lamps) * bands.count
             size = cell_size(prepared.medium.boxes, channels)
-            _warn_of_deep_cells(size * densest_extinction(prepared.medium.boxes))
+            warn_if_deep(size, prepared.medium.boxes)
             solver = Solver(prepared.medium, prepared.lighting, colours, scattering, size)
         if prepared.surfaces is None:
             assert solver is not None
@@ -151,8 +152,9 @@ def light_of(
     return cache.get("field", (shadow_casters(scene, settings), figures), build)
 
 
-def _warn_of_deep_cells(depth: float) -> None:
-    """`depth`: mean free paths that a cell is deep where matter is densest."""
+def warn_if_deep(size: float, boxes: Sequence[VolumeBox]) -> None:
+    """Warn of cells of edge `size` [m] that are many mean free paths deep where matter is densest."""
+    depth = size * densest_extinction(boxes)
     if depth > DEEP_CELL:
         warnings.warn(
             f"the matter is {depth:.2g} mean free paths deep in a cell of light: where bright matter has hard faces "

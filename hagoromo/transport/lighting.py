@@ -279,6 +279,10 @@ class HigherOrders(Protocol):
         """Radiance of every channel that it becomes towards the eye."""
         ...
 
+    def taken(self, gain: Float, smooth: Sequence[Float]) -> None:
+        """Told by the march of which share of that radiance reaches the eye."""
+        ...
+
 
 class HigherOrdersOnSurfaces(Protocol):
     """Light that was scattered before it arrives at a surface, see `hagoromo.transport.field.joint`."""

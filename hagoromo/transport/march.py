@@ -162,7 +162,7 @@ def march(
             log_lamps = logarithms(lamps)
             rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
             channels = accumulated(lighting, channels, sample.gains(rates), sample.light)
-            channels = with_smooth(channels, sample.smooth_gain(), sample.smooth)
+            channels = with_smooth(lighting, channels, sample.smooth_gain(), sample.smooth)
             new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light, smooth)
             samples = put(samples, step.slot, new)
         parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
@@ -211,7 +211,7 @@ def finished(
         gains = [dr.select(here, rest * share, gain) for rest, gain in each]
         channels = accumulated(lighting, channels, gains, sample.light)
         gain = dr.select(here, dr.exp(-sample.before) * share, sample.smooth_gain())
-        channels = with_smooth(channels, gain, sample.smooth)
+        channels = with_smooth(lighting, channels, gain, sample.smooth)
     return channels
 
 
@@ -223,8 +223,10 @@ def accumulated(lighting: Lighting, channels: list[Float], gains: list[Float], l
     return [channel + new for channel, new in zip(channels, added, strict=True)]
 
 
-def with_smooth(channels: list[Float], gain: Float, smooth: list[Float]) -> list[Float]:
+def with_smooth(lighting: Lighting, channels: list[Float], gain: Float, smooth: list[Float]) -> list[Float]:
     """channels + gain · smooth light, whose channels are the last."""
+    if lighting.field:
+        lighting.field.taken(gain, smooth)
     first = len(channels) - len(smooth)
     return channels[:first] + [dr.fma(gain, new, old) for old, new in zip(channels[first:], smooth, strict=True)]
 

@@ -20,7 +20,7 @@ class Balance:
 
     def __init__(self, sent: list[list[Float]]) -> None:
         self.sent = sent
-        self.stays, self.met = np.zeros(len(sent)), np.zeros(len(sent))
+        self.stays, self.met, self.scales = np.zeros(len(sent)), np.zeros(len(sent)), np.ones(len(sent))
 
     def add(self, cell: UInt, towards: Array3f, weight: Float, sigma: Float, light: list[Float], leaves: Float) -> None:
         """Of some cells and directions: σ [1/m], the light that arrives, and the share of light that leaves."""
@@ -33,7 +33,8 @@ class Balance:
     def scaled(self, incident: list[list[Float]]) -> list[list[Float]]:
         """The incident light that matter meets as much of as stays."""
         factors = np.where(self.met > 0.0, self.stays / np.maximum(self.met, 1e-30), 1.0)
-        factors = [dr.opaque(arrays().Float, float(f)) for f in factors.clip(1.0 / LARGEST, LARGEST)]
+        self.scales = factors.clip(1.0 / LARGEST, LARGEST)
+        factors = [dr.opaque(arrays().Float, float(f)) for f in self.scales]
         return [[number * factor for number in numbers] for numbers, factor in zip(incident, factors, strict=True)]
 
 

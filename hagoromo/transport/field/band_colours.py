@@ -18,6 +18,7 @@ class BandColours:
     def __init__(self, bands: Bands, palette: Palette) -> None:
         self.count, self.of_part = bands.count, palette.parts
         self.parts = 1 + max(self.of_part)
+        self.columns = self.parts * self.count  # numbers of `of`
         self.values = lookup(arrays().Float, bands.of(palette.colours).astype(np.float32))
 
     def of(self, coefficients: Sequence[Float]) -> list[Float]:
@@ -32,3 +33,15 @@ class BandColours:
     def _value(self, colour: int, band: int) -> Float:
         jit = arrays()
         return dr.gather(jit.Float, self.values, jit.UInt(colour * self.count + band))
+
+
+class ColoursAndShares(BandColours):
+    """Band colours with the coefficients behind them, for derivatives by the colours of the palette."""
+
+    def __init__(self, bands: Bands, palette: Palette) -> None:
+        super().__init__(bands, palette)
+        self.columns += len(self.of_part)
+
+    def of(self, coefficients: Sequence[Float]) -> list[Float]:
+        """As that of `BandColours`, then the coefficients."""
+        return [*super().of(coefficients), *coefficients[: len(self.of_part)]]

@@ -64,6 +64,9 @@ class Field:
             for k, numbers in enumerate(incident)
         ]
 
+    def taken(self, gain: Float, smooth: Sequence[Float]) -> None:
+        """Nothing to do: derivatives need it, see `look_up_back`."""
+
     def incident(self, point: Array3f) -> list[list[Float]]:
         """The nine numbers of the incident light of every channel, between the eight cells around a point."""
         jit = arrays()

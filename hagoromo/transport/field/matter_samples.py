@@ -108,9 +108,7 @@ def sampled(
     first, weight = lookup(jit.UInt, starts.astype(np.uint32)), np.array(columns[1], np.float64)
     moments = [np.add.reduceat(weight * np.array(column), starts[:-1]) for column in columns[5:8]]
     centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
-    return Cells(low, size, filled, centroids), MatterSamples(
-        first, columns, bands.parts * bands.count, lighting.materials
-    )
+    return Cells(low, size, filled, centroids), MatterSamples(first, columns, bands.columns, lighting.materials)
 
 
 def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:

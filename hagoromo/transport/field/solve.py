@@ -82,29 +82,34 @@ class Solver:
         if orders == 1:
             return Solution(nothing(len(self.single), cells.count), 0.0, 0)
         light = once = self.gathered_finely(random, (fine, self.fine_samples), self.single)
+        settled = None
         if orders is None or orders > 2:
             start = averaged(cells, fine, once)
             incident, residual, sweeps = self.accelerated(random, start) if orders is None else (start, 0.0, 1)
             for _ in range((orders or 2) - 3):
                 incident, sweeps = added(start, self._again(incident, self.ways(random, self.grid))), sweeps + 1
-            light = added(once, self.gathered_finely(random, self.grid, self.again(incident)))
+            light, settled = added(once, self.gathered_finely(random, self.grid, self.again(incident))), incident
         warn_if_unsettled(residual, sweeps)
         light, known = fitted(cells, fine, light)
         cells.without(~known)
-        return Solution(light, residual, sweeps + 1)
+        return Solution(light, residual, sweeps + 1, settled)
 
     def gathered_finely(self, random: np.random.Generator, grid: Grid, sent: Numbers) -> Numbers:
         """Light sent by the cells of a grid that arrives in the filled fine cells.
 
         The eight fine cells of a cell have other directions each: together it has eight times as many.
         """
-        parts = self.fine_cells.places[: self.fine_cells.filled] % FINER
-        groups = [np.flatnonzero((parts == part).all(axis=1)) for part in np.indices((FINER,) * 3).reshape(3, -1).T]
-        numbers = [lookup(arrays().UInt, group.astype(np.uint32)) for group in groups if group.size]
-        fine = self.fine_cells
+        groups, fine = self.fine_groups(), self.fine_cells
+        numbers = [lookup(arrays().UInt, group.astype(np.uint32)) for group in groups]
         each = [sweep(grid[0], sent, self.ways(random, grid), fine, group, self.sight)[0] for group in numbers]
         order = lookup(arrays().UInt, np.argsort(np.concatenate(groups)).astype(np.uint32))
         return [[_joined(columns, order) for columns in zip(*c, strict=True)] for c in zip(*each, strict=True)]
+
+    def fine_groups(self) -> list[NDArray[np.intp]]:
+        """Numbers of the filled fine cells in each of the eight parts of a cell, where there are any."""
+        parts = self.fine_cells.places[: self.fine_cells.filled] % FINER
+        groups = [np.flatnonzero((parts == part).all(axis=1)) for part in np.indices((FINER,) * 3).reshape(3, -1).T]
+        return [group for group in groups if group.size]
 
     def _again(self, incident: Numbers, ways: Ways) -> Numbers:
         """What arrives in the cells of `incident` light that they send on."""
@@ -127,11 +132,15 @@ class Solver:
 
 @dataclass
 class Solution:
-    """incident: nine numbers of every channel and stored cell. residual: of the last accelerated sweep. sweeps: all."""
+    """incident: nine numbers of every channel and stored cell. residual: of the last accelerated sweep. sweeps: all.
+
+    settled: the light in filled cells that the last sweep sent on, where there is more than one.
+    """
 
     incident: Numbers
     residual: float
     sweeps: int
+    settled: Numbers | None = None
 
 
 def accelerated(

@@ -85,19 +85,22 @@ def sweep(
     where: Cells,
     places: UInt | None = None,
     sight: Sight | None = None,
+    balance: Balance | None = None,
 ) -> tuple[list[list[Float]], Float]:
     """Incident light of each channel at cells of the grid `where`, which has the corner of `cells`; and the share of
     their own light that they get back, 0…1.
 
     sent: per channel the nine numbers of the light that the filled `cells` send per metre. places: numbers of the cells
     of `where`; by default all that hold matter. sight: how far rays go before a surface ends them; None: without end.
+    balance: what keeps the sums by which the light is scaled; by default one where all filled `cells` receive light.
     """
     jit, sources = arrays(), Sources(cells, ways, sent)
     places = dr.arange(jit.UInt, where.filled) if places is None else places
     receivers = dr.width(places)
     incident, own = [[dr.zeros(jit.Float, receivers)] * NUMBERS for _ in sent], dr.zeros(jit.Float, receivers)
     scale = dr.opaque(jit.Float, where.size / cells.size)
-    balance = Balance(sent) if where is cells and receivers == cells.filled else None
+    if balance is None and where is cells and receivers == cells.filled:
+        balance = Balance(sent)
     together = max(min(LANES_AT_ONCE // receivers, ways.count), 1)
     for first in range(0, ways.count, together):
         count = min(together, ways.count - first)
