@@ -3,8 +3,8 @@
 An environment is cut into regions of equal light (median cut, Debevec 2005), each a far lamp at the middle of its light
 with all of its irradiance. A rectangle is cut into equal parts, each a point lamp that shines as cosθ; a sphere into
 patches that do so outwards. There are as many as a stated error needs: of the light that comes from one half of all
-directions, and of what it gives on a plane, over 100 halves, as a share of all the light. The first is what an edge
-lets through too much or too little.
+directions, over all the light, and of what it gives on a plane, over what planes get, in 100 halves. The first is what
+an edge lets through too much or too little.
 """
 
 from __future__ import annotations
@@ -180,10 +180,13 @@ def _halves(ways: Array, light: Array) -> Array:
 
 
 def _error(few: Array, whole: Array) -> float:
-    """The largest of the root mean squares of the three differences, over all of the light; 0 where there is none."""
+    """The largest of the root mean squares of the three differences: those of halves and of all over all of the light,
+    that of planes over the root mean square of what they get; 0 where there is no light.
+    """
     if not whole[2, 0] > 0.0:
         return 0.0
-    return float(np.sqrt(np.mean((few - whole) ** 2, axis=1)).max()) / float(whole[2, 0])
+    sizes = np.array([whole[2, 0], math.sqrt(np.mean(whole[1] ** 2)), whole[2, 0]])
+    return float((np.sqrt(np.mean((few - whole) ** 2, axis=1)) / sizes).max())
 
 
 def _sunflower(count: int) -> Array:
