@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 from hagoromo.errors import InputError
@@ -57,7 +56,7 @@ def figure_skin(figure: str, place: str, material: Reflectance, resolution: floa
     record = {"kind": "figure", "figure": figure, "place": place, "resolution": resolution, "seed": seed}
     return skin_on(
         shown(figure, place), (low, high), material, GRANULES, SKIN_FINENESS.finer(resolution), seed, LARGEST_SLOPE,
-        Flush(lips_of(figure), reddened(material)) if place == "head" else None,
+        Flush(lips_of(figure), reddened(material.body_colour)) if place == "head" else None,
         name=f"{figure}, {place}", provenance=record,
     )  # fmt: skip
 
@@ -68,11 +67,10 @@ def lips_of(figure: str) -> Shape:
     return lambda point: lips(mirrored(placed(point, pose.head, pose.nod)))
 
 
-def reddened(material: Reflectance) -> Reflectance:
-    """Skin with the higher blood content of lips."""
+def reddened(colour: Spectrum) -> Spectrum:
+    """The colour of skin with the higher blood content of lips."""
     lips_, usual = skin_colour(LIPS), skin_colour(Pigment())
-    colour = material.body_colour * Spectrum(usual.wavelengths, lips_.values / usual.values)
-    return replace(material, body_colour=colour, name=f"{material.name} lips".strip())
+    return colour * Spectrum(usual.wavelengths, lips_.values / usual.values)
 
 
 def shown(figure: str, place: str) -> Shape:

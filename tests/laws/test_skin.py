@@ -6,7 +6,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
@@ -16,8 +16,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build
 from hagoromo.matter.fill import Fineness
-from hagoromo.matter.shape import plane
-from hagoromo.matter.skin.skin import Granules, check_granules, skin, skin_on, skin_patch
+from hagoromo.matter.shape import plane, sphere
+from hagoromo.matter.skin.skin import Flush, Granules, check_granules, skin, skin_on, skin_patch
 from hagoromo.matter.skin.skin_lines import Lines, furrows, pores, primary, secondary
 from hagoromo.reflectance.pigment import Pigment, skin_colour
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
@@ -244,3 +244,18 @@ def test_measured_skin_is_met_by_some_pigments():
         errors.append(np.sqrt(np.mean(least_squares(off, (0.05, 0.02, 0.7), bounds=([0] * 3, [1, 0.2, 1])).fun ** 2)))
     assert np.median(errors) < 0.016
     assert max(errors) < 0.03
+
+
+def test_the_colour_of_flushed_skin_goes_over_into_that_of_the_rest():
+    """Voxels hold shares of both colours, so that a border between them has no steps."""
+    red = Spectrum([400, 700], [0.2, 0.8])
+    flush = Flush(lambda p: clip(0.5 + p.x, 0.0, 1.0), red)
+    grey = Reflectance(0.25, 0.3, 0.3, 1.4, Spectrum.constant(0.6), element="sphere")
+    extent = (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)
+    box = skin_on(lambda p: sphere(p, (0, 0, 0), 0.8), extent, grey, fineness=Fineness(0.1, 0.1), flush=flush).box()
+    assert box.basis == (grey.body_colour, red) and len(box.materials) == 2
+    held = box.bricks.read(0, box.bricks.kept)
+    shares = held["colour"][held["density"] > 0.0][:, :2].astype(float)
+    assert np.abs(shares.sum(axis=1) - 1.0).max() < 2e-3 and shares.min() >= 0.0
+    between = (shares[:, 1] > 0.2) & (shares[:, 1] < 0.8)
+    assert between.mean() > 0.2  # of dithered materials, none

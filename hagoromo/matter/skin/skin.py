@@ -16,6 +16,7 @@ import drjit as dr
 from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
 from hagoromo.files.record import NotNegative, Positive, about
+from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.noise import cellular_noise, hashed, seed_of, uniform
 from hagoromo.matter.shape import Shape, distance_and_normal, rounded_box, smooth_intersection, sphere, unit
@@ -53,10 +54,10 @@ class Granules(NamedTuple):
 
 
 class Flush(NamedTuple):
-    """Where skin is redder: `share` 0…1 of a point [mm], and its material there."""
+    """Where skin is redder: `share` 0…1 of a point [mm], and its body colour there."""
 
     share: Callable[[Any], Any]
-    material: Reflectance
+    colour: Spectrum
 
 
 def check_granules(granules: Granules) -> Granules:
@@ -103,16 +104,16 @@ def skin_on(
 ) -> BoxPlan:
     """The box of the skin of `shape` inside `extent` (corners) [mm]; steepest: largest slope of `shape`.
 
-    material: of the granules, and on plane elements of the scales; flush: where it is another one, such as of lips.
+    material: of the granules, and on plane elements of the scales; flush: where it has another colour, as on lips.
     """
     granules = check_granules(granules)
 
     def field(point: Any) -> Any:
-        density, axis, layer = skin(point, shape, granules, fineness, seed)
+        values = skin(point, shape, granules, fineness, seed)
         if flush is None:
-            return density, axis, layer
-        number = hashed(tuple(arrays().Int(dr.floor(at * (1.0 / fineness.voxel_mm))) for at in point), seed + 9)[0]
-        return density, axis, dr.select(flush.share(point) > uniform(number), arrays().UInt(2), layer)
+            return values
+        share = flush.share(point)
+        return *values, [1.0 - share, share]
 
     plan = fill(
         field,
@@ -122,9 +123,9 @@ def skin_on(
         material,
         **record,
     )
-    layers = [material, replace(material, element="plane", name=f"{material.name} scales".strip())]
-    layers += [] if flush is None else [replace(flush.material, element="plane")]
-    return replace(plan, header=replace(plan.header, materials=tuple(layers)))
+    layers = material, replace(material, element="plane", name=f"{material.name} scales".strip())
+    basis = () if flush is None else (material.body_colour, flush.colour)
+    return replace(plan, header=replace(plan.header, materials=layers, basis=basis))
 
 
 def skin_patch(
