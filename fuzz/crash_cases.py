@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,16 @@ def _gltf(folder: Path) -> None:
     from fuzz.meshes import glb
 
     glb(folder / "a.glb")
+
+
+def _usd(folder: Path) -> None:
+    from fuzz.usd_scenes import scene
+
+    scene(folder / "a.usda")
+
+
+def _plain_scene(folder: Path) -> None:
+    (folder / "scene.toml").write_text(ball_scene(SIZE, FOCAL, [KEY]))
 
 
 def _mitsuba(folder: Path) -> None:
@@ -270,6 +281,10 @@ def _schemas() -> tuple[str, ...]:
     return tuple(f"out/{name}.json" for name in schema_names())
 
 
+USD_CASES = (
+    Case("convert USD to a scene", _usd, ("convert", "a.usda"), ("out",), slow=8),
+    Case("convert a scene to USD", _plain_scene, ("convert", "scene.toml"), ("out.usdc",), slow=4),
+)
 CASES = (
     Case("convert to OpenCV", _cameras, ("convert", "cameras.yml"), ("out.yml",)),
     Case("convert to COLMAP", _cameras, ("convert", "cameras.yml"), ("out",)),
@@ -292,6 +307,7 @@ CASES = (
     Case("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
     Case("convert a scene for Mitsuba", _scene, ("convert", "scene.toml"), ("out",)),
     Case("convert a scene of Mitsuba", _mitsuba, ("convert", "a.xml"), ("out",)),
+    *(USD_CASES if find_spec("pxr") else ()),  # an extra
     Case("convert glTF to OBJ", _gltf, ("convert", "a.glb"), ("out.obj",)),
     Case("convert glTF to a scene", _gltf, ("convert", "a.glb"), ("out",)),
     Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),

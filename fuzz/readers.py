@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, curves, meshes, mitsuba_scenes, pictures, records, volumes
+from fuzz import boxes, curves, meshes, mitsuba_scenes, pictures, records, usd_scenes, volumes
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
 
@@ -189,6 +189,7 @@ LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
 READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
 HAS_ALEMBIC = find_spec("alembic3d") is not None
+HAS_USD = find_spec("pxr") is not None
 HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_CURVES = _late("hagoromo.files.curves.curve_file", "read_curves")
@@ -246,6 +247,9 @@ SIMPLE = (
     Reader("curves.obj", records.text(curves.OBJ), READ_CURVES),
     Reader("mesh-gltf", meshes.gltf, READ_MESH, "a.gltf"),
     Reader("mitsuba", mitsuba_scenes.scene, mitsuba_scenes.read, "a.xml", share=0.3),
+    Reader("scene.usda", usd_scenes.scene, usd_scenes.read, share=0.1, good=HAS_USD),
+    Reader("scene.usdc", usd_scenes.scene_binary if HAS_USD else usd_scenes.scene, usd_scenes.read, share=0.1,
+           good=HAS_USD),
     Reader("mesh.serialized", mitsuba_scenes.serialized, _late("hagoromo.mitsuba.serialized", "read_serialized")),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
     Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum_file", "read_spectrum_file")),

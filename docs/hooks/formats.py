@@ -12,10 +12,10 @@ HEAD = """# Formats
 What is read and written, by which library, which independent reader the tests compare with, and what is lost.
 `hagoromo info FILE` says what is in any of them; `hagoromo convert` turns one into another. This page is
 written from the table in the code. What a table names in an extra is installed by `pip install
-'hagoromo[volumes]'` (pynrrd, nibabel, h5py), `'hagoromo[vtk]'`, `'hagoromo[alembic]'`, `'hagoromo[lenses]'` (lensfunpy)
-and `'hagoromo[display]'` (OpenColorIO). A file that holds several volumes is followed by a colon and the name of one:
-`smoke.vdb:flame`, `scan.h5:entry/density`. Lengths of OpenVDB, NanoVDB and `.vol` are metres, those of VTI and SLC
-millimetres.
+'hagoromo[volumes]'` (pynrrd, nibabel, h5py), `'hagoromo[vtk]'`, `'hagoromo[usd]'` (usd-core), `'hagoromo[alembic]'`,
+`'hagoromo[lenses]'` (lensfunpy) and `'hagoromo[display]'` (OpenColorIO). A file that holds several
+volumes is followed by a colon and the name of one: `smoke.vdb:flame`, `scan.h5:entry/density`. Lengths of
+OpenVDB, NanoVDB and `.vol` are metres, those of VTI and SLC millimetres.
 
 Rules of volumes: the file's first index is x, its second y, its third z, and the box lies where the file says,
 in metres. Voxels of unequal edges become cubes of the shortest edge, by linear interpolation. A left-handed

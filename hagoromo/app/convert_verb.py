@@ -35,9 +35,9 @@ def convert(
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
     (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a volume box; a box → OpenVDB, NRRD, VTI, .vol;
     a picture → EXR, HDR, TIFF (16 bits), PNG; a photograph → its camera, by lensfun;
-    a glTF or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, or without a suffix a folder for
-    Mitsuba;
-    a mesh → PLY, OBJ, STL, OFF, GLB.
+    a glTF, USD or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, .usda, .usdc, or without a
+    suffix a folder for Mitsuba;
+    a mesh → PLY, OBJ, STL, OFF, GLB, USD.
 
     Args:
         source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, a _par.txt; volume, box, or picture.
@@ -74,7 +74,8 @@ def convert(
             f"lost: {LOST}",
         )
     elif isinstance(result, list):
-        say(*(f"{'made up' if found == 'glTF' and not out.suffix else 'lost'}: {each}" for each in result))
+        what = "made up" if found == "glTF" and not out.suffix else "lost"
+        say(*(each if each.startswith("made up: ") else f"{what}: {each}" for each in result))
     elif isinstance(result, dict):
         if result:
             print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")

@@ -26,6 +26,7 @@ from hagoromo.files.raw import read_raw
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
 from hagoromo.files.tiff import read_tiff
+from hagoromo.files.usd_parts import read_usd
 from hagoromo.files.volumes.formats import read_volume
 from hagoromo.image.image import read_image
 from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
@@ -250,6 +251,17 @@ def _mitsuba(path: Path) -> Facts:
     return {"kind": MITSUBA, **{tag: dict(counts[tag]) for tag in tags}}
 
 
+def _usd(path: Path) -> Facts:
+    parts = read_usd(path)
+    return {
+        "kind": "USD scene", "cameras": [each["name"] for each in parts.cameras],
+        "lamps": {each["name"]: each["kind"] for each in parts.lamps},
+        "surfaces": {each.name: len(each.faces) for each in parts.meshes}
+        | {each["name"]: each["kind"] for each in parts.shapes},
+        "materials": sorted(parts.materials), "metres_per_unit": parts.metres, "not_read": parts.lost,
+    }  # fmt: skip
+
+
 FACTS: dict[str, Callable[[Path], Facts]] = {
     "volume box": _box,
     "capture": _transforms,
@@ -257,6 +269,7 @@ FACTS: dict[str, Callable[[Path], Facts]] = {
     NERFSTUDIO: _transforms,
     "OpenEXR": _exr,
     MITSUBA: _mitsuba,
+    "USD": _usd,
     "TIFF": _tiff,
     "camera RAW": _raw,
     "IES LM-63": _ies,

@@ -1,4 +1,4 @@
-"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK, Alembic by its own library.
+"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK, Alembic and USD by their own.
 
 The parts of a file are joined to one mesh. Archives are not opened, nor textures, nor addresses; a glTF may name files
 of its own folder.
@@ -10,7 +10,7 @@ import io
 import json
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,19 @@ from hagoromo.files.mesh_abc import read_abc
 from hagoromo.files.mesh_vtp import read_vtp
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import trimesh_silenced
+from hagoromo.files.usd_parts import read_usd_mesh
+from hagoromo.files.usd_stage import USD
 
 VTP, ABC = ".vtp", ".abc"
+BY_LIBRARY: dict[str, Callable[[Path], tuple[Any, Any]]] = {
+    VTP: read_vtp,
+    ABC: read_abc,
+    **dict.fromkeys(USD, read_usd_mesh),
+}
 # suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
 # smallest triangles in binary
-GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0, ABC: 300.0}
+GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0, ABC: 300.0,
+          **dict.fromkeys(USD, 60.0)}  # fmt: skip
 LARGEST_MESH = 1 << 32  # bytes
 MOST_NODES = 1 << 16  # places of a glTF at which a mesh may stand
 BYTES_PER_ENTRY = 300.0  # memory of a corner or an index of a glTF, at every place where it stands
@@ -48,8 +56,8 @@ def read_mesh(path: str | Path, process: bool = True) -> Any:
             _check_gltf(_gltf_record(data, suffix), str(path))
         files = _folder_files(Path(path).parent, GROWTH[suffix])
         mesh = (
-            trimesh.Trimesh(*(read_vtp if suffix == VTP else read_abc)(Path(path)))
-            if suffix in (VTP, ABC)
+            trimesh.Trimesh(*BY_LIBRARY[suffix](Path(path)))
+            if suffix in BY_LIBRARY
             else trimesh.load(
                 io.BytesIO(data),
                 file_type=suffix[1:],

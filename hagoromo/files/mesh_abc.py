@@ -13,6 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.library import library
 from hagoromo.files.memory import require
+from hagoromo.files.polygons import fans
 from hagoromo.files.reading import reading
 
 BYTES_PER_NUMBER = 300.0  # of memory, of a vertex or corner while it is a number of Python's
@@ -39,7 +40,8 @@ def triangles_by_alembic(path: Path) -> Mapping[str, NDArray[Any]]:
             require(BYTES_PER_NUMBER * held, str(path))  # many meshes may share the numbers of the file
             points = np.array([tuple(p) for p in sample.getPositions()], np.float64).reshape(-1, 3)
             corners = np.array(list(sample.getFaceIndices()), np.int64)
-            triangles = _fans(np.array(list(sample.getFaceCounts()), np.int64), corners)
+            triangles, _ = fans(np.array(list(sample.getFaceCounts()), np.int64), corners)
+            triangles = triangles[:, [0, 2, 1]]  # Alembic's polygons run clockwise
             if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(points):
                 raise InputError(f"{path} names vertices that it does not have: it is damaged")
             vertices.append(points @ matrix[:3, :3] + matrix[3, :3])
@@ -66,14 +68,3 @@ def _meshes(alembic: Any, above: Any, matrix: NDArray[np.float64], depth: int = 
             if schema.matches(kind):
                 yield schema(child, existing), own
         yield from _meshes(alembic, child, own, depth + 1)
-
-
-def _fans(counts: NDArray[np.int64], corners: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Triangles of polygons, around their first corners; Alembic's run clockwise, these do not."""
-    if counts.size and (counts.min() < 0 or counts.sum() != corners.size):
-        raise ValueError("its polygons have other corners than they state")
-    parts = np.maximum(counts - 2, 0)
-    polygon = np.repeat(np.arange(len(counts)), parts)
-    first = (np.cumsum(counts) - counts)[polygon]
-    step = np.arange(len(polygon)) - (np.cumsum(parts) - parts)[polygon]
-    return np.stack([corners[first], corners[first + step + 2], corners[first + step + 1]], axis=1)

@@ -209,7 +209,7 @@ class _Scene:
             raise InputError(f"{who} is scaled or mirrored by to_world: give a turn")
         self.bsdfs.say(f"{who}: its light between the middles of pixels: a pixel is even here")
         scale = {"scale": float(part["scale"])} if "scale" in part else {}
-        self.surround({"file": file, "rotation_deg": _angles(turn), **scale}, who)
+        self.surround({"file": file, "rotation_deg": angles_of(turn), **scale}, who)
 
     def surround(self, record: dict[str, Any], who: str) -> None:
         if self.environment is not None:
@@ -382,7 +382,7 @@ def _write_ply(path: Path, vertices: Matrix, faces: NDArray[Any]) -> None:
     path.write_bytes(data)
 
 
-def _angles(turn: Matrix) -> list[float]:
+def angles_of(turn: Matrix) -> list[float]:
     """Turns about x, then y, then z [°] that make a rotation."""
     y = math.asin(min(max(-turn[2, 0], -1.0), 1.0))
     if abs(turn[2, 0]) < 1.0 - 1e-12:

@@ -10,6 +10,8 @@ from hagoromo.app.formats.find import format_of
 from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
 from hagoromo.app.formats.surfaces_out import WRITTEN, write_surface
 from hagoromo.app.formats.table import FORMATS, MITSUBA, suffixes
+from hagoromo.app.formats.usd_out import usd_from_scene
+from hagoromo.app.formats.usd_scene import scene_from_usd
 from hagoromo.app.formats.volumes_out import Field
 from hagoromo.camera.formats.camera_file import Format as CameraFormat
 from hagoromo.camera.formats.camera_file import read_views, write_views
@@ -22,6 +24,7 @@ from hagoromo.files.raw import RAW_SUFFIXES, read_raw
 from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.tiff import read_tiff
+from hagoromo.files.usd_stage import USD
 from hagoromo.files.whole import replaceable_file
 from hagoromo.image.any_picture import convert_picture
 from hagoromo.image.image import read_image
@@ -78,8 +81,8 @@ def convert(
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
     A photograph with `options.lens` becomes the camera that took it, by lensfun; returned is how well it fits.
-    A glTF or a scene of Mitsuba becomes a folder with scene.toml, a scene.toml with surfaces a .glb, or, where `out` is
-    a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
+    A glTF, USD or scene of Mitsuba becomes a folder with scene.toml, a scene.toml a .glb, .usda or .usdc, or, where
+    `out` is a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
     .vol. `options`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and
@@ -101,16 +104,20 @@ def convert(
         return _volume_in(source, out, options or ConvertOptions(), force, progress)
     if found.holds == "box":
         return _volume_out(source, out, options or ConvertOptions(), force)
-    if found.holds == "surface" or (found.name == "glTF" and suffix in WRITTEN):
+    if found.holds == "surface" or (found.name in ("glTF", "USD") and suffix in WRITTEN):
         return write_surface(source, out, force)
     if found.name == "glTF":
         return scene_from_gltf(source, out, force)
+    if found.name == "USD":
+        return scene_from_usd(source, out, force)
     if found.name == MITSUBA:
         return scene_from_mitsuba(source, out, force)
     if found.holds == "matter" and suffix == "":
         return write_mitsuba(load_scene(source, progress)[0], out, force)
     if found.holds == "matter" and suffix == ".glb":
         return gltf_from_scene(load_scene(source, progress)[0], out, force)
+    if found.holds == "matter" and suffix in USD:
+        return usd_from_scene(load_scene(source, progress)[0], out, force)
     if found.holds == "picture" and options is not None and options.lens is not None:
         return _camera_of(Path(source), out, to, options, force)
     if found.holds == "picture":

@@ -201,7 +201,7 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     meshes, colours = trimesh.Scene(), {}
     for number, surface in enumerate(scene.surfaces):
         name = f"{surface.name or surface.shape}_{number + 1}"
-        vertices, faces = _triangles(surface)
+        vertices, faces = triangles_of(surface)
         vertices = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
         material = PBRMaterial(name=name, metallicFactor=0.0)
         visual = TextureVisuals(material=material)
@@ -262,7 +262,7 @@ def _add_lamps(tree: dict[str, Any], lamps: tuple[Lamp, ...]) -> None:
             outer = min(2 * half, WIDEST_CONE)
             light["spot"] = {"innerConeAngle": max(2 * half - outer, 0.0), "outerConeAngle": outer}
         if along is not None:
-            place[:3, :3] = _turn_z_to(np.asarray(along, float))
+            place[:3, :3] = turned_z_to(np.asarray(along, float))
         lights.append(light)
         _add_node(tree, {"name": light["name"], "extensions": {LIGHTS: {"light": number}}}, place)
     if lights:
@@ -270,14 +270,14 @@ def _add_lamps(tree: dict[str, Any], lamps: tuple[Lamp, ...]) -> None:
         tree.setdefault("extensionsUsed", []).append(LIGHTS)
 
 
-def _turn_z_to(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+def turned_z_to(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """A rotation whose third column is `direction`, unit."""
     side = np.cross((0.0, 1.0, 0.0) if abs(direction[1]) < 0.9 else (1.0, 0.0, 0.0), direction)
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(direction, side), direction], axis=1)
 
 
-def _triangles(surface: Surface) -> tuple[NDArray[Any], NDArray[Any]]:
+def triangles_of(surface: Surface) -> tuple[NDArray[Any], NDArray[Any]]:
     """Vertices and faces of a surface before its pose; of what is round AROUND corners."""
     import trimesh
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from hagoromo.camera.formats.camera_file import COLMAP, MIDDLEBURY, NERFSTUDIO, OPENCV
 from hagoromo.files.format import Format
 from hagoromo.files.raw import RAW_SUFFIXES
+from hagoromo.files.usd_stage import USD
 from hagoromo.files.volumes.formats import VOLUMES
 
 VIEWS = "hagoromo.camera.formats"
@@ -89,6 +90,17 @@ SURFACES = (
         "our own, nothing of it is run",
         "Mitsuba",
         "textures, instances, media; out: distortion, elements of planes and cylinders, shells of texels",
+    ),
+    Format(
+        "USD",
+        "scene",
+        USD,
+        MESH,
+        "hagoromo.app.formats.usd_out:usd_from_scene",
+        "usd-core, in a process of its own",
+        "tinyusdz; Blender",
+        "files that a file names, textures, IES, motion, instancers, cages' subdivision; out: volume boxes, maps of "
+        "environments, distortion, profiles of lamps, spectra",
     ),
     Format(
         "glTF",

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
-from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
+from hagoromo.files.usd_stage import USD
 
 # suffix → memory of the curves while they are read, in sizes of the file
-GROWTH = {".hair": 8.0, ".obj": 40.0, ".usd": 40.0, ".usda": 40.0, ".usdc": 40.0}
+GROWTH = {".hair": 8.0, ".obj": 40.0}
+SUFFIXES = (*GROWTH, *USD)
 LARGEST_FILE = 1 << 32  # bytes
 LARGEST_PLACE = 1e9  # [units]
 
@@ -35,8 +36,8 @@ def read_curves(path: str | Path) -> Lines:
     Alembic and lines of glTF are not read: write USD or `.hair` in its place.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in GROWTH:
-        raise InputError(f"{path} is no file of curves of a known format: give one of {', '.join(GROWTH)}")
+    if suffix not in SUFFIXES:
+        raise InputError(f"{path} is no file of curves of a known format: give one of {', '.join(SUFFIXES)}")
     sized_file(path, LARGEST_FILE, "a file of curves")
     if suffix == ".hair":
         lines = hair_lines(read_bytes(path, GROWTH[suffix]), str(path))
@@ -46,7 +47,6 @@ def read_curves(path: str | Path) -> Lines:
     else:
         from hagoromo.files.curves.curve_usd import usd_lines
 
-        require(GROWTH[suffix] * Path(path).stat().st_size, str(path))
         lines = usd_lines(Path(path))
     return _checked(lines, path)
 

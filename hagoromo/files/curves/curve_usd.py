@@ -15,6 +15,7 @@ from hagoromo.files.curves.curve_file import Lines
 from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
+from hagoromo.files.usd_stage import open_stage, shown, usd_file
 
 PIECES = 4  # straight pieces of a cubic segment
 BYTES_PER_POINT = 100.0
@@ -27,29 +28,18 @@ BASES = {  # rows: coefficients of 1, t, t², t³ on four control points; and ho
 
 def usd_lines(path: Path) -> Lines:
     """Curves of a USD file; `InputError` where it is damaged or usd-core is not installed."""
-    library("pxr")
-    arrays = read_apart(lines_by_usd, path, "USD")
+    arrays = read_apart(lines_by_usd, usd_file(path), "USD")
     wide = arrays["diameter"]
     return Lines(arrays["points"], arrays["first"], wide if len(wide) else None)
 
 
 def lines_by_usd(path: Path) -> Mapping[str, NDArray[Any]]:
-    """In the other process: points, first, diameter (empty where a curve states none).
-
-    `InputError` for a file that names other files: they could lie anywhere.
-    """
-    usd, geometry, layers = library("pxr.Usd"), library("pxr.UsdGeom"), library("pxr.Sdf")
-    parts: list[NDArray[np.float64]] = []
+    """In the other process: points, first, diameter (empty where a curve states none)."""
+    geometry, parts = library("pxr.UsdGeom"), list[NDArray[np.float64]]()
     with reading(path, "USD"):
-        layer = layers.Layer.OpenAsAnonymous(str(path))
-        named = sorted({*layer.GetCompositionAssetDependencies(), *layer.GetExternalAssetDependencies()})
-        if named:
-            raise InputError(
-                f"{path} names other files, such as {named[0]}: write its curves into one file (flattened)"
-            )
-        stage = usd.Stage.Open(layer)
+        stage = open_stage(path)
         cache = geometry.XformCache()
-        for prim in stage.Traverse():
+        for prim in shown(stage):
             if prim.IsA(geometry.BasisCurves):
                 matrix = np.array(cache.GetLocalToWorldTransform(prim))
                 parts += _lines_of(geometry.BasisCurves(prim), matrix, str(path))

@@ -1,0 +1,241 @@
+"""A scene, or a mesh, as USD (.usda text, .usdc binary): metres, z up, in one file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.app.formats.gltf_scene import triangles_of, turned_z_to
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.pose import opengl_from_opencv
+from hagoromo.errors import InputError
+from hagoromo.files.library import library
+from hagoromo.files.whole import replaceable_file, whole_file
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
+from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.colour import linear_colour
+from hagoromo.light.environment import Environment
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.reflectance import Reflectance
+
+APERTURE = 0.36  # tenths of a metre: a film of 36 mm
+FAR_FOCUS = 1e6  # m
+POINT = 0.005  # m, the radius by which programs show a lamp without size
+Matrix = NDArray[np.float64]
+
+
+def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
+    """Write camera, lamps and surfaces of a scene as USD; returns what is lost, a line each."""
+    if not (scene.surfaces or scene.lamps or scene.area_lamps):
+        raise InputError("the scene has no surface and no lamp, and this USD holds no volume boxes: write an OpenVDB")
+    replaceable_file(out, force)
+    writer = _Writer()
+    writer.camera(scene.camera)
+    for surface in scene.surfaces:
+        writer.surface(surface)
+    for lamp in scene.lamps:
+        writer.lamp(lamp)
+    for area_lamp in scene.area_lamps:
+        writer.area_lamp(area_lamp)
+    if scene.environment:
+        writer.dome(scene.environment)
+    writer.write(out, force)
+    return list(_lost(scene))
+
+
+def write_usd_mesh(vertices: Any, faces: Any, out: str | Path, force: bool = False) -> None:
+    """Write triangles (m, 3) of vertices (n, 3) [m] as USD."""
+    writer = _Writer()
+    writer.mesh("mesh", np.asarray(vertices, float), np.asarray(faces), np.eye(4))
+    writer.write(out, force)
+
+
+def _lost(scene: Scene) -> Iterator[str]:
+    camera = scene.camera
+    if scene.boxes:
+        yield f"{len(scene.boxes)} volume boxes: write each as .vdb"
+    if any(camera.distortion):
+        yield "the distortion of the lens"
+    if abs(camera.focal[0] / camera.focal[1] - 1.0) > 1e-6:
+        yield "pixels that are not square: the picture is as high as it was seen"
+    for lamp in scene.lamps:
+        if lamp.profile is not None:
+            yield f"lamp {lamp.name!r}: its profile; it shines alike all around"
+        if isinstance(lamp.intensity, tuple):
+            yield f"lamp {lamp.name!r}: its intensity by channel, of which the mean stands"
+    if scene.environment and np.ptp(scene.environment.values) > 0.0:
+        yield "the map of the environment, of which the mean shines from all around"
+    lights = [*scene.area_lamps, *([scene.environment] if scene.environment else [])]
+    if not all(light.visible for light in lights):
+        yield "which lights the camera sees: programs show them or not"
+    for surface in scene.surfaces:
+        made = surface.reflectance
+        if surface.absorption is not None:
+            yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
+        if surface.body_texture is not None or surface.beta_texture is not None:
+            yield f"surface {surface.name!r}: its textures"
+        if not surface.optics and (made.beta > 0.0 or made.lobes):
+            yield f"surface {surface.name!r}: its gloss, but for its width and n"
+    yield "spectra (colours are linear sRGB under D65), how bodies darken and brighten at grazing angles"
+
+
+class _Writer:
+    def __init__(self) -> None:
+        self.usd, self.geometry, self.shade = (library(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdShade"))
+        self.layers, self.numbers = library("pxr.Sdf"), library("pxr.Gf")
+        self.stage = self.usd.Stage.CreateInMemory()
+        self.geometry.SetStageUpAxis(self.stage, "Z")
+        self.geometry.SetStageMetersPerUnit(self.stage, 1.0)
+        self.stage.SetDefaultPrim(self.geometry.Xform.Define(self.stage, "/scene").GetPrim())
+        self.count = 0
+
+    def write(self, out: str | Path, force: bool) -> None:
+        with whole_file(out, force) as partial:
+            self.stage.GetRootLayer().Export(str(partial))
+
+    def define(self, kind: str, name: str, place: Matrix) -> Any:
+        """A new object at a place, whose path holds its name; names of any letters stand as its display name."""
+        self.count += 1
+        known = library("pxr.Tf").MakeValidIdentifier(name or kind)
+        prim = self.stage.DefinePrim(f"/scene/{known}_{self.count}", kind)
+        if name:
+            prim.SetDisplayName(name)
+        matrix = self.numbers.Matrix4d(np.asarray(place, float).T.tolist())
+        self.geometry.Xformable(prim).AddTransformOp().Set(matrix)
+        return prim
+
+    def set(self, prim: Any, **values: Any) -> None:
+        for name, given in values.items():
+            prim.GetAttribute(name).Set(given)
+
+    def camera(self, camera: Camera) -> None:
+        """Focal length and apertures in tenths of a metre; shifts are those of the principal point."""
+        width, height = camera.width, camera.height
+        length = camera.focal[0] / width * APERTURE
+        high = height / camera.focal[1] * length
+        lens = {}
+        if camera.aperture:
+            focus = camera.focus if math.isfinite(camera.focus) else FAR_FOCUS
+            lens = {"fStop": 0.1 * length / camera.aperture, "focusDistance": focus}
+        prim = self.define("Camera", camera.name or "camera", opengl_from_opencv(camera.camera_to_world))
+        self.set(
+            prim, focalLength=length, horizontalAperture=APERTURE, verticalAperture=high,
+            horizontalApertureOffset=(0.5 - camera.principal[0] / width) * APERTURE,
+            verticalApertureOffset=(camera.principal[1] / height - 0.5) * high,
+            clippingRange=self.numbers.Vec2f(1e-3, 1e6), **lens,
+        )  # fmt: skip
+        settings = self.stage.DefinePrim("/Render/settings", "RenderSettings")
+        settings.GetAttribute("resolution").Set(self.numbers.Vec2i(width, height))
+        settings.GetRelationship("camera").SetTargets([prim.GetPath()])
+
+    def light(self, kind: str, name: str, place: Matrix, rgb: Matrix, **values: Any) -> Any:
+        """A lamp whose intensity is that of its brightest channel."""
+        top = float(rgb.max()) or 1.0
+        prim = self.define(kind, name, place)
+        self.set(prim, **{"inputs:intensity": top, "inputs:color": self.numbers.Vec3f(*(rgb / top).tolist())})
+        self.set(prim, **{f"inputs:{key}": given for key, given in values.items()})
+        return prim
+
+    def lamp(self, lamp: Lamp) -> None:
+        """Far: lux of a lamp without size. Near: a sphere as a point, of 4 I by its area; cos^μ is shaping:focus."""
+        rgb, place = _linear(lamp.spectrum) * float(np.mean(lamp.intensity)), np.eye(4)
+        if lamp.position is None:
+            place[:3, :3] = turned_z_to(np.asarray(lamp.to_lamp, float))
+            self.light("DistantLight", lamp.name, place, rgb, angle=0.0)
+            return
+        place[:3, 3] = lamp.position
+        if lamp.axis is not None:
+            place[:3, :3] = turned_z_to(-lamp.axis)
+        prim = self.light("SphereLight", lamp.name, place, 4.0 * rgb, radius=POINT, normalize=True)
+        self.set(prim, treatAsPoint=True)
+        if lamp.axis is not None and lamp.profile is None:
+            library("pxr.UsdLux").ShapingAPI.Apply(prim)
+            self.set(prim, **{"inputs:shaping:focus": lamp.axis_power, "inputs:shaping:cone:angle": 90.0})
+
+    def area_lamp(self, lamp: AreaLamp) -> None:
+        rgb, place = _linear(lamp.spectrum) * lamp.radiance, np.eye(4)
+        place[:3, 3] = lamp.position
+        if lamp.radius is not None:
+            self.light("SphereLight", lamp.name, place, rgb, radius=lamp.radius)
+            return
+        assert lamp.edges is not None
+        sizes = np.linalg.norm(lamp.edges, axis=1)
+        place[:3, :3] = np.column_stack([lamp.edges[1] / sizes[1], lamp.edges[0] / sizes[0], -lamp.normal])
+        self.light("RectLight", lamp.name, place, rgb, width=float(sizes[1]), height=float(sizes[0]))
+
+    def dome(self, environment: Environment) -> None:
+        """The mean over the sphere, from all around: rows of the map are as wide as the sine says."""
+        rows = np.reshape(environment.values.mean(axis=1), (len(environment.values), -1))
+        weights = np.sin(np.pi * (np.arange(len(rows)) + 0.5) / len(rows))
+        mean = weights @ rows / weights.sum() * np.ones(3)
+        self.light("DomeLight", environment.name, np.eye(4), environment.scale * mean * _linear(environment.spectrum))
+
+    def surface(self, surface: Surface) -> None:
+        if surface.shape in ("sphere", "cube"):
+            kind = {"sphere": "Sphere", "cube": "Cube"}[surface.shape]
+            prim = self.define(kind, surface.name or surface.shape, surface.pose)
+            self.set(prim, **({"radius": 1.0} if kind == "Sphere" else {"size": 2.0}))
+        else:
+            smooth = surface.shape == "mesh" and surface.smooth
+            prim = self.mesh(surface.name or surface.shape, *triangles_of(surface), surface.pose, smooth)
+        numbers = _preview(surface.reflectance, surface.optics)
+        colour = library("pxr.Vt").Vec3fArray([self.numbers.Vec3f(*numbers["diffuseColor"])])
+        self.geometry.Gprim(prim).CreateDisplayColorAttr(colour)
+        material = self.shade.Material.Define(self.stage, f"/scene/materials/material_{self.count}")
+        shader = self.shade.Shader.Define(self.stage, material.GetPath().AppendChild("surface"))
+        shader.CreateIdAttr("UsdPreviewSurface")
+        for name, given in numbers.items():
+            kind = "Color3f" if isinstance(given, list) else "Int" if isinstance(given, int) else "Float"
+            stated = self.numbers.Vec3f(*given) if isinstance(given, list) else given
+            shader.CreateInput(name, getattr(self.layers.ValueTypeNames, kind)).Set(stated)
+        material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+        self.shade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+    def mesh(self, name: str, vertices: Any, faces: Any, place: Matrix, smooth: bool = False) -> Any:
+        arrays, prim = library("pxr.Vt"), self.define("Mesh", name, place)
+        mesh = self.geometry.Mesh(prim)
+        points = np.ascontiguousarray(vertices, np.float32)
+        mesh.CreatePointsAttr(arrays.Vec3fArray.FromNumpy(points))
+        mesh.CreateFaceVertexCountsAttr(arrays.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+        mesh.CreateFaceVertexIndicesAttr(arrays.IntArray.FromNumpy(np.ravel(faces).astype(np.int32)))
+        mesh.CreateSubdivisionSchemeAttr("none")
+        box = np.stack([points.min(axis=0), points.max(axis=0)])
+        mesh.CreateExtentAttr(arrays.Vec3fArray.FromNumpy(box))
+        if smooth:
+            import trimesh
+
+            normals: Any = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+            mesh.CreateNormalsAttr(arrays.Vec3fArray.FromNumpy(np.ascontiguousarray(normals, np.float32)))
+            mesh.SetNormalsInterpolation("vertex")
+        return prim
+
+
+def _preview(made: Reflectance, optics: str) -> dict[str, Any]:
+    """A UsdPreviewSurface: albedo, and facets of GGX as wide at half height; without gloss a black specular colour."""
+    colour = _linear(made.interface_colour)
+    if optics:
+        look = {"metallic": 1.0} if optics == "mirror" else {"opacity": 0.0, "ior": float(made.n)}
+        return {"diffuseColor": _clipped(colour), "roughness": 0.0, **look}
+    body = _clipped(np.pi * made.alpha * _linear(made.body_colour))
+    if not (made.beta > 0.0 or made.lobes):
+        return {"diffuseColor": body, "roughness": 1.0, "useSpecularWorkflow": 1, "specularColor": [0.0, 0.0, 0.0]}
+    width = math.tan(made.gamma) / math.sqrt(math.sqrt(2.0) - 1.0)
+    return {"diffuseColor": body, "roughness": math.sqrt(min(width, 1.0)), "ior": float(made.n)}
+
+
+def _clipped(rgb: Any) -> list[float]:
+    return [float(x) for x in np.clip(rgb, 0.0, 1.0)]
+
+
+def _linear(spectrum: Spectrum) -> Matrix:
+    """Linear sRGB of a lamp or, under D65, of a reflectance; (1, 1, 1) of a constant spectrum of 1."""
+    if np.ptp(spectrum.values) == 0.0:
+        return np.full(3, spectrum.values[0])
+    return np.clip(linear_colour(spectrum, Spectrum.named("D65")), 0.0, None)
