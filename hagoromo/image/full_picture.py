@@ -22,6 +22,7 @@ from hagoromo.image.origin import scene_from
 from hagoromo.image.patch_meshes import patch_meshes
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, reflectances_of, shadow_casters
 from hagoromo.image.scene import Scene
+from hagoromo.image.seen_lights import with_seen_lights
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -59,7 +60,9 @@ def full_picture(
     """
     lit, points_of_light = lit_by_points(scene, settings)
     if points_of_light:
+        cache = cache or SceneCache()
         image = full_picture(lit, settings, points, cache, progress)
+        image = with_seen_lights(image, scene, settings, cache, points)
         return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
     for box in scene.boxes:
         check_matter(box)

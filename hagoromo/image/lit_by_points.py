@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hagoromo.errors import InputError
+from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.scene import Scene, check_lamps_outside, check_no_optics
 from hagoromo.image.settings import Settings
-from hagoromo.light.light_points import LightPoints, area_points, environment_points
+from hagoromo.light.light_points import LightPoints, area_points, emitter_points, environment_points
 
 
 def lit_by_points(scene: Scene, settings: Settings) -> tuple[Scene, dict[str, Any]]:
@@ -20,11 +20,12 @@ def lit_by_points(scene: Scene, settings: Settings) -> tuple[Scene, dict[str, An
     """
     check_no_optics(scene)
     check_lamps_outside(scene)
-    if not scene.area_lamps and scene.environment is None:
+    if not scene.has_wide_lights:
         return scene, {}
     if settings.separate_lamps:
         raise InputError(
-            "separate_lamps with area lamps or an environment is for mode path: leave it out, or render by path"
+            "separate_lamps with area lamps, an environment or surfaces that give off light is for mode path: leave it "
+            "out, or render by path"
         )
     corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -33,8 +34,10 @@ def lit_by_points(scene: Scene, settings: Settings) -> tuple[Scene, dict[str, An
     if scene.environment is not None:
         parts.append(environment_points(scene.environment, settings.tolerance))
         names.append(scene.environment.name)
-    lamps = [lamp for part in parts for lamp in part.lamps]
-    lit = replace(scene, lamps=(*scene.lamps, *lamps), area_lamps=(), environment=None)
+    for emitter in emitters_of(scene.surfaces):
+        parts.append(emitter_points(emitter.corners, emitter.emission, low, high, settings.tolerance))
+        names.append(emitter.emission.name)
+    lit = scene.with_lamps(*scene.lamps, *(lamp for part in parts for lamp in part.lamps))
     check_lamps_outside(lit)
     return lit, {"light_points": [_record(name, part) for name, part in zip(names, parts, strict=True)]}
 

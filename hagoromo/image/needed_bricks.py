@@ -29,7 +29,7 @@ def needed_bricks(scene: Scene, settings: Settings) -> list[NDArray[np.bool_]]:
     """Per box, whether each of its stored bricks is needed; all of them of a box with a texel, of a camera with an
     aperture, and under lamps with a size or an environment.
     """
-    if scene.camera.aperture > 0.0 or scene.area_lamps or scene.environment is not None:
+    if scene.camera.aperture > 0.0 or scene.has_wide_lights:
         return [np.ones(len(box.bricks.places), bool) for box in scene.boxes]
     balls = [_balls(box) for box in scene.boxes]
     needed = [_may_see(scene.camera, *ball) for ball in balls]

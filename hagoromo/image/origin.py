@@ -64,8 +64,11 @@ def camera_from(camera: Camera, origin: Origin) -> Camera:
 
 
 def depth_of_matter(scene: Scene) -> float:
-    """Depth in front of the camera [m] from which on there is matter; 0 for a camera less than FAR sizes of it away."""
-    corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
+    """Depth in front of the camera [m] from which on there is matter, or a lamp that is seen; 0 for a camera less than
+    FAR sizes of them away.
+    """
+    lamps = [lamp.corners() for lamp in scene.area_lamps if lamp.visible]
+    corners = np.concatenate([*lamps, *(thing.corners() for thing in (*scene.boxes, *scene.surfaces))])
     depth = corners @ scene.camera.world_to_camera[2, :3] + scene.camera.world_to_camera[2, 3]
     nearest, size = float(depth.min()), float(np.linalg.norm(np.ptp(corners, axis=0)))
     return nearest if nearest > FAR * size else 0.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.image.scene import Scene
+from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface import Surface
 from hagoromo.transport.field.patches import PatchMesh
 
@@ -17,7 +18,7 @@ MOST_PATCHES = 6000  # of all surfaces together, about
 FEWEST_PATCHES = 300  # of one surface
 COARSEST, FINEST = 1.0 / 16.0, 1.0 / 100.0  # edges of triangles, in sizes of their surface
 NEARNESS = 0.3  # edge of a triangle over its distance to other matter
-ROUND = 48  # edges around a cylinder or a disk
+ROUND, BALL = 48, 3  # edges around a cylinder or a disk, halvings of those of a ball
 FLAT = 1e-4  # distance of a mesh from its surface that rounding may make, in sizes
 Mesh = tuple[NDArray[np.float64], NDArray[np.intp]]
 
@@ -49,35 +50,8 @@ def base_mesh(surface: Surface, budget: int) -> tuple[NDArray[np.float64], NDArr
         if len(faces) > 2 * budget:
             vertices, faces, apart = coarser(vertices, faces, budget)
     else:
-        vertices, faces, apart = shape_mesh(surface.shape)
+        vertices, faces, apart = shape_mesh(surface.shape, ROUND, BALL)
     return vertices @ linear.T + shift, faces, apart * largest
-
-
-def shape_mesh(shape: str) -> tuple[NDArray[np.float64], NDArray[np.intp], float]:
-    """One of Mitsuba's shapes of unit size, and how far its mesh is from it."""
-    import trimesh
-
-    sagitta = 1.0 - np.cos(np.pi / ROUND)
-    if shape == "sphere":
-        ball = trimesh.creation.icosphere(subdivisions=3)
-        return np.asarray(ball.vertices), np.asarray(ball.faces), 0.006
-    if shape == "cube":
-        cube = trimesh.creation.box((2.0, 2.0, 2.0))
-        return np.asarray(cube.vertices), np.asarray(cube.faces), 0.0
-    if shape == "rectangle":
-        return np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]), 0.0
-    turn = 2.0 * np.pi * np.arange(ROUND) / ROUND
-    ring, next_one = np.column_stack([np.cos(turn), np.sin(turn)]), (np.arange(ROUND) + 1) % ROUND
-    this = np.arange(ROUND)
-    if shape == "disk":
-        vertices = np.concatenate([np.column_stack([ring, 0.0 * turn]), [[0.0, 0, 0]]])
-        return vertices, np.column_stack([this, next_one, np.full(ROUND, ROUND)]), sagitta
-    vertices = np.concatenate([np.column_stack([ring, z + 0.0 * turn]) for z in (0.0, 1.0)])
-    low, high = (
-        np.column_stack([this, next_one, next_one + ROUND]),
-        np.column_stack([this, next_one + ROUND, this + ROUND]),
-    )
-    return vertices, np.concatenate([low, high]), sagitta
 
 
 def coarser(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
+from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
@@ -157,11 +158,14 @@ def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | N
 
 def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:
     """The area lamps and the environment of a scene for walks; None where it has neither."""
-    if not scene.area_lamps and scene.environment is None:
+    if not scene.has_wide_lights:
         return None
     groups = prepared.palette.lamp_groups[len(scene.lamps) :]
     placed = scene_from(scene, prepared.origin)
-    return Lights(prepared.lighting.lamps, placed.area_lamps, scene.environment, groups, reflectances_of(scene))
+    emitters = emitters_of(placed.surfaces)
+    return Lights(
+        prepared.lighting.lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances_of(scene)
+    )
 
 
 def walks_at_once(stream: _Stream, pixels: int) -> int:

@@ -20,6 +20,7 @@ from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import scene_from, scene_origin
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, picture, pixel_points, shadow_casters
 from hagoromo.image.scene import Scene
+from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
 from hagoromo.image.settings import Settings, scene_and_settings
 from hagoromo.transport.film import Film
 
@@ -83,18 +84,23 @@ class Preview:
         coarse = strides(size, self.rays[new_shadows])
         points = pixel_points(self.settings.samples, self.settings.seed)
         if len(lamp_batches(scene.lamps)) > 1:
-            for image in self._in_batches(scene, coarse):
+            for image in self._in_batches(whole, coarse):
                 yield replace(image, metadata=image.metadata | record)
             return
+        lights: SeenLights | None = None
         steps = [(stride, pixel_points(1, 0)[0]) for stride in coarse] + [(1, point) for point in points]
         work = [stride**-2 for stride, _ in steps]
         for number, (stride, point) in enumerate(steps):
             if number <= len(coarse):  # each coarse picture and the first whole one start anew
                 prepared = PreparedScene(scene, self.settings, self.cache, stride)
                 film = Film(prepared.camera, prepared.channels, stride, prepared.ahead)
+                lights = SeenLights(whole, self.settings, self.cache, stride) if camera_sees_lights(whole) else None
             film.add(prepared.camera_radiance, point)
             level = {"stride": stride, "samples": film.samples, "share": sum(work[: number + 1]) / sum(work)}
             image = Image(*film.mean(), prepared.palette, record | {"preview": level})
+            if lights is not None:
+                lights.film.add(lights.radiance, point)
+                image = with_light(image, lights.film.mean()[0])
             if number == 0:
                 self._learn(new_shadows, math.ceil(size / stride**2), time.perf_counter() - start)
             yield image

@@ -28,7 +28,8 @@ class RayLight(NamedTuple):
 
 
 class RayMarch:
-    """A scene prepared for rays, and the parameters by which its light can be differentiated.
+    """A scene prepared for rays, and the parameters by which its light can be differentiated; lights themselves are not
+    seen along rays.
 
     voxels: Dr.Jit Float (voxels · 4), density and axis (x, y, z) of every stored voxel in single precision; only
     where `differentiable`. materials: Dr.Jit Float, of each material alpha, beta, gamma [rad], n, element, then the

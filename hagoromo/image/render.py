@@ -154,7 +154,10 @@ def picture(
     """
     lit, points_of_light = lit_by_points(scene, settings)
     if points_of_light:
+        from hagoromo.image.seen_lights import with_seen_lights  # it prepares scenes, too
+
         image = picture(lit, settings, cache, points, stride, progress)
+        image = with_seen_lights(image, scene, settings, cache, points, stride)
         return replace(image, metadata=metadata(scene, settings) | points_of_light)
 
     def under(number: int, lit: Scene, part: Progress) -> Image:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, load_for_picture
+from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
@@ -32,6 +33,7 @@ from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixels_of, tiled
 from hagoromo.transport.lighting import Palette
 
 TASKS_PER_WORKER = 8  # of a picture, so that none waits long for the last
+SEEN = -1  # stands for a batch: of the lights that the camera sees
 FEWEST_RAYS = 1 << 14  # of a task: fewer are traced faster than they are sent
 
 
@@ -46,13 +48,14 @@ class SceneOrder:
 
 @dataclass(frozen=True, eq=False)
 class SceneFacts:
-    """What the picture of a scene needs beside its pixels. batches: of its lamps."""
+    """What the picture of a scene needs beside its pixels. batches: of its lamps. sees_lights: see `SeenLights`."""
 
     camera: Camera
     lamps: tuple[Lamp, ...]
     palette: Palette
     metadata: dict[str, Any]
     batches: list[Batch]
+    sees_lights: bool
 
 
 def render_on(
@@ -82,7 +85,10 @@ def render_tiles(scene: str | Path, settings: Settings, cluster: Cluster, progre
         palette = facts.palette.with_lamps([facts.lamps[lamp] for lamp in batch], settings.separate_lamps)
         values = _traced(order, number, size, palette.channels, cluster, of_batch)
         total.add(batch, palette, values[..., :-1])
-    return Image(total.values, values[..., -1], facts.palette, facts.metadata)
+    image = Image(total.values, values[..., -1], facts.palette, facts.metadata)
+    if not facts.sees_lights:
+        return image
+    return with_light(image, _traced(order, SEEN, size, len(facts.palette.lamps), cluster, silent)[..., :-1])
 
 
 def _traced(
@@ -112,23 +118,35 @@ def scene_facts(order: SceneOrder) -> SceneFacts:
     """On a worker: what the picture needs of a scene."""
     scene, prepared = _ready(order, 0)
     palette = prepared.palette.with_lamps(scene.lamps, order.settings.separate_lamps)
-    return SceneFacts(scene.camera, scene.lamps, palette, metadata(scene, order.settings), lamp_batches(scene.lamps))
+    batches, seen = lamp_batches(scene.lamps), camera_sees_lights(_held[order].scene)
+    return SceneFacts(scene.camera, scene.lamps, palette, metadata(scene, order.settings), batches, seen)
 
 
 def trace(order: SceneOrder, batch: int, rays: range) -> NDArray[np.float32]:
     """On a worker: means over the samples of weights and alpha along rays of a scene, (rays, channels + 1).
 
-    batch: number of the batch of its lamps.
+    batch: number of the batch of its lamps; SEEN: of the lights that the camera sees themselves.
     """
-    _, prepared = _ready(order, batch)
-    film = Film(prepared.camera, prepared.channels, ahead=prepared.ahead, rays=rays)
+    _, prepared = _ready(order, max(batch, 0))
+    film, radiance = Film(prepared.camera, prepared.channels, ahead=prepared.ahead, rays=rays), prepared.camera_radiance
+    if batch == SEEN:
+        lights = SeenLights(_held[order].scene, order.settings, _held[order].cache, rays=rays)
+        film, radiance = lights.film, lights.radiance
     for point in pixel_points(order.settings.samples, order.settings.seed):
-        film.add(prepared.camera_radiance, point)
+        film.add(radiance, point)
     weights, alpha = film.mean()
     return np.concatenate([weights, alpha[:, None]], axis=1)
 
 
-_held: dict[SceneOrder, tuple[Scene, SceneCache]] = {}  # the scene that this worker has read
+class Held(NamedTuple):
+    """A scene that a worker has read, the same under lamps only, and what of it is on the device."""
+
+    scene: Scene
+    lit: Scene
+    cache: SceneCache
+
+
+_held: dict[SceneOrder, Held] = {}  # the scene that this worker has read
 _lit: dict[int, PreparedScene] = {}  # under the batch of its lamps for which it is ready
 
 
@@ -140,8 +158,9 @@ def _ready(order: SceneOrder, batch: int) -> tuple[Scene, PreparedScene]:
             raise InputError(
                 f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
             )
-        _held[order] = lit_by_points(load_for_picture(order.path, order.settings)[0], order.settings)[0], SceneCache()
-    scene, cache = _held[order]
+        read = load_for_picture(order.path, order.settings)[0]
+        _held[order] = Held(read, lit_by_points(read, order.settings)[0], SceneCache())
+    _, scene, cache = _held[order]
     if batch not in _lit:
         _lit.clear()
         lamps = lamp_batches(scene.lamps)[batch]

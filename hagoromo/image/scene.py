@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.image.emitter_mesh import emissions_of
 from hagoromo.image.surface import Surface
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment, EnvironmentPart
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.volume.box import VolumeBox
 
@@ -67,21 +69,36 @@ class Scene:
 
     def with_lamps(self, *lamps: Lamp) -> Scene:
         """The same scene under other lamps, and no other light."""
-        return replace(self, lamps=lamps, area_lamps=(), environment=None)
+        return replace(self, lamps=lamps, area_lamps=(), environment=None, surfaces=self._emitting(()))
+
+    def _emitting(self, numbers: Sequence[int]) -> tuple[Surface, ...]:
+        """The surfaces, of which some give off light."""
+        if not any(surface.emission for surface in self.surfaces):
+            return self.surfaces
+        return tuple(s if k in numbers else s.without_emission() for k, s in enumerate(self.surfaces))
 
     @property
-    def lights(self) -> tuple[Lamp | AreaLamp | EnvironmentPart, ...]:
-        """Lamps, area lamps and the parts of the environment, as a palette orders them."""
-        return *self.lamps, *self.area_lamps, *(self.environment.parts if self.environment else ())
+    def lights(self) -> tuple[Lamp | AreaLamp | EnvironmentPart | SurfaceEmission, ...]:
+        """Lamps, area lamps, parts of the environment, then lights of surfaces, as a palette orders them."""
+        parts = self.environment.parts if self.environment else ()
+        return *self.lamps, *self.area_lamps, *parts, *emissions_of(self.surfaces)
+
+    @property
+    def has_wide_lights(self) -> bool:
+        """Whether there are lights beside lamps."""
+        return len(self.lights) > len(self.lamps)
 
     def under(self, numbers: Sequence[int]) -> Scene:
         """The same scene under some of its `lights`, by their numbers; of an environment all parts or none."""
         lamps, end = len(self.lamps), len(self.lamps) + len(self.area_lamps)
+        behind = end + (len(self.environment.parts) if self.environment else 0)
+        emitting = [k for k, surface in enumerate(self.surfaces) if surface.emission is not None]
         return replace(
             self,
             lamps=tuple(self.lamps[k] for k in numbers if k < lamps),
             area_lamps=tuple(self.area_lamps[k - lamps] for k in numbers if lamps <= k < end),
-            environment=self.environment if any(k >= end for k in numbers) else None,
+            environment=self.environment if any(end <= k < behind for k in numbers) else None,
+            surfaces=self._emitting([emitting[k - behind] for k in numbers if k >= behind]),
         )
 
     def matter_corners(self) -> NDArray[np.float64]:
@@ -125,6 +142,7 @@ class Scene:
                 | ({"absorption": s.absorption.record()} if s.absorption else {})
                 | ({"body_texture": s.body_texture.record()} if s.body_texture else {})
                 | ({"beta_texture": s.beta_texture.record()} if s.beta_texture else {})
+                | ({"emission": s.emission.record()} if s.emission else {})
                 for s in self.surfaces
             ],
         }  # fmt: skip

@@ -41,7 +41,14 @@ from hagoromo.files.stores import address
 from hagoromo.image.film.motion_record import MotionRecord
 from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_lights import SceneAreaLamp, SceneEnvironment, area_lamp_from, environment_from
+from hagoromo.image.scene_lights import (
+    Emission,
+    SceneAreaLamp,
+    SceneEnvironment,
+    area_lamp_from,
+    emission_from,
+    environment_from,
+)
 from hagoromo.image.scene_textures import BetaTexture, BodyTexture, beta_texture_from, body_texture_from
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
@@ -141,6 +148,7 @@ class SceneSurface(Place, frozen=True, kw_only=True):
     beta_texture: Annotated[
         dict[str, Any] | None, like(BetaTexture), about("factor on the reflectance's beta from place to place")
     ] = None
+    emission: Annotated[dict[str, Any] | None, like(Emission), about("light that its front gives off")] = None
     name: Annotated[str, about("name of the surface")] = ""
 
 
@@ -359,6 +367,7 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
         "optics": key.optics or "",
         "absorption": None if key.absorption is None else Spectrum.load(key.absorption, folder),
         "beta_texture": beta_texture_from(key.beta_texture, folder, where),
+        "emission": emission_from(key.emission, folder, where),
     }
     body = body_texture_from(key.body_texture, folder, where)
     if key.shape is not None:

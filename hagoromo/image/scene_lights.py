@@ -12,6 +12,7 @@ from hagoromo.files.record import Positive, Record, Vector, about, decode
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
 from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.light.surface_emission import SurfaceEmission
 
 AS_IT_IS = (0.0, 0.0, 0.0)
 
@@ -31,7 +32,7 @@ class SceneAreaLamp(Record, frozen=True, kw_only=True):
     spectrum: Annotated[
         Any, SOURCE, about("relative spectrum: a name such as D65, a CSV file, a number or a table")
     ] = 1.0
-    visible: Annotated[bool, about("whether the camera sees the lamp itself, in mode path")] = False
+    visible: Annotated[bool, about("whether the camera sees the lamp itself")] = False
     name: Annotated[str, about("name of the lamp")] = ""
 
 
@@ -46,8 +47,27 @@ class SceneEnvironment(Record, frozen=True, kw_only=True):
     rotation_deg: Annotated[
         Vector, about("turns of the map about x, then y, then z [°]; its middle lies towards +x, its top is +z")
     ] = AS_IT_IS
-    visible: Annotated[bool, about("whether the camera sees it behind all matter, in mode path")] = False
+    visible: Annotated[bool, about("whether the camera sees it behind all matter")] = False
     name: Annotated[str, about("name of the environment; default: that of the file")] = ""
+
+
+class Emission(Record, frozen=True, kw_only=True):
+    """Light that the front of a surface gives off, alike in all directions; it reflects light besides."""
+
+    radiance: Annotated[float, about("radiance [W/(m² sr) times the unit of the spectrum]")]
+    spectrum: Annotated[
+        Any, SOURCE, about("relative spectrum: a name such as D65, a CSV file, a number or a table")
+    ] = 1.0
+    name: Annotated[str, about("name of the light; default: that of the surface")] = ""
+
+
+def emission_from(record: dict[str, Any] | None, folder: Path, where: str) -> SurfaceEmission | None:
+    """The emission of a table [[surface]] of a file in `folder`; None without one."""
+    if record is None:
+        return None
+    key = decode(record, Emission, f"{where} emission")
+    with described(f"{where} emission"):
+        return SurfaceEmission(key.radiance, Spectrum.load(key.spectrum, folder), key.name)
 
 
 def area_lamp_from(record: dict[str, Any], folder: Path, where: str) -> AreaLamp:

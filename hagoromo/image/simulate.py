@@ -54,7 +54,7 @@ def simulate(
     `InputError` when the camera has no response or sensor, and for area lamps or an environment.
     """
     scene, settings = scene_and_settings(scene, settings)
-    if scene.area_lamps or scene.environment is not None:
+    if scene.has_wide_lights:
         raise InputError("photographs are simulated under one lamp each: leave area lamps and the environment out")
     if scene.camera.response is None or scene.camera.sensor is None:
         raise InputError(f"camera {scene.camera.name!r} has no response or no sensor: a photograph needs both")

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,18 @@ import numpy as np
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError, described
+from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.path.optics import KINDS
 from hagoromo.transport.surface_colours import SurfaceHit
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
+ROUND_SHAPES = ("sphere", "disk", "cylinder")
+FINE_ROUND, FINE_SPHERE = 512, 5  # edges around a disk or cylinder that gives off light, halvings of a ball's
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
 LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which there is a warning
 LARGEST_UV = 1e4  # single precision leaves a thousandth of an image there
@@ -45,6 +50,7 @@ class Surface:
     (Beer–Lambert). None: clear glass.
     body_texture: the body colour from place to place, in place of that of the reflectance. beta_texture: a factor on
     beta, 0…1, one value a place. uv: (n, 2) of the vertices of a mesh, which images need; shapes have Mitsuba's.
+    emission: light that its front gives off.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
     >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
@@ -63,6 +69,7 @@ class Surface:
     body_texture: SurfaceTexture | None = None
     beta_texture: SurfaceTexture | None = None
     uv: np.ndarray | None = None
+    emission: SurfaceEmission | None = None
 
     def __post_init__(self) -> None:
         who = f"surface {self.name!r}" if self.name else "surface"
@@ -88,6 +95,8 @@ class Surface:
         if self.shape not in SHAPES:
             self._check_mesh(who)
         self._check_textures(who)
+        if self.emission is not None and self.optics:
+            raise InputError(f"{who} is {self.optics} and has an emission: leave one of them out")
 
     def _check_mesh(self, who: str) -> None:
         if self.shape != "mesh" or self.vertices is None or self.faces is None:
@@ -115,6 +124,8 @@ class Surface:
             texture = getattr(self, key)
             if texture is None:
                 continue
+            if self.emission is not None and self.shape in ROUND_SHAPES:
+                raise InputError(f"{who} is a {self.shape} with an emission and a {key}: give a mesh with UVs")
             if self.optics:
                 raise InputError(f"{who} is {self.optics} and has a {key}: leave one of them out")
             if texture.of == "image" and self.shape == "mesh" and self.uv is None:
@@ -182,12 +193,29 @@ class Surface:
     @property
     def figure(self) -> Hashable:
         """Key of its geometry: equal for two surfaces of the same arrays, shape and pose."""
+        if self.emission is not None and self.shape in ROUND_SHAPES:
+            return self.without_emission().figure
         return self.shape, id(self.vertices), id(self.faces), self.smooth, np.asarray(self.pose, float).tobytes()
 
     @property
     def finest(self) -> float:
         """Length that is taken for its finest detail: 1 / DETAILS of its size [m]."""
         return float(np.linalg.norm(np.ptp(self.corners(), axis=0))) / DETAILS
+
+    def triangles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (n, 3), before the pose, and faces (m, 3), of which the front of a shape is the front; of round
+        shapes a fine mesh.
+        """
+        if self.vertices is not None and self.faces is not None:
+            return np.asarray(self.vertices), np.asarray(self.faces)
+        return _fine_mesh(self.shape, bool(np.linalg.det(self.pose[:3, :3]) < 0.0))
+
+    def without_emission(self) -> Surface:
+        """The same surface, dark. A round shape that gave off light stays the mesh that it was."""
+        if self.emission is None or self.shape not in ROUND_SHAPES:
+            return replace(self, emission=None)
+        vertices, faces = self.triangles()
+        return replace(self, emission=None, shape="mesh", vertices=vertices, faces=faces)
 
     def corners(self) -> np.ndarray:
         """Corners of its bounding box in the world [m]: (8, 3)."""
@@ -247,9 +275,17 @@ class Surfaces:
         return ~self.scene.ray_test(ray)
 
 
+@cache
+def _fine_mesh(shape: str, mirrored: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a shape, as they stand before a pose that mirrors, or not; the same arrays each time."""
+    vertices, faces, _ = shape_mesh(shape, FINE_ROUND, FINE_SPHERE)
+    return vertices, faces[:, ::-1] if mirrored else faces
+
+
 def _shape(surface: Surface, origin: np.ndarray) -> Any:
     mi = mitsuba()
     place = surface.pose[:3, 3] - origin
+    surface = surface.without_emission()  # places on it are drawn from the same triangles
     if surface.shape != "mesh":
         pose = np.vstack([np.column_stack([surface.pose[:3, :3], place]), surface.pose[3]])
         return mi.load_dict({"type": surface.shape, "to_world": mi.ScalarTransform4f(pose.tolist())})

@@ -22,7 +22,7 @@ class AreaLamp:
     position: (3,) [m], world. radius: [m]; the sphere shines outwards. edges: (2, 3) the sides of the rectangle as
     vectors at right angles [m], world; it shines to the side of edges[0] × edges[1]. radiance: [W/(m² sr) times the
     unit of `spectrum`], the same all over it and into all directions (Lambert's law). spectrum: relative spectrum of
-    its light. visible: whether the camera sees the lamp itself (mode path). It is light only: it casts no shadow, and
+    its light. visible: whether the camera sees the lamp itself. It is light only: it casts no shadow, and
     hides nothing. `InputError` when the numbers make no lamp.
 
     >>> lamp = hg.AreaLamp(position=(0, 0, 1), edges=((0, 0.2, 0), (0.3, 0, 0)), radiance=10)
@@ -84,6 +84,12 @@ class AreaLamp:
         if self.radius is not None:
             return 4.0 * math.pi * self.radius**2
         return float(np.linalg.norm(np.cross(*self.edges)))  # type: ignore[misc]
+
+    def corners(self) -> NDArray[np.float64]:
+        """(n, 3) places whose bounds hold the lamp [m], world."""
+        if self.edges is None:
+            return self.position + np.outer((-1.0, 1.0), np.full(3, self.radius))
+        return self.position + 0.5 * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]) @ self.edges
 
     def record(self) -> dict[str, object]:
         """The lamp as plain values, as a scene file states it."""

@@ -46,7 +46,7 @@ class Environment:
     spectrum]; the colours R, G, B are linear sRGB and multiply the spectrum by the basis of Mallett & Yuksel 2019.
     With no rotation the middle of the map lies towards +x, its top is +z, and columns go round clockwise seen from
     above, as in Blender. rotation: (3, 3) from there into the world. visible: whether the camera sees it behind all
-    matter (mode path). `InputError` for a map that is not twice as wide as high, and for light that is negative, not
+    matter. `InputError` for a map that is not twice as wide as high, and for light that is negative, not
     finite or none.
 
     >>> sky = hg.Environment(np.ones((4, 8)), scale=2.0)

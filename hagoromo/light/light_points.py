@@ -21,11 +21,14 @@ from numpy.typing import NDArray
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.surface_emission import SurfaceEmission
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # of points; the last is the most
 FINE = 2048  # points of an area lamp that stand for all of it
 HALVES = 100  # of all directions
 FEWEST_ROWS = 64  # of a map: pixels of a coarser one are cut, too, so that light comes from all over each
+R2 = (0.7548776662466927, 0.5698402909980532)  # steps that fill a square evenly (Roberts 2018)
+TURN = 0.25  # width of a patch, in sizes of its surface, that counts as much as a turn of its normal by 1 rad
 WIDEST_MAP = 128  # rows of a map up to which all its pixels are cut; of a larger one, blocks of them
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad], turn between neighbours of a sunflower
 Array = NDArray[np.float64]
@@ -79,6 +82,74 @@ def _cut_pixels(environment: Environment) -> Environment:
         return environment
     values = environment.values.repeat(parts, axis=0).repeat(parts, axis=1)
     return replace(environment, values=values)
+
+
+def emitter_points(corners: Array, emission: SurfaceEmission, low: Array, high: Array, tolerance: float) -> LightPoints:
+    """Point lamps in place of triangles (n, 3, 3) [m] whose fronts give off light, as `area_points` has them."""
+    places, normals, area = spread_over(corners, FINE)
+    probes = low + (high - low) * 0.5 * np.array(list(np.ndindex(3, 3, 3)), np.float64)
+    each = np.full(FINE, emission.radiance * area / FINE)
+    truth = [_light_of(probe, places, normals, each) for probe in probes]
+    for count in COUNTS:
+        patches = _patches(places, normals, count)
+        middles = np.array([_middle(places[patch], normals[patch]) for patch in patches])
+        sums = np.array([normals[patch].sum(axis=0) for patch in patches])
+        length = np.maximum(np.linalg.norm(sums, axis=1), 1e-12)
+        axes, strengths = sums / length[:, None], emission.radiance * area / FINE * length
+        error = max(_error(_light_of(p, middles, axes, strengths), t) for p, t in zip(probes, truth, strict=True))
+        if error <= tolerance:
+            break
+    lamps = [
+        Lamp(place, intensity=float(strength), spectrum=emission.spectrum, name=emission.name, axis=axis)
+        for place, axis, strength in zip(middles, axes, strengths, strict=True)
+    ]
+    return LightPoints(lamps, len(lamps), error)
+
+
+def spread_over(corners: Array, count: int) -> tuple[Array, Array, float]:
+    """`count` places on triangles (n, 3, 3), spread evenly over their area; the normals there; and the area."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = 0.5 * np.linalg.norm(across, axis=1)
+    sums = np.cumsum(areas)
+    share = (np.arange(count) + 0.5) / count * sums[-1]
+    face = np.minimum(np.searchsorted(sums, share, side="right"), len(areas) - 1)
+    u, v = np.modf(np.outer(np.arange(count) + 0.5, R2))[0].T
+    root = np.sqrt(u)
+    weights = np.stack([1.0 - root, root * (1.0 - v), root * v], axis=-1)
+    places = (weights[:, :, None] * corners[face]).sum(axis=1)
+    return places, (across / (2.0 * areas[:, None]))[face], float(sums[-1])
+
+
+def _patches(places: Array, normals: Array, count: int) -> list[NDArray[np.intp]]:
+    """Numbers of places in `count` patches of equal size, each halved where it is widest, in place or normal."""
+    size = max(float(np.ptp(places, axis=0).max()), 1e-30)
+    both = np.concatenate([places / size, TURN * normals], axis=1)
+    patches = [np.arange(len(places))]
+    while len(patches) < count:
+        halves = []
+        for patch in patches:
+            widest = int(np.argmax(both[patch].var(axis=0)))
+            order = patch[np.argsort(both[patch, widest], kind="stable")]
+            halves += [order[: len(order) // 2], order[len(order) // 2 :]]
+        patches = halves
+    return patches
+
+
+def _middle(places: Array, normals: Array) -> Array:
+    """The middle of a patch; where it is bent the place on it that is nearest, which nothing of it hides."""
+    middle = places.mean(axis=0)
+    if (np.ptp(normals, axis=0) < 1e-9).all():
+        return middle
+    return places[np.argmin(np.sum((places - middle) ** 2, axis=1))]
+
+
+def _light_of(point: Array, places: Array, axes: Array, strengths: Array) -> Array:
+    """`_halves` of what lamps give at a point that shine as cosθ about their axes."""
+    away = places - point
+    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
+    ways = away / distance[:, None]
+    facing = np.maximum(-(axes * ways).sum(axis=1), 0.0)
+    return _halves(ways, strengths * facing / distance**2)
 
 
 def _blocks(environment: Environment) -> tuple[Array, Array]:

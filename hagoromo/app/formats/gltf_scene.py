@@ -227,6 +227,7 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost += ["the distortion of the lens"] if any(scene.camera.distortion) else []
     lost += [f"{len(scene.area_lamps)} area lamps"] if scene.area_lamps else []
     lost += ["the environment"] if scene.environment else []
+    lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
     lost += [f"surface {s.name!r}: its textures" for s in scene.surfaces if s.body_texture or s.beta_texture]
     return [*lost, "spectra (colours are linear sRGB), gloss, where between two pixels the optical axis is"]
 

@@ -25,7 +25,7 @@ class EnvironmentLight:
         check_entries(height * (width + 1), "the pixels of the environment")
         light = sum(part.radiance.astype(np.float64) for part in parts) * solid[:, None]
         self.visible, self.flux = environment.visible, dr.opaque(jit.Float, float(light.sum()))
-        rows, columns = _cumulative(light.sum(axis=1)), _cumulative(light)
+        rows, columns = shares_before(light.sum(axis=1)), shares_before(light)
         # the density is that of the shares as they are rounded
         chance = np.diff(rows)[:, None].astype(np.float64) * np.diff(columns, axis=1)
         self.density = lookup(jit.Float, (chance / solid[:, None]).astype(np.float32))
@@ -42,8 +42,8 @@ class EnvironmentLight:
 
     def drawn(self, u: Float, v: Float, across: Float, down: Float) -> tuple[LightDrawn, UInt]:
         """A direction by four uniform numbers, and the number of its pixel."""
-        row = _interval(self.rows, self.size[0], u, arrays().UInt(0))
-        column = _interval(self.columns, self.size[1], v, row * (self.width + 1))
+        row = interval_of(self.rows, self.size[0], u, arrays().UInt(0))
+        column = interval_of(self.columns, self.size[1], v, row * (self.width + 1))
         pixel = row * self.width + column
         north = row * 2 < self.height  # the southern half is mirrored: near each pole places are exact
         mirrored = dr.select(north, row, self.height - 1 - row)
@@ -82,7 +82,7 @@ class EnvironmentLight:
         return first * first, last * last
 
 
-def _cumulative(light: np.ndarray) -> np.ndarray:
+def shares_before(light: np.ndarray) -> np.ndarray:
     """Shares of the entries of the last axis that stand before each one, and 1: one more than there are entries."""
     sums = np.pad(np.cumsum(light, axis=-1), [(0, 0)] * (light.ndim - 1) + [(1, 0)])
     total = sums[..., -1:]
@@ -92,7 +92,7 @@ def _cumulative(light: np.ndarray) -> np.ndarray:
     return shares
 
 
-def _interval(shares: Float, count: int, number: Float, first: UInt) -> UInt:
+def interval_of(shares: Float, count: int, number: Float, first: UInt) -> UInt:
     """The entry, of `count` whose shares begin at `first`, that a number in [0, 1) falls into."""
     jit = arrays()
     beyond = dr.binary_search(0, count, lambda k: dr.gather(jit.Float, shares, first + jit.UInt(k)) <= number)

@@ -49,7 +49,7 @@ class SurfaceHits(Protocol):
 @dataclass
 class Event:
     """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0.
-    distance: from where the walk was before [m]; infinity: it met nothing.
+    distance: from where the walk was before [m]; infinity: it met nothing. emitter: see `Lights.emitter`.
     """
 
     there: Bool
@@ -59,6 +59,7 @@ class Event:
     face: Array3f
     material: UInt
     coefficients: list[Float]  # of its colours, on the palette
+    emitter: UInt
 
 
 class Walks:
@@ -104,12 +105,13 @@ class Walks:
         jit, materials = arrays(), self.lighting.materials
         far = dr.full(jit.Float, dr.inf, dr.width(direction))
         nothing = jit.Array3f(0.0)
-        event = Event(jit.Bool(False), far, nothing, nothing, nothing, jit.UInt(0), [])
+        event = Event(jit.Bool(False), far, nothing, nothing, nothing, jit.UInt(0), [], jit.UInt(0))
         hit: SurfaceHit | None = None
         if self.surfaces is not None:
             hit = self.surfaces.hit(origin, direction)
             far, material = hit.distance, self.first_on_surface + hit.surface
-            event = Event(dr.isfinite(far), far, hit.point, hit.normal, hit.flat, material, [])
+            event = Event(dr.isfinite(far), far, hit.point, hit.normal, hit.flat, material, [], jit.UInt(0))
+            event.emitter = jit.UInt(0) if self.lights is None else self.lights.emitter(hit)
         if self.matter is None:
             event.coefficients = self._with_textures(materials.coefficients(event.material), hit, event.there)
             return event, random
@@ -124,6 +126,7 @@ class Walks:
             dr.select(inside, nothing, event.face),
             dr.select(inside, material, event.material),
             [],
+            dr.select(inside, jit.UInt(0), event.emitter),
         )
         event.coefficients = materials.coefficients(event.material)
         if self.lighting.voxel_bases:
@@ -251,7 +254,7 @@ class Walks:
         """
         assert self.lights is not None
         first, one = events == 0, events == 1
-        light = self.lights.met(origin, direction, event.distance, onwards.spread, first, self.groups)
+        light = self.lights.met(origin, direction, event, onwards.spread, first, self.groups)
         weights = [dr.select(one, weight, 0.0) for weight in onwards.weights]
         weights += [dr.select(one, 0.0, old) for old in carried]
         each = len(weights)
