@@ -276,3 +276,11 @@ def test_skin_covers_a_mesh_as_it_covers_the_shape(tmp_path):
     mesh = {"form": "mesh", "file": str(tmp_path / "a.ply"), "height_mm": 8.0}
     volumes = [volume_mm3(build(recipe | {"shape": s})) for s in (mesh, {"form": "sphere", "radius_mm": 4.0})]
     assert volumes[0] == pytest.approx(volumes[1], rel=0.01)
+
+
+def test_skin_on_a_thin_mesh_is_warned_about(tmp_path):
+    """A plate of half a voxel; skin is not thickened."""
+    trimesh.creation.box((4.0, 0.2, 4.0)).export(tmp_path / "a.ply")
+    shape = {"form": "mesh", "file": str(tmp_path / "a.ply"), "height_mm": 4.0}
+    with pytest.warns(UserWarning, match="thinner than two voxels of 0.4 mm and lets light through"):
+        build({"kind": "skin", "voxel_mm": 0.4, "mean_free_path_mm": 0.4, "shape": shape, "material": MATERIAL})

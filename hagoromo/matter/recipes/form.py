@@ -15,6 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import NotNegative, Positive, Record, Vector, about, decode_one
 from hagoromo.matter.shape import Shape, capsule, ellipsoid, rounded_box, sphere
 from hagoromo.matter.solid.solid import Extent, MeshSurface
+from hagoromo.matter.solid.thin_parts import warn_of_thin
 
 Sizes = tuple[Positive, Positive, Positive]
 SHORTEST_MM = 1e-6  # least half side of a shape: kernels compute in single precision
@@ -62,11 +63,18 @@ def form_of(record: dict[str, Any], where: str) -> Sphere | Ellipsoid | Box | Ca
     return decode_one(record, FORMS, where)
 
 
-def shape_of(record: dict[str, Any], where: str, file: Callable[[str], Path]) -> tuple[Shape, Extent]:
-    """The shape, and the corners of a box with room around it. file: the place of a file that the recipe names."""
+def shape_of(
+    record: dict[str, Any], where: str, file: Callable[[str], Path], voxel_mm: float | None = None
+) -> tuple[Shape, Extent]:
+    """The shape, and the corners of a box with room around it. file: the place of a file that the recipe names.
+
+    voxel_mm: a warning tells what of a mesh is thinner than two of these.
+    """
     form = form_of(record, where)
     if isinstance(form, Mesh):
         mesh = MeshSurface(file(form.file), form.height_mm, form.rotation_deg)
+        if voxel_mm is not None:
+            warn_of_thin(mesh.name, voxel_mm, mesh.thin_parts(2.0 * voxel_mm), "warn")
         room = 2.0 + 0.01 * float((mesh.high - mesh.low).max())
         return mesh.signed_distance, (tuple(mesh.low - room), tuple(mesh.high + room))
     if isinstance(form, Sphere):

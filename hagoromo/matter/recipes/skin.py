@@ -28,7 +28,7 @@ def _plan(recipe: Recipe[Any]) -> BoxPlan:
     granules = check_granules(Granules(*(getattr(table, name) for name in Granules._fields)))
     if table.shape is None:
         return skin_patch(recipe.material, table.size_mm, granules, fine, table.seed)
-    shape, extent = shape_of(table.shape, f"{recipe.where} [shape]", recipe.file)
+    shape, extent = shape_of(table.shape, f"{recipe.where} [shape]", recipe.file, fine.voxel_mm)
     return skin_on(shape, extent, recipe.material, granules, fine, table.seed, name="skin")
 
 
