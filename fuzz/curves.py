@@ -1,8 +1,9 @@
-"""Good samples of curves: hair in binary, lines of OBJ."""
+"""Good samples of curves: hair in binary, lines of OBJ, Alembic."""
 
 from __future__ import annotations
 
 import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -16,3 +17,9 @@ def hair(path: Path) -> None:
     arrays = [np.array([1, 2], "<u2"), points, np.full(5, 0.1, "<f4"), np.zeros(5, "<f4"), np.ones(15, "<f4")]
     head = b"HAIR" + struct.pack("<4I5f", 2, 5, 0b11111, 0, 0.1, 0.0, 1.0, 1.0, 1.0)
     path.write_bytes(head.ljust(128, b"\0") + b"".join(array.tobytes() for array in arrays))
+
+
+def abc(path: Path) -> None:
+    """Alembic, as Blender wrote it: hair and a polyline."""
+    with zipfile.ZipFile(Path(__file__).parent.parent / "tests" / "files" / "blender_samples.zip") as held:
+        path.write_bytes(held.read("h.abc"))

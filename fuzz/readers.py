@@ -244,6 +244,7 @@ SIMPLE = (
     Reader("mesh.glb", meshes.glb, READ_MESH),
     Reader("mesh-inside.gltf", meshes.gltf_inside, READ_MESH),
     Reader("curves.hair", curves.hair, READ_CURVES),
+    Reader("curves.abc", curves.abc, READ_CURVES, share=0.1, good=HAS_ALEMBIC),
     Reader("curves.obj", records.text(curves.OBJ), READ_CURVES),
     Reader("mesh-gltf", meshes.gltf, READ_MESH, "a.gltf"),
     Reader("mitsuba", mitsuba_scenes.scene, mitsuba_scenes.read, "a.xml", share=0.3),

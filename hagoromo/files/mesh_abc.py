@@ -32,7 +32,9 @@ def triangles_by_alembic(path: Path) -> Mapping[str, NDArray[Any]]:
     alembic = library("alembic3d")
     vertices, faces, before, held = [], [], 0, 0
     with reading(path, "Alembic"):
-        for count, (mesh, matrix) in enumerate(_meshes(alembic, alembic.Abc.IArchive(str(path)).getTop(), np.eye(4))):
+        schemas = alembic.AbcGeom.IPolyMesh, alembic.AbcGeom.ISubD
+        top = alembic.Abc.IArchive(str(path)).getTop()
+        for count, (mesh, matrix) in enumerate(placed_objects(alembic, top, schemas)):
             if count > MOST_OBJECTS:
                 raise InputError(f"{path} has more than {MOST_OBJECTS} meshes: join them")
             sample = mesh.getSchema().getValue()
@@ -52,19 +54,21 @@ def triangles_by_alembic(path: Path) -> Mapping[str, NDArray[Any]]:
         return {"vertices": np.concatenate(vertices), "faces": np.concatenate(faces)}
 
 
-def _meshes(alembic: Any, above: Any, matrix: NDArray[np.float64], depth: int = 0) -> Iterator[tuple[Any, Any]]:
-    """Each mesh and the matrix, for rows of points, that places it."""
+def placed_objects(
+    alembic: Any, above: Any, schemas: tuple[Any, ...], matrix: NDArray[np.float64] | None = None, depth: int = 0
+) -> Iterator[tuple[Any, NDArray[np.float64]]]:
+    """Each object below `above` of one of the `schemas`, and the matrix, for rows of points, that places it."""
     geometry, existing = alembic.AbcGeom, alembic.Abc.WrapExistingFlag.kWrapExisting
     if depth > DEEPEST:
         raise ValueError("its objects are nested too deeply")
     for k in range(above.getNumChildren()):
-        child, own = above.getChild(k), matrix
+        child, own = above.getChild(k), np.eye(4) if matrix is None else matrix
         kind = child.getMetaData()
         if geometry.IXform.matches(kind):
             sample = geometry.IXform(child, existing).getSchema().getValue()
             moved = np.array([[sample.getMatrix()[i][j] for j in range(4)] for i in range(4)], np.float64)
-            own = moved @ matrix if sample.getInheritsXforms() else moved
-        for schema in (geometry.IPolyMesh, geometry.ISubD):
+            own = moved @ own if sample.getInheritsXforms() else moved
+        for schema in schemas:
             if schema.matches(kind):
                 yield schema(child, existing), own
-        yield from _meshes(alembic, child, own, depth + 1)
+        yield from placed_objects(alembic, child, schemas, own, depth + 1)

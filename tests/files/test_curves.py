@@ -1,6 +1,7 @@
 """Curves of hair and lines are read as other programs write them: positions, thickness, places; damage is told."""
 
 import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -117,9 +118,25 @@ def test_a_damaged_obj_is_refused(tmp_path, text, said):
 
 
 def test_other_formats_are_refused_with_what_is_read(tmp_path):
-    (tmp_path / "a.abc").write_bytes(b"Ogawa")
-    with pytest.raises(InputError, match=r"\.hair, \.obj, \.usd"):
-        read_curves(tmp_path / "a.abc")
+    (tmp_path / "a.dxf").write_bytes(b"0")
+    with pytest.raises(InputError, match=r"\.hair, \.obj, \.abc, \.usd"):
+        read_curves(tmp_path / "a.dxf")
+
+
+def test_curves_that_blender_wrote_as_alembic_are_read(tmp_path):
+    """Blender wrote h.abc: hair of 3 and 4 points, moved by (1, 2, 3), as linear curves, y up; and a polyline."""
+    pytest.importorskip("alembic3d", reason="needs alembic3d: pip install 'hagoromo[alembic]'")
+    with zipfile.ZipFile(Path(__file__).parent / "blender_samples.zip") as held:
+        (tmp_path / "h.abc").write_bytes(held.read("h.abc"))
+    lines = read_curves(tmp_path / "h.abc")
+    hair = np.array([(0, 0, 0), (0, 0, 1), (0.5, 0, 2), (1, 0, 0), (1, 0, 1), (1, 1, 2), (1, 1, 3)])
+    hair = hair + np.array([1, 2, 3])
+    ours = np.concatenate([hair, [(0, 0, 0), (1, 1, 1), (2, 1, 1)]])
+    found = lines.points[:, [0, 2, 1]] * (1, -1, 1)  # z up
+    np.testing.assert_allclose(found, ours, atol=1e-6)
+    np.testing.assert_array_equal(lines.first, [0, 3, 7, 10])
+    assert lines.diameter is not None
+    np.testing.assert_allclose(lines.diameter, [*(0.02 * np.arange(1, 8)), 2, 2, 2], rtol=1e-6)
 
 
 @pytest.mark.parametrize("how", ["sublayer", "reference", "payload"])

@@ -78,7 +78,7 @@ SURFACES = (
         "",
         "alembic3d",
         "Blender wrote it, and the same as STL",
-        "motion, UVs, materials; curves, points and NURBS; a subdivision surface is its cage",
+        "motion, UVs, materials; points and NURBS; curves but for hair; a subdivision surface is its cage",
     ),
     Format("OFF", "surface", (".off",), MESH, WRITE_MESH, "trimesh", "tests' own text", "colours"),
     Format(

@@ -1,20 +1,22 @@
-"""Curve files: Yuksel's `.hair`, lines of OBJ, and BasisCurves of USD → polylines, in the file's units."""
+"""Curve files: Yuksel's `.hair`, lines of OBJ, curves of Alembic and USD → polylines, in the file's units."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.usd_stage import USD
 
 # suffix → memory of the curves while they are read, in sizes of the file
-GROWTH = {".hair": 8.0, ".obj": 40.0}
+GROWTH = {".hair": 8.0, ".obj": 40.0, ".abc": 40.0}
 SUFFIXES = (*GROWTH, *USD)
 LARGEST_FILE = 1 << 32  # bytes
 LARGEST_PLACE = 1e9  # [units]
@@ -33,7 +35,7 @@ class Lines(NamedTuple):
 def read_curves(path: str | Path) -> Lines:
     """The curves in a file of at least two points each; `InputError` when it is missing, damaged, or has none.
 
-    Alembic and lines of glTF are not read: write USD or `.hair` in its place.
+    Lines of glTF are not read: write USD, Alembic or `.hair` in its place.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -44,6 +46,11 @@ def read_curves(path: str | Path) -> Lines:
     elif suffix == ".obj":
         with reading(path, "OBJ"):
             lines = obj_lines(read_bytes(path, GROWTH[suffix]))
+    elif suffix == ".abc":
+        from hagoromo.files.curves.curve_abc import abc_lines
+
+        require(GROWTH[suffix] * Path(path).stat().st_size, str(path))
+        lines = abc_lines(Path(path))
     else:
         from hagoromo.files.curves.curve_usd import usd_lines
 
@@ -94,6 +101,12 @@ def obj_lines(data: bytes) -> Lines:
             elif chain:
                 chains.append(chain)
     return of_chains(np.array(vertices, np.float64).reshape(-1, 3), chains)
+
+
+def of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Lines:
+    """Lines of the arrays of another process; no diameter: the file states none."""
+    wide = arrays["diameter"]
+    return Lines(arrays["points"], arrays["first"], wide if len(wide) else None)
 
 
 def of_chains(vertices: NDArray[np.float64], chains: list[list[int]]) -> Lines:
