@@ -11,7 +11,7 @@ from hagoromo.measurement.normals.highlight_check import highlight_check
 from hagoromo.measurement.normals.lobe_fit import with_lobes
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
-from hagoromo.measurement.normals.shading import Gloss
+from hagoromo.measurement.normals.shading import Gloss, turned
 from hagoromo.measurement.sight import sight_of
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from studies import glossy_objects
@@ -79,6 +79,34 @@ def assert_same_picture(capture, views, fit, material):
     ours = law * fit.body.T + interface_of(sight, material)
     theirs = predicted(fit, views.to_lamp[:1], views.to_eye)[0].T * photograph.lamps[0].intensity
     assert abs(ours - theirs).max() < 2e-3 * theirs.max()
+
+
+@pytest.mark.parametrize(("haze", "spike"), [((0.5, 10.0), (4.0, 1.9)), ((0.3, 16.0), (8.0, 3.5))])
+def test_lobes_are_measured_within_their_intervals(haze, spike, monkeypatch, tmp_path):
+    """Normals 0.15° off, as stated. As many lobes as there are, β and γ of each in its interval, which is no wider than
+    a factor of 2 in β and 1.4 in γ. Tails and a colour, which one lobe seems to have, are given up. Files keep it all.
+    """
+    monkeypatch.setitem(GLOSSY, "waxed", glossy_objects.Gloss(0.05, haze, spike))
+    capture, normals = glossy_object("waxed", 7, size=64)
+    views, fit = solved(capture, normals, GLOSSY["waxed"])
+    tilt = np.radians(0.15) / np.sqrt(2.0) * np.random.default_rng(0).normal(size=(len(fit.normals), 2))
+    rows = fit.gloss.rows + np.array([0.2, 0.1, 0.0, -0.05, 0.5, 0.1, -0.1])
+    turned_normals = turned(fit.normals, tilt, views.to_eye)
+    fit = replace(fit, normals=turned_normals, variance=np.full(len(tilt), np.radians(0.15) ** 2), gloss=Gloss(rows))
+    found = with_lobes(capture, views, fit)
+    assert found.lobes is not None and [len(one) for one in found.lobes.each] == [1]
+    assert not found.gloss.rows[0, 4:].any() and abs(found.gloss.rows[0, 3] - np.log1p(0.05)) < 0.02
+    labels = np.where(np.linalg.norm(normals, axis=2) > 0.5, 0, -1)
+    maps = normals.astype(np.float32), np.zeros(labels.shape, np.float32), views.image(found.body.T.astype(np.float32))
+    material = measurement_of(capture, NormalMap(*maps, labels, found, views)).materials[0]
+    write_materials([material], tmp_path / "materials.json")
+    (read,) = read_materials(tmp_path / "materials.json")
+    assert read.interval_95["lobes"] == material.interval_95["lobes"]
+    assert read.standard_error["lobes"] == material.standard_error["lobes"]
+    pairs = [(haze, (read.interval_95["beta"], read.interval_95["gamma"])), (spike, read.interval_95["lobes"][0])]
+    for (beta, gamma), intervals in pairs:
+        for true, (low, high), widest in zip((beta, np.radians(gamma)), intervals, (2.0, 1.4), strict=True):
+            assert low <= true <= high < widest * low
 
 
 def test_no_lobe_is_made_up(monkeypatch):

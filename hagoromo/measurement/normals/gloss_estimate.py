@@ -46,6 +46,7 @@ RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable para
 PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
 LARGEST_LAW_ERROR = 0.1  # standard error of ε or σ at which it is identifiable: half of its prior
 WIDENED = "errors and intervals of beta and gamma are wider by how far the highlight is from the model"
+Lobe = tuple[float, float]  # β and γ, or their errors
 NOTABLE = 2.0  # standard errors by which σ must differ from 0 to be remarked upon
 
 
@@ -102,10 +103,11 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     fit = normal_map.fit
     mine = fit.labels == number
     known = np.isfinite(residual).all(axis=1) & normal_map.views.used
-    misfit = highlight_check(fit, normal_map.views, known, number)
+    misfit, shift = highlight_check(fit, normal_map.views, known, number), np.zeros(2)
     if misfit is not None:
         shift = highlight_shift(fit, normal_map.views, known, number)
-        fit = _widened(fit, number, math.sqrt(evidence_of_misfit(misfit.p_value)) * shift)
+        shift = math.sqrt(evidence_of_misfit(misfit.p_value)) * shift
+        fit = _widened(fit, number, shift)
     body = np.median(fit.body[:, mine], axis=1)
     alpha, parts = float(body.mean()), max(PARTS * float(mine.mean()), 1.0)
     varies = float(np.std(fit.body[:, mine].mean(axis=0))) / alpha
@@ -130,6 +132,13 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     identifiable |= {key: spread <= LARGEST_LAW_ERROR for key, (_, spread) in law.items()}
     both = gloss.correlation()
     value |= _further(fit, number, value)
+    lobe_errors = _lobe_errors(fit, number, shift)
+    error |= {"lobes": tuple((beta * b, gamma * g) for (beta, gamma), (b, g) in _pairs(value, lobe_errors))}
+    interval |= {
+        "lobes": tuple(
+            (_log_interval(beta, b), _log_interval(gamma, g)) for (beta, gamma), (b, g) in _pairs(value, lobe_errors)
+        )
+    }
     own = fit.own_tests[number] if fit.own_tests else None
     return MaterialEstimate(
         name=f"material {number + 1}",
@@ -144,7 +153,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
         remarks=(
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
-            *_lobe_remarks(fit, number),
+            *_lobe_remarks(fit, number, lobe_errors),
             *([] if own is None else own.remarks()),
             *([misfit.remark(), WIDENED] if misfit is not None and misfit.rejected else []),
             *_remarks(fit, number, identifiable, interval["nu"][0]),
@@ -171,14 +180,30 @@ def _further(fit: Fit, number: int, value: dict[str, Any]) -> dict[str, Any]:
     return {"lobes": more, "specular_albedo": value["specular_albedo"] + albedo} if more else {}
 
 
-def _lobe_remarks(fit: Fit, number: int) -> list[str]:
+def _lobe_errors(fit: Fit, number: int, shift: Array) -> list[tuple[float, float]]:
+    """Standard errors of ln β and ln γ of each further lobe; shift: (2,) by which the highlight is off its model."""
+    if fit.lobes is None or not fit.lobes.covariances:
+        return []
+    variance = np.diag(fit.lobes.covariances[number]).reshape(-1, 2) + shift**2
+    return [(float(beta), float(gamma)) for beta, gamma in np.sqrt(variance)]
+
+
+def _pairs(value: dict[str, Any], errors: list[tuple[float, float]]) -> list[tuple[Lobe, Lobe]]:
+    """β and γ of each further lobe in `value`, with their relative `errors`."""
+    return list(zip(value.get("lobes", ()), errors, strict=False))
+
+
+def _lobe_remarks(fit: Fit, number: int, errors: list[tuple[float, float]]) -> list[str]:
     """One line for further lobes."""
     if fit.lobes is None or not fit.lobes.each[number]:
         return []
-    widths = ", ".join(f"{math.degrees(gamma):.1f}°" for _, gamma in fit.lobes.each[number])
+    widths = ", ".join(
+        f"{math.degrees(gamma):.2g}° ± {math.degrees(gamma * error):.1g}°"
+        for (_, gamma), (_, error) in zip(fit.lobes.each[number], errors, strict=True)
+    )
     return [
         f"one lobe is not enough: further ones of half width {widths} take {100.0 * fit.lobes.gains[number]:.0f} % off "
-        "the squared error of photographs that were left out; errors and intervals are those of the first lobe alone"
+        "the squared error of photographs that were left out"
     ]
 
 

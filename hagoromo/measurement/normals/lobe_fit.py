@@ -11,18 +11,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
-from hagoromo.least_squares.loss import CAUCHY_SCALE
+from hagoromo.measurement.normals.lobe_samples import Samples, samples_of
+from hagoromo.measurement.normals.lobe_shape import (
+    LobeShapes,
+    fewest,
+    interface_of,
+    widened,
+    with_covariance,
+    with_errors_of_normals,
+)
 from hagoromo.measurement.normals.photometric_model import Fit, Lobes
-from hagoromo.measurement.normals.shading import Gloss, N, shading
+from hagoromo.measurement.normals.shading import EXPONENT, SIGMA, TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.reflectance import MOST_LOBES
-from hagoromo.reflectance.torrance_sparrow import cosines, weights_at
 
 WIDTHS = np.radians(np.geomspace(0.5, 45.0, 16))  # [rad] of the candidates
 DISTINCT = 1.25  # ratio of a candidate's width to γ of the first lobe, at least
@@ -31,46 +36,24 @@ FEWEST_PIXELS = 200
 FOLDS = 3  # parts of the lamps, each left out once
 LEAST_GAIN = 0.05  # of the squared error of lamps left out: with less the lobes are not kept
 LEAST_SHARE = 1e-3  # of the light of all lobes: a lobe with less is dropped
-RELATIVE_ERROR = 0.02  # of the model, in the weights
 PASSES = 2  # of re-weighting
 LAST_PASSES = 6  # of the lobes that are kept: their spike rises until clipped values are reached
-CLIPPED = 0.98  # of the largest valid value: masked values above are clipped
 RIDGE = 1e-8  # relative, of the normal equations
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
-    """Some pixels under K lamps: values (K, C, P); trusted (K, P) whether they are valid; lower (K, C, P) whether they
-    are clipped, and so lower bounds; body and first: what a body of 1 and the first lobe give, (K, P); flat: the
-    interface for D = β = 1; angle2: φ² [rad²]; colour (C, P) of the interface; noise (K, C, P): variance.
-    """
+class FoundLobes:
+    """The lobes of a material, whether its interface stays coloured, and their gain: see `Lobes`."""
 
-    values: Array
-    trusted: NDArray[np.bool_]
-    lower: NDArray[np.bool_]
-    body: Array
-    first: Array
-    flat: Array
-    angle2: Array
-    colour: Array
-    noise: Array
+    shapes: LobeShapes
+    coloured: bool
+    gain: float
 
-    def lamps(self, chosen: NDArray) -> Samples:
-        """The samples of some lamps."""
-        parts = {key: value[chosen] for key, value in vars(self).items() if key != "colour"}
-        return replace(self, **parts)
-
-    def column(self, width: float) -> Array:
-        """(K, P) a Gaussian lobe of β = 1 and this half width [rad]."""
-        return self.flat * np.exp2(-self.angle2 / width**2)
-
-    def interface(self, weights: Array, widths: Array) -> Array:
-        """(K, P) the first lobe times weights[0], and lobes of `widths` with β weights[1:]."""
-        total = weights[0] * self.first
-        for weight, width in zip(weights[1:], widths, strict=True):
-            if weight > 0.0:
-                total = total + weight * self.column(float(width))
-        return total
+    def widened(self, fit: Fit, own: NDArray[np.intp]) -> FoundLobes:
+        """With the errors that the model, and the normals of the material's `own` pixels, make."""
+        known = fit.variance[own][np.isfinite(fit.variance[own])]
+        normal_error = float(np.sqrt(np.median(known) / 2.0)) if len(known) else 0.0
+        return replace(self, shapes=widened(self.shapes, normal_error, fit.model_error))
 
 
 def with_lobes(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
@@ -78,68 +61,88 @@ def with_lobes(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
 
     Pixels of materials without further lobes stay as they are. capture: of `views`, whose masks are used here.
     """
-    random, found = np.random.default_rng(seed), fit
-    rows, body, lobes, gains = fit.gloss.rows.copy(), fit.body.copy(), [], []
-    for number in range(len(rows)):
+    random, each = np.random.default_rng(seed), []
+    for number in range(len(fit.gloss.rows)):
         own = np.flatnonzero(fit.labels == number)
-        lobes.append(())
-        gains.append(0.0)
-        if len(own) < FEWEST_PIXELS or len(views.values) < 2 * FOLDS or not np.exp(rows[number, 0]) > 0.0:
+        if len(own) < FEWEST_PIXELS or len(views.values) < 2 * FOLDS or not np.exp(fit.gloss.rows[number, 0]) > 0.0:
+            each.append(None)
             continue
         some = np.sort(random.choice(own, min(len(own), LOBE_PIXELS), replace=False))
         samples = samples_of(capture, views.pixels(some), fit.pixels(some), views.place[some])
-        gamma = float(np.exp(rows[number, 1]))
-        widths = WIDTHS[np.abs(np.log(WIDTHS / gamma)) > np.log(DISTINCT)]
-        weights, kept = _fewest(samples, *_lobes(samples, widths))
-        if _gain(samples, samples, weights, kept) < LEAST_GAIN:  # not even of the photographs that it was fitted to
+        found = lobes_of(samples, fit.gloss.rows[number], fit.variance[some], views.place[some], random)
+        each.append(None if found is None else found.widened(fit, own))
+    if not any(each):
+        return fit
+    found = _in(fit, each)
+    body = fit.body.copy()
+    for number, one in enumerate(each):
+        own = np.flatnonzero(fit.labels == number)
+        if one is not None:
+            for part in np.array_split(own, -(-len(own) // LOBE_PIXELS)):  # bounded memory
+                here = samples_of(capture, views.pixels(part), found.pixels(part), views.place[part])
+                here = with_errors_of_normals(here, one.shapes, fit.variance[part])
+                body[:, part] = here.bodies(interface_of(here, one.shapes))
+    return replace(found, body=body)
+
+
+def lobes_of(
+    samples: Samples, row: Array, variance: Array, place: Array, random: np.random.Generator
+) -> FoundLobes | None:
+    """The lobes of a material whose gloss is `row`, the one with tails or else the widest first; None where one is
+    enough. variance: (P,) of the normals of the
+    samples [rad²]; place: (P, 2) of them.
+    """
+    widths = WIDTHS[np.abs(np.log(WIDTHS) - row[1]) > np.log(DISTINCT)]
+    weights, kept = _fewest(samples, *_lobes(samples, widths))
+    if _gain(samples, samples, weights, kept) < LEAST_GAIN:  # not even of the photographs that it was fitted to
+        return None
+    gain = _cross_validated(samples, widths, random)
+    if gain < LEAST_GAIN:
+        return None
+    weights, kept = _lobes(samples, kept, LAST_PASSES, weights)
+    weights[0] = max(weights[0], LEAST_SHARE)
+    more = np.stack([np.log(np.maximum(weights[1:], 1e-30)), np.log(kept)], axis=1)[weights[1:] > 0.0]
+    start = np.concatenate([[[row[0] + np.log(weights[0]), row[1]]], more])
+    shapes, samples = fewest(samples, LobeShapes(start, float(row[TAIL])), LEAST_GAIN)
+    for _ in range(PASSES):
+        if len(shapes.each) > 1:
+            shapes, samples = fewest(with_errors_of_normals(samples, shapes, variance), shapes, LEAST_GAIN)
+    if len(shapes.each) == 1:
+        return None
+    if shapes.tail == 0.0:
+        shapes = replace(shapes, each=shapes.each[np.argsort(-shapes.each[:, 1])])
+    return FoundLobes(with_covariance(samples, shapes, place), bool(np.ptp(samples.colour) > 0.0), gain)
+
+
+def _in(fit: Fit, each: list[FoundLobes | None]) -> Fit:
+    """`fit` with the lobes of each material, and their errors."""
+    rows, covariance = fit.gloss.rows.copy(), fit.covariance.copy()
+    choice = fit.choice
+    if choice is not None:
+        choice = replace(choice, free=choice.free.copy(), tails=choice.tails.copy(), coloured=choice.coloured.copy())
+    for number, found in enumerate(each):
+        if found is None:
             continue
-        gain = _cross_validated(samples, widths, random)
-        if gain < LEAST_GAIN:
-            continue
-        weights, widths = _lobes(samples, kept, LAST_PASSES, weights)
-        weights[0] = max(weights[0], LEAST_SHARE)
-        gains[-1], lobes[-1] = gain, tuple(zip(weights[1:].tolist(), widths.tolist(), strict=True))
-        rows[number, 0] += np.log(weights[0])
-        for part in np.array_split(own, -(-len(own) // LOBE_PIXELS)):  # bounded memory
-            here = samples_of(capture, views.pixels(part), fit.pixels(part), views.place[part])
-            body[:, part] = _body(here, here.interface(weights, widths))
-    if any(lobes):
-        found = replace(fit, gloss=Gloss(rows), body=body, lobes=Lobes(tuple(lobes), tuple(gains)))
-    return found
-
-
-def samples_of(capture: Capture, views: Views, fit: Fit, place: Array) -> Samples:
-    """The samples of `views`, whose pixels `fit` (and `place`) have, with the clipped values of `capture`."""
-    trusted = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
-    rows = fit.rows
-    shade, (flat, angle2) = shading(fit.normals, views.to_lamp, views.to_eye, rows), _flat(views, fit.normals)
-    even = fit.evenness(place)
-    values = np.where(np.isfinite(views.values), views.values, 0.0)
-    noise = np.where(np.isfinite(views.variance) & (views.variance > 0.0), views.variance, np.inf)
-    lower = np.zeros(values.shape, bool)
-    for k, photograph in enumerate(capture.photographs):
-        raw = photograph.values[views.rows, views.columns].T
-        top = photograph.values[photograph.mask].max(initial=0.0)
-        lower[k] = ~trusted[k] & (np.nan_to_num(raw) >= CLIPPED * top) & (top > 0.0)
-    noise = np.where(lower, np.nanmedian(np.where(np.isfinite(noise), noise, np.nan)), noise)
-    parts = (even * shade.body, even * shade.interface, even * flat)
-    return Samples(values, trusted, lower, *parts, angle2, fit.interface_colour, noise)
-
-
-def _flat(views: Views, normals: Array) -> tuple[Array, Array]:
-    """F G / cosθ_r (K, P), and φ² [rad²], of all lamps."""
-    jit, (lamps, pixels) = arrays(), views.to_lamp.shape[:2]
-
-    def wide(vectors: Array) -> jit.Array3f:  # type: ignore[name-defined]
-        return jit.Array3f(np.ascontiguousarray(np.tile(vectors, (lamps, 1)).T, np.float32))
-
-    towards = jit.Array3f(views.to_lamp.reshape(-1, 3).T.astype(np.float32))
-    at = cosines(wide(normals), towards, wide(views.to_eye))
-    flat = weights_at(at, 0.0, 1.0, dr.opaque(jit.Float, 1e6), N).interface
-    half = views.to_lamp + views.to_eye
-    cosine = np.einsum("kpi,pi->kp", half, normals) / np.maximum(np.linalg.norm(half, axis=2), 1e-12)
-    angle2 = np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2
-    return np.array(flat).reshape(lamps, pixels).astype(np.float64), angle2
+        shapes = found.shapes
+        rows[number, :2], rows[number, TAIL] = shapes.each[0], shapes.tail
+        kept = np.ones(rows.shape[1], bool)
+        kept[: TAIL + 1] = False
+        kept[TAIL + 1 :] = found.coloured
+        covariance[number] *= kept[:, None] & kept
+        numbers, places = np.array([0, 1, TAIL, SIGMA, EXPONENT]), np.array([0, 1, -3, -2, -1])
+        covariance[number][np.ix_(numbers, numbers)] = shapes.covariance[np.ix_(places, places)]
+        rows[number, [SIGMA, EXPONENT]] += shapes.law
+        rows[number, TAIL + 1 :] *= found.coloured
+        if choice is not None:
+            choice.free[number, TAIL] = shapes.tail > 0.0
+            choice.free[number, TAIL + 1 :] &= found.coloured
+            choice.tails[number] = choice.coloured[number] = np.nan  # tested against one lobe
+    lobes = Lobes(
+        tuple(() if one is None else one.shapes.lobes for one in each),
+        tuple(0.0 if one is None else one.gain for one in each),
+        tuple(np.zeros((0, 0)) if one is None else one.shapes.covariance[2:-3, 2:-3] for one in each),
+    )
+    return replace(fit, gloss=Gloss(rows), covariance=covariance, choice=choice, lobes=lobes)
 
 
 def _cross_validated(samples: Samples, widths: Array, random: np.random.Generator) -> float:
@@ -157,17 +160,10 @@ def _gain(rest: Samples, test: Samples, weights: Array, widths: Array) -> float:
     """Share of the squared error of `test` by which these lobes beat the first alone; bodies are those of `rest`."""
     alone, none = np.array([1.0]), np.zeros(0)
     one, several = (
-        _squared_error(test, _model(test, test.interface(*lobes), _body(rest, rest.interface(*lobes))))
+        test.squared_error(test.model(test.interface(*lobes), rest.bodies(rest.interface(*lobes))))
         for lobes in ((alone, none), (weights, widths))
     )
     return 1.0 - several / max(one, 1e-300)
-
-
-def _squared_error(samples: Samples, model: Array) -> float:
-    """Of all pixels, clipped values as they are recorded and the model clipped there."""
-    model = np.where(samples.lower, np.minimum(model, samples.values), model)
-    known = samples.trusted[:, None] | samples.lower
-    return float(np.sum(np.where(known, samples.values - model, 0.0) ** 2))
 
 
 def _lobes(samples: Samples, widths: Array, passes: int = PASSES, start: Array | None = None) -> tuple[Array, Array]:
@@ -176,22 +172,10 @@ def _lobes(samples: Samples, widths: Array, passes: int = PASSES, start: Array |
     columns = [samples.first, *(samples.column(float(width)) for width in widths)]
     for turn in range(passes):
         interface = samples.interface(weights, widths)
-        model = _model(samples, interface, _body(samples, interface)) if turn or start is not None else None
-        weight = _weights(samples, model)
+        model = samples.model(interface, samples.bodies(interface)) if turn or start is not None else None
+        weight = samples.weights(model)
         weights = _non_negative(samples, columns, weight)
     return weights, widths
-
-
-def _weights(samples: Samples, model: Array | None) -> Array:
-    """(K, C, P) inverse variance; less where light is missing; 0 where a lower bound holds already."""
-    level = np.maximum(samples.values, samples.values.mean(axis=0))
-    weight = 1.0 / (samples.noise + (RELATIVE_ERROR * level) ** 2)
-    weight = np.where(samples.trusted[:, None] | samples.lower, weight, 0.0)
-    if model is None:
-        return weight
-    missing = np.maximum(model - samples.values, 0.0)
-    weight = weight / (1.0 + missing**2 * weight / CAUCHY_SCALE**2)
-    return np.where(samples.lower & (model >= samples.values), 0.0, weight)
 
 
 def _non_negative(samples: Samples, columns: list[Array], weight: Array) -> Array:
@@ -226,20 +210,3 @@ def _fewest(samples: Samples, weights: Array, widths: Array) -> tuple[Array, Arr
     weights, widths = _lobes(samples, widths[kept])
     weights[0] = max(weights[0], LEAST_SHARE)
     return weights, widths
-
-
-def _body(samples: Samples, interface: Array) -> Array:
-    """(C, P) body colours by least squares of what the interface (K, P) leaves, less where light is missing."""
-    values = samples.values - samples.colour * interface[:, None]
-    body, weight = np.zeros(values.shape[1:]), _weights(samples, None)
-    for _ in range(PASSES):
-        power = np.einsum("kcp,kp->cp", weight, samples.body**2)
-        body = np.einsum("kcp,kp,kcp->cp", weight, samples.body, values) / np.maximum(power, 1e-30)
-        body = np.maximum(body, 1e-4 * np.maximum(body.mean(), 1e-30))
-        weight = _weights(samples, _model(samples, interface, body))
-    return body
-
-
-def _model(samples: Samples, interface: Array, body: Array) -> Array:
-    """(K, C, P) values of body colours (C, P) and the interface (K, P)."""
-    return body * samples.body[:, None] + samples.colour * interface[:, None]

@@ -43,11 +43,12 @@ class GlossChoice:
 @dataclass(frozen=True)
 class Lobes:
     """Further lobes of the interface of M materials: of each its β and γ [rad], and the share of the squared error of
-    photographs left out by which they predict better.
+    photographs left out by which they predict better. covariances: of each, that of ln β and ln γ of its lobes in turn.
     """
 
     each: tuple[tuple[tuple[float, float], ...], ...]
     gains: tuple[float, ...]
+    covariances: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ class StandardErrors(Record, frozen=True, kw_only=True):
     interface_colour: Annotated[
         tuple[float | None, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
     ] = None
+    lobes: Annotated[tuple[tuple[float, float], ...], about("of beta and gamma of each further lobe")] = ()
 
 
 class Intervals(Record, frozen=True, kw_only=True):
@@ -56,6 +57,7 @@ class Intervals(Record, frozen=True, kw_only=True):
     interface_colour: Annotated[
         tuple[Bounds, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
     ] = None
+    lobes: Annotated[tuple[tuple[Bounds, Bounds], ...], about("of beta and gamma of each further lobe")] = ()
 
 
 class Identifiable(Record, frozen=True, kw_only=True):
@@ -166,9 +168,13 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     fields["nu"] = GAUSSIAN if record.nu is None else record.nu
     intervals = fields["interval_95"]
     colours = {name: intervals.pop(name) for name in ("body_colour", "interface_colour")}
-    fields["interval_95"] = {name: _interval(value) for name, value in intervals.items() if value is not None} | {
+    lobes = tuple((_interval(beta), _interval(gamma)) for beta, gamma in intervals.pop("lobes"))
+    found: dict[str, Any] = {name: _interval(value) for name, value in intervals.items() if value is not None} | {
         name: tuple(_interval(one) for one in value) for name, value in colours.items() if value is not None
     }
+    fields["interval_95"] = found | ({"lobes": lobes} if lobes else {})
+    if not fields["standard_error"]["lobes"]:
+        del fields["standard_error"]["lobes"]
     return MaterialEstimate(**fields)
 
 
