@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 import hagoromo.image.full_picture as full
 import hagoromo.transport.field.solve as solve
@@ -25,6 +26,7 @@ from hagoromo.reflectance.element import element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.field.cell_size import cell_size as real_cell_size
 from hagoromo.transport.field.cell_size import light_bytes
+from hagoromo.transport.field.cells import with_neighbours
 from hagoromo.transport.field.directions import few_directions, many_directions, turn
 from hagoromo.transport.field.scattering import Scattering, scattered
 from hagoromo.transport.field.second_order import projected, second_order
@@ -263,6 +265,15 @@ def test_another_camera_costs_a_march_and_light_of_a_seed_has_the_same_bits(monk
     assert second.weights[..., 2].sum() > 0 and not np.array_equal(first.weights, second.weights)
     with pytest.raises(pytest.fail.Exception, match="solved again"):
         full.full_picture(turned.with_lamps(Lamp(to_lamp=(0, 0, 1))), Settings(), points, cache)
+
+
+def test_the_light_of_a_picture_is_within_the_memory_that_cells_are_chosen_for():
+    """With the cells around matter, which were not counted: of a full box they are a fifth."""
+    box = cube(matter(), 20.0, 40)
+    field = render(scene_of(box, size=2), mode="full").metadata["field"]
+    assert 0.8 < field["bytes"] / light_bytes([box], field["cell"], 1) <= 1.0
+    some = np.random.default_rng(5).random((7, 5, 6)) < 0.05
+    assert np.array_equal(with_neighbours(some), binary_dilation(some, np.ones((3, 3, 3))))
 
 
 @pytest.mark.parametrize(("side", "channels"), [(100, 1), (100, 5), (40, 1)])

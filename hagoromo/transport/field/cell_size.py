@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hagoromo.transport.field.cells import Bounds, grid_over, matter_bounds, voxels_in_reach
+from hagoromo.transport.field.cells import Bounds, grid_over, matter_bounds, voxels_in_reach, with_neighbours
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.path.majorants import texel_density
 from hagoromo.volume.box import VolumeBox
@@ -55,13 +55,15 @@ def densest(box: VolumeBox) -> float:
 
 
 def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float:
-    """Memory of the light in cells of edge `size` [m], if bricks were full [byte]; and of the table of cells."""
+    """Memory of the light in cells of edge `size` [m], if bricks were full, and in those around; and of the table of
+    cells [byte].
+    """
     return _light_bytes([matter_bounds(box) for box in boxes], size, channels)
 
 
 def _light_bytes(bounds: Sequence[Bounds], size: float, channels: int) -> float:
     _, touched = grid_over(bounds, size)
-    return cell_bytes(channels) * float(np.count_nonzero(touched)) + 4.0 * touched.size
+    return cell_bytes(channels) * float(np.count_nonzero(with_neighbours(touched))) + 4.0 * touched.size
 
 
 def cell_bytes(channels: int) -> float:

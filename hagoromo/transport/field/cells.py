@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_cdt
+from scipy.ndimage import distance_transform_cdt
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, lookup, opaque_vector
 from hagoromo.errors import InputError
@@ -39,7 +39,7 @@ class Cells:
         the matter, in the coordinates of the boxes.
         """
         jit = arrays()
-        stored: NDArray[np.bool_] = np.asarray(binary_dilation(filled, np.ones((3, 3, 3), bool)), bool)
+        stored = with_neighbours(filled)
         matter, around = (np.argwhere(which)[:, ::-1] for which in (filled, stored & ~filled))
         self.places = np.concatenate([matter, around])
         self.filled, self.count, self.size, self.low = len(matter), len(self.places), size, low
@@ -114,6 +114,17 @@ class Cells:
                     each = [share[k] if on else 1.0 - share[k] for k, on in enumerate((x, y, z))]
                     weights.append(each[0] * each[1] * each[2])
         return cells, weights
+
+
+def with_neighbours(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Some cells of a grid (nz, ny, nx), and the 26 around each."""
+    for axis in range(3):
+        wider, ways = cells.copy(), np.moveaxis(cells, axis, 0)
+        along = np.moveaxis(wider, axis, 0)
+        along[1:] |= ways[:-1]
+        along[:-1] |= ways[1:]
+        cells = wider
+    return cells
 
 
 def grid_over(bounds: Sequence[Bounds], size: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
