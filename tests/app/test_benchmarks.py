@@ -11,6 +11,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
+from hagoromo.matter.drape.sheet import Sheet
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -93,3 +94,17 @@ def test_a_picture_that_differs_and_a_backend_that_does_not_work_are_told(backen
     arguments = ["--backends", "llvm", "--lines", "9", "--scenes", "shell", "--voxels", "32"]
     assert backends.main([*arguments, "--out", str(tmp_path / "backends.json")]) == 1
     assert "llvm: hagoromo.errors.InputError: no Dr.Jit backend works here" in capsys.readouterr().out
+
+
+def test_cloth_that_passes_through_itself_is_counted(monkeypatch):
+    """A level sheet with a corner that is pulled down through its middle; folded without touching it has none."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    drape = importlib.import_module("drape")
+    sys.modules.pop("drape")
+    u, v = np.meshgrid(np.arange(10.0), np.arange(10.0))
+    points = np.stack([u, v, 0.0 * u], axis=-1)
+    points[8:, 8:] = (2.3, 2.4, 1.0) + 0.1 * np.array([[[0, 0, 0], [1, 0, 0]], [[0, 1, 0], [1, 1, 0]]])
+    assert drape.crossings(Sheet(points, u, v)) == 0
+    points[9, 9, 2] = -1.0
+    assert drape.crossings(Sheet(points, u, v)) == 3  # the edges from that corner
+    assert np.abs(drape.strains(Sheet(2.0 * np.stack([u, v, 0.0 * u], axis=-1), u, v)) - 1.0).max() == 0.0
