@@ -78,6 +78,11 @@ def quiet() -> bool:
     return LOG.level > logging.WARNING
 
 
+def verbose() -> bool:
+    """Whether what is done meanwhile is wanted, too."""
+    return 0 < LOG.level < logging.INFO
+
+
 class _Lines(logging.Handler):
     """On standard error `hagoromo: warning: …`; what is done meanwhile, with the seconds since the start."""
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hagoromo.app.everywhere import quiet
+from hagoromo.app.everywhere import quiet, verbose
 from hagoromo.app.interrupt import heed
 from hagoromo.errors import escaped
 from hagoromo.progress import Progress
@@ -20,7 +20,8 @@ LINE_SHARE = 0.1  # of the work, after which a line is due
 
 @contextmanager
 def progress_bar(title: str, by_step: bool = False) -> Iterator[Progress]:
-    """Progress of the command called `title`, shown on standard error. by_step: without a terminal, a line a step.
+    """Progress of the command called `title`, shown on standard error. by_step: without a terminal, a line a
+    step, as with --verbose.
 
     Each call raises `KeyboardInterrupt` if the command was interrupted and the interrupt was swallowed.
     """
@@ -28,7 +29,7 @@ def progress_bar(title: str, by_step: bool = False) -> Iterator[Progress]:
         yield _heeded
         return
     if not sys.stderr.isatty():
-        yield step_lines(title) if by_step else progress_lines(title)
+        yield step_lines(title) if by_step or verbose() else progress_lines(title)
         return
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn

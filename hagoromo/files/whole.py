@@ -256,6 +256,7 @@ def _put_files(works: list[Path], targets: list[Path], force: bool) -> None:
     except BaseException:
         finish(works[0])
         raise
+    LOG.debug("wrote %s", " and ".join(map(str, targets)))
 
 
 def _is_held(target: Path) -> bool:

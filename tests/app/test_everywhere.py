@@ -6,7 +6,8 @@ import os
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.everywhere import taken
+from hagoromo.app.everywhere import Everywhere, everywhere, taken
+from hagoromo.app.progress_bar import progress_bar
 from hagoromo.errors import InputError
 from hagoromo.files.checks import ALLOWED, inside
 from hagoromo.image.scene_file import _recipe_place, load_scene
@@ -102,3 +103,11 @@ def test_messages_are_as_many_as_asked_for(tmp_path, capsys):
 
 def test_words_behind_two_dashes_are_the_command_s_own():
     assert taken(["info", "--", "--quiet"]) == (["info", "--", "--quiet"], taken([])[1])
+
+
+def test_verbose_says_each_step_of_a_long_command(capsys):
+    for options, expected in ((Everywhere(), 0), (Everywhere(level=logging.DEBUG), 2)):
+        with everywhere(options), progress_bar("render") as progress:
+            for step in ("first", "second", "third"):
+                progress(0.5, step)
+        assert capsys.readouterr().err.count(" took ") == expected

@@ -354,3 +354,11 @@ def test_of_many_that_write_one_target_each_is_whole_or_refused(tmp_path):
     text = (tmp_path / "a").read_text()
     assert len(text) == 1000 and len(set(text)) == 1 and len(names(tmp_path / "b")) == 2
     assert names(tmp_path) == ["a", "b"]
+
+
+def test_files_that_belong_together_are_said_to_be_written(tmp_path, caplog):
+    with caplog.at_level("DEBUG", "hagoromo"), whole_files((tmp_path / "a.exr", tmp_path / "a.png")) as partials:
+        for partial in partials:
+            partial.write_bytes(b"1")
+    (line,) = (record.getMessage() for record in caplog.records)
+    assert line.startswith("wrote ") and "a.exr" in line and "a.png" in line
