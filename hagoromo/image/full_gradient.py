@@ -23,7 +23,7 @@ from hagoromo.image.full_picture import (
 )
 from hagoromo.image.higher_orders import check_matter
 from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.render import PreparedScene, SceneCache, palette_of_scene, pixel_points, reflectances_of
+from hagoromo.image.render import PreparedScene, SceneCache, check_mode, palette_of_scene, pixel_points, reflectances_of
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.spectrum import Spectrum
@@ -61,11 +61,12 @@ def full_gradient(scene: Scene, by_weights: ArrayLike, settings: Settings | None
     does. Held fixed are density, axes, the shapes of lobes and the cells.
 
     The field is solved anew, and the adjoint of its sweeps follows the same rays. The result is the derivative of the
-    discrete solution, with its residual of 0.2 %. Memory: about three times that of the solution, and sums of 8 bytes a
-    cell and channel for each direction that is swept back together, 32 MiB at most, or those of one direction.
+    discrete solution, with its residual of 0.2 %. Memory: that of the picture, an adjoint as large as the solution, and
+    sums of 8 bytes a cell and channel for each direction that is swept back together: 32 MiB at most, or those of one.
     `InputError` for another shape, surfaces, no boxes, or `orders`.
     """
     settings = settings or Settings()
+    check_mode(settings, "full")
     if scene.surfaces or not scene.boxes:
         raise InputError("full_gradient is of light in volume boxes alone: give a scene of boxes, without surfaces")
     if settings.orders is not None:
@@ -77,15 +78,16 @@ def full_gradient(scene: Scene, by_weights: ArrayLike, settings: Settings | None
     palette, camera = palette_of_scene(lit, settings), scene.camera
     channels = len(palette.colours) + bands.count
     shape = camera.height, camera.width, len(palette.lamps) * channels
-    given = np.asarray(by_weights, np.float64)
+    try:
+        given = np.asarray(by_weights, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"by_weights holds what is no number: give numbers, {shape}") from error
     if given.shape != shape or not np.isfinite(given).all():
         raise InputError(f"by_weights of shape {given.shape}: give finite numbers, {shape} as the picture's weights")
     of_groups = given.reshape(*shape[:2], len(palette.lamps), channels)[..., len(palette.colours) :]
     total = np.zeros((len(palette.colours), bands.count))
     for batch in batches_of(lit.lamps, bands.count, settings.separate_lamps):
-        groups = sorted(
-            {palette.lamp_groups[lamp] for lamp in batch}, key=[palette.lamp_groups[k] for k in batch].index
-        )
+        groups = list(dict.fromkeys(palette.lamp_groups[lamp] for lamp in batch))  # in the order of the part's own
         part = replace(lit, lamps=tuple(lit.lamps[lamp] for lamp in batch))
         total += _of_batch(part, settings, bands, np.ascontiguousarray(of_groups[:, :, groups]))
     return ColourGradient(total, palette.colours, bands.wavelengths)

@@ -130,6 +130,10 @@ def test_what_has_no_gradient_is_refused():
     ball = hg.Surface.sphere((0.0, 0.0, 3.0), 0.1, hg.Reflectance(0.1, 0.0, 0.3, 1.5, constant(0.5)))
     with pytest.raises(hg.InputError, match="by_weights of shape"):
         hg.full_gradient(scene, np.ones((5, 6, 7)))
+    with pytest.raises(hg.InputError, match="no number"):
+        hg.full_gradient(scene, "much")
+    with pytest.raises(hg.InputError, match="a cut is for mode march"):
+        hg.full_gradient(scene, np.ones((5, 6, 4)), hg.Settings(cut=(0.0, 0.0, 1.0, 0.0)))
     with pytest.raises(hg.InputError, match="without surfaces"):
         hg.full_gradient(hg.Scene(scene.camera, scene.lamps, scene.boxes, (ball,)), np.ones((5, 6, 4)))
     with pytest.raises(hg.InputError, match="orders is 3"):
