@@ -34,12 +34,13 @@ class Glass:
         self.hits = {number: Surfaces([surfaces[number]], origin) for number in self.numbers}
         self.around = self._around()
 
-    def holding(self, place: NDArray[np.float64]) -> Surface | None:
-        """A glass around a place (3,) [m], world; None in air."""
+    def holding(self, places: NDArray[np.float64]) -> list[Surface | None]:
+        """A glass around each of some places (n, 3) [m], world; None in air."""
+        held: list[Surface | None] = [None] * len(places)
         for number in self.numbers:
-            if self._within(number, place[None])[0]:
-                return self.surfaces[number]
-        return None
+            for place in np.flatnonzero(self._within(number, places)):
+                held[place] = self.surfaces[number]
+        return held
 
     def _around(self) -> dict[int, int | None]:
         """The innermost glass around each; None: air."""

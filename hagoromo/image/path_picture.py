@@ -136,10 +136,10 @@ def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | N
     if prepared.surfaces is None or not any(surface.optics for surface in scene.surfaces):
         return None
     glass = Glass(scene.surfaces, prepared.origin)
-    eye = "the camera", scene.camera.position
-    lamps = [(f"lamp {lamp.name!r}", lamp.position) for lamp in (*scene.lamps, *scene.area_lamps)]
-    for what, place in (eye, *lamps):
-        holding = glass.holding(np.asarray(place, float)) if place is not None else None
+    things = [("the camera", scene.camera.position)]
+    things += [(f"lamp {lamp.name!r}", lamp.position) for lamp in (*scene.lamps, *scene.area_lamps)]
+    placed = [(what, np.asarray(place, float)) for what, place in things if place is not None]
+    for (what, _), holding in zip(placed, glass.holding(np.array([place for _, place in placed])), strict=True):
         if holding is not None:
             raise InputError(f"{what} stands within the glass of surface {holding.name!r}: move it out")
     others = sum(len(box.materials) for box in scene.boxes)
