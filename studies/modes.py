@@ -80,7 +80,7 @@ def write_page(out: Path) -> dict[str, dict[str, Any]]:
         with np.load(out / f"{name}.npz") as kept, hg.whole_file(out / "modes" / f"{name}.jpg", force=True) as path:
             plot(path, {mode: kept[mode] for mode in MODES})
     rows = [record | {"name": name, "right": right_mode(record)} for name, record in records.items()]
-    page = hg.page_text("modes.md.j2", "studies", rows=rows, close=CLOSE, block=BLOCK)
+    page = hg.page_text("modes.md.j2", "studies", rows=rows, scenes=len(ORDER), close=CLOSE, block=BLOCK)
     with hg.whole_file(out / "modes.md", force=True) as path:
         path.write_text(page, encoding="utf-8", newline="\n")
     return records
