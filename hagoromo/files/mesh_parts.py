@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
-from hagoromo.files.mesh import GROWTH, LARGEST_MESH, read_gltf, read_mesh
+from hagoromo.files.mesh import GROWTH, LARGEST_MESH, read_gltf, read_mesh, uv_of
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import trimesh_silenced
 
@@ -56,7 +56,7 @@ def read_parts(path: str | Path) -> MeshParts:
     if not pieces:
         raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh, _ in pieces)])
-    uvs = [_uv(mesh) for mesh, _ in pieces]
+    uvs = [uv_of(mesh) for mesh, _ in pieces]
     return MeshParts(
         np.concatenate([np.asarray(mesh.vertices, float) for mesh, _ in pieces]),
         np.concatenate([np.asarray(mesh.faces) + start for (mesh, _), start in zip(pieces, starts, strict=False)]),
@@ -64,12 +64,6 @@ def read_parts(path: str | Path) -> MeshParts:
         tuple(names),
         None if any(uv is None for uv in uvs) else np.concatenate([uv for uv in uvs if uv is not None]),
     )
-
-
-def _uv(mesh: Any) -> NDArray[np.float64] | None:
-    """The UV map of a `trimesh.Trimesh`, (n, 2), where it has one."""
-    uv = getattr(mesh.visual, "uv", None)
-    return None if uv is None or np.shape(uv) != (len(mesh.vertices), 2) else np.asarray(uv, float)
 
 
 def _obj(path: str | Path) -> Any:
@@ -107,4 +101,4 @@ def _of_colours(path: str | Path, suffix: str) -> MeshParts:
     if suffix == ".ply" and mesh.visual.kind == "face":
         colours, number = np.unique(np.asarray(mesh.visual.face_colors)[:, :3], axis=0, return_inverse=True)
         names = tuple(f"#{r:02x}{g:02x}{b:02x}" for r, g, b in colours.tolist())
-    return MeshParts(np.asarray(mesh.vertices, float), np.asarray(mesh.faces), number.ravel(), names, _uv(mesh))
+    return MeshParts(np.asarray(mesh.vertices, float), np.asarray(mesh.faces), number.ravel(), names, uv_of(mesh))
