@@ -14,6 +14,7 @@ from hagoromo.app.formats.usd_out import usd_from_scene
 from hagoromo.app.formats.usd_scene import scene_from_usd
 from hagoromo.errors import InputError
 from hagoromo.files.curves.curve_file import read_curves
+from hagoromo.files.exr import write_exr
 from hagoromo.files.mesh import read_mesh
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import colour_matching
@@ -105,6 +106,19 @@ def test_materials_become_matt_glossy_metal_and_glass(tmp_path):
     for word in ("clipping range", "a Cone", "lamp 'disc': its size", "lamp 'spot': its size", "how its coat"):
         assert word in said
     assert "hidden" not in surfaces and not any("hidden" in line for line in lost)
+
+
+def test_the_map_of_a_dome_lies_as_openexr_says(tmp_path):
+    """Middle towards +z of the file, a quarter to its left towards +x, top +y; in our axes −y, +x and +z."""
+    values = np.full((8, 16), 0.25, np.float32)
+    values[3:5, 7:9], values[3:5, 3:5], values[0] = 1.0, 2.0, 3.0
+    write_exr(tmp_path / "sky.exr", dict.fromkeys("RGB", values))
+    map_of = 'def DomeLight "sky" { asset inputs:texture:file = @sky.exr@\n'
+    scene, _ = read(tmp_path, SCENE.replace('def DomeLight "sky" { float inputs:intensity = 0.25', map_of))
+    assert scene.environment is not None
+    for towards, radiance in (([0, -1, 0], 1.0), ([1, 0, 0], 2.0), ([0, 0, 1], 3.0), ([-1, 0, 0], 0.25)):
+        near = np.add(towards, (1e-3, 2e-3, 1e-3))
+        assert scene.environment.radiance_from(near / np.linalg.norm(near))[0] == pytest.approx(radiance)
 
 
 def a_scene(tmp_path, more=""):
