@@ -400,10 +400,11 @@ class Lighting:
                 weights.append([part * element.share for part in each])
             if lamp.emission is not None:
                 lit &= irradiance > 0.0
-            origin = elements[0].shadow_origin(point, to_lamp)
             passed.append(arrays().Float(1))
             if self.attenuation is not None:
-                transmittance = self._transmittance(number, lit, origin, to_lamp, distance, extinction, texel_hit)
+                transmittance = self.transmittance(
+                    number, lit, elements[0], point, to_lamp, distance, extinction, texel_hit
+                )
                 passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
             for j in range(len(palette.colours)):
                 total = arrays().Float(0)
@@ -422,22 +423,47 @@ class Lighting:
                 channels[channel] = channels[channel] + each * share
         return channels
 
-    def _transmittance(
+    def transmittance(
         self,
         lamp: int,
         lit: Bool,
+        element: Element,
         point: Array3f,
         to_lamp: Array3f,
         distance: Float,
         extinction: Float,
         texel_hit: TexelHit | None,
     ) -> Float:
-        """Transmittance from a lamp to `point`; looked up only where matter faces the lamp (`lit`)."""
+        """Transmittance from a lamp to an `element` at `point`; looked up only where matter faces the lamp (`lit`).
+
+        With a shadow bias it is the lesser one of two rays: the first, past the skin of the element, has the shadows
+        of what is near, the second ends those of all other matter where they should.
+        """
+        origin = element.shadow_origin(point, to_lamp)
+        first = self._looked_up(lamp, lit, origin, to_lamp, distance, extinction, texel_hit)
+        if element.shadow_bias is None:
+            return first
+        biased = lit & (element.shadow_bias > 0.0) & (first > 0.0)
+        origin, rest = element.far_shadow_origin(point, to_lamp, distance)
+        second = self._looked_up(lamp, biased, origin, to_lamp, rest, arrays().Float(0), texel_hit)
+        return dr.select(biased, dr.fmin(first, second), first)
+
+    def _looked_up(
+        self,
+        lamp: int,
+        where: Bool,
+        origin: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        texel_hit: TexelHit | None,
+    ) -> Float:
+        """Transmittance from a lamp to `origin`, 0 but `where` it is asked for."""
         attenuation, Float = self.attenuation, arrays().Float
         assert attenuation is not None
         return dr.if_stmt(
-            args=(point, to_lamp, Float(distance), Float(extinction), texel_hit),
-            cond=lit,
+            args=(origin, to_lamp, Float(distance), Float(extinction), texel_hit),
+            cond=where,
             true_fn=lambda *place: attenuation(lamp, *place),
             false_fn=lambda *place: Float(0),
         )

@@ -24,7 +24,7 @@ from hagoromo.volume.store.plan import BoxPlan
 
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows
 MARGIN_VOXELS = 4  # voxels around the surface
-# [voxels] from the visible surface past the outer half of the edge; shadows of other matter end that much too early
+# [voxels] from the visible surface past the outer half of the edge
 SHADOW_BIAS_VOXELS = 1.0
 
 

@@ -164,8 +164,10 @@ def _light(
     for lamp in range(len(lighting.lamps)):
         to_lamp, distance, irradiance = lighting.arriving(lamp, point)
         if lighting.attenuation is not None:
-            origin = element.shadow_origin(point, to_lamp)
-            irradiance = irradiance * lighting.attenuation(lamp, origin, to_lamp, distance, 0.5 * share, texel_hit)
+            lit = arrays().Bool(True)
+            irradiance = irradiance * lighting.transmittance(
+                lamp, lit, element, point, to_lamp, distance, 0.5 * share, texel_hit
+            )
         light.append(irradiance)
     return light
 
