@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.image.render import bases_of, reflectances_of
+from hagoromo.image.render import reflectances_of
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.spectrum import Spectrum
@@ -25,7 +25,10 @@ def albedos_of(scene: Scene) -> list[Spectrum]:
     """What bodies and interfaces of a scene send on of the light of each wavelength, about."""
     tints = [surface.reflectance.interface_colour for surface in scene.surfaces if surface.optics]
     tints += [through(surface) for surface in scene.surfaces if surface.absorption is not None]
-    return albedos(reflectances_of(scene), bases_of(scene)) + tints
+    for surface in scene.surfaces:
+        purest = surface.body_texture.purest() if surface.body_texture else []
+        tints += [Spectrum(s.wavelengths, math.pi * surface.reflectance.alpha * s.values) for s in purest]
+    return albedos(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis]) + tints
 
 
 def through(surface: Surface) -> Spectrum:

@@ -111,6 +111,14 @@ class SurfaceTexture:
         tops = [max(float((flat[s : s + TEXELS_AT_ONCE] @ b).max()) for s in starts) for b in basis.T]
         return max(tops)
 
+    def purest(self) -> list[Spectrum]:
+        """The body colours of the places where each of the spectra exceeds the others most."""
+        flat = self.values.reshape(-1, self.values.shape[-1])
+        knots = np.unique(np.concatenate([spectrum.wavelengths for spectrum in self.spectra]))
+        basis = np.array([spectrum.at(knots) for spectrum in self.spectra])
+        places = [int(np.argmax(2.0 * flat[:, k] - flat.sum(axis=1))) for k in range(flat.shape[1])]
+        return [Spectrum(knots, flat[place].astype(np.float64) @ basis) for place in places]
+
     def record(self) -> dict[str, object]:
         """What metadata say of it: not the values themselves."""
         size, channels = self.values.shape[:-1][::-1], self.values.shape[-1]

@@ -7,7 +7,9 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.errors import InputError
+from hagoromo.image.higher_orders import albedos_of
 from hagoromo.image.scene_file import load_scene
+from hagoromo.transport.path.bands import bands_of
 from tests.laws.test_field_surfaces import RED, blocks, paint
 from tests.laws.test_lights import radiance
 
@@ -99,6 +101,17 @@ def test_red_green_blue_become_the_spectra_of_environments():
     image = hg.render(hg.Scene(above(), (day,), surfaces=(mesh(hg.SurfaceTexture(rgb, smooth=False)),)))
     seen = image.linear_srgb()[SIDE // 2]
     np.testing.assert_allclose(seen[[3, -3]], 0.8 * 0.8 * rgb[0], atol=2e-3)
+
+
+def test_bands_are_chosen_by_the_colours_that_are_there():
+    """Not by the spectra that they are sums of, which are far steeper than pale colours."""
+    pale, pure = (hg.SurfaceTexture([[(a, b, b), (b, a, b), (b, b, a)]]) for a, b in ((0.5, 0.42), (1.0, 0.0)))
+    np.testing.assert_allclose([s.at([630.0])[0] for s in pure.purest()], [s.at([630.0])[0] for s in pure.spectra])
+    error = [
+        bands_of(albedos_of(hg.Scene(above(), (FAR,), surfaces=(mesh(t),))), [FAR.spectrum], 0.01, 7).error
+        for t in (pale, pure)
+    ]
+    assert error[0] < 0.02 < error[1]
 
 
 def test_light_of_higher_orders_takes_the_texture_along():

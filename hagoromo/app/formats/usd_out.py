@@ -81,6 +81,8 @@ def _lost(scene: Scene) -> Iterator[str]:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
         if surface.body_texture is not None or surface.beta_texture is not None:
             yield f"surface {surface.name!r}: its textures"
+        if surface.emission is not None:
+            yield f"surface {surface.name!r}: the light that it gives off"
         if not surface.optics and (made.beta > 0.0 or made.lobes):
             yield f"surface {surface.name!r}: its gloss, but for its width and n"
     yield "spectra (colours are linear sRGB under D65), how bodies darken and brighten at grazing angles"
