@@ -88,8 +88,8 @@ def with_lobes(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
 def lobes_of(
     samples: Samples, row: Array, variance: Array, place: Array, random: np.random.Generator
 ) -> FoundLobes | None:
-    """The lobes of a material whose gloss is `row`, the one with tails or else the widest first; None where one is
-    enough. variance: (P,) of the normals of the
+    """The lobes of a material whose gloss is `row`, the one with tails or else the widest first; None where that of
+    the fit is enough. One lobe of other tails or width may do. variance: (P,) of the normals of the
     samples [rad²]; place: (P, 2) of them.
     """
     widths = WIDTHS[np.abs(np.log(WIDTHS) - row[1]) > np.log(DISTINCT)]
@@ -107,8 +107,6 @@ def lobes_of(
     for _ in range(PASSES):
         if len(shapes.each) > 1:
             shapes, samples = fewest(with_errors_of_normals(samples, shapes, variance), shapes, LEAST_GAIN)
-    if len(shapes.each) == 1:
-        return None
     if shapes.tail == 0.0:
         shapes = replace(shapes, each=shapes.each[np.argsort(-shapes.each[:, 1])])
     return FoundLobes(with_covariance(samples, shapes, place), bool(np.ptp(samples.colour) > 0.0), gain)
@@ -142,7 +140,8 @@ def _in(fit: Fit, each: list[FoundLobes | None]) -> Fit:
         tuple(0.0 if one is None else one.gain for one in each),
         tuple(np.zeros((0, 0)) if one is None else one.shapes.covariance[2:-3, 2:-3] for one in each),
     )
-    return replace(fit, gloss=Gloss(rows), covariance=covariance, choice=choice, lobes=lobes)
+    several = lobes if any(lobes.each) else None
+    return replace(fit, gloss=Gloss(rows), covariance=covariance, choice=choice, lobes=several)
 
 
 def _cross_validated(samples: Samples, widths: Array, random: np.random.Generator) -> float:
