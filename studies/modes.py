@@ -29,17 +29,17 @@ WHITE_AT = 99.5  # per cent of path's values that are darker than white
 Linear = Mapping[str, NDArray[np.floating]]
 
 
-def rendered(name: str, sources: Sources, out: Path, walks: int) -> None:
-    """Render a scene by all modes, and keep its figures and pictures."""
+def rendered(name: str, sources: Sources, out: Path, walks: int, modes: tuple[str, ...] = MODES) -> None:
+    """Render a scene by its modes, and keep its figures and pictures."""
     scene = scene_of(name, sources)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        images, seconds = images_of(scene, walks)
+        images, seconds = images_of(scene, walks, modes)
     record = row(title_of(name), images, seconds) | {"size": [scene.camera.width, scene.camera.height], "walks": walks}
     record["warnings"] = sorted({str(one.message) for one in said})
     xyz = {mode: image.xyz().astype(np.float32) for mode, image in images.items()}
     with hg.whole_file(out / f"{name}.npz", force=True) as path, path.open("wb") as file:
-        np.savez_compressed(file, march=xyz["march"], full=xyz["full"], path=xyz["path"])
+        np.savez_compressed(file, allow_pickle=False, **xyz)
     hg.write_json(out / f"{name}.json", record)
 
 
@@ -52,12 +52,18 @@ def plot(path: Path, xyz: Linear) -> None:
     axes: Any = figure.subplots(1, len(PANELS))
     white = float(np.percentile(xyz["path"][..., 1], WHITE_AT))
     for axis, mode in zip(axes, MODES, strict=False):
+        if mode not in xyz:
+            axis.text(0.5, 0.5, "not rendered", ha="center", va="center", fontsize=8)
+            continue
         axis.imshow(hg.srgb_encode(np.clip(0.9 / white * hg.srgb_from_xyz(xyz[mode]), 0.0, 1.0)))
-    light = {mode: in_blocks(xyz[mode][..., 1].astype(float)) for mode in MODES}
+    light = {mode: in_blocks(values[..., 1].astype(float)) for mode, values in xyz.items()}
     ends = {"vmin": -100.0 * LARGEST_SHOWN, "vmax": 100.0 * LARGEST_SHOWN, "cmap": "RdBu_r"}
     last: Any = None
     for axis, mode in zip(axes[-2:], MODES, strict=False):
-        last = axis.imshow(100.0 / white * (light[mode] - light["path"]), **ends)
+        if mode not in light:
+            continue
+        shown = axis.imshow(100.0 / white * (light[mode] - light["path"]), **ends)
+        last = last or shown
     for axis, title in zip(axes, PANELS, strict=True):
         axis.set(xticks=[], yticks=[])
         axis.set_title(title, fontsize=8)
@@ -69,7 +75,7 @@ def plot(path: Path, xyz: Linear) -> None:
 
 def right_mode(record: Mapping[str, Any]) -> str:
     """The mode of least cost whose blocks are within CLOSE of those of path."""
-    return next((mode for mode in ("march", "full") if record[f"{mode}_off_path"] < CLOSE), "path")
+    return next((mode for mode in ("march", "full") if record.get(f"{mode}_off_path", 1.0) < CLOSE), "path")
 
 
 def write_page(out: Path) -> dict[str, dict[str, Any]]:
@@ -78,7 +84,7 @@ def write_page(out: Path) -> dict[str, dict[str, Any]]:
     records = {name: hg.read_json(out / f"{name}.json") for name in ORDER if (out / f"{name}.json").exists()}
     for name in records:
         with np.load(out / f"{name}.npz") as kept, hg.whole_file(out / "modes" / f"{name}.jpg", force=True) as path:
-            plot(path, {mode: kept[mode] for mode in MODES})
+            plot(path, {mode: kept[mode] for mode in MODES if mode in kept})
     rows = [record | {"name": name, "right": right_mode(record)} for name, record in records.items()]
     page = hg.page_text("modes.md.j2", "studies", rows=rows, scenes=len(ORDER), close=CLOSE, block=BLOCK)
     with hg.whole_file(out / "modes.md", force=True) as path:
@@ -88,7 +94,8 @@ def write_page(out: Path) -> dict[str, dict[str, Any]]:
 
 def main(
     demo: tyro.conf.Positional[Path], recipes: tyro.conf.Positional[Path], out: Path,
-    data: Path = Path("../shared/data"), only: tuple[str, ...] = (), walks: int = WALKS, force: bool = False,
+    data: Path = Path("../shared/data"), only: tuple[str, ...] = (), walks: int = WALKS,
+    without_full: bool = False, force: bool = False,
 ) -> None:  # fmt: skip
     """Render every scene by every mode.
 
@@ -99,13 +106,15 @@ def main(
         data: folder that has the gallery's scan.
         only: names of scenes; the others stay as they are.
         walks: a pixel of mode path.
+        without_full: leave mode full out, which needs much memory in large scenes.
         force: make scenes anew that are there.
     """
     out.mkdir(parents=True, exist_ok=True)
+    modes = tuple(mode for mode in MODES if mode != "full" or not without_full)
     for name in only or ORDER:
         if force or not (out / f"{name}.json").exists():
             print(name, flush=True)
-            rendered(name, Sources(demo, recipes, data), out, walks)
+            rendered(name, Sources(demo, recipes, data), out, walks, modes)
     write_page(out)
     print(f"wrote {out}")
 

@@ -95,10 +95,12 @@ def box_of(recipes: Path, subject: Subject) -> hg.VolumeBox:
     return hg.build(record)
 
 
-def images_of(scene: hg.Scene, samples: int) -> tuple[dict[str, hg.Image], dict[str, float]]:
+def images_of(
+    scene: hg.Scene, samples: int, modes: tuple[str, ...] = MODES
+) -> tuple[dict[str, hg.Image], dict[str, float]]:
     """The image of a scene by each mode, and the processor seconds that it took."""
     images, seconds = {}, {}
-    for mode in MODES:
+    for mode in modes:
         settings = hg.Settings(samples if mode == "path" else min(samples, 4))
         begin = time.process_time()
         images[mode] = hg.render(scene, settings, mode=mode)
@@ -118,22 +120,27 @@ def scene_of(box: hg.VolumeBox, subject: Subject, pixels: int) -> hg.Scene:
 
 
 def row(title: str, images: Mapping[str, hg.Image], seconds: Mapping[str, float]) -> dict[str, Any]:
-    """Figures of one subject; all are of Y."""
-    light = {mode: images[mode].xyz()[..., 1].astype(float) for mode in MODES}
-    blocks = {mode: in_blocks(light[mode]) for mode in MODES}
+    """Figures of one subject, of those modes that it has; all are of Y."""
+    light = {mode: image.xyz()[..., 1].astype(float) for mode, image in images.items()}
+    blocks = {mode: in_blocks(values) for mode, values in light.items()}
     mean = light["path"].mean()
     variance = images["path"].variance
     assert variance is not None
+    off = {
+        f"{mode}_off_path": float(np.sqrt(np.mean((blocks[mode] - blocks["path"]) ** 2)) / mean)
+        for mode in light
+        if mode != "path"
+    }
+    full = images.get("full")
     return {
         "title": title,
         "all_over_first": float(mean / light["march"].mean()),
-        "full_over_path": float(light["full"].mean() / mean),
-        "march_off_path": float(np.sqrt(np.mean((blocks["march"] - blocks["path"]) ** 2)) / mean),
-        "full_off_path": float(np.sqrt(np.mean((blocks["full"] - blocks["path"]) ** 2)) / mean),
+        **({"full_over_path": float(light["full"].mean() / mean)} if full else {}),
+        **off,
         "noise_of_path": float(np.sqrt(variance.mean()) / mean),
         "noise_of_blocks": float(np.sqrt(variance.mean()) / mean / BLOCK),
         "seconds": dict(seconds),
-        "field": images["full"].metadata.get("field"),
+        **({"field": full.metadata.get("field")} if full else {}),
     }
 
 

@@ -31,6 +31,13 @@ def test_a_scene_is_kept_and_shown_on_the_page(monkeypatch, tmp_path):
     assert "figure_8" not in page and (tmp_path / "modes" / "skin.jpg").stat().st_size > 1000
 
 
+def test_full_may_be_left_out(monkeypatch, tmp_path):
+    monkeypatch.setattr(modes, "scene_of", scene_of)
+    modes.main(*SOURCES[:2], tmp_path, only=("skin",), walks=16, without_full=True)
+    page = (tmp_path / "modes.md").read_text(encoding="utf-8")
+    assert "| – | – |" in page and "full" not in hg.read_json(tmp_path / "skin.json")["seconds"]
+
+
 @pytest.mark.parametrize(("march", "full", "right"), [(0.04, 0.01, "march"), (0.06, 0.04, "full"), (0.3, 0.2, "path")])
 def test_the_cheapest_mode_that_is_close_enough_is_right(march, full, right):
     assert modes.right_mode({"march_off_path": march, "full_off_path": full}) == right
