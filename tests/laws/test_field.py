@@ -287,6 +287,18 @@ def test_light_takes_a_quarter_of_the_memory_of_the_bricks(side, channels):
     assert size == pytest.approx(0.5 / 40.0, rel=0.1) or finer > max(0.23 * box.bricks.bytes, 0.9 * (1 << 20))
 
 
+def test_matter_of_large_scenes_has_fewer_samples(monkeypatch):
+    """As many as the memory is for, at least one a cell, and the light of higher orders stays within 5 %."""
+    assert [solve.samples_along(8.0, cells, 100.0) for cells in (1e5, 1e6, 1e9)] == [4, 2, 1]
+    assert solve.samples_along(1.0, 1e3, 100.0) == 1
+    scene = scene_of(cube(matter(), 3.0))
+    with_all = render(scene, mode="full")
+    monkeypatch.setattr(solve, "MOST_BYTES", 0.0)
+    with_one = render(scene, mode="full")
+    assert not np.array_equal(with_one.weights, with_all.weights)
+    assert with_one.weights[..., 2].sum() == pytest.approx(with_all.weights[..., 2].sum(), rel=0.05)
+
+
 def test_a_lamp_of_another_profile_is_another_field():
     """Whatever place in memory its profile has, and its roll."""
     wide, narrow = (LampProfile([0], [0, angle], [[1, 0]]) for angle in (90, 20))

@@ -50,6 +50,11 @@ class MatterSamples:
     def __init__(self, first: UInt, columns: list[Float], colours: int, materials: Materials) -> None:
         self.first, self.columns, self.colours, self.materials = first, columns, colours, materials
 
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return dr.width(self.columns[0])
+
     def of_cell(self, cell: UInt) -> tuple[UInt, UInt]:
         """The first sample of a cell, and the one behind its last."""
         first, end = (dr.gather(arrays().UInt, self.first, cell + j) for j in (0, 1))
@@ -109,6 +114,11 @@ def sampled(
     moments = [np.add.reduceat(weight * np.array(column), starts[:-1]) for column in columns[5:8]]
     centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
     return Cells(low, size, filled, centroids), MatterSamples(first, columns, bands.columns, lighting.materials)
+
+
+def sample_bytes(bands: BandColours, lamps: int) -> float:
+    """Memory of one sample: its material, share, axis, place, colours and light [byte]."""
+    return 4.0 * (8 + bands.parts * bands.count + lamps)
 
 
 def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import Cells, grid_over, matter_bounds
 from hagoromo.transport.field.directions import few_directions, many_directions, turn
 from hagoromo.transport.field.fit import FINER, averaged, fitted
-from hagoromo.transport.field.matter_samples import MatterSamples, sampled
+from hagoromo.transport.field.matter_samples import MatterSamples, sample_bytes, sampled
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers, added, nothing, sent_again, sent_from_lamps
@@ -34,6 +35,7 @@ MOST_SWEEPS = 60
 HISTORY = 6  # sweeps that are combined
 LARGEST_OWN = 1.0 - 1e-5  # share of its own light that a cell is taken to get back at most
 MOST_SIDE = 4  # samples of matter along the edge of a cell: one a voxel up to here
+MOST_BYTES = float(2 << 30)  # of the samples of a grid, beyond which there are fewer; twice that while they are sorted
 Grid = tuple[Cells, MatterSamples]
 Directions = Callable[[], tuple[NDArray[np.float64], NDArray[np.float64]]]
 REGULAR = 1e-10  # of the normal equations of the combined sweeps
@@ -55,14 +57,20 @@ class Solver:
         low, touched = grid_over([matter_bounds(box) for box in medium.boxes], size)
         voxel = min(float(box.texel.edges[0]) if box.texel else box.voxel_size for box in medium.boxes)
 
-        def grid(parts: int) -> Grid:
+        each = sample_bytes(colours, len(lighting.lamps))
+
+        def grid(parts: int, held: float) -> tuple[Grid, float]:
+            """A grid, of whose cells about `held` hold matter; and how much of the cells of its samples does."""
             fine, finer = size / parts, touched
             for axis in range(3):
                 finer = np.repeat(finer, parts, axis)
-            side = min(math.ceil(fine / voxel - 1e-6), MOST_SIDE)
-            return sampled(medium, lighting, low, fine, finer, side, colours)
+            side = samples_along(fine / voxel, held, each)
+            require(2.0 * each * held * side**3, "the samples of matter of mode full")
+            found = sampled(medium, lighting, low, fine, finer, side, colours)
+            return found, found[1].count / side**3
 
-        self.grid, (self.fine_cells, self.fine_samples) = grid(1), grid(FINER)
+        self.grid, held = grid(1, float(np.count_nonzero(touched)))
+        (self.fine_cells, self.fine_samples), _ = grid(FINER, held * FINER**3)
         self.cells, self.samples = self.grid
         self.single = sent_from_lamps(self.fine_samples, scattering, lighting, self.bands, self.fine_cells.filled)
 
@@ -128,6 +136,16 @@ class Solver:
             numbers[0] = dr.full(arrays().Float, 1.0, self.cells.filled)
         sigma = ways.mean_sigma()
         return [dr.rcp(1.0 - dr.fmin(s[0] / sigma, 1.0) * dr.fmin(own, LARGEST_OWN)) for s in self.again(unit)]
+
+
+def samples_along(voxels: float, cells: float, each: float) -> int:
+    """How many samples of matter there are along the edge of a cell `voxels` wide: one a voxel up to MOST_SIDE, fewer
+    where those of all `cells` would take more than MOST_BYTES at `each` byte.
+    """
+    side = min(math.ceil(voxels - 1e-6), MOST_SIDE)
+    while side > 1 and cells * side**3 * each > MOST_BYTES:
+        side -= 1
+    return max(side, 1)
 
 
 @dataclass
