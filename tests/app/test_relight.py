@@ -84,9 +84,10 @@ def figures(folder: Path, key: str = "boxes", number: int = 0):
 
 
 def test_volume_boxes_show_what_a_lamp_and_a_spectrum_that_were_not_measured_show(relit):
-    """To 9 % and 2.5 ΔE00: the small ball's outline and shadow are 2.5 % of the pixels, and off by a fifth of white as
-    edges a voxel wide are. Without shadows to draw, on the normals, the median colour under the other
-    spectrum is that of metamers, to 2 ΔE00.
+    """To 9.2 % and 2.5 ΔE00: the small ball's outline and shadow are 2.5 % of the pixels, and off by a fifth of white
+    as edges a voxel wide are (8.6 % when shadows beside walls still ended up to three voxels early: since then the
+    outline of a ball lets more light through). Without shadows to draw, on the normals, the median colour under the
+    other spectrum is that of metamers, to 2 ΔE00.
     """
     found = figures(relit)
     assert found["pixels"] > 3500 and found["relative_rmse"] < 0.1  # its own rim included, whose pixels are mixed
@@ -97,7 +98,7 @@ def test_volume_boxes_show_what_a_lamp_and_a_spectrum_that_were_not_measured_sho
     inside = np.asarray(binary_erosion(read_png(relit / "mask_00.png") > 0, iterations=RIM_PX), np.bool_)
     figures_inside = hg.compare(boxes, photograph, inside, 1.0)
     assert figures_inside.pixels > 2500
-    assert figures_inside.relative_rmse < 0.09 and figures_inside.delta_e_2000 < 2.5
+    assert figures_inside.relative_rmse < 0.092 and figures_inside.delta_e_2000 < 2.5
     layers = [read_exr(relit / f"{name}_00.exr")[0] for name in ("normals", "photograph")]
     a, b = (np.stack([one[c] for c in "RGB"], axis=2) for one in layers)
     lit = (b.max(axis=2) > 0.1) & (a.max(axis=2) > 0.1)

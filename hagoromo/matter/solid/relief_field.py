@@ -139,7 +139,7 @@ class ReliefField:
     def _skin(self, p: Any, at: Any, thickness: float = SKIN_VOXELS, lift: float = 0.0) -> tuple[Any, Any]:
         """Density at `p` of the skin of the facet of pixel `at`; cosine of the facet, as it counts for thickness.
 
-        thickness: of the skin, and lift: how far it is before the facet [voxels].
+        thickness: of the skin, and lift: how far it is before a facet that faces the eye [voxels]; at a limb less.
         By the distance below the plane of the facet, along its line of sight (no steeper than LEAST_SKIN_COSINE) and
         aside.
         """
@@ -151,7 +151,7 @@ class ReliefField:
         aside = p - place - ray * deeper
         cosine, aside = -dr.dot(axis, ray), dr.dot(axis, aside)
         above, below = (
-            (deeper * dr.fmax(cosine, least) - aside) / self.voxel + lift * dr.fmax(cosine, least)
+            (deeper * dr.fmax(cosine, least) - aside) / self.voxel + lift * dr.square(cosine)
             for least in (LEAST_EDGE_COSINE, LEAST_SKIN_COSINE)
         )
         density = _rising(above / EDGE + 0.5) * _rising((thickness + 0.5 * EDGE - below) / EDGE)
