@@ -24,6 +24,7 @@ from hagoromo.image.render import PreparedScene, SceneCache, metadata, reflectan
 from hagoromo.image.scene import Scene
 from hagoromo.image.seen_lights import with_seen_lights
 from hagoromo.image.settings import Settings
+from hagoromo.image.surface import Same
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.transforms import record_from_lamp
@@ -122,7 +123,7 @@ def light_of(
     """The light of higher orders in a prepared scene, and on its surfaces, solved unless `cache` holds it."""
     lamps = json.dumps([record_from_lamp(lamp) for lamp in scene.lamps], default=float)
     materials = tuple(material for box in scene.boxes for material in box.materials)
-    surfaces = tuple((s.figure, s.reflectance, s.body_texture, s.beta_texture, id(s.uv)) for s in scene.surfaces)
+    surfaces = tuple((s.figure, s.reflectance, s.body_texture, s.beta_texture, Same(s.uv)) for s in scene.surfaces)
     figures = (
         materials,
         surfaces,

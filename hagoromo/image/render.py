@@ -22,7 +22,7 @@ from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surface, Surfaces
+from hagoromo.image.surface import Same, Surface, Surfaces
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.lamp import by_place
 from hagoromo.light.spectrum import Spectrum
@@ -374,7 +374,7 @@ def surface_colours_of(scene: Scene, palette: Palette, cache: SceneCache) -> Sur
         places = [position_of(s, palette.bodies) for s in surface.body_texture.spectra] if surface.body_texture else []
         bodies.append(_texture(surface, surface.body_texture, np.eye(len(palette.bodies), dtype=np.float32)[places]))
         factors.append(_texture(surface, surface.beta_texture, np.ones((1, 1), np.float32)))
-        key.append((surface.figure, id(surface.uv), surface.body_texture, surface.beta_texture, tuple(places)))
+        key.append((surface.figure, Same(surface.uv), surface.body_texture, surface.beta_texture, tuple(places)))
     first = len(palette.bodies)
     places = range(first, first + len(palette.interfaces))
     return cache.get("textures", (colours, *key), lambda: SurfaceColours(bodies, factors, places))
