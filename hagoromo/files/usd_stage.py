@@ -7,7 +7,6 @@ opened.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -132,11 +131,14 @@ def _composed(layer: Any, prim: Any, known: dict[str, int], depth: int, where: s
 
 def _bound_memory() -> None:
     """Give this process no more memory than is free: the lengths of arrays stand in the file, packed."""
-    if os.name != "posix" or not Path("/proc/self").exists():
-        return
-    import resource
-
     import psutil
+
+    try:
+        import resource
+    except ImportError:  # of POSIX alone
+        return
+    if not Path("/proc/self").exists():
+        return
 
     most = psutil.Process().memory_info().vms + int(SHARE_OF_MEMORY * free_memory())
     _, hard = resource.getrlimit(resource.RLIMIT_AS)

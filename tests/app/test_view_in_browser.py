@@ -19,7 +19,7 @@ from tests.ball_scene import BALL, lamp
 
 pytest.importorskip("viser", reason="viser is not installed")
 SIZE = (960, 480)  # of the window: the panel beside the picture
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 CAMERA = """
 [camera]
 size = [160, 120]
@@ -34,6 +34,7 @@ class Seen:
     def __init__(self, chromium, desk):
         self.browser = Browser(desk, LOOPBACK, 0)
         self.page = chromium.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+        self.page.set_default_timeout(1e3 * PATIENCE_S)
         self.asked, self.faults = [], []
         self.page.on("request", lambda one: self.asked.append(one.url))
         self.page.on("pageerror", lambda one: self.faults.append(str(one)))

@@ -51,6 +51,8 @@ def test_alembic_is_read_as_blender_wrote_it(tmp_path):
 
 @pytest.mark.parametrize("suffix", WRITTEN)
 def test_a_mesh_that_is_written_as_another_has_the_same_triangles(tmp_path, suffix):
+    if suffix.startswith(".usd"):
+        pytest.importorskip("pxr", reason="USD is written by usd-core, which is not installed")
     ply(tmp_path / "a.ply")
     assert main(["convert", str(tmp_path / "a.ply"), "--out", str(tmp_path / f"b{suffix}")]) == 0
     assert len(TRIANGLES) == len(triangles(read_mesh(tmp_path / f"b{suffix}"))) and len(CORNERS) == 4
