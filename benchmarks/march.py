@@ -23,9 +23,11 @@ import hagoromo as hg
 from hagoromo.backend import arrays, opaque_vector
 from hagoromo.image.settings import Settings
 from hagoromo.transport.film import tile_order
-from hagoromo.transport.lighting import Attenuation, Lighting, Materials, palette_of
+from hagoromo.transport.lighting import Attenuation, Lighting
 from hagoromo.transport.march import march
+from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import palette_of
 from hagoromo.transport.shadow import brute_attenuation, mapped_attenuation
 
 VOXELS, PIXELS, TAU = 256, 512, 100.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.transport.lighting import Lighting
-from hagoromo.transport.medium import Element
+from hagoromo.transport.sample import Element
 
 REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance at which rays end
 

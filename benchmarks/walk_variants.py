@@ -37,10 +37,10 @@ from hagoromo.image.path_picture import ALL_ORDERS, walks_of
 from hagoromo.image.render import PreparedScene, SceneCache
 from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.second_order import second_order
-from hagoromo.transport.medium import Element
 from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.path import FAINT, Event, five_of, random_numbers
 from hagoromo.transport.path.scatter import frame_about
+from hagoromo.transport.sample import Element
 from studies.orders import SUBJECTS, box_of, scene_of
 
 RECIPES = Path("examples/recipes")

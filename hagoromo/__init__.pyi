@@ -120,7 +120,7 @@ from .image.surface import Surface as Surface
 from .image.surface_texture import SurfaceTexture as SurfaceTexture
 from .image.scene import Scene as Scene
 from .image.scene_file import load_scene as load_scene
-from .transport.lighting import Palette as Palette
+from .transport.palette import Palette as Palette
 from .image.image import Image as Image, read_image as read_image
 from .image.expose import expose as expose
 from .image.settings import Settings as Settings

@@ -36,7 +36,7 @@ from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.sent_back import ByColour
 from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film, tile_place, tiled
-from hagoromo.transport.lighting import distinct
+from hagoromo.transport.palette import distinct
 from hagoromo.transport.path.bands import Bands
 
 

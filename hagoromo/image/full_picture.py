@@ -38,7 +38,7 @@ from hagoromo.transport.field.patches import Patches
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film
-from hagoromo.transport.lighting import Palette, distinct, position_of
+from hagoromo.transport.palette import Palette, distinct, position_of
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.volume.box import VolumeBox
 

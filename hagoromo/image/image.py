@@ -26,7 +26,7 @@ from hagoromo.image.shown import Shown
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.transport.lighting import Palette, distinct
+from hagoromo.transport.palette import Palette, distinct
 
 StrengthOfLamp: TypeAlias = Mapping[Any, float]  # by name, or by number from 0
 SpectrumOfLamp: TypeAlias = Mapping[Any, Spectrum]

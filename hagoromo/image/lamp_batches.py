@@ -16,7 +16,7 @@ from hagoromo.image.image import Image
 from hagoromo.image.scene import Scene
 from hagoromo.light.lamp import Lamp, by_place
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.palette import Palette
 
 LAMPS_AT_ONCE = 32  # lamps of a batch; a constant, not what fits the memory: steps of the march depend on it a little
 

@@ -26,7 +26,7 @@ from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import Stop, Sums
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.transport.lighting import distinct
+from hagoromo.transport.palette import distinct
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
 from hagoromo.transport.path.lights import Lights

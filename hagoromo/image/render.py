@@ -30,9 +30,12 @@ from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import R3, Film
 from hagoromo.transport.film import tile_order as tile_order
-from hagoromo.transport.lighting import Attenuation, Lighting, Materials, Palette, palette_of, position_of
+from hagoromo.transport.lighting import Attenuation, Lighting
 from hagoromo.transport.march import march
-from hagoromo.transport.medium import Element, Medium, TexelHit
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import Palette, palette_of, position_of
+from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
 from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface
 from hagoromo.volume.box import VolumeBox

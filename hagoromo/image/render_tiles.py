@@ -30,7 +30,7 @@ from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixels_of, tiled
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.palette import Palette
 
 TASKS_PER_WORKER = 8  # of a picture, so that none waits long for the last
 SEEN = -1  # stands for a batch: of the lights that the camera sees

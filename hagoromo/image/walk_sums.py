@@ -20,7 +20,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.image.settings import Settings
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.palette import Palette
 
 FIRST_WALKS = 16  # a pixel, from which the error is estimated first
 MOST_WALKS = 1 << 20  # a pixel

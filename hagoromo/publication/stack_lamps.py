@@ -13,7 +13,7 @@ from hagoromo.publication.colours import PageColours, stack_colours
 from hagoromo.publication.export.lit import hemisphere
 from hagoromo.publication.stack_page import packed_for_page
 from hagoromo.publication.weight_stack import WeightStack, weight_stack
-from hagoromo.transport.lighting import distinct
+from hagoromo.transport.palette import distinct
 
 FEWEST_LAMPS, MOST_LAMPS = 8, 512
 CANDIDATES = 4096  # directions among which lamps are added

@@ -20,23 +20,23 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
-from hagoromo.transport.chart import SurfaceFrame, SurfacePoint, surface_frame, surface_point_at
+from hagoromo.transport.chart import SurfacePoint, surface_frame, surface_point_at
 from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Ray, Step
 from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frame, Frames
+from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.transport.textures import SeenAlong
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
-from hagoromo.volume.texel import LightScale
 from hagoromo.volume.voxels import (
     BRICK,
     CORNERS,
@@ -57,62 +57,6 @@ MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
 Limit = Callable[[Step], Float]  # into how many parts of equal optical depth a step is cut
 NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
-BIAS_TO_LAMP = 2.0  # of the shadow bias, towards the lamp; once more it goes along the axis
-# of the shadow bias, across the way to the lamp, for shadows from afar: on average matter that casts them is half
-# opaque so far before its visible surface
-FAR_BIAS = 0.68
-LEAST_ACROSS = 0.5  # sine of the angle between axis and lamp below which that offset is no longer reached
-FAR_HEIGHT = 2.0  # of the shadow bias: height over a plane skin from which on shadows count as those from afar
-LEAST_RISE = 0.02  # cosine to the lamp below which that height is not waited for
-
-
-@dataclass
-class Element:
-    """A kind of element in a sample: unit axis (world), material number, share of the sample 0…1, and the scales of its
-    body and interface light in a texel.
-
-    shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any.
-    """
-
-    axis: Array3f
-    material: UInt
-    share: Float = 1.0
-    scales: LightScale | None = None
-    shadow_bias: Float | None = None
-
-    def shadow_origin(self, point: Array3f, to_lamp: Array3f) -> Array3f:
-        """Origin of the shadow ray of the element at `point`, offset by its shadow bias so as to miss its own skin.
-
-        The offset along the axis lets light in at grazing angles; it ends shadows too early. That towards the lamp
-        moves none.
-        """
-        return (
-            point if self.shadow_bias is None else dr.fma(self.axis + BIAS_TO_LAMP * to_lamp, self.shadow_bias, point)
-        )
-
-    def far_shadow_origin(self, point: Array3f, to_lamp: Array3f, distance: Float) -> tuple[Array3f, Float]:
-        """Origin of a second shadow ray and its distance to the lamp: for an element with a shadow bias.
-
-        It begins where the way to the lamp has left the element's own skin, and is nearer to the surface than the
-        first ray: shadows of other matter end where they should.
-        """
-        assert self.shadow_bias is not None
-        rise = dr.dot(self.axis, to_lamp)
-        along = FAR_BIAS * self.shadow_bias * dr.rsqrt(dr.fmax(1.0 - rise * rise, LEAST_ACROSS**2))
-        reach = dr.fmin(FAR_HEIGHT * self.shadow_bias * dr.rcp(dr.fmax(rise, LEAST_RISE)), distance)
-        return dr.fma(self.axis, along, dr.fma(to_lamp, reach, point)), distance - reach
-
-
-@dataclass
-class TexelHit:
-    """The place of a sample in a texel. The other fields mean nothing where `textured` is false."""
-
-    textured: Bool  # whether the box of the sample has a texel
-    box: UInt
-    level: UInt  # row of its level, see `Textures`
-    tau: Float  # extinction per unit of density [1/m]
-    here: SurfacePoint
-    frame: SurfaceFrame  # world axes
 
 
 class Medium:

@@ -13,7 +13,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 from hagoromo.transport.lighting import Attenuation
 from hagoromo.transport.march import optical_depth
-from hagoromo.transport.medium import Medium, TexelHit
+from hagoromo.transport.medium import Medium
+from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
 from hagoromo.volume.box import VolumeBox
 

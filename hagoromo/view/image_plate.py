@@ -9,7 +9,7 @@ import numpy as np
 from hagoromo.image.image import Image
 from hagoromo.image.spectral_exr import SpectralPicture
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.palette import Palette
 from hagoromo.view.development import linear_picture
 from hagoromo.view.plates import (
     LARGEST_NOISE,

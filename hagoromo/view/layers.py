@@ -23,7 +23,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.colour import srgb_encode
 from hagoromo.transport.film import Film
-from hagoromo.transport.medium import Element
+from hagoromo.transport.sample import Element
 
 OF_LIGHT = ("picture", "body", "interface", "opacity")  # made of the weights of one picture
 OF_MATTER = ("density", "normals", "axes", "material")

@@ -10,9 +10,11 @@ from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march, optical_depth
+from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import palette_of
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.brick_writer import BrickWriter
 from hagoromo.volume.store.fill_bricks import candidates

@@ -11,9 +11,11 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march
+from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import palette_of
 
 WHITE = Spectrum.constant(1.0)
 BLACK = Reflectance(0.0, 0.0, 0.2, 1.5, WHITE)  # the material of number 0

@@ -20,7 +20,8 @@ from hagoromo.reflectance.facets import expm1_quotient, facet_mass, log1p_quotie
 from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albedo, reflectance_from_record
 from hagoromo.reflectance.sampling import density_to_lamp
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, facet_density, fresnel, squared_angle, torrance_sparrow
-from hagoromo.transport.lighting import Materials, palette_of
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.palette import palette_of
 from tests.oracle.radiance import camera_rays
 from tests.oracle.scenes import DAYLIGHT, Case, camera, coloured_block, error_and_ratio, threads
 

@@ -10,9 +10,11 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march
+from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import palette_of
 from hagoromo.volume.box import VolumeBox
 
 WHITE = Spectrum.constant(1.0)

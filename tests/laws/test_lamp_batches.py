@@ -7,7 +7,8 @@ import hagoromo as hg
 from hagoromo.image import lamp_batches, preview
 from hagoromo.image.lamp_batches import LAMPS_AT_ONCE, WeightsOfLamps
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
-from hagoromo.transport.lighting import MOST_LAMPS, palette_of
+from hagoromo.transport.lighting import MOST_LAMPS
+from hagoromo.transport.palette import palette_of
 
 MATTE = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
 CAMERA = hg.Camera(9, 7, (26, 26), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))

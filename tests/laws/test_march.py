@@ -16,9 +16,11 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lighting import Lighting, Materials, palette_of
+from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march, optical_depth
+from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import palette_of
 from hagoromo.transport.shadow import brute_attenuation
 from hagoromo.volume.box import VolumeBox
 from tests.judges import converges_with_order

@@ -14,7 +14,8 @@ from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.transport.field.scattering import Scattering as FieldScattering
 from hagoromo.transport.field.scattering import scattered
 from hagoromo.transport.field.second_order import projected, second_order
-from hagoromo.transport.lighting import Materials, palette_of
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.palette import palette_of
 from hagoromo.transport.path.path import random_numbers
 from hagoromo.transport.path.scatter import Scattering
 from tests.judges import sampler_follows_density, standard_normal

@@ -18,7 +18,8 @@ from hagoromo.image import path_picture
 from hagoromo.image.render import PreparedScene
 from hagoromo.image.walk_sums import Sums
 from hagoromo.reflectance.element import ELEMENTS
-from hagoromo.transport.lighting import Materials, Palette, palette_of
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.palette import Palette, palette_of
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
 from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers

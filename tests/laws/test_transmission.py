@@ -17,7 +17,8 @@ from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import VIEWS, reflectance_from_record
 from hagoromo.reflectance.torrance_sparrow import Weights
-from hagoromo.transport.lighting import Materials, palette_of
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.palette import palette_of
 from tests.files.test_schemas import material
 from tests.oracle.transmission import transmitted
 

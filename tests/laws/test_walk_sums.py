@@ -9,7 +9,7 @@ import hagoromo as hg
 from hagoromo.image.settings import Settings
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.image.walk_sums import COVERED, TILE, Stop, Sums
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.palette import Palette
 
 WHITE = hg.Spectrum.constant(1.0)
 SIDE = 40  # px; more than two tiles, the last ones cut off

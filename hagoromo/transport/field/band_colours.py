@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Float, arrays, lookup
-from hagoromo.transport.lighting import Palette
+from hagoromo.transport.palette import Palette
 from hagoromo.transport.path.bands import Bands
 
 

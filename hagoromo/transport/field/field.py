@@ -11,7 +11,7 @@ from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.solve import Solution, Solver
-from hagoromo.transport.medium import Element
+from hagoromo.transport.sample import Element
 
 
 class Field:

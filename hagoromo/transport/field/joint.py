@@ -18,7 +18,7 @@ from hagoromo.transport.field.patches import SIDES, CornerLight
 from hagoromo.transport.field.sent_light import Numbers, added, nothing
 from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
 from hagoromo.transport.field.sweep import sweep
-from hagoromo.transport.medium import Element
+from hagoromo.transport.sample import Element
 
 PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of the light that the camera sees
 CELL_LANES = 1 << 19  # rays of all cells to the surfaces, about

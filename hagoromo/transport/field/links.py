@@ -24,8 +24,8 @@ from hagoromo.transport.field.second_order import NUMBERS, projected, second_ord
 from hagoromo.transport.field.sent_light import Numbers, nothing
 from hagoromo.transport.field.sweep import DEEPEST, Path, Ways
 from hagoromo.transport.lighting import Lighting
-from hagoromo.transport.medium import Element
 from hagoromo.transport.path.path import SurfaceHits
+from hagoromo.transport.sample import Element
 from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit
 
 BYTES_PER_RAY = 160  # memory of one ray, its hit and the light along it, about

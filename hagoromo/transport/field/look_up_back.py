@@ -15,7 +15,7 @@ from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers
 from hagoromo.transport.field.whole_sums import WholeSums
-from hagoromo.transport.medium import Element
+from hagoromo.transport.sample import Element
 
 LARGEST_FACTOR = 64.0  # bound of ∫ f ω_i ω_j dω times a share: no element sends on more than it takes
 

@@ -18,8 +18,10 @@ from hagoromo.transport.crossing import LATTICE_MARGIN, Step
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import densest
 from hagoromo.transport.field.cells import Cells
-from hagoromo.transport.lighting import Lighting, Materials
-from hagoromo.transport.medium import Element, Medium, TexelHit
+from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.medium import Medium
+from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.volume.box import VolumeBox
 
 SAMPLES_AT_ONCE = 1 << 21

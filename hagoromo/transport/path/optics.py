@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
 from hagoromo.reflectance.torrance_sparrow import fresnel
-from hagoromo.transport.lighting import Materials
+from hagoromo.transport.materials import Materials
 
 NEITHER, MIRROR, GLASS = 0, 1, 2
 KINDS = ("", "mirror", "glass")

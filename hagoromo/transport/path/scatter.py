@@ -24,7 +24,7 @@ from hagoromo.reflectance.reflectance import Reflectance, interface_albedo
 from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
 from hagoromo.reflectance.transmission import AllWeights, along_fibre, longer_way, passed_at, turned_by
-from hagoromo.transport.lighting import Materials
+from hagoromo.transport.materials import Materials
 
 LEAST_SHARE = 0.1  # of the samples, for the body and for the interface together, where a reflectance has both
 STRAIGHT = 0.8  # share of the samples of clear light that go straight through
