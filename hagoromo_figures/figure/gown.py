@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-import drjit as dr
 import numpy as np
 
 from hagoromo.matter.drape.cut import Cut, Place
@@ -41,8 +40,8 @@ def gown(fall: Fall, pose: Pose = WELCOME) -> list[Sheet]:
     sides = (1.0, -1.0)
     cuts = [sleeve(pose, side, layer, seed + 2) for layer, side in enumerate(sides)]
     worn = dressed(body, dress + sash)
-    bodies = [lambda p, side=side: dr.fmin(worn(p), arm(p, pose, side)) for side in sides]
-    return dress + sash + put_on(cuts, bodies, CLOTH, fall._replace(levels=1, seconds=SHORT))
+    arms = [lambda p, side=side: arm(p, pose, side) for side in sides]
+    return dress + sash + put_on(cuts, arms, CLOTH, fall._replace(levels=1, seconds=SHORT), worn)
 
 
 def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = GOWN_SLEEVE) -> Cut:

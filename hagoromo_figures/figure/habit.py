@@ -55,7 +55,7 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     worn = tunic + put_on([band], [dressed(body, tunic)], WOOL, fine)
     sides = (1.0, -1.0)
     cuts = [sleeve(pose, side, layer, seed + 2, HABIT_SLEEVE) for layer, side in enumerate(sides)]
-    worn += put_on(cuts, [_beside(dressed(body, worn), pose, side) for side in sides], WOOL, short)
+    worn += put_on(cuts, [_beside(pose, side) for side in sides], WOOL, short, dressed(body, worn))
     collar = upright(COLLAR, COLLAR_AT, COLLAR_TILT, Folds(9, seed + 4), held=_last_row)
     linen = put_on([collar], [dressed(body, worn)], LINEN, fine)
     linen += put_on([_coif(pose)], [dressed(body, linen)], LINEN, fine)
@@ -63,9 +63,9 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     return {"habit": worn, "linen": linen, "veil": put_on([_veil()], [below], CREPE, short)}
 
 
-def _beside(body: Shape, pose: Pose, side: float) -> Shape:
-    """What the sleeve of one side lies on: the body, the arm, and the plane between the sleeves."""
-    return lambda p: dr.fmin(dr.fmin(body(p), arm(p, pose, side)), side * p.x - SLEEVE_GAP)
+def _beside(pose: Pose, side: float) -> Shape:
+    """What the sleeve of one side lies on besides the body: the arm, and the plane between the sleeves."""
+    return lambda p: dr.fmin(arm(p, pose, side), side * p.x - SLEEVE_GAP)
 
 
 def _coif(pose: Pose) -> Cut:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import drjit as dr
 import numpy as np
 import pytest
 import trimesh
@@ -15,6 +16,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.drape.collider import Collider
 from hagoromo.matter.drape.cut import Cut
 from hagoromo.matter.drape.drape import over_ball as cloth_over_ball
+from hagoromo.matter.drape.dressed import DEEP, dressed
 from hagoromo.matter.drape.hanging import hanging
 from hagoromo.matter.drape.settle import Fabric, Fall, settled
 from hagoromo.matter.drape.sheet import Sheet
@@ -181,6 +183,33 @@ def test_a_tube_closes_on_whole_periods():
     assert np.array(place.u) == pytest.approx(expected, abs=0.01)
     assert np.array(place.height) == pytest.approx(0.7, abs=0.01)
     assert np.array(place.presence) == pytest.approx(1.0)
+
+
+def test_a_dressed_body_has_the_nearest_cloth_of_all():
+    """Against the distance to every point of a level sheet, near, far, above, below and beside it; of 32 bits."""
+    u, v = np.meshgrid(np.arange(-20.0, 20.5, 1.2), np.arange(-16.0, 16.5, 1.2))
+    sheet = Sheet(np.stack([u, v, np.full(u.shape, 3.0)], axis=-1), u, v, 0.0)
+    places = np.random.default_rng(3).uniform(-40.0, 40.0, (20000, 3)) * (1.0, 1.0, 0.4)
+    far = np.full(len(places), np.inf)
+    for point in sheet.points.reshape(-1, 3):
+        np.minimum(far, np.linalg.norm(places - point, axis=1), out=far)
+    far = np.where(far < DEEP, np.where(places[:, 2] > 3.0, far, -far), DEEP)
+    jit = arrays()
+    found = np.array(dressed(lambda p: 0.0 * p.x + 1e3, [sheet])(jit.Array3f(*(np.float32(places.T)))))
+    assert (found < 0).any() and (found == np.float32(DEEP)).any()
+    assert found == pytest.approx(far, abs=1e-4)
+
+
+def test_a_solid_that_is_common_to_bodies_is_part_of_each():
+    """As if it were joined to each before."""
+
+    def apart(p):
+        return sphere(p, (9.0, 0.0, 4.0), 3.0)
+
+    space = (-15.0, -15.0, -2.0), (15.0, 15.0, 32.0), 2.0
+    bodies = [lambda p: sphere(p, *BALL), lambda p: p.z + 1.0]
+    joined = Collider([lambda p, one=one: dr.fmin(one(p), apart(p)) for one in bodies], *space)
+    assert np.array_equal(Collider(bodies, *space, apart).values.numpy(), joined.values.numpy())
 
 
 def test_one_seed_one_drape():

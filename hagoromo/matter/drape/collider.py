@@ -20,10 +20,18 @@ NO_BODY_MM = 1e4  # [mm] distance where there is no body
 class Collider:
     """Signed distances of `bodies` within the corners low … high, on a lattice of `step`; far outside there is no body.
 
+    common: a solid that belongs to all of them.
     Between lattice points distances are trilinear: edges are rounded over about a step.
     """
 
-    def __init__(self, bodies: Sequence[Shape], low: Sequence[float], high: Sequence[float], step: float) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[Shape],
+        low: Sequence[float],
+        high: Sequence[float],
+        step: float,
+        common: Shape | None = None,
+    ) -> None:
         jit = arrays()
         self.low, self.step = tuple(float(x) for x in low), float(step)
         self.shape = np.ceil(np.subtract(high, self.low) / step).astype(int) + 1
@@ -36,6 +44,9 @@ class Collider:
         index = dr.arange(jit.UInt, count)
         at = jit.Array3f(index % nx, (index // nx) % ny, index // (nx * ny)) * self.step + jit.Array3f(*self.low)
         values = [np.array(body(at), np.float32) for body in bodies] or [np.full(count, NO_BODY_MM, np.float32)]
+        if common is not None:
+            shared = np.array(common(at), np.float32)
+            values = [np.minimum(shared, own) for own in values]
         self.count, self.values = count, resident(jit.Float, np.concatenate(values))
 
     def distance_and_normal(self, point: Any, layer: Any) -> tuple[Any, Any]:

@@ -24,10 +24,9 @@ class Contacts:
         shapes = [sheet.points.shape[:2] for sheet in sheets]
         sizes = [rows * columns for rows, columns in shapes]
         self.sheet, self.apart = np.repeat(np.arange(len(sheets)), sizes), apart
-        places = [np.indices(shape, np.int32).reshape(2, -1).T for shape in shapes]
-        for number, place in enumerate(places):
-            place[:, 0] += number * ROWS_BETWEEN_SHEETS
-        self.place = np.concatenate(places)
+        places = [np.indices(shape, np.int32).reshape(2, -1) for shape in shapes]
+        self.row = np.concatenate([place[0] + number * ROWS_BETWEEN_SHEETS for number, place in enumerate(places)])
+        self.column = np.concatenate([place[1] for place in places])
         columns = [
             shape[1] if sheet.around else ROWS_BETWEEN_SHEETS for shape, sheet in zip(shapes, sheets, strict=True)
         ]
@@ -38,10 +37,15 @@ class Contacts:
         """(LARGEST_CONTACTS, n) points within `reach` that each point may touch; its own number fills the rest."""
         from scipy.spatial import KDTree
 
-        first, second = KDTree(points).query_pairs(reach, output_type="ndarray").T
-        far = np.abs(self.place[first] - self.place[second])
-        far[:, 1] = np.minimum(far[:, 1], self.columns[first] - far[:, 1])
-        keep = (far[:, 0] > NEIGHBOUR_ROWS) | (far[:, 1] * self.narrow[first] > NEIGHBOUR_ROWS)
+        # a tree that is used once need not be balanced
+        tree = KDTree(points, balanced_tree=False, compact_nodes=False)
+        first, second = tree.query_pairs(reach, output_type="ndarray").T
+        near = np.flatnonzero(np.abs(self.row[first] - self.row[second]) <= NEIGHBOUR_ROWS)
+        one = first[near]
+        across = np.abs(self.column[one] - self.column[second[near]])
+        across = np.minimum(across, self.columns[one] - across)
+        keep = np.ones(len(first), bool)
+        keep[near] = across * self.narrow[one] > NEIGHBOUR_ROWS
         first, second = first[keep], second[keep]
         keep = (self.sheet[first] == self.sheet[second]) | ~(self.apart[first] | self.apart[second])
         first, second = first[keep], second[keep]

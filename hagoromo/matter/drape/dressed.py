@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.matter.drape.collider import Collider
@@ -21,9 +22,11 @@ DRESSED_SPACING_MM = 1.2  # distance between the points of the sheets that are s
 DEEP = 7.0  # depth below the outer side of a cloth that counts as inside
 
 
-def put_on(cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall) -> list[Sheet]:
-    """The cuts at rest on a figure; the layer of a cut is the number of its body."""
-    return settled(cuts, Collider(bodies, *DRESSING_SPACE_MM, LATTICE), fabric, fall)
+def put_on(
+    cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall, common: Shape | None = None
+) -> list[Sheet]:
+    """The cuts at rest on a figure; the layer of a cut is the number of its body. common: a solid that is of all."""
+    return settled(cuts, Collider(bodies, *DRESSING_SPACE_MM, LATTICE, common), fabric, fall)
 
 
 def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
@@ -35,15 +38,32 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
 
     def shape(point: Any) -> Any:
         asked = np.array(point, np.float64).T
-        far, nearest = tree.query(asked, distance_upper_bound=DEEP, workers=-1)
-        is_within_reach = np.isfinite(far)
-        nearest = np.where(is_within_reach, nearest, 0)
-        above = np.einsum("ij,ij->i", asked - points[nearest], normals[nearest]) > 0
         # beyond the reach of the search the distance is at least DEEP; the body itself decides what is inside
-        cloth = jit.Float(np.where(is_within_reach, np.where(above, far, -far), DEEP).astype(np.float32))
+        distance = np.full(len(asked), DEEP, np.float32)
+        near = np.flatnonzero(_near(asked, points))
+        asked = asked[near]
+        far, nearest = tree.query(asked, distance_upper_bound=DEEP, workers=-1)
+        found = np.flatnonzero(np.isfinite(far))
+        far, nearest = far[found], nearest[found]
+        above = np.einsum("ij,ij->i", asked[found] - points[nearest], normals[nearest]) > 0
+        distance[near[found]] = np.where(above, far, -far)
+        cloth = jit.Float(distance)
         return dr.fmin(body(point), cloth)
 
     return shape
+
+
+def _near(asked: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of the places asked may lie within DEEP of any of the points: by cells of that size."""
+    from scipy.ndimage import binary_dilation
+
+    low = points.min(axis=0) - 2.0 * DEEP  # so that the outermost cells are empty: all places outside go to them
+    cell = np.floor((points - low) / DEEP).astype(np.int32)
+    held = np.zeros(cell.max(axis=0) + 3, bool)
+    held[tuple(cell.T)] = True
+    held = binary_dilation(held, np.ones((3, 3, 3), bool))
+    place = np.clip(np.floor((asked - low) / DEEP), 0, np.array(held.shape) - 1).astype(np.int32)
+    return held[tuple(place.T)]
 
 
 def _samples(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
