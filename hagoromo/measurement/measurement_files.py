@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from hagoromo.reflectance.material.materials_file import MaterialRecord, write_m
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
 GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
+TAIL_CHANNELS = ("nu", "error.nu")  # further ones, where facets have tails: ν is 0 for Gaussian ones
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
@@ -153,7 +155,13 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
         beta, gamma, beta_error, gamma_error = (np.where(has_gloss, one, np.nan).astype(np.float64) for one in maps)
         errors = np.full(value.shape, np.nan) if error is None else error
         gloss = GlossMap(beta, gamma, beta_error, gamma_error, value, errors)
-        gloss = with_tails(gloss, surface.materials, surface.labels)
+        tails = read_maps(inside(home, "gloss.exr"), TAIL_CHANNELS, surface, optional=True)
+        if tails is None:
+            gloss = with_tails(gloss, surface.materials, surface.labels)
+        else:
+            nu = np.where(has_gloss, np.where(tails[0] > 0.0, tails[0], np.inf), np.nan).astype(np.float64)
+            nu_error = np.where(np.isfinite(nu) & (tails[1] > 0.0), tails[1], np.nan).astype(np.float64)
+            gloss = replace(gloss, nu=nu, nu_error=nu_error)
     return BodyMap(value, error, surface.materials, surface.labels, gloss=gloss)
 
 
@@ -203,11 +211,15 @@ def _read_separation(home: Path) -> Separation | None:
     return Separation(int(number), *parts)
 
 
-def read_maps(path: Path, names: tuple[str, ...], surface: MeasuredSurface) -> tuple[NDArray[np.float32], ...] | None:
-    """Channels of an EXR of the size of the surface; None where there is no such file."""
+def read_maps(
+    path: Path, names: tuple[str, ...], surface: MeasuredSurface, optional: bool = False
+) -> tuple[NDArray[np.float32], ...] | None:
+    """Channels of an EXR of the size of the surface; None where there is no file, or none of `optional` channels."""
     if not path.is_file():
         return None
     layers, _ = read_exr(path)
+    if optional and not set(names) & set(layers):
+        return None
     if not set(names) <= set(layers) or layers[names[0]].shape != surface.labels.shape:
         raise InputError(f"{path} must have the channels {', '.join(names)} in the size of labels.png: measure again")
     return tuple(layers[name] for name in names)

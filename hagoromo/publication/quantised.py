@@ -19,7 +19,7 @@ from hagoromo.publication.surface_maps import Map, SurfaceMaps
 STEEPEST = 0.42 * 3.1 * 255  # 8-bit values per δ/γ: sRGB's slope at white times the lobe's, of a peak 30 times white
 STRETCH = 1.8  # largest angle [rad] that half a step of an octahedral normal turns it by, times 2^bits
 LEAST_BITS, MOST_BITS = 14, 16  # of a normal; at the terminator sRGB is 13 times as steep as in the light
-BODY_BITS, GLOSS_BITS, ERROR_BITS = 10, 12, 8
+BODY_BITS, GLOSS_BITS, TAIL_BITS, ERROR_BITS = 10, 12, 8, 8
 LEAST_ERROR = 1e-5  # of the logarithmic scales of errors
 
 
@@ -32,7 +32,7 @@ class Quantised:
 
 
 def quantised(maps: SurfaceMaps, scales: dict[str, Any] | None = None) -> Quantised:
-    """The maps as planes: u, v (octahedral normal), label, body0 … (square roots), depth, beta, gamma (logarithms) …
+    """The maps as planes: u, v (octahedral normal), label, body0 … (square roots), depth, beta and gamma (logarithms) …
 
     scales: those of other maps of the same object, which are then used.
     """
@@ -52,6 +52,9 @@ def quantised(maps: SurfaceMaps, scales: dict[str, Any] | None = None) -> Quanti
     for name, bits in (("beta", GLOSS_BITS), ("gamma", GLOSS_BITS)):
         if name in scales:
             planes[name] = _logarithmic(getattr(maps, name), scales[name], bits)
+    if maps.tail is not None and "tail" in scales:
+        low, high = scales["tail"]
+        planes["tail"] = _whole(np.clip((maps.tail - low) / (high - low), 0.0, 1.0) * ((1 << TAIL_BITS) - 1))
     for name in ("normal_error", "body_error", "gloss_error"):
         if name in scales:
             planes[name] = _logarithmic(getattr(maps, name), scales[name], ERROR_BITS)
@@ -77,6 +80,9 @@ def scale_of(maps: SurfaceMaps) -> dict[str, Any]:
         values = getattr(maps, name)
         if values is not None:
             scales[name] = _log_range(np.maximum(values[known], 1e-9))
+    if maps.tail is not None:
+        low, high = float(maps.tail[known].min()), float(maps.tail[known].max())
+        scales["tail"] = [low, max(high, low + 1e-6)]
     for name in ("normal_error", "body_error", "gloss_error"):
         values = getattr(maps, name)
         if values is not None and (values[known] > 0.0).any():

@@ -18,7 +18,7 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's camera axes ↔ the page's
-MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "normal_error", "body_error", "gloss_error")
+MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "tail", "normal_error", "body_error", "gloss_error")
 MARGIN_PX = 2  # px around the object
 Map = NDArray[np.float64]
 
@@ -28,9 +28,10 @@ class SurfaceMaps:
     """Maps (h, w) of the object that `camera` sees.
 
     labels: index into materials, −1 unknown. normals: (h, w, 3) unit, page's axes. body: (h, w, C) α c_b [1/sr].
-    depth: distance along the optical axis [m]. beta [1/sr], gamma [rad]: where gloss is known per pixel. normal_error:
-    standard deviation of the direction of the normal [rad]. body_error: relative standard error of the body colour.
-    gloss_error: relative standard error of γ. Each of these is None where it is not known, and 0 at unknown pixels.
+    depth: distance along the optical axis [m]. beta [1/sr], gamma [rad], tail 1/ν: where gloss is known per pixel, and
+    the tail where it varies. normal_error: standard deviation of the direction of the normal [rad]. body_error:
+    relative standard error of the body colour. gloss_error: relative standard error of γ. Each of these is None where
+    it is not known, and 0 at unknown pixels.
     has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
     """
 
@@ -43,6 +44,7 @@ class SurfaceMaps:
     depth: Map | None
     beta: Map | None
     gamma: Map | None
+    tail: Map | None
     normal_error: Map | None
     body_error: Map | None
     gloss_error: Map | None
@@ -136,6 +138,7 @@ def surface_maps(measurement: Measurement, camera: Camera, name: str, has_scale:
         depth=_depth(source.points, camera, labels),
         beta=filled("beta"),
         gamma=filled("gamma"),
+        tail=None if gloss is None else _tail(gloss.nu, measurement.materials, labels),
         normal_error=None
         if variance is None
         else np.sqrt(np.clip(np.where(np.isfinite(variance), variance, 0), 0, None)),
@@ -160,6 +163,15 @@ def _filled(values: Map, materials: Sequence[MaterialEstimate], labels: NDArray[
     """β or γ of every pixel; that of its material where the pixel's own is not known."""
     means = np.array([getattr(one, key) for one in materials])[np.maximum(labels, 0)]
     return np.where(np.isfinite(values) & (values > 0.0), np.nan_to_num(values), means)
+
+
+def _tail(nu: Map | None, materials: Sequence[MaterialEstimate], labels: NDArray[np.int64]) -> Map | None:
+    """1/ν of every pixel, 0 for Gaussian facets; None where the pixels of each material are alike."""
+    of_material = np.array([1.0 / one.nu for one in materials])[np.maximum(labels, 0)]
+    if nu is None:
+        return None
+    tail = np.where((labels >= 0) & np.isfinite(1.0 / nu), 1.0 / nu, of_material)
+    return None if np.allclose(tail, of_material, rtol=1e-5, atol=0.0) else tail
 
 
 def _depth(points: NDArray[np.floating] | None, camera: Camera, labels: NDArray[np.int64]) -> Map | None:

@@ -31,7 +31,7 @@ class MapsPlate:
         self.maps, self.measurement = maps, measurement
         self.size = (maps.labels.shape[1], maps.labels.shape[0])
         optional = {
-            "depth": maps.depth, "β interface": maps.beta, "γ roughness": maps.gamma,
+            "depth": maps.depth, "β interface": maps.beta, "γ roughness": maps.gamma, "1/ν tails": maps.tail,
             OF_NORMALS: maps.normal_error, OF_BODY: maps.body_error,
             OF_GAMMA: maps.gloss_error,
         }  # fmt: skip
@@ -74,7 +74,8 @@ class MapsPlate:
             values, most = scales[layer]
             assert values is not None
             return in_colours(values / most, known)
-        values = {"depth": maps.depth, "β interface": maps.beta, "γ roughness": maps.gamma}[layer]
+        maps_of = {"depth": maps.depth, "β interface": maps.beta, "γ roughness": maps.gamma, "1/ν tails": maps.tail}
+        values = maps_of[layer]
         assert values is not None
         return scaled(values, known)
 
@@ -93,6 +94,7 @@ class MapsPlate:
             (maps.depth, "depth", 1e3, " mm"),
             (maps.beta, "β", 1.0, "/sr"),
             (maps.gamma, "γ", 180.0 / np.pi, "°"),
+            (maps.tail, "1/ν", 1.0, ""),
         ):
             if values is not None:
                 said.append(f"{what} {factor * values[row, column]:.4g}{unit}")

@@ -37,8 +37,13 @@ def estimate(name, truth):
     )  # fmt: skip
 
 
-def ball(photographs=3, spectrum=None, response=None, far=False, name="ball") -> tuple[Capture, Measurement]:
-    """The capture, and its measurement with body colours and gloss that vary from pixel to pixel."""
+def ball(
+    photographs=3, spectrum=None, response=None, far=False, name="ball", tails=True
+) -> tuple[Capture, Measurement]:
+    """The capture, and its measurement with body colours and gloss that vary from pixel to pixel.
+
+    tails: whether those of the second material vary, too; the first one has none.
+    """
     labels = np.zeros((SIZE, SIZE), int)
     labels[:, SIZE // 2 :] = 1
     angles = ((35, 20), (-50, -15), (-10, 40), (60, -30), (5, 5), (-30, 60))[:photographs]
@@ -57,7 +62,8 @@ def ball(photographs=3, spectrum=None, response=None, far=False, name="ball") ->
         np.where(known, np.array([getattr(truth, key) for truth in TRUTHS])[labels] * each, np.nan)
         for key in ("beta", "gamma")
     )
-    gloss = GlossMap(beta, gamma, 0.1 * beta, 0.05 * gamma, body, 0.02 * body)
+    nu = np.where(labels == 1, TRUTHS[1].nu * each.T if tails else TRUTHS[1].nu, np.where(known, np.inf, np.nan))
+    gloss = GlossMap(beta, gamma, 0.1 * beta, 0.05 * gamma, body, 0.02 * body, nu, 0.1 * nu)
     materials = tuple(estimate(f"material {k}", truth) for k, truth in enumerate(TRUTHS))
     measured = Measurement(
         materials, labels, (), (), capture.normals, capture.points,
@@ -101,7 +107,7 @@ def radiance(capture, measured, direction=None, position=None, irradiance=np.pi)
         at = measured.labels == label
         vectors = normals[at], to_lamp[at], to_eye[at]
         both[0][at] = reflected(*vectors, replace(truth, alpha_body=body[at], beta=0.0))
-        dark = replace(truth, alpha_body=(0.0, 0.0, 0.0), beta=gloss.beta[at], gamma=gloss.gamma[at])
+        dark = replace(truth, alpha_body=(0.0, 0.0, 0.0), beta=gloss.beta[at], gamma=gloss.gamma[at], nu=gloss.nu[at])
         both[1][at] = reflected(*vectors, dark)
     scale = np.broadcast_to(np.asarray(irradiance * falloff), known.shape)[..., None]
     return both[0] * factor * scale, both[1] * scale, known

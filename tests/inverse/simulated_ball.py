@@ -43,7 +43,8 @@ def reflected(normal, to_lamp, to_eye, truth):
     cos_i, cos_r = (normal * to_lamp).sum(-1), (normal * to_eye).sum(-1)
     cos_q, phi = (to_eye * half).sum(-1), np.arccos(np.clip((normal * half).sum(-1), -1, 1))
     u = (phi / truth.gamma) ** 2
-    d = 2.0**-u if np.isinf(truth.nu) else (1 + (2 ** (1 / truth.nu) - 1) * u) ** -truth.nu
+    nu = np.minimum(truth.nu, 1e9)
+    d = np.where(np.isinf(truth.nu), 2.0**-u, (1 + (2 ** (1 / nu) - 1) * u) ** -nu)
     g = np.sqrt(truth.n**2 + cos_q**2 - 1)
     f = (g - cos_q) ** 2 / (g + cos_q) ** 2 / 2
     f = f * (1 + (cos_q * (g + cos_q) - 1) ** 2 / (cos_q * (g - cos_q) + 1) ** 2)

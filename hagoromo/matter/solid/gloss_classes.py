@@ -1,7 +1,7 @@
-"""Gloss classes: β and γ of every pixel as a few materials, as each voxel of a box has the number of one.
+"""Gloss classes: β, γ and tail of every pixel as a few materials, as each voxel of a box has the number of one.
 
-Pixels of a material are cut in two by ln β or ln γ, whichever differs more, again and again, as Heckbert (1982) cuts
-colours. A class has the mean of its pixels.
+Pixels of a material are cut in two by ln β, ln γ or 1/ν, whichever differs more, again and again, as Heckbert (1982)
+cuts colours. A class has the mean of its pixels.
 """
 
 from __future__ import annotations
@@ -12,20 +12,26 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.volume.bricks import MATERIALS
 
 CLASSES = 32  # of a material, at most
-LEAST_SPREAD = 0.02  # standard deviation of ln β and of ln γ within a class that is not cut
+LEAST_SPREAD = 0.02  # standard deviation of ln β, of ln γ and of 1/ν within a class that is not cut
+LEAST_TAIL = 1e-3  # 1/ν below which facets count as Gaussian
 Array = NDArray[np.float64]
 
 
 def with_gloss_classes(
-    labels: NDArray[np.integer], materials: Sequence[MaterialEstimate], beta: NDArray, gamma: NDArray
+    labels: NDArray[np.integer],
+    materials: Sequence[MaterialEstimate],
+    beta: NDArray,
+    gamma: NDArray,
+    nu: NDArray | None = None,
 ) -> tuple[NDArray[np.integer], tuple[MaterialEstimate, ...]]:
     """Labels (h, w) and materials with those of the classes added; where β and γ (h, w) are not above 0, as they were.
 
-    No more than a box can have: MATERIALS.
+    No more than a box can have: MATERIALS. nu: (h, w) of the tails, 0 for Gaussian facets; None: that of the materials.
     """
     known = (beta > 0.0) & (gamma > 0.0) & (labels >= 0)
     varied = [number for number in range(len(materials)) if (known & (labels == number)).any()]
@@ -34,17 +40,26 @@ def with_gloss_classes(
     for number in varied:
         mine = known & (labels == number)
         gloss = np.log(np.stack([beta[mine], gamma[mine]], axis=1).astype(np.float64))
+        if nu is not None:
+            gloss = np.c_[gloss, np.where(nu[mine] > 0.0, 1.0 / np.maximum(nu[mine], LEAST_NU), 0.0)]
         classes = gloss_classes(gloss, most)
         found[mine] = len(all_materials) + classes
         for one in range(int(classes.max(initial=-1)) + 1):
-            mean_beta, mean_gamma = np.exp(gloss[classes == one].mean(axis=0)).tolist()
+            mean = gloss[classes == one].mean(axis=0)
+            mean_beta, mean_gamma = np.exp(mean[:2]).tolist()
             name = f"{materials[number].name}, gloss {one + 1}"
-            all_materials.append(replace(materials[number], name=name, beta=mean_beta, gamma=mean_gamma))
+            own = replace(materials[number], name=name, beta=mean_beta, gamma=mean_gamma)
+            all_materials.append(own if nu is None else replace(own, nu=nu_of(float(mean[2]))))
     return found, tuple(all_materials)
 
 
+def nu_of(tail: float) -> float:
+    """ν of a tail 1/ν; Gaussian facets where that is next to 0."""
+    return GAUSSIAN if tail < LEAST_TAIL else 1.0 / tail
+
+
 def gloss_classes(gloss: Array, most: int) -> NDArray[np.intp]:
-    """(P,) classes 0, 1, … of rows (P, 2) of ln β and ln γ: `most` at most, fewer where all are narrow."""
+    """(P,) classes 0, 1, … of rows (P, G) of ln β, ln γ …: `most` at most, fewer where all are narrow."""
     classes = np.zeros(len(gloss), np.intp)
     for new in range(1, most):
         spreads = [len(part) * part.var(axis=0) for part in (gloss[classes == one] for one in range(new))]

@@ -13,7 +13,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.solid.gloss_classes import with_gloss_classes
 from hagoromo.matter.solid.relief import Relief
 from hagoromo.measurement.measured_surface import read_surface
-from hagoromo.measurement.measurement_files import GLOSS_CHANNELS, read_maps
+from hagoromo.measurement.measurement_files import GLOSS_CHANNELS, TAIL_CHANNELS, read_maps
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.reflectance import NEUTRAL, Reflectance
 
@@ -33,9 +33,11 @@ def read_relief(folder: Path) -> tuple[Relief, tuple[MaterialEstimate, ...]]:
         colours = np.array([material.alpha * np.array(material.body_colour) for material in surface.materials])
         body = np.where((surface.labels >= 0)[..., None], colours[np.maximum(surface.labels, 0)], 0.0)
     labels, materials = surface.labels, surface.materials
-    maps = read_maps(inside(folder, "gloss.exr"), GLOSS_CHANNELS[:2], surface)
+    path = inside(folder, "gloss.exr")
+    maps = read_maps(path, GLOSS_CHANNELS[:2], surface)
     if maps is not None:
-        labels, materials = with_gloss_classes(labels, materials, *maps)
+        tails = read_maps(path, TAIL_CHANNELS[:1], surface, optional=True) or ()
+        labels, materials = with_gloss_classes(labels, materials, *maps, *tails)
     return Relief(surface.points, surface.normals, body, labels, surface.labels), materials
 
 

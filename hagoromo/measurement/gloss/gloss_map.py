@@ -36,8 +36,8 @@ class GlossMap:
     Errors are those of a logarithm times the value: the 95 % interval of β is β exp(±1.96 error/β). Where photographs
     carry little information, the errors rely on the prior of the material: intervals are too narrow for a region whose
     gloss is so low that it is hardly measurable.
-    nu: of the tails of the facets, infinite where they are Gaussian, and its standard error; one for all pixels of a
-    material. None: all facets are Gaussian.
+    nu: of the tails of the facets, infinite where they are Gaussian, and its standard error; on a solved shape of each
+    pixel where it varies, else one for all pixels of a material. None: all facets are Gaussian.
     """
 
     beta: Array

@@ -184,11 +184,18 @@ class _SharedGloss:
 def log_odds(estimates: PixelGloss, law: GlossLaw, shared: Array) -> float:
     """Logarithm of the odds of `law` against one gloss with χ² `shared` (P,).
 
-    The TRIMMED share of the pixels with the largest gains is excluded.
+    See `trimmed_odds`.
     """
-    gain = np.sort(0.5 * (shared - deviance(estimates, law)))
-    trimmed = gain[: int(np.ceil(len(gain) * (1.0 - TRIMMED)))]
-    return float(trimmed.sum() - 0.5 * NUMBERS * np.log(len(gain)))
+    return trimmed_odds(0.5 * (shared - deviance(estimates, law)), NUMBERS)
+
+
+def trimmed_odds(gain: Array, numbers: int) -> float:
+    """Logarithm of the odds of a law of so many `numbers` that raises ln of the likelihood of P pixels by `gain` (P,).
+
+    The TRIMMED share of the pixels with the largest gains is excluded (Schwarz 1978).
+    """
+    trimmed = np.sort(gain)[: int(np.ceil(len(gain) * (1.0 - TRIMMED)))]
+    return float(trimmed.sum() - 0.5 * numbers * np.log(len(gain)))
 
 
 def _scale(fit: PixelFit, gloss: Array) -> float:

@@ -23,10 +23,10 @@ FLAT = np.log(1e3)  # ln γ at which every facet density is 1
 class LobeShape:
     """What all pixels of a material share beside n: ν of the tails of its facets, and its interface colour of mean 1.
 
-    colour: one number per channel, none for a neutral interface.
+    nu: one number, or one of each of N samples (N,). colour: one number per channel, none for a neutral interface.
     """
 
-    nu: float = GAUSSIAN
+    nu: float | Array = GAUSSIAN
     colour: tuple[float, ...] = ()
 
     @classmethod

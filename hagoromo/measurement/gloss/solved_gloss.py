@@ -1,10 +1,10 @@
 """Solved gloss: the gloss of each pixel of a surface whose normals were solved, where photographs give evidence for it.
 
-Enters: the photometric fit, with one gloss for each material. Leaves: the fit with ln β and ln γ of every pixel, and
-the normals and body colours that go with them. The glosses of a material follow a normal law, whose mean and spread
-maximise the likelihood (empirical Bayes, `gloss_law`). They stay where photographs that are left out are predicted
-better with them, over parts of the object that are independent of each other: an error of the model that only looks
-like gloss does not do that.
+Enters: the photometric fit, with one gloss for each material. Leaves: the fit with ln β and ln γ of every pixel, its
+tail 1/ν where that varies, too, and the normals and body colours that go with them. The glosses of a material follow a
+normal law, whose mean and spread maximise the likelihood (empirical Bayes, `gloss_law`). They stay where photographs
+that are left out are predicted better with them, over parts of the object that are independent of each other: an error
+of the model that only looks like gloss does not do that.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from scipy.stats import t as student
 
 from hagoromo.measurement.gloss.gloss_law import likeliest
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, WIDEST, log_odds
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw
+from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
 from hagoromo.measurement.gloss.solved_pixels import SolvedPixels, State
+from hagoromo.measurement.gloss.solved_tails import TailLaw, likeliest_tails, pixel_tails, tail_odds
 from hagoromo.measurement.normals.highlight_check import angles
-from hagoromo.measurement.normals.own_gloss import OwnGloss, OwnGlossTest
+from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.photometric_model import Fit, size
 from hagoromo.measurement.normals.shading import TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views
@@ -34,16 +35,17 @@ TILES = 4.0  # in a radius of the object: means over them are taken for independ
 FEWEST_TILES = 8
 CHANCE = 0.01  # probability that noise predicts photographs left out as much better
 LEAST_GAIN = 0.02  # of their loss in the highlights
-HIGHLIGHT = 2.0  # φ/γ up to which a value is one of a highlight
+HIGHLIGHT, WITH_TAILS = 2.0, 5.0  # φ/γ up to which a value is one of a highlight, and of one with its tails
 MOST_VALUES = 1_000_000  # solved at once: 0.5 GiB
 ONE_GLOSS = 1e-4  # standard deviation of ln β and ln γ of a law of one gloss for all pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """The law of (ln β, ln γ) of a material, and the test for it."""
+    """The law of (ln β, ln γ) of a material, that of its tails where they vary, and the test for both."""
 
     law: GlossLaw
+    tails: TailLaw | None
     test: OwnGlossTest
 
 
@@ -62,12 +64,12 @@ def with_solved_gloss(views: Views, fit: Fit, seed: int = 0) -> Fit:
         normals=fit.normals.copy(),
         body=fit.body.copy(),
         variance=fit.variance.copy(),
-        own=OwnGloss(fit.gloss.rows[fit.labels, :2], fit.covariance[fit.labels, :2, :2]),
+        own=OwnGloss(fit.gloss.rows[:, OWN][fit.labels], fit.covariance[:, OWN[:, None], OWN][fit.labels]),
         own_tests=tests,
     )
     for number, spread in enumerate(spreads):
         if spread is not None and spread.test.varies:
-            found = _filled(views, found, number, spread.law)
+            found = _filled(views, found, number, spread)
     return found
 
 
@@ -89,22 +91,59 @@ def _spread(views: Views, fit: Fit, number: int, random: np.random.Generator) ->
         for _ in range(ROUNDS):
             state, own = data.solve(law, state)
             law = likeliest(own, law)[0]
-    odds = log_odds(own, law, alone.chi_square)
-    gain, p_value = (
-        _left_out(data, views.place[some], start, (one, law), random) if odds > DECISIVE_LOG_ODDS else (0.0, 1.0)
-    )
+    odds, width = log_odds(own, law, alone.chi_square), float(np.exp(shared[1]))
+    gain, p_value = 0.0, 1.0
+    if odds > DECISIVE_LOG_ODDS:
+        gain, p_value = _left_out(data, views.place[some], start, _Laws(one), _Laws(law), HIGHLIGHT * width, random)
+    spread = Spread(law, None, _test(alone, own, law, (odds, gain, p_value), data))
+    if not fit.gloss.rows[number, TAIL] > 0.0:
+        return spread
+    rival = _Laws(law if spread.test.varies else one)
+    law, tails, found = likeliest_tails(data, law, float(fit.gloss.rows[number, TAIL]), state)
+    more = tail_odds(found, alone.chi_square)
+    if more - max(odds, 0.0) < DECISIVE_LOG_ODDS:
+        return spread
+    gain, p_value = _left_out(data, views.place[some], start, rival, _Laws(law, tails), WITH_TAILS * width, random)
+    test = _test(alone, found.own, law, (more, gain, p_value), data, tails.deviation)
+    return Spread(law, tails, test) if test.varies else spread
+
+
+def _test(
+    alone: PixelGloss,
+    own: PixelGloss,
+    law: GlossLaw,
+    evidence: tuple[float, float, float],
+    data: SolvedPixels,
+    of_tails: float = 0.0,
+) -> OwnGlossTest:
+    """The test of `law` by its evidence: ln odds, and gain and p-value of lamps that were left out."""
+    odds, gain, p_value = evidence
     values = max(float(np.isfinite(data.variance).sum()), 1.0)
     spread = np.sqrt(np.diag(law.covariance))
-    test = OwnGlossTest(
+    return OwnGlossTest(
         odds > DECISIVE_LOG_ODDS and gain > LEAST_GAIN and p_value < CHANCE,
-        (float(spread[0]), float(spread[1])),
+        (float(spread[0]), float(spread[1]), of_tails),
         odds,
         gain,
         p_value,
         (float(alone.chi_square.sum()) / values, float(own.chi_square.sum()) / values),
         float(np.mean(own.converged)),
     )
-    return Spread(law, test)
+
+
+@dataclass(frozen=True, eq=False)
+class _Laws:
+    """Law of the gloss, and of the tails; None: all pixels have that of the material."""
+
+    gloss: GlossLaw
+    tails: TailLaw | None = None
+
+    def solved(self, data: SolvedPixels, start: State) -> tuple[SolvedPixels, State]:
+        """The pixels of `data` with their tails, and their state under the laws."""
+        if self.tails is None:
+            return data, data.solve(self.gloss, start)[0]
+        found = pixel_tails(data, self.gloss, self.tails, start)
+        return data.with_tails(found.tail), found.state
 
 
 def data_of(views: Views, fit: Fit, number: int, pixels: NDArray[np.intp]) -> SolvedPixels:
@@ -122,19 +161,25 @@ def data_of(views: Views, fit: Fit, number: int, pixels: NDArray[np.intp]) -> So
 
 
 def _left_out(
-    data: SolvedPixels, place: Array, start: State, laws: tuple[GlossLaw, GlossLaw], random: np.random.Generator
+    data: SolvedPixels,
+    place: Array,
+    start: State,
+    plain: _Laws,
+    laws: _Laws,
+    reach: float,
+    random: np.random.Generator,
 ) -> tuple[float, float]:
-    """Share by which the second of `laws` lowers the loss of lamps that are left out, in the highlights, and its
-    p-value by Student's t of tiles of the object.
+    """Share by which `laws` lower the loss of `plain` in lamps that are left out, within `reach` [rad] of the
+    highlights, and its p-value by Student's t of tiles of the object.
     """
     lamps, fall, total = random.permutation(len(data.evenness)), np.zeros(len(place)), np.zeros(len(place))
     for fold in range(FOLDS):
         left_out = np.zeros(len(lamps), bool)
         left_out[lamps[fold::FOLDS]] = True
         losses = []
-        for law in laws:
-            state, _ = data.without(left_out).solve(law, start)
-            losses.append(_loss(data.without(~left_out), state, laws[0].mean[1]))
+        for one in (plain, laws):
+            solved, state = one.solved(data.without(left_out), start)
+            losses.append(_loss(replace(data.without(~left_out), tail=solved.tail), state, reach))
         fall += losses[0] - losses[1]
         total += losses[0]
     tile = np.floor(TILES * place).astype(np.int64)
@@ -148,25 +193,35 @@ def _left_out(
     return float(fall.sum() / max(total.sum(), 1e-300)), float(student.sf(statistic, len(means) - 1))
 
 
-def _loss(data: SolvedPixels, state: State, log_gamma: float) -> Array:
-    """(P,) loss of the values of `data` in the highlights at the normals, bodies and gloss of `state`."""
-    near = angles(state.normals, data.views) < HIGHLIGHT * np.exp(log_gamma)
+def _loss(data: SolvedPixels, state: State, reach: float) -> Array:
+    """(P,) loss of the values of `data` within `reach` [rad] of the highlights, as `state` predicts them."""
+    near = angles(state.normals, data.views) < reach
     here = replace(data, variance=np.where(near[:, None], data.variance, np.inf))
     return here.state(state.gloss, state.normals, state.body).loss
 
 
-def _filled(views: Views, fit: Fit, number: int, law: GlossLaw) -> Fit:
-    """`fit` with the gloss of all pixels of a material, whose own becomes the mean of `law`."""
+def _filled(views: Views, fit: Fit, number: int, spread: Spread) -> Fit:
+    """`fit` with the gloss of all pixels of a material, whose own becomes the mean of its law."""
     assert fit.own is not None
-    pixels = np.flatnonzero(fit.labels == number)
+    pixels, law = np.flatnonzero(fit.labels == number), spread.law
     for part in np.array_split(pixels, -(-len(pixels) * views.values[:, :, 0].size // MOST_VALUES)):
         data, here = data_of(views, fit, number, part), fit.pixels(part)
-        state, own = data.solve(law, data.state(np.tile(law.mean, (len(part), 1)), here.normals, here.body.T))
-        fit.own.value[part], fit.own.covariance[part] = own.gloss, own.covariance
+        start = data.state(np.tile(law.mean, (len(part), 1)), here.normals, here.body.T)
+        if spread.tails is None:
+            state, own = data.solve(law, start)
+            fit.own.covariance[part, :2, 2] = fit.own.covariance[part, 2, :2] = 0.0
+            fit.own.covariance[part, :2, :2] = own.covariance
+        else:
+            found = pixel_tails(data, law, spread.tails, start)
+            state, own = found.state, found.own
+            fit.own.value[part, 2], fit.own.covariance[part] = found.tail, found.covariance
+        fit.own.value[part, :2] = own.gloss
         fit.normals[part], fit.body[:, part] = state.normals, state.body.T
         fit.variance[part] = state.normal_variance(law)
     rows, moved = fit.gloss.rows.copy(), np.exp(law.mean - fit.gloss.rows[number, :2])
     rows[number, :2] = law.mean
+    if spread.tails is not None:
+        rows[number, TAIL] = spread.tails.mean
     if fit.lobes is None:
         return replace(fit, gloss=Gloss(rows))
     each = list(fit.lobes.each)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
-from hagoromo.measurement.normals.shading import shading, turned
+from hagoromo.measurement.normals.shading import TAIL, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 
@@ -36,7 +36,8 @@ class SolvedPixels:
 
     rows: (M, G) `Gloss` rows of its lobes, the first of which is the material's gloss; all lobes of a pixel are wider
     and stronger together. colour: (C,) of the interface. evenness: (K, P) of the lamps. variance: (K, C, P) of the
-    values, with the error of the model, inf where a value is not used.
+    values, with the error of the model, inf where a value is not used. tail: (P,) 1/ν of the first lobe of each pixel;
+    None: that of `rows`.
     """
 
     views: Views
@@ -44,11 +45,17 @@ class SolvedPixels:
     colour: Array
     evenness: Array
     variance: Array
+    tail: Array | None = None
 
     def pixels(self, chosen: NDArray) -> SolvedPixels:
         """Some of the pixels."""
         parts = self.evenness[:, chosen], self.variance[..., chosen]
-        return replace(self, views=self.views.pixels(chosen), evenness=parts[0], variance=parts[1])
+        tail = None if self.tail is None else self.tail[chosen]
+        return replace(self, views=self.views.pixels(chosen), evenness=parts[0], variance=parts[1], tail=tail)
+
+    def with_tails(self, tail: Array) -> SolvedPixels:
+        """The same pixels, with `tail` (P,) of their own."""
+        return replace(self, tail=tail)
 
     def without(self, lamps: NDArray[np.bool_]) -> SolvedPixels:
         """The same pixels, without the values of `lamps` (K,)."""
@@ -101,6 +108,8 @@ class SolvedPixels:
         for row in self.rows:
             rows = np.tile(row, (len(gloss), 1))
             rows[:, :2] += gloss - self.rows[0, :2]
+            if total is None and self.tail is not None:
+                rows[:, TAIL] = self.tail
             shade = shading(normals, self.views.to_lamp, self.views.to_eye, rows)
             one = _Shade(shade.body, shade.body_turned, shade.interface, shade.interface_turned, shade.by_width)
             total = one if total is None else total.with_lobe(one)

@@ -69,7 +69,7 @@ class BodyMap:
             if self.gloss is None:
                 interface[index] = interface_of(geometry, material)
             else:
-                interface[index] = _own_interface(geometry, material, self.gloss.beta[index], self.gloss.gamma[index])
+                interface[index] = _own_interface(geometry, material, self.gloss, index)
             light[index] = geometry.irradiance.sum(axis=1)
         return Parts(body, interface, light)
 
@@ -137,9 +137,12 @@ def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Ar
     return body, np.where(seen, 1.0 / np.sqrt(power), np.inf)
 
 
-def _own_interface(sight: Sight, material: MaterialEstimate, beta: Array, gamma: Array) -> Array:
-    """(N, C) interface of pixels with their own β and γ (N,); their further lobes are as much stronger and wider."""
+def _own_interface(sight: Sight, material: MaterialEstimate, gloss: GlossMap, index: tuple[NDArray, NDArray]) -> Array:
+    """(N, C) interface of pixels `index` with their own gloss; their further lobes are as much stronger and wider."""
     facing, shape = ((material.n - 1.0) / (material.n + 1.0)) ** 2, LobeShape.of(material)
+    beta, gamma = gloss.beta[index], gloss.gamma[index]
+    if gloss.nu is not None:
+        shape = replace(shape, nu=gloss.nu[index])
     value = (beta * facing)[:, None] * Lobes(sight, material.n, shape).evaluate(np.log(gamma))[0]
     if material.lobes:
         gaussian = Lobes(sight, material.n, replace(shape, nu=np.inf))

@@ -75,18 +75,24 @@ def measurement_of(capture: Capture, normal_map: NormalMap) -> Measurement:
 def solved_gloss_map(
     normal_map: NormalMap, materials: Sequence[MaterialEstimate], labels: NDArray[np.integer]
 ) -> GlossMap | None:
-    """Maps of β and γ, with their standard errors, where the gloss of a material varies; None if none does."""
+    """Maps of β, γ and ν, with their standard errors, where the gloss of a material varies; None if none does."""
     fit, views = normal_map.fit, normal_map.views
     if fit.own is None:
         return None
-    value = np.exp(fit.own.value)
+    tail, of_tail = fit.own.value[:, 2], np.sqrt(fit.own.covariance[:, 2, 2])
+    value = np.exp(fit.own.value[:, :2])
     value[:, 0] *= fit.gloss.colour.mean(axis=1)[fit.labels]  # β of an interface colour of mean 1
     least = np.array([_least_errors(material) for material in materials])[fit.labels]
-    error = value * np.maximum(np.sqrt(np.einsum("pii->pi", fit.own.covariance)), least)
+    error = value * np.maximum(np.sqrt(np.einsum("pii->pi", fit.own.covariance[:, :2, :2])), least)
     beta, gamma, beta_error, gamma_error = (views.image(one, np.nan) for one in (*value.T, *error.T))
     body = np.where(labels[..., None] >= 0, normal_map.body, np.nan).astype(np.float64)
     unknown = np.full(body.shape, np.nan)
-    return with_tails(GlossMap(beta, gamma, beta_error, gamma_error, body, unknown), materials, labels)
+    maps = GlossMap(beta, gamma, beta_error, gamma_error, body, unknown)
+    if not any(test is not None and test.varies and test.spread[2] > 0.0 for test in fit.own_tests):
+        return with_tails(maps, materials, labels)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        nu, nu_error = (views.image(one, np.nan) for one in (1.0 / tail, of_tail / tail**2))
+    return replace(maps, nu=nu, nu_error=nu_error)
 
 
 def _least_errors(material: MaterialEstimate) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.least_squares.loss import CAUCHY_SCALE
-from hagoromo.measurement.normals.own_gloss import OwnGloss, OwnGlossTest
+from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
 
@@ -92,7 +92,7 @@ class Fit:
         """(P, G) row of `gloss` of each pixel."""
         rows = self.gloss.rows[self.labels]
         if self.own is not None:
-            rows[:, :2] = self.own.value
+            rows[:, OWN] = self.own.value
         return rows
 
     def evenness(self, place: Array) -> Array:

@@ -46,9 +46,13 @@ def reflected(maps: SurfaceMaps, to_lamp: Array) -> Array:
             continue
         beta = np.full(len(labels), material.beta) if maps.beta is None else maps.beta[known]
         gamma = np.full(len(labels), material.gamma) if maps.gamma is None else maps.gamma[known]
+        nu = material.nu
+        if maps.tail is not None:
+            tail = maps.tail[known]
+            nu = jit.Float(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
         weights = element_weights(
             "plane", normal, lamp, eye, 1.0, jit.Float(beta), jit.Float(np.maximum(gamma, 1e-3)), material.n,
-            material.nu, material.epsilon, material.sigma,
+            nu, material.epsilon, material.sigma,
         )  # fmt: skip
         body, interface = np.array(weights.body), np.array(weights.interface)
         lit = body[:, None] * colours + interface[:, None] * three_channels(np.array(material.interface_colour))

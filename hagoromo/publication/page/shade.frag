@@ -2,7 +2,7 @@
 // Equation numbers are those of docs/model/reflection.md (MODEL §2). Axes: x right, y up, z to the eye.
 uniform usampler2D geometry;       // octahedral normal u, v; depth; label
 uniform usampler2DArray bodies;    // square roots of α c_b, four channels a layer
-uniform usampler2D extra;          // ln β, ln γ, error of the normal, error of body colour or gloss
+uniform usampler2D extra;          // ln β, ln γ, error of the normal + 256 · 1/ν, error of body colour or gloss
 uniform sampler2D materials;       // row 0: β, γ, n, 1/ν; row 1: 2^(1/ν) − 1, ε, σ; rows 2 …: interface colour under lamp k
 uniform sampler2D rays;            // x/z, y/z of rays on a grid over the picture (OpenCV's axes)
 uniform sampler2D shadows;         // share of each lamp that arrives
@@ -10,7 +10,7 @@ uniform vec2 tileOrigin;           // place of the tile in its level [px]
 uniform float levelFactor;         // width of a pixel of the level [px of the page]
 uniform vec2 pageSize;             // [px]
 uniform vec2 depthRange;           // [m]
-uniform vec2 betaRange, gammaRange, errorRange;
+uniform vec2 betaRange, gammaRange, tailRange, errorRange;
 uniform float normalTop, bodyTop, bodyScale, glossTop, errorTop;
 uniform int lampCount;
 uniform vec4 lampAt[LAMPS];        // direction (w = 0) or position [m] (w = 1)
@@ -97,10 +97,16 @@ void main() {
   vec4 interfaceOf = texelFetch(materials, ivec2(label, 0), 0), bodyOf = texelFetch(materials, ivec2(label, 1), 0);
   float beta = betaRange.x > 0.0 ? logarithmic(more.x, glossTop, betaRange) : interfaceOf.x;
   float gamma = gammaRange.x > 0.0 ? logarithmic(more.y, glossTop, gammaRange) : interfaceOf.y;
+  float tail = interfaceOf.w, rise = bodyOf.x;
+  if (tailRange.y > 0.0) {
+    tail = mix(tailRange.x, tailRange.y, float(more.z >> 8) / 255.0);
+    tail = tail < 1e-3 ? 0.0 : tail;
+    rise = exp2(tail) - 1.0;
+  }
   float facing = (interfaceOf.z - 1.0) / (interfaceOf.z + 1.0);
   if (view >= 3) {
     float value = view == 3 ? gamma : view == 4 ? beta * facing * facing
-      : errorRange.x > 0.0 ? logarithmic(view == 5 ? more.z : more.w, errorTop, errorRange) : 0.0;
+      : errorRange.x > 0.0 ? logarithmic(view == 5 ? more.z & 255u : more.w, errorTop, errorRange) : 0.0;
     vec2 range = view >= 5 ? errorRange : view == 3 ? SCALE_GAMMA : SCALE_PEAK;
     shown = vec4(viridis(clamp(log(value / range.x) / log(range.y / range.x), 0.0, 1.0)), 1.0);
     return;
@@ -142,7 +148,7 @@ void main() {
     float masking = min(1.0, 2.0 * cosHalf * min(cosView, cosLamp) / cosDeviation);
     // (2)(3) f = α cosθ_i c_b + β D F G / cosθ_r e
     float interfaceWeight =
-      beta * facets(squared, gamma, interfaceOf.w, bodyOf.x) * fresnel(cosDeviation, interfaceOf.z) * masking / cosView;
+      beta * facets(squared, gamma, tail, rise) * fresnel(cosDeviation, interfaceOf.z) * masking / cosView;
     float bodyWeight = cosLamp * bodyFactor(cosLamp, cosView, dot(toLamp, toEye), bodyOf.y, bodyOf.z);
     vec3 colour = vec3(0.0);
     for (int c = 0; c < CHANNELS; c++) colour += body[c] * bodyColumns[k * CHANNELS + c];

@@ -220,7 +220,11 @@ class Tile {
     Object.assign(this, { level, x, y, width: header.width, height: header.height, stamp: 0, shownAt: turn });
     const upload = (names) => texture(gl.TEXTURE_2D, gl.RGBA16UI, this.width, this.height, 0, interleaved(planes, names, size), gl.UNSIGNED_SHORT, gl.RGBA_INTEGER);
     this.geometry = upload(["u", "v", "depth", "label"]);
-    this.extra = upload(["beta", "gamma", "normal_error", planes.gloss_error ? "gloss_error" : "body_error"]);
+    if (planes.tail) {
+      const errors = planes.normal_error;
+      planes.with_tail = planes.tail.map((tail, i) => 256 * tail + (errors ? errors[i] : 0));
+    }
+    this.extra = upload(["beta", "gamma", planes.tail ? "with_tail" : "normal_error", planes.gloss_error ? "gloss_error" : "body_error"]);
     const bodies = new Uint16Array(4 * size * layers);
     for (let k = 0; k < layers; k++) bodies.set(interleaved(planes, [0, 1, 2, 3].map((c) => `body${4 * k + c}`), size), 4 * size * k);
     this.bodies = texture(gl.TEXTURE_2D_ARRAY, gl.RGBA16UI, this.width, this.height, layers, bodies, gl.UNSIGNED_SHORT, gl.RGBA_INTEGER);
@@ -243,7 +247,7 @@ class Tile {
     gl.uniform2f(used.at("tileOrigin"), this.x, this.y);
     gl.uniform1f(used.at("levelFactor"), factor);
     gl.uniform2f(used.at("pageSize"), data.width, data.height);
-    for (const [name, key] of [["depthRange", "depth"], ["betaRange", "beta"], ["gammaRange", "gamma"]])
+    for (const [name, key] of [["depthRange", "depth"], ["betaRange", "beta"], ["gammaRange", "gamma"], ["tailRange", "tail"]])
       gl.uniform2fv(used.at(name), scales[key] || (key === "depth" ? [1, 1] : [0, 0]));
     gl.uniform2fv(used.at("errorRange"), (view.error && scales[view.error]) || [0, 0]);
     gl.uniform1f(used.at("normalTop"), 2 ** scales.normal_bits - 1);
