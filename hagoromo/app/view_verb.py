@@ -21,7 +21,7 @@ def view(
 ) -> None:
     """Scene, volume box, capture, measurement or image → a viewer in the browser: to orbit, relight, edit and probe.
 
-    It goes on until Ctrl-C. The address that it prints holds a token, without which nobody is let in.
+    It goes on until Ctrl-C. The address that it prints holds a token, without which nobody has access.
 
     Args:
         scene: SCENE.toml, BOX.zarr, the folder of a capture or one that `measure` wrote, or IMAGE.exr with weights or

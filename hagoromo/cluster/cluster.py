@@ -32,7 +32,7 @@ THREADS = "HAGOROMO_THREADS"  # environment of a worker: threads of its kernels
 NO_DASK = "--scheduler needs Dask, which is not installed: install hagoromo[cluster]"
 ALONE = {  # settings of Dask for workers that are started here
     "distributed.scheduler.allowed-failures": DEATHS,
-    # a worker holds a scene as long as it lives: it would never go on once it was told to pause
+    # a worker holds a scene as long as it lives: it would never go on once it was paused
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,

@@ -33,7 +33,7 @@ def layers_of(scene: Scene, settings: Settings) -> dict[str, Array]:
     """Channels (height, width) of a scene, 0 where a pixel shows nothing.
 
     depth.Z: along the camera's axis [m]. normal.X, .Y, .Z: unit, world, to the eye. albedo.R, .G, .B: of the bodies,
-    linear sRGB under the first lamp. material.id: the one that is met most often; from 1 on, those of the boxes and
+    linear sRGB under the first lamp. material.id: the one that most rays hit; from 1 on, those of the boxes and
     then the surfaces, as `names_of_materials` has them.
     """
     camera = scene.camera
@@ -67,7 +67,7 @@ def _looks(
     walks: Walks, prepared: PreparedScene, seed: int, look: int
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.uint32]]]:
     """First pixel, (pixels, 5 + bodies) of 1, depth, normal and albedo, and number of the material from 1 on; 0 where
-    nothing is met.
+    no ray hits anything.
     """
     jit, camera = arrays(), prepared.camera
     pose = camera.world_to_camera

@@ -101,14 +101,14 @@ def weight_stack(
 
 
 def _depth(scene: Scene, settings: Settings, known: NDArray[np.bool_]) -> NDArray[np.float32] | None:
-    """Depth (h, w) of what is met first, the mean over a pixel [m]; that of the nearest pixel where nothing was met."""
+    """Depth (h, w) of what rays hit first, mean over a pixel [m]; where they hit nothing, that of the nearest pixel."""
     from scipy.ndimage import distance_transform_edt
 
     depth = layers_of(scene, settings)["depth.Z"]
-    met = known & (depth > 0.0)
-    if not met.any():
+    hit = known & (depth > 0.0)
+    if not hit.any():
         return None
-    nearest: Any = distance_transform_edt(~met, return_distances=False, return_indices=True)
+    nearest: Any = distance_transform_edt(~hit, return_distances=False, return_indices=True)
     return depth[nearest[0], nearest[1]]
 
 

@@ -77,7 +77,7 @@ def test_what_a_dome_lacks_is_said(refused, dome, tmp_path):
 
 
 def test_a_raw_file_of_an_unknown_maker_leaves_nothing(refused, tmp_path):
-    """Also where others were already developed when it was met."""
+    """Also where others were already developed when it came."""
     write_dng(tmp_path / "a.dng", numbers(scene(1), 0.2, 1), 0.2)
     (tmp_path / "b.cr2").write_bytes(b"II*\0\x10\0\0\0CR\x02\0 and no more")
     (tmp_path / "dome.lp").write_text("2\na.dng 0 0.5 1\nb.cr2 0 -0.5 1\n")

@@ -179,7 +179,7 @@ def _surfaces(meshes: Any, folder: Path, where: str) -> Iterator[dict[str, Any]]
         mesh.visual = type(meshes.geometry[name])().visual
         (folder / file).write_bytes(mesh.export(file_type="ply"))
         body = {"alpha": MATT, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": _spectrum(rgb).record()}
-        yield {"mesh": file, "name": f"mesh {number + 1}", "reflectance": body}  # trimesh draws names of its own by lot
+        yield {"mesh": file, "name": f"mesh {number + 1}", "reflectance": body}  # trimesh's names are random
 
 
 def _camera_of(bounds: Any) -> Camera:

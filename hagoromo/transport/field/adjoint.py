@@ -71,11 +71,11 @@ class Adjoint:
         plain = swept_back(cells, self.ways, cells, None, by_incident(self.ways, by_arrived), len(by_arrived))
         result = []
         for c, numbers in enumerate(plain):
-            scale, met, stays = (float(each[c]) for each in (balance.scales, balance.met, balance.stays))
+            scale, taken, stays = (float(each[c]) for each in (balance.scales, balance.intercepted, balance.stays))
             through = _inner(by_arrived[c], self.scaled[c]) / scale if balance.free[c] else 0.0
-            of_stays, of_met = (through / met, -through * stays / met**2) if met > 0.0 else (0.0, 0.0)
+            of_stays, of_taken = (through / taken, -through * stays / taken**2) if taken > 0.0 else (0.0, 0.0)
             kind = arrays().Float
-            factors = [dr.opaque(kind, value) for value in (scale, of_stays, of_met)]
+            factors = [dr.opaque(kind, value) for value in (scale, of_stays, of_taken)]
             by_stays = [lookup(kind, row.astype(np.float32)) for row in balance.stays_by]
             each = zip(numbers, by_stays, self._met_by, strict=True)
             result.append([factors[0] * n + factors[1] * a + factors[2] * m for n, a, m in each])
@@ -83,7 +83,7 @@ class Adjoint:
         return result
 
     def _by_met(self, receiver: UInt, way: UInt) -> list:
-        """What is met by matter, by the light of each ray."""
+        """What matter intercepts, by the light of each ray."""
         place = way * self.solver.cells.matter_count + receiver
         return [self.ways.at(way)[1] * dr.gather(arrays().Float, self.ways.sigma, place)]
 

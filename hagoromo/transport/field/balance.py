@@ -1,4 +1,4 @@
-"""Balance: what cells send and what of it leaves them all or is met by matter again, for every channel.
+"""Balance: what cells send, what of it leaves them all and what matter intercepts again, for every channel.
 
 A sweep gathers light at cells, which loses or gains a little of what was sent. Over many orders in white matter that
 would grow: so the light of a sweep is scaled to what was sent, less what leaves.
@@ -20,7 +20,7 @@ class Balance:
 
     def __init__(self, sent: list[list[Float]]) -> None:
         self.sent = sent
-        self.stays, self.met, self.scales = np.zeros(len(sent)), np.zeros(len(sent)), np.ones(len(sent))
+        self.stays, self.intercepted, self.scales = np.zeros(len(sent)), np.zeros(len(sent)), np.ones(len(sent))
 
     def add(self, cell: UInt, towards: Array3f, weight: Float, sigma: Float, light: list[Float], leaves: Float) -> None:
         """Of some cells and directions: σ [1/m], the light that arrives, and the share of light that leaves."""
@@ -28,11 +28,11 @@ class Balance:
         for k, numbers in enumerate(self.sent):
             along = second_order([dr.gather(kind, n, cell) for n in numbers]).at(towards)
             self.stays[k] += _total(weight * along * (1.0 - leaves))
-            self.met[k] += _total(weight * sigma * light[k])
+            self.intercepted[k] += _total(weight * sigma * light[k])
 
     def scaled(self, incident: list[list[Float]]) -> list[list[Float]]:
         """The incident light that matter meets as much of as stays."""
-        factors = np.where(self.met > 0.0, self.stays / np.maximum(self.met, 1e-30), 1.0)
+        factors = np.where(self.intercepted > 0.0, self.stays / np.maximum(self.intercepted, 1e-30), 1.0)
         self.scales = factors.clip(1.0 / LARGEST, LARGEST)
         factors = [dr.opaque(arrays().Float, float(f)) for f in self.scales]
         return [[number * factor for number in numbers] for numbers, factor in zip(incident, factors, strict=True)]

@@ -175,4 +175,4 @@ class BalanceByCells(Balance):
     @property
     def free(self) -> Bool:
         """Of each channel, whether its light is scaled by what stays, not by the largest change there may be."""
-        return (self.met > 0.0) & (self.scales == self.stays / np.maximum(self.met, 1e-30))
+        return (self.intercepted > 0.0) & (self.scales == self.stays / np.maximum(self.intercepted, 1e-30))

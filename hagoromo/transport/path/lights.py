@@ -33,7 +33,7 @@ from hagoromo.transport.surface_colours import SurfaceHit
 LEAST_ALBEDO = 1e-3
 
 
-class EventMet(Protocol):
+class EventHit(Protocol):
     """Where a walk goes: how far that is [m], infinity for nothing; unit normal of the face of a surface, to the eye;
     and 1 + the number of the emitter whose front it is, else 0.
     """
@@ -144,13 +144,13 @@ class Lights:
             chosen = LampDrawn(*(selected(here, one, other) for one, other in zip(new, chosen, strict=True)))
         return chosen, random
 
-    def met(
-        self, origin: Array3f, direction: Array3f, event: EventMet, spread: Float, first: Bool, groups: int
+    def hit(
+        self, origin: Array3f, direction: Array3f, event: EventHit, spread: Float, first: Bool, groups: int
     ) -> list[Float]:
-        """Radiance of every group that a walk meets on its way to its next event, and there.
+        """Radiance of every group that a walk hits on its way to its next event, and there.
 
         origin: of the walk's event before. spread: as it was there for this direction; infinity where no light could
-        have been drawn. first: whether the walk comes from the camera, and meets what is visible.
+        have been drawn. first: whether the walk comes from the camera, and sees what is visible.
         """
         jit = arrays()
         shares = [seen_lamp(lamp, origin)[2] for lamp in self.lamps]
@@ -187,12 +187,12 @@ class Lights:
 
 
 def share_of_drawn(lamp: LampDrawn, spread: Float) -> Float:
-    """What the light of a drawn lamp counts, where a walk could have met it, too."""
+    """What the light of a drawn lamp counts, where a walk could have hit it, too."""
     return dr.select(lamp.density > 0.0, lamp.density / (lamp.density + spread), 1.0)
 
 
 def _balance(spread: Float, density: Float, first: Bool, visible: bool) -> Float:
-    """What light counts that was met: all of it where it could not be drawn."""
+    """What light that a walk hit counts: all of it where it could not be drawn."""
     both = dr.select(dr.isinf(spread), 1.0, spread / dr.fmax(spread + density, 1e-30))
     return dr.select(first, 1.0 if visible else 0.0, both)
 

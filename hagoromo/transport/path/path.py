@@ -49,7 +49,7 @@ class SurfaceHits(Protocol):
 @dataclass
 class Event:
     """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0.
-    distance: from where the walk was before [m]; infinity: it met nothing. emitter: see `Lights.emitter`.
+    distance: from where the walk was before [m]; infinity: it hit nothing. emitter: see `Lights.emitter`.
     """
 
     there: Bool
@@ -239,7 +239,7 @@ class Walks:
         own = [jit.Bool(True)] if self.groups == 1 else [lamp.group == group for group in range(self.groups)]
         return [old + dr.select(own[k // each], light[k % each], 0.0) for k, old in enumerate(channels)]
 
-    def met(
+    def hit(
         self,
         channels: list[Float],
         origin: Array3f,
@@ -249,12 +249,12 @@ class Walks:
         onwards: Onwards,
         carried: list[Float],
     ) -> list[Float]:
-        """The channels with the light that a walk meets on its way to an event: after the first one among the colours,
+        """The channels with the light that a walk hits on its way to an event: after the first one among the colours,
         else among the bands, which together are 1 at every wavelength.
         """
         assert self.lights is not None
         first, one = events == 0, events == 1
-        light = self.lights.met(origin, direction, event, onwards.spread, first, self.groups)
+        light = self.lights.hit(origin, direction, event, onwards.spread, first, self.groups)
         weights = [dr.select(one, weight, 0.0) for weight in onwards.weights]
         weights += [dr.select(one, 0.0, old) for old in carried]
         each = len(weights)
@@ -271,7 +271,7 @@ class Walks:
         u: Float,
     ) -> tuple[Event, Array3f, list[Float], Bool, UInt, Bool]:
         """Event, direction, weights, whether the walk goes on and in which glass, see `Optics.left`, now that it may
-        have met a mirror or glass; and whether it did.
+        have hit a mirror or glass; and whether it did.
         """
         assert self.optics is not None
         turn = self.optics.turned(event.material, event.there, event.axis, to_eye, glass, u)
@@ -378,7 +378,7 @@ def light_of_walks(
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
         if dr.hint(walks.lights is not None, mode="scalar"):
-            channels = walks.met(channels, origin, direction, event, events, onwards, carried)
+            channels = walks.hit(channels, origin, direction, event, events, onwards, carried)
             event.there &= events < most
         if dr.hint(walks.optics is not None, mode="scalar"):
             carried = walks.left(event, glass, carried)
