@@ -136,7 +136,7 @@ cluster: $(READY)
 	$(BIN)/python -m studies.cluster --out out/cluster --force
 	cp out/cluster/cluster.md docs/ && cp out/cluster/cluster.png docs/figures/
 
-# 80 measured materials, fitted with our model and with GGX + Lambert (minutes; needs the fits beside): docs/merl.md.
+# 80 measured materials, fitted with our model and with GGX + Lambert (an hour, resumed where it was stopped; needs the fits beside): docs/merl.md.
 merl: $(READY)
 	$(BIN)/python -m studies.merl ../shared/data/merl_fits --out out/merl --force
 	cp out/merl/merl.md docs/ && cp out/merl/merl.png docs/figures/

@@ -3,7 +3,8 @@
     python -m studies.merl ../shared/data/merl_fits --out out/merl
 
 Enters: a folder with merl_sgd.json and merl_abc.json. Leaves: results.json, merl.md and merl.png, which belong to docs.
-Each model is fitted by the package, and ours and GGX by SciPy as well, so that both can be judged.
+Each model is fitted by the package, and ours and GGX by SciPy as well, so that both can be judged. A material
+that is done has a file of its own in `.merl.building` beside the result: the same command goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.cluster.mapped import mapped
+from hagoromo.cluster.mapped import here_or_on
+from hagoromo.files.cache import key_of
+from hagoromo.files.resumable import resumable_folder
 from hagoromo.measurement.material.lack_of_fit import LEVEL
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.material.model_choice import Facets, Interface, choose_fit
@@ -66,11 +69,17 @@ def merl_study(
     progress: hg.Progress = hg.silent,
     scheduler: str | int | None = None,
 ) -> dict[str, Any]:
-    """The whole study, written to the folder `out`; gives the record of results.json. scheduler: see `hg.render`."""
-    with hg.whole_folder(out, force) as home:
-        cases = [(kind, name, of) for kind, named in read_truths(folder).items() for name, of in named.items()]
+    """The whole study, written to the folder `out`; gives the record of results.json. scheduler: see `hg.render`.
+
+    Materials that an interrupted run of the same program and truths has done are taken from its files.
+    """
+    truths = read_truths(folder)
+    read = {path.name: path.read_text(encoding="utf-8") for path in sorted(Path(folder).glob("*.json"))}
+    done = key_of(["merl", MERL_NOISE, MERL_SEED, *METHODS, read])
+    with resumable_folder(out, done, force) as home:
+        cases = [(kind, name, of) for kind, named in truths.items() for name, of in named.items()]
         tasks = [(*case, np.random.default_rng([MERL_SEED, i])) for i, case in enumerate(cases)]
-        rows: list[Row] = mapped(study, tasks, scheduler, progress, [name for _, name, _ in cases])
+        rows = _rows(tasks, home.parent / "rows", scheduler, progress)
         record = {
             "hagoromo": hg.__version__,
             "noise": MERL_NOISE,
@@ -108,6 +117,22 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
     ordered = {method: error[method] for method in METHODS}
     shape = nu if np.isfinite(nu) else None, tuple(colour.tolist())
     return Row(kind, name, ordered, rejected, p_value, best.residuals.model_error, *shape)
+
+
+def _rows(tasks: list[tuple[Any, ...]], kept: Path, scheduler: str | int | None, progress: hg.Progress) -> list[Row]:
+    """The row of every task, those in the files of the folder `kept` not fitted again; the others are put there."""
+    kept.mkdir(exist_ok=True)
+    files = [kept / f"{number}.json" for number in range(len(tasks))]
+    left = [number for number, file in enumerate(files) if not file.exists()]
+    with here_or_on(scheduler) as workers:
+        for more, (k, row) in enumerate(workers.results(study, [tasks[number] for number in left]), 1):
+            with hg.whole_file(files[left[k]]) as file:
+                hg.write_json(file, asdict(row))
+            progress((len(tasks) - len(left) + more) / len(tasks), row.material)
+    return [
+        Row(**{**hg.read_json(file), "interface_colour": tuple(hg.read_json(file)["interface_colour"])})
+        for file in files
+    ]
 
 
 def summary(rows: list[Row]) -> dict[str, Any]:

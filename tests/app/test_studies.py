@@ -20,6 +20,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "measurement.material.model_choice",
         "measurement.parameters",
         "cluster.mapped",
+        # work that is interrupted and goes on
+        "files.cache",
+        "files.resumable",
     },
     "encoding.py": {"measurement.normals.normals", "measurement.normals.photometric_model"},
     "leave_one_out.py": {"measurement.normals.normals"},
