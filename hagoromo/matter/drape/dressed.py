@@ -44,7 +44,7 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
         asked = asked[near]
         far, nearest = tree.query(asked, distance_upper_bound=DEEP, workers=-1)
         found = np.flatnonzero(np.isfinite(far))
-        far, nearest = far[found], nearest[found]
+        far, nearest = far[found], np.asarray(nearest)[found]
         above = np.einsum("ij,ij->i", asked[found] - points[nearest], normals[nearest]) > 0
         distance[near[found]] = np.where(above, far, -far)
         cloth = jit.Float(distance)
@@ -61,9 +61,9 @@ def _near(asked: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np
     cell = np.floor((points - low) / DEEP).astype(np.int32)
     held = np.zeros(cell.max(axis=0) + 3, bool)
     held[tuple(cell.T)] = True
-    held = binary_dilation(held, np.ones((3, 3, 3), bool))
+    held = np.asarray(binary_dilation(held, np.ones((3, 3, 3), bool)), bool)
     place = np.clip(np.floor((asked - low) / DEEP), 0, np.array(held.shape) - 1).astype(np.int32)
-    return held[tuple(place.T)]
+    return np.take(held, np.ravel_multi_index(tuple(place.T), held.shape))
 
 
 def _samples(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
