@@ -1,6 +1,6 @@
 """Beside: a part of the work in a process of its own, whose results are found in the cache afterwards.
 
-Volume boxes of cloth are built by hardly more than one core; two processes use two.
+Volume boxes of cloth are built, and kernels compiled, by hardly more than one core; two processes use two.
 """
 
 from __future__ import annotations

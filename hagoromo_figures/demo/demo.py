@@ -24,7 +24,7 @@ from hagoromo.files.whole import whole_folder, write_bytes
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo_figures.demo.beside import beside
-from hagoromo_figures.demo.drawn import Files, build_figure, drawn, is_drawn
+from hagoromo_figures.demo.drawn import Files, draw_all, drawn, is_drawn
 from hagoromo_figures.demo.figures import people
 from hagoromo_figures.demo.measured import measured, reflectances_of
 from hagoromo_figures.demo.report import Report, write_growing, write_report
@@ -134,12 +134,12 @@ def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) 
     materials = {name: reflectance.record() for name, reflectance in found.items()}
     shares = [MEASURED + (DRAWN - MEASURED) * k / len(size.figures) for k in range(len(size.figures) + 1)]
     if scheduler is None:
-        second = _second_figure(size)
-        missing = not all(is_drawn(name, materials, size) for name in size.figures if second in people(name))
-        with beside(build_figure, second, materials, size, wanted=bool(second) and missing and cache().used) as wait:
-            for name, begin, end in zip(size.figures, shares, shares[1:], strict=False):
+        own, others = _shared_out(size)
+        missing = [name for name in others if not is_drawn(name, materials, size)]
+        with beside(draw_all, missing, materials, size, wanted=bool(missing) and cache().used) as wait:
+            for name, begin, end in zip((*own, *others, *_last(size)), shares[:-1], shares[1:], strict=True):
                 with steps.step(name.replace("_", " "), begin, end) as progress:
-                    if second in people(name):
+                    if name not in own and not is_drawn(name, materials, size):
                         wait()
                     files = drawn(name, materials, size, progress)
                 yield name, files
@@ -153,10 +153,19 @@ def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) 
             yield size.figures[number], files
 
 
-def _second_figure(size: Size) -> str:
-    """Whose boxes are built beside the first pictures: who is in a later picture and not in the first; "": nobody."""
-    first, *later = (people(name) for name in size.figures)
-    return next((who for picture in later for who in picture if who not in first), "")
+def _shared_out(size: Size) -> tuple[list[str], list[str]]:
+    """Figures that this process draws, and meanwhile another: those of the first person, and those of one other.
+
+    What shows several persons, which `_last` gives, comes afterwards: it needs the boxes of all.
+    """
+    alone = [name for name in size.figures if len(people(name)) == 1]
+    first = people(alone[0]) if alone else ()
+    own = [name for name in alone if people(name) == first]
+    return own, [name for name in alone if name not in own]
+
+
+def _last(size: Size) -> list[str]:
+    return [name for name in size.figures if len(people(name)) > 1]
 
 
 def _is_unfinished(target: Path) -> bool:

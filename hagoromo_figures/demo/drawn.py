@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +39,10 @@ def is_drawn(name: str, materials: Mapping[str, Any], size: Size) -> bool:
     return cache().has(["figure", name, materials, size.of_figures()])
 
 
-def build_figure(who: str, materials: Mapping[str, Any], size: Size) -> None:
-    """Put the boxes of the "angel" or the "nun" into the cache."""
-    _cast(materials, size).build(who)
+def draw_all(names: Sequence[str], materials: Mapping[str, Any], size: Size) -> None:
+    """Put figures and their boxes into the cache."""
+    for name in names:
+        drawn(name, materials, size)
 
 
 def _draw(name: str, materials: Mapping[str, Any], size: Size, progress: Progress) -> Files:

@@ -106,12 +106,6 @@ class Cast:
         ground = background(extent, self.measured["dielectric"])
         return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (ground,))
 
-    def build(self, who: str) -> None:
-        """Build all boxes of one figure."""
-        for part in PART_MATERIALS[who]:
-            if part not in self.without:
-                self.box(who, part)
-
     def box(self, who: str, part: str) -> VolumeBox:
         """The volume box of a part of a figure, where it was built."""
         if (who, part) not in self._boxes:

@@ -27,6 +27,7 @@ from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo_figures.demo import demo as module
 from hagoromo_figures.demo import drawn as drawing
 from hagoromo_figures.demo.demo import SIZES, demo
+from hagoromo_figures.demo.figures import people
 from hagoromo_figures.demo.samples import bench, bench_camera, true_reflectances
 from tests.judges import intervals_hold
 
@@ -246,6 +247,14 @@ def test_without_a_terminal_there_is_a_line_a_step():
         "demo: one took 2.0 s, 2 s in all, 20 %, about 8 s left",
         "demo: two took 5.5 s, 8 s in all, 100 %",
     ]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_two_processes_draw_every_figure_once_and_build_no_person_twice(size):
+    own, others = module._shared_out(SIZES[size])
+    assert sorted((*own, *others, *module._last(SIZES[size]))) == sorted(SIZES[size].figures) and own
+    who = [{person for name in part for person in people(name)} for part in (own, others)]
+    assert not who[0] & who[1]
 
 
 def test_an_unknown_size_is_refused(tmp_path):
