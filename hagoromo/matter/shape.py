@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, clip
 
@@ -38,6 +40,41 @@ def capsule(point: Any, start: Triple, end: Triple, radius: float, end_radius: f
     share = clip(dr.dot(offset, _vector(along)) / float(along @ along), 0.0, 1.0)
     grown = 0.0 if end_radius is None else end_radius - radius
     return length(offset - _vector(along) * share) - (radius + grown * share)
+
+
+def limb(
+    point: Any,
+    joints: NDArray[np.floating],
+    radius: Callable[[Any], Any],
+    bend: float,
+    aside: Callable[[Any], Any] | None = None,
+) -> Any:
+    """A tube around the line through `joints` (n, 3), of a radius that is a smooth function of the way along it.
+
+    It has no rings: a smooth union of one capsule a bone would swell where two of them have the same surface. Corners
+    of the line are rounded over `bend`, by the mean of the feet of the point on all bones, weighted by their
+    distances; beside a joint it is thinner by at most 0.28 bend. radius ends level, or the round end has an edge.
+    aside: offset of the middle by the way along (Array3f).
+    """
+    feet, ways, distances, begin = [], [], [], 0.0
+    for start, end in pairwise(joints):
+        along, offset = end - start, point - _vector(start)
+        share = clip(dr.dot(offset, _vector(along)) / float(along @ along), 0.0, 1.0)
+        feet.append(_vector(start) + _vector(along) * share)
+        distances.append(length(point - feet[-1]))
+        whole = float(np.linalg.norm(along))
+        ways.append(begin + whole * share)
+        begin += whole
+    least = distances[0]
+    for distance in distances[1:]:
+        least = dr.fmin(least, distance)
+    weights = [dr.exp((least - distance) * (1.0 / bend)) for distance in distances]
+    scale = dr.rcp(sum(weights))
+    middle = sum(foot * (weight * scale) for foot, weight in zip(feet, weights, strict=True))
+    way = sum(one * (weight * scale) for one, weight in zip(ways, weights, strict=True))
+    if aside is not None:
+        middle += aside(way)
+    return length(point - middle) - radius(way)
 
 
 def rounded_box(point: Any, centre: Triple, half: Triple, rounding: float = 0.0) -> Any:

@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.matter.shape import capsule, ellipsoid, smooth_difference, smooth_union, sphere
+from hagoromo.matter.shape import capsule, ellipsoid, limb, smooth_difference, smooth_union, sphere, spline
 
 WEB_WIDTH = 2.0  # width over which fingers pass into the palm
 LENGTH = 29.5  # from the wrist to the tip of the middle finger
@@ -21,6 +21,9 @@ FINGER_LENGTHS = 15.0, 15.9, 15.1, 12.6  # of the fingers from their knuckles
 FINGER_HALF_WIDTHS = 1.22, 1.27, 1.2, 1.08  # half, of the fingers
 PHALANGES = 0.45, 0.31, 0.24  # of a finger's length
 FINGER_TAPER = 1.03, 0.97, 0.88, 0.7  # half width at the joints and the tip, of the finger's
+SLIM = 0.94  # half width between two joints, of the mean at these
+BEND = 0.3  # over which the line of a finger bends
+NAIL = 0.75, 0.15  # depth of a nail's middle [half widths], and width of its border
 THUMB = 1.9, 1.4, 1.3, 0.9  # half width at its joints and tip
 
 
@@ -116,13 +119,21 @@ def _palm(p: Any) -> Any:
 def _finger(p: Any, digit: Digit) -> Any:
     """Three tapering bones, fuller at the joints and the pad, and a nail."""
     joints, pad, widths = digit
-    solid = capsule(p, tuple(joints[0]), tuple(joints[1]), widths[0], widths[1])
-    for k in (1, 2):
-        bone = capsule(p, tuple(joints[k]), tuple(joints[k + 1]), 0.97 * widths[k], widths[k + 1])
-        solid = smooth_union(solid, bone, 0.06)
-        solid = smooth_union(solid, sphere(p, tuple(joints[k] - 0.15 * pad), 0.87 * widths[k]), 0.3)
     along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
-    soft = 0.35 * joints[2] + 0.65 * joints[3]
-    solid = smooth_union(solid, sphere(p, tuple(soft + 0.15 * widths[3] * pad), 0.98 * widths[3]), 0.4)
-    q = framed(p, soft - 0.8 * widths[3] * pad + 0.25 * along, np.array([np.cross(pad, along), pad, along], float))
-    return smooth_union(solid, ellipsoid(q, (0.0, 0.0, 0.0), (0.78 * widths[3], 0.28, 1.25 * widths[3])), 0.12)
+    reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(joints, axis=0), axis=1))])
+    between = 0.5 * (reach[1:] + reach[:-1])
+    slim = [SLIM * 0.5 * (widths[k] + widths[k + 1]) for k in range(2)]
+    # both curves end level: their last two values are the same
+    knots = [reach[0], between[0], reach[1], between[1], reach[2], reach[3], reach[3] + 1.0]
+    radii = [widths[0], slim[0], widths[1], slim[1], widths[2], widths[3], widths[3]]
+    soft, out = reach[2] + 0.7 * (reach[3] - reach[2]), 0.16 * widths[3]
+    padded = [reach[1], reach[2], soft, reach[3], reach[3] + 1.0], [0.0, 0.0, out, 0.3 * out, 0.3 * out]
+
+    def aside(way: Any) -> Any:
+        """The pad stands out on its side of the tip."""
+        return type(p)(*pad.tolist()) * spline(way, *padded)
+
+    solid = limb(p, joints, lambda way: spline(way, knots, radii), BEND, aside)
+    back = 0.35 * joints[2] + 0.65 * joints[3] - NAIL[0] * widths[3] * pad + 0.25 * along
+    q = framed(p, back, np.array([np.cross(pad, along), pad, along], float))
+    return smooth_union(solid, ellipsoid(q, (0.0, 0.0, 0.0), (0.66 * widths[3], 0.28, 1.2 * widths[3])), NAIL[1])

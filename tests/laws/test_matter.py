@@ -1,5 +1,6 @@
 """Matter is what its recipe says: one seed one result, outward axes, distances and noise that keep their word."""
 
+from itertools import pairwise
 from typing import Any
 
 import drjit as dr
@@ -15,6 +16,7 @@ from hagoromo.matter.shape import (
     displaced,
     distance_and_normal,
     ellipsoid,
+    limb,
     plane,
     revolved,
     rounded_box,
@@ -28,6 +30,7 @@ from tests.judges import sampler_follows_density
 MATERIAL = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
 BALL, SMALL_BALL = ({"form": "sphere", "radius_mm": radius} for radius in (7.0, 1.1))
 CLOTH = {"width_mm": 5.0, "height_mm": 4.0, "voxel_mm": 0.09, "variants": 2, "material": MATERIAL}
+BENT = np.array([(-0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.4, 0.0)])  # a line with a corner
 RECIPES = {
     "skin": {"kind": "skin", "size_mm": 2.3, "voxel_mm": 0.04, "material": MATERIAL},
     "skin on a ball": {"kind": "skin", "shape": SMALL_BALL, "voxel_mm": 0.04, "material": MATERIAL},
@@ -158,6 +161,7 @@ def test_shapes_that_cannot_be_are_refused(shape, message):
         (lambda p: revolved(p, lambda radius, z: dr.sqrt((radius - 0.6) ** 2 + z * z) - 0.2), True),
         (lambda p: sheet(sphere(p, (0, 0, 0), 0.7), 0.1), True),
         (lambda p: smooth_union(sphere(p, (0, 0, 0), 0.5), sphere(p, (0.6, 0, 0), 0.4), 0.2), False),
+        (lambda p: limb(p, BENT, lambda way: 0.3 - 0.05 * way, 0.1), False),
         (lambda p: ellipsoid(p, (0, 0, 0), (0.7, 0.5, 0.4)), False),
         (lambda p: displaced(sphere(p, (0, 0, 0), 0.7), 0.03 * dr.sin(9.0 * p.x)), False),
     ],
@@ -173,6 +177,24 @@ def test_distances_change_by_no_more_than_the_way(shape, exact):
     # second order in the distance: ½ κ d² with curvatures up to 5 on the smallest ellipsoid and the ripples
     assert np.abs(np.array(shape(a - normal * distance)))[near].max() < 0.5 * 8 * 0.03**2
     assert np.array(dr.norm(normal)) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_limb_does_not_swell_at_its_joints():
+    """Of two bones in line it is nowhere larger than the capsule of both, and of any two nowhere smaller than their
+    union by more than the largest x / (1 + eˣ) of the bend, W(1/e) = 0.2785: the distance to a mean is at most the mean
+    of the distances. Where one bone is by far the nearer it is the capsule of that.
+    """
+    p, bend = points(20_000, 1.2, 3), 0.05
+    line = np.array([(-0.4, 0.0, 0.0), (0.1, 0.0, 0.0), (0.6, 0.0, 0.0)])
+    straight, bent = (np.array(limb(p, joints, lambda way: 0.3 + 0.0 * way, bend)) for joints in (line, BENT))
+    larger = straight - np.array(capsule(p, line[0], line[2], 0.3))
+    assert larger.min() > -2e-6 and larger.max() < 0.2785 * bend
+    one, other = (capsule(p, start, end, 0.3) for start, end in pairwise(BENT))
+    whole = np.array(dr.fmin(one, other))
+    assert (bent - whole).max() < 0.2785 * bend + 2e-6
+    clear = np.array(dr.abs(one - other)) > 8.0 * bend
+    assert clear.sum() > 1000
+    assert np.abs(bent - whole)[clear].max() < 2e-3  # exp(−8) of the distance between the feet, at most 1.2
 
 
 @pytest.mark.parametrize("noise", [value_noise, gradient_noise, lambda p, s: cellular_noise(p, s).nearest])
