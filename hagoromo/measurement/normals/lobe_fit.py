@@ -9,12 +9,13 @@ bound. The lobes stay where they predict photographs that were left out better.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.normals.lobe_samples import Samples, samples_of
+from hagoromo.measurement.normals.lobe_samples import Samples, Trust, samples_of, trust_of
 from hagoromo.measurement.normals.lobe_shape import (
     LobeShapes,
     fewest,
@@ -61,6 +62,13 @@ def with_lobes(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
 
     Pixels of materials without further lobes stay as they are. capture: of `views`, whose masks are used here.
     """
+    trust = trust_of(capture, views)
+    each = find_lobes(views, fit, views.place, trust, seed)
+    return with_bodies(views, fit_with(fit, each), views.place, trust, each) if any(each) else fit
+
+
+def find_lobes(views: Views, fit: Fit, place: Array, trust: Trust, seed: int = 0) -> list[FoundLobes | None]:
+    """Of each material its lobes where its highlight needs further ones; place: (P, 2) of the pixels."""
     random, each = np.random.default_rng(seed), []
     for number in range(len(fit.gloss.rows)):
         own = np.flatnonzero(fit.labels == number)
@@ -68,21 +76,23 @@ def with_lobes(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
             each.append(None)
             continue
         some = np.sort(random.choice(own, min(len(own), LOBE_PIXELS), replace=False))
-        samples = samples_of(capture, views.pixels(some), fit.pixels(some), views.place[some])
-        found = lobes_of(samples, fit.gloss.rows[number], fit.variance[some], views.place[some], random)
+        samples = samples_of(views.pixels(some), fit.pixels(some), place[some], trust.pixels(some))
+        found = lobes_of(samples, fit.gloss.rows[number], fit.variance[some], place[some], random)
         each.append(None if found is None else found.widened(fit, own))
-    if not any(each):
-        return fit
-    found = _in(fit, each)
+    return each
+
+
+def with_bodies(views: Views, fit: Fit, place: Array, trust: Trust, each: Sequence[FoundLobes | None]) -> Fit:
+    """`fit`, which has the lobes `each`, with the body colours that go with them."""
     body = fit.body.copy()
     for number, one in enumerate(each):
         own = np.flatnonzero(fit.labels == number)
-        if one is not None:
+        if one is not None and len(own):
             for part in np.array_split(own, -(-len(own) // LOBE_PIXELS)):  # bounded memory
-                here = samples_of(capture, views.pixels(part), found.pixels(part), views.place[part])
+                here = samples_of(views.pixels(part), fit.pixels(part), place[part], trust.pixels(part))
                 here = with_errors_of_normals(here, one.shapes, fit.variance[part])
                 body[:, part] = here.bodies(interface_of(here, one.shapes))
-    return replace(found, body=body)
+    return replace(fit, body=body)
 
 
 def lobes_of(
@@ -112,8 +122,10 @@ def lobes_of(
     return FoundLobes(with_covariance(samples, shapes, place), bool(np.ptp(samples.colour) > 0.0), gain)
 
 
-def _in(fit: Fit, each: list[FoundLobes | None]) -> Fit:
-    """`fit` with the lobes of each material, and their errors."""
+def fit_with(fit: Fit, each: Sequence[FoundLobes | None]) -> Fit:
+    """`fit` with the lobes of each material, and their errors; as it is where none has further ones."""
+    if not any(each):
+        return fit
     rows, covariance = fit.gloss.rows.copy(), fit.covariance.copy()
     choice = fit.choice
     if choice is not None:

@@ -107,19 +107,32 @@ class Samples:
         return float(np.sum(np.where(known, self.values - model, 0.0) ** 2))
 
 
-def samples_of(capture: Capture, views: Views, fit: Fit, place: Array) -> Samples:
-    """The samples of `views`, whose pixels `fit` (and `place`) have, with the clipped values of `capture`."""
+@dataclass(frozen=True, eq=False)
+class Trust:
+    """Which values of P pixels under K lamps are valid: trusted (K, P); and which are clipped: lower (K, C, P)."""
+
+    trusted: NDArray[np.bool_]
+    lower: NDArray[np.bool_]
+
+    def pixels(self, chosen: NDArray) -> Trust:
+        """That of some pixels."""
+        return Trust(self.trusted[:, chosen], self.lower[..., chosen])
+
+
+def trust_of(capture: Capture, views: Views) -> Trust:
+    """That of `views`, by the masks and values of `capture`."""
     trusted = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
     lower = np.zeros(views.values.shape, bool)
     for k, photograph in enumerate(capture.photographs):
         raw = photograph.values[views.rows, views.columns].T
         top = photograph.values[photograph.mask].max(initial=0.0)
         lower[k] = ~trusted[k] & (np.nan_to_num(raw) >= CLIPPED * top) & (top > 0.0)
-    return samples_from(views, fit, place, trusted, lower)
+    return Trust(trusted, lower)
 
 
-def samples_from(views: Views, fit: Fit, place: Array, trusted: NDArray[np.bool_], lower: NDArray[np.bool_]) -> Samples:
-    """The samples of `views`, of which `trusted` (K, P) are valid, and `lower` (K, C, P) clipped."""
+def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:
+    """The samples of `views`, whose pixels `fit`, `place` and `trust` have."""
+    trusted, lower = trust.trusted, trust.lower
     shade, (flat, angle2) = shading(fit.normals, views.to_lamp, views.to_eye, fit.rows), _flat(views, fit.normals)
     even = fit.evenness(place)
     values = np.where(np.isfinite(views.values), views.values, 0.0)

@@ -20,6 +20,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
 from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.normals.lobe_samples import CLIPPED
 from hagoromo.measurement.normals.views import Stack, check_lamps, enough
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
@@ -27,6 +28,7 @@ from hagoromo.photograph.rig import Rig
 from hagoromo.progress import Progress, silent
 
 SIDE = 192  # [pixel] side of a tile: all lamps of one need a few hundred megabytes
+LARGEST_HALF = 6e4  # below the largest number of 16 bits
 COARSE_PIXELS = 30_000  # largest number of pixels of the coarse capture
 
 
@@ -67,7 +69,8 @@ class FolderSource:
 class TileStore:
     """The file `path` holds (tiles, K, 2, C, SIDE, SIDE) halves: values and standard deviations over `scale` (K,).
 
-    Deviations are 0 where invalid. coarse: the capture of means over `factor` × `factor` pixels.
+    Deviations are 0 where invalid; of invalid values those that are clipped are kept. coarse: the capture of means over
+    `factor` × `factor` pixels.
     """
 
     path: Path
@@ -103,7 +106,9 @@ class TileStore:
         index = np.nonzero(enough(list(numbers[:, 1, 0] > 0)))
         whole = numbers[..., index[0], index[1]].astype(np.float32)  # (K, 2, C, P)
         whole = np.moveaxis(whole * self.scale[:, None, None, None].astype(np.float32), 3, 2)
-        stack = Stack(whole[:, 0], np.maximum(whole[:, 1], 1e-18) ** 2, whole[:, 1, :, 0] > 0)
+        valid = whole[:, 1, :, 0] > 0
+        variance = np.where(valid[..., None], np.maximum(whole[:, 1], 1e-18) ** 2, np.inf)
+        stack = Stack(whole[:, 0], variance, valid)
         return stack, index[0] + rows.start, index[1] + columns.start
 
 
@@ -149,7 +154,8 @@ def _write(path: Path, number: tuple[int, int], photograph: Photograph) -> float
             for column in range(0, width, SIDE):
                 index = np.s_[row : row + SIDE, column : column + SIDE]
                 valid, (h, w) = mask[index][..., None], mask[index].shape
-                values = np.where(valid, photograph.values[index], 0.0) / scale
+                values = np.nan_to_num(photograph.values[index]) / scale
+                values = np.where(valid, values, np.where(values >= CLIPPED, np.minimum(values, LARGEST_HALF), 0.0))
                 deviation = np.sqrt(np.where(valid, photograph.variance[index], 0.0)) / scale
                 # a deviation that rounds to 0 would count as invalid
                 deviation = np.where(valid, np.maximum(deviation, 1e-6), 0.0)

@@ -1,7 +1,9 @@
 """Tiles: normals and depth of photographs that exceed the memory.
 
-Gloss, lamps, distance and a coarse surface are estimated from the coarse capture of a `TileStore`. Normals and body
-colours of each tile are then fitted with these known, and its depth is integrated around the coarse surface.
+Gloss, lamps, distance and a coarse surface are estimated from the coarse capture of a `TileStore`. Under far lamps
+further lobes of the interface are found on pixels of full size, chosen at random, as squares of pixels blur a narrow
+lobe. Normals and body colours of each tile are then fitted with these known, and its depth is integrated around the
+coarse surface.
 """
 
 from __future__ import annotations
@@ -19,26 +21,42 @@ from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Here, Workers
 from hagoromo.errors import InputError
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
+from hagoromo.measurement.normals.highlight_check import angles
+from hagoromo.measurement.normals.lobe_fit import LOBE_PIXELS, FoundLobes, find_lobes, fit_with, with_bodies
+from hagoromo.measurement.normals.lobe_samples import CLIPPED, Trust, trust_of
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_with_one_lobe
-from hagoromo.measurement.normals.photometric_model import Prior, evenness, precision
+from hagoromo.measurement.normals.photometric_model import Fit, Prior, evenness, precision
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, Light, fit_pixels
-from hagoromo.measurement.normals.views import Array, views_from_stack
+from hagoromo.measurement.normals.shading import Gloss
+from hagoromo.measurement.normals.views import Array, Stack, Views, views_from_stack
 from hagoromo.measurement.surface.depth import Surface, anchored_surface, surface_from_normals
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
+STRATA = (0.0, 2.0, 4.0, 8.0, 16.0)  # [°] least angles of the strata between normal and half vector of the nearest lamp
 MARGIN = 2  # coarse pixels around a tile that its integration includes, so that neighbouring tiles join
 
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """The coarse capture, its normals and their fit, and its surface."""
+    """The coarse capture, its normals and their fit, and its surface.
+
+    gloss: (M, G) rows of `Gloss` of one lobe of each material, under which normals are solved; None: those of the fit.
+    lobes: of each material, found on pixels of full size; none: those of the fit.
+    """
 
     capture: Capture
     normal_map: NormalMap
     surface: Surface
+    gloss: Array | None = None
+    lobes: tuple[FoundLobes | None, ...] = ()
+
+    @property
+    def rows(self) -> Array:
+        """(M, G) rows of `Gloss` under which normals are solved."""
+        return self.normal_map.fit.gloss.rows if self.gloss is None else self.gloss
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +97,8 @@ def solve_coarse(
         return Coarse(capture, shape.normal_map, shape.surface)
     normal_map = solve_with_one_lobe(capture, prior=prior, progress=progress, model=model)
     camera = capture.photographs[0].camera
-    return Coarse(capture, normal_map, surface_from_normals(normal_map.normals, camera, distance, normal_map.variance))
+    surface = surface_from_normals(normal_map.normals, camera, distance, normal_map.variance)
+    return _with_lobes(store, Coarse(capture, normal_map, surface))
 
 
 Shared: TypeAlias = "tuple[TileStore, Coarse] | str"  # what all tiles need, or the file that has it
@@ -169,24 +188,92 @@ def _known(shared: Shared) -> tuple[TileStore, Coarse]:
 def _solve_tile(shared: Shared, tile: int) -> Solved | None:
     """Normals and body colours of a tile, on the coarse surface and with its gloss and lamps; None where are none."""
     store, coarse = _known(shared)
-    fit, small = coarse.normal_map.fit, coarse.normal_map.views
     stack, *rows_columns = store.stack(tile)
-    pixels = rows_columns[0], rows_columns[1]
+    solved = _solved(store, coarse, stack, (rows_columns[0], rows_columns[1]))
+    if solved is None:
+        return None
+    views, fit = solved.views, solved.fit
+    if any(coarse.lobes):
+        fit = with_bodies(views, fit_with(fit, coarse.lobes), solved.place, solved.trust, coarse.lobes)
+    return Solved(views.rows, views.columns, fit.normals, fit.variance, fit.body.T, solved.converged, fit.labels)
+
+
+class _Pixels(NamedTuple):
+    """Some pixels of full size: their views and fit with one lobe, their place, and which values count."""
+
+    views: Views
+    fit: Fit
+    place: Array
+    trust: Trust
+    converged: NDArray[np.bool_]
+
+
+def _solved(
+    store: TileStore, coarse: Coarse, stack: Stack, pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+) -> _Pixels | None:
+    """Normals and body colours of `pixels` of full size on the coarse surface; None where three lamps light none."""
+    fit, small = coarse.normal_map.fit, coarse.normal_map.views
     if not len(pixels[0]):
         return None
     depth, _, _ = _coarse_depth(store, coarse, pixels)
-    points = _points(store.camera, pixels, depth)
-    views = views_from_stack(stack, store.camera, small.lamps, points, pixels)
+    views = views_from_stack(stack, store.camera, small.lamps, _points(store.camera, pixels, depth), pixels)
     if not len(views.rows):
         return None
-    label_of = np.zeros(small.shape, np.intp)
-    label_of[small.rows, small.columns] = fit.labels
-    inside = np.minimum(views.rows // store.factor, small.shape[0] - 1)
-    labels = label_of[inside, np.minimum(views.columns // store.factor, small.shape[1] - 1)]
-    even = evenness(fit.strength, fit.slope, _place(views.rows, views.columns, coarse, store.factor))
-    light = Light(fit.gloss.rows[labels], even, precision(views, fit.model_error))
+    labels = _nearest(store, coarse, fit.labels, (views.rows, views.columns))
+    place = _place(views.rows, views.columns, coarse, store.factor)
+    light = Light(coarse.rows[labels], evenness(fit.strength, fit.slope, place), precision(views, fit.model_error))
     found = fit_pixels(views, light, *robust_lambert(views))
-    return Solved(views.rows, views.columns, found.normals, found.variance, found.body.T, found.converged, labels)
+    trusted = np.asarray(np.isfinite(views.variance).all(axis=1))
+    top = store.scale[:, None, None] / np.maximum(views.light, 1e-300)  # the largest valid value, under its light
+    lower = ~trusted[:, None] & (views.values >= CLIPPED * top)
+    fine = replace(
+        fit, normals=found.normals, body=found.body, variance=found.variance, labels=labels, gloss=Gloss(coarse.rows),
+        pixel_status=None, lobes=None, own=None,
+    )  # fmt: skip
+    return _Pixels(views, fine, place, Trust(trusted, lower), found.converged)
+
+
+def _nearest(
+    store: TileStore, coarse: Coarse, values: NDArray, pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+) -> NDArray:
+    """(P,) of the coarse `values` (N,) those at fine `pixels`; 0 where a coarse pixel is not known."""
+    small = coarse.normal_map.views
+    image = small.image(values)
+    inside = np.minimum(pixels[0] // store.factor, small.shape[0] - 1)
+    return image[inside, np.minimum(pixels[1] // store.factor, small.shape[1] - 1)]
+
+
+def _with_lobes(store: TileStore, coarse: Coarse, seed: int = 0) -> Coarse:
+    """`coarse` with further lobes of each material where pixels of full size need them."""
+    fit, views = coarse.normal_map.fit, coarse.normal_map.views
+    if not np.any(np.exp(fit.gloss.rows[:, 0]) > 0.0):
+        return coarse
+    pixels = _sampled(store, coarse, np.random.default_rng(seed))
+    each = [] if pixels is None else find_lobes(pixels.views, pixels.fit, pixels.place, pixels.trust, seed)
+    if not any(each):
+        return coarse
+    whole = with_bodies(views, fit_with(fit, each), views.place, trust_of(coarse.capture, views), each)
+    body = views.image(whole.body.T.astype(np.float32))
+    normal_map = replace(coarse.normal_map, fit=whole, body=body)
+    return replace(coarse, normal_map=normal_map, gloss=fit.gloss.rows, lobes=tuple(each))
+
+
+def _sampled(store: TileStore, coarse: Coarse, random: np.random.Generator) -> _Pixels | None:
+    """LOBE_PIXELS of each material, or fewer, of full size: as many in each of the strata of the half angle."""
+    fit = coarse.normal_map.fit
+    nearest = np.degrees(angles(fit.normals, coarse.normal_map.views).min(axis=0))
+    stratum = len(STRATA) * fit.labels + np.digitize(nearest, STRATA) - 1
+    numbers = np.bincount(stratum, minlength=len(STRATA) * len(fit.gloss.rows)) * float(store.factor) ** 2
+    chance = np.minimum(LOBE_PIXELS / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
+    stacks, places = [], []
+    for tile in range(store.count):
+        stack, *pixels = store.stack(tile)
+        chosen = random.random(len(pixels[0])) < _nearest(store, coarse, chance, (pixels[0], pixels[1]))
+        stacks.append((stack.values[:, chosen], stack.variance[:, chosen], stack.valid[:, chosen]))
+        places.append((pixels[0][chosen], pixels[1][chosen]))
+    stack = Stack(*(np.concatenate(parts, axis=1) for parts in zip(*stacks, strict=True)))
+    rows, columns = (np.concatenate(parts) for parts in zip(*places, strict=True))
+    return _solved(store, coarse, stack, (rows, columns))
 
 
 def _window(store: TileStore, tile: int) -> tuple[slice, slice]:
