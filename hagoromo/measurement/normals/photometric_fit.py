@@ -45,7 +45,7 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
     every = np.ones(start.gloss.rows.shape, bool)  # numbers of gloss; which of them are free is chosen next
     problem = Problem(views.pixels(chosen), views.place[chosen], share, prior, every)
     (step, status), choice = choose_gloss(problem, start.pixels(chosen), model)
-    fit, (covariance, lamp_variance) = step.fit, step.covariances()
+    fit, covariance = step.fit, step.covariances()[0]
     return replace(
         start,
         gloss=fit.gloss,
@@ -55,7 +55,7 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
         depth=fit.depth,
         model_error=fit.model_error,
         covariance=covariance,
-        lamp_variance=lamp_variance,
+        lamp_variance=step.relative_variance(),
         choice=choice,
         status=status,
     )

@@ -64,7 +64,8 @@ class Fit:
     how the rounds of normals and surface under near lamps ended. None: there was no such fit. lobes: further lobes of
     the interface (`lobe_fit`); None: every material has one. own: gloss of each pixel (`solved_gloss`), of which that
     of the material is the mean; None: one gloss for all pixels of a material. own_tests: of each material, why; None
-    where it was not tested. lamp_variance: (K, 6) of strength, slope and shift; None where they were not fitted.
+    where it was not tested. lamp_variance: (K, 6) of strength and slope less their means over the lamps, and of
+    shift; None where they were not fitted.
     """
 
     normals: Array

@@ -123,6 +123,21 @@ class Step:
         of_lamps = unpack_shared(np.diag(inverse), shape)[1].astype(np.float64)
         return np.stack([of_gloss[m, :, m] for m in range(count)]).astype(np.float64), of_lamps
 
+    def relative_variance(self) -> Array:
+        """(K, OF_LAMP) variance of lamps, of strength and slope less their means over the lamps.
+
+        What all lamps have in common looks like the bodies' colours, and is known by the prior alone.
+        """
+        inverse = np.linalg.inv(self._undamped[0])
+        count, lamps = self.fit.gloss.rows.size, len(self.fit.strength)
+        of_lamps = inverse[count : count + OF_LAMP * lamps, count : count + OF_LAMP * lamps]
+        parts = of_lamps.reshape(lamps, OF_LAMP, lamps, OF_LAMP)
+        variance = self.covariances()[1]
+        for i in range(3):
+            own = parts[:, i, :, i]
+            variance[:, i] = np.diag(own) - 2.0 * own.mean(axis=1) + own.mean()
+        return variance
+
     @cached_property
     def _undamped(self) -> tuple[Array, Array]:
         """Normal equations of gloss, lamps and depth; damped by 1e-6, since some pixels are lit by too few lamps."""
