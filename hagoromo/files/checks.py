@@ -77,6 +77,17 @@ def existing_folder(path: str | Path) -> Path:
     return folder
 
 
+def of_folder(folder: str | Path, name: str, give: str) -> Path:
+    """The file `name` of an existing folder that is known by it; `InputError` for a folder without it, or none.
+
+    give: what to give in its place, as the message calls it.
+    """
+    file = inside(existing_folder(folder), name)
+    if not file.exists():
+        raise InputError(f"{folder} has no {name}: give {give}")
+    return file
+
+
 def sized_file(path: str | Path, most: int, what: str) -> Path:
     """`existing_file` of at most `most` bytes; what: the kind of file, with its article, as messages call it."""
     file = existing_file(path)

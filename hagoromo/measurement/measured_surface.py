@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside
+from hagoromo.files.checks import inside, of_folder
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import read_png
 from hagoromo.photograph.points_file import read_points
@@ -43,7 +43,7 @@ def read_surface(folder: str | Path) -> MeasuredSurface:
     `InputError` where a file is missing or damaged, or the files do not go together.
     """
     home = Path(folder)
-    materials = read_materials(inside(home, "materials.json"))
+    materials = read_materials(of_folder(home, "materials.json", "a folder that `hagoromo measure` wrote"))
     labels = read_png(inside(home, "labels.png")).astype(np.int64) - 1
     if labels.ndim != 2 or labels.max() >= len(materials):
         raise InputError(f"{home / 'labels.png'} has labels up to {labels.max() + 1}: materials are {len(materials)}")

@@ -22,7 +22,7 @@ from hagoromo.camera.formats.nerfstudio import camera_from_record, record_from_c
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Demosaic
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside
+from hagoromo.files.checks import inside, of_folder
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.memory import require
 from hagoromo.files.png import png_bytes, write_png
@@ -115,6 +115,13 @@ class Capture:
         return save_capture(self, folder, force)
 
 
+def capture_file(folder: str | Path) -> Path:
+    """The transforms file of the capture in `folder`, or `folder` itself where it is a .json; `InputError` for none."""
+    if Path(folder).suffix == ".json":
+        return Path(folder)
+    return of_folder(folder, TRANSFORMS, "a capture, as `hagoromo capture` makes them")
+
+
 def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demosaic = "bilinear") -> Capture:
     """The capture in `folder` (or in a transforms file of another name), or a slice of its frames.
 
@@ -124,7 +131,7 @@ def load_capture(folder: str | Path, frames: slice | None = None, demosaic: Demo
     variance is that of a typical one (`transforms.ASSUMED_FULL_WELL`). A frame with neither `lamps` nor `pl_pos` has no
     lamps. Frames without an image are omitted with a warning; `InputError` for other missing or contradictory data.
     """
-    file = Path(folder) if Path(folder).suffix == ".json" else inside(folder, TRANSFORMS)
+    file = capture_file(folder)
     record, home = read_json(file), file.parent
     top = decode(record, CaptureRecord, str(file))
     lamps = [lamp_from_record(lamp, home, f"{file} lamp {i}") for i, lamp in enumerate(top.lamps)]

@@ -37,6 +37,9 @@ def load_lamps(path: str | Path) -> tuple[Lamp, ...]:
     if suffix in FITTED:
         existing_file(path)
         raise InputError(f"{path} holds a fitted picture and no lamps: give the .lp that it was made with")
+    if suffix not in ("", ".json"):
+        existing_file(path)
+        raise InputError(f"{path} is no list of lamps: give a lamps.json of `hagoromo calibrate lamps`, or an {LP}")
     record = read_json(path)
     if isinstance(record, Mapping) and "lamps" not in record and isinstance(record.get("lights"), list):
         return tuple(_far(light, f"{k + 1}", f"{path} light {k}") for k, light in enumerate(record["lights"]))

@@ -209,6 +209,8 @@ def _as_stated(lamp: Lamp, spectrum: Spectrum | str | Path | None, intensity: fl
 
 
 def _check_readable(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give its photographs, such as {path / '*.jpg'}")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} is not an image of a known format: give one of {', '.join(SUFFIXES)}")
     existing_file(path)

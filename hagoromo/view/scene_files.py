@@ -55,6 +55,8 @@ def opened(path: Path) -> tuple[SceneFiles, ViewState]:
     if address(path) or path.suffix.lower() == ".zarr" or (path / "zarr.json").exists():
         return _opened_box(path)
     if path.suffix.lower() != ".toml":
+        if not path.is_dir():
+            existing_file(path)
         raise InputError(
             f"{printable(path)} cannot be viewed: give a scene (.toml), a volume box (.zarr), a capture or a folder "
             "that measure wrote, or an EXR with weights or spectra"

@@ -99,3 +99,19 @@ def test_two_objects_and_lamps_on_one_side_are_warned_of(dome, tmp_path, capsys)
     for what in ("transfer: srgb, as stated", "mask: by hand: two.png", "lamps: 3 from dome.lp, matched by name"):
         assert what in said.out
     assert "camera: orthographic" in said.out and "exposure: the same for all" in said.out
+
+
+def test_a_wrong_kind_of_file_is_named_as_such(refused, dome, tmp_path):
+    """What a stranger gives in place of a list of lamps, of photographs, of a capture, of a measurement."""
+    arguments, empty = dome(), tmp_path / "empty"
+    empty.mkdir()
+    (tmp_path / "lamps.csv").write_text("x,y,z\n0,0,1\n")
+    out = "--out", tmp_path / "result"
+    assert "is no list of lamps" in refused("capture", *arguments[1:4], "--lamps", tmp_path / "lamps.csv", *out)
+    assert "is a folder: give its photographs" in refused("capture", empty, "--lamps", tmp_path / "dome.lp", *out)
+    for verb in ("measure", "relight"):
+        assert "empty has no transforms.json: give a capture" in refused(verb, empty, *out)
+    for verb, *more in (("publish",), ("export", "--to", "png")):
+        assert "has no materials.json: give a folder that `hagoromo measure` wrote" in refused(verb, empty, *more, *out)
+    assert "none.exr2 does not exist" in refused("view", tmp_path / "none.exr2")
+    assert "a.jpg cannot be viewed: give a scene" in refused("view", arguments[1])

@@ -9,7 +9,7 @@ from hagoromo.files.record import read_json
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_store
 from hagoromo.measurement.surface.tiles import Coarse, Fine, solve_coarse, solve_tiles
-from hagoromo.photograph.capture import TRANSFORMS, count_absent, load_capture
+from hagoromo.photograph.capture import capture_file, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 
@@ -22,7 +22,7 @@ STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the time: writing tiles, sol
 
 def large_source(folder: str | Path) -> FolderSource | None:
     """The photographs of a capture of unknown shape that is too large to be solved as one; None for any other."""
-    file = Path(folder) if Path(folder).suffix == ".json" else Path(folder) / TRANSFORMS
+    file = capture_file(folder)
     record = read_json(file)
     frames = record.get("frames")
     if not isinstance(frames, list) or ("points_path" in record and "normals_path" in record):
