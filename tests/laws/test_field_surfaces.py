@@ -12,6 +12,8 @@ import hagoromo as hg
 import hagoromo.image.full_picture as full
 import hagoromo.image.patch_meshes as patch_meshes
 from hagoromo.image.render import SceneCache, pixel_points
+from hagoromo.transport.field import matter_samples
+from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.patches import Patches
 
 WHITE = hg.Spectrum.constant(1.0)
@@ -91,6 +93,27 @@ def test_a_robe_colours_the_plate_that_it_lies_on():
     floor &= walked.weights[..., 0] < 1e-6
     ends = [higher_orders(image)[floor][:, [0, -1]].sum(axis=0) for image in (solved, walked)]
     assert ends[0] == pytest.approx(ends[1], rel=0.03) and ends[1][1] > 2.0 * ends[1][0]
+
+
+def test_cells_of_samples_without_weight_hold_no_matter(monkeypatch):
+    """By rounding, a place may have density in a texel, and none of its elements: a centroid was 0/0 in such cells."""
+    scene, kept = on_a_floor(paint(0.9, element="sphere"), paint(0.8)), matter_samples._kept
+    centroids = []
+
+    def half_of_it(*arguments):
+        parts = kept(*arguments)
+        for _, share, _, _, _, x, *_ in parts:
+            share[x > 0.5] = 0.0
+        return parts
+
+    def cells(low, size, filled, middles):
+        centroids.extend(middles[:, 0])
+        return Cells(low, size, filled, middles)
+
+    monkeypatch.setattr(matter_samples, "_kept", half_of_it)
+    monkeypatch.setattr(matter_samples, "Cells", cells)
+    assert np.isfinite(higher_orders(hg.render(scene, mode="full"))).all()
+    assert centroids and max(centroids) <= 0.5
 
 
 def test_another_camera_costs_a_march(monkeypatch):

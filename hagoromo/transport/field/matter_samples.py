@@ -102,11 +102,14 @@ def sampled(
                 some = _kept(medium, lighting, bands, kept, (number, step, density * (twice / side**3), point))
                 parts += some
                 owners += [begin + np.array(kept).astype(np.int64) // side**3] * len(some)
-    if not parts:
+    joined = [dr.concat(list(column)) for column in zip(*parts, strict=True)]
+    some = np.flatnonzero(np.array(joined[1]) > 0.0) if joined else np.zeros(0, np.intp)  # a cell of none holds nothing
+    if not len(some):
         raise InputError("no volume box holds matter: render in mode march")
-    owner = np.concatenate(owners)
-    index = jit.UInt(np.argsort(owner, kind="stable").astype(np.uint32))
-    columns = [dr.gather(type(c[0]), dr.concat(list(c)), index) for c in zip(*parts, strict=True)]
+    owner = np.concatenate(owners)[some]
+    order = np.argsort(owner, kind="stable")
+    index, owner = jit.UInt(some[order].astype(np.uint32)), owner[order]
+    columns = [dr.gather(type(column), column, index) for column in joined]
     dr.eval(columns)
     held, counts = np.unique(owner, return_counts=True)
     filled = np.zeros(touched.shape, bool)
