@@ -103,8 +103,8 @@ def object_page(side: int) -> str:
     camera = hg.Camera(side, side, (side * DISTANCE, side * DISTANCE), (side / 2, side / 2))
     materials = tuple(estimate(f"material {k}", truth) for k, truth in enumerate(TRUTHS))
     maps = SurfaceMaps(
-        "relief", materials, camera, labels, normals, body, DISTANCE - relief, beta, gamma, 0.01 * even, None,
-        0.05 * even, True,
+        "relief", materials, camera, labels, normals, body, DISTANCE - relief, beta, gamma, None, 0.01 * even,
+        None, 0.05 * even, True,
     )  # fmt: skip
     return document(single_page(PageSource(maps, photographed(camera)), LIMIT).viewer)
 

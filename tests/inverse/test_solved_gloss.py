@@ -155,7 +155,8 @@ def test_smooth_tails_are_mapped_and_tails_beside_a_gloss_that_varies():
 def test_tails_that_are_alike_stay_one(amount):
     _, views, fit = solved(amount, 5, 1.5)
     found = with_solved_gloss(views, fit)
-    assert found.own_tests[0].spread[2] == 0.0
+    test = found.own_tests[0]
+    assert test is not None and test.spread[2] == 0.0
     assert found.own is None or not np.ptp(found.own.value[:, 2])
 
 
@@ -164,10 +165,13 @@ def test_maps_of_tails_are_written_read_and_used(in_halves, tmp_path):
     capture, views, fit = in_halves
     found, home = written(capture, views, fit, tmp_path)
     channels, _ = read_exr(home / "gloss.exr")
+    assert found.gloss is not None and found.body is not None and found.capture is not None
     at, tail, error = (views.rows, views.columns), fit.own.value[:, 2], np.sqrt(fit.own.covariance[:, 2, 2])
     np.testing.assert_allclose(channels["nu"][at], 1 / tail, rtol=1e-6)
     np.testing.assert_allclose(channels["error.nu"][at] * tail**2, error, rtol=1e-5)
-    np.testing.assert_allclose(hg.Measurement.load(home).gloss.nu[at], found.gloss.nu[at], rtol=1e-6)
+    loaded = hg.Measurement.load(home).gloss
+    assert loaded is not None and loaded.nu is not None and found.gloss.nu is not None
+    np.testing.assert_allclose(loaded.nu[at], found.gloss.nu[at], rtol=1e-6)
     parts = found.body.parts(found.capture, capture.photographs[0])
     model = predicted(fit, views.to_lamp[:1], views.to_eye)[0].T * views.light[0].T
     assert np.abs(parts.sum[at] - model).max() < 3e-3 * model.max()

@@ -97,6 +97,7 @@ def test_pixels_of_full_size_are_chosen_by_their_nearest_highlight(waxed):
     """Those near a highlight are more often chosen than by chance; values are those of the photographs."""
     capture, normals, store, coarse = waxed
     found = tiles._sampled(store, coarse, np.random.default_rng(0))
+    assert found is not None
     views = found.views
     for k, photograph in enumerate(capture.photographs):
         raw = photograph.values[views.rows, views.columns].T / views.light[k]
@@ -118,6 +119,7 @@ def test_lobes_of_tiles_are_those_of_the_whole(waxed):
     capture, normals, store, coarse = waxed
     found = tiles._with_lobes(store, coarse)
     tile = tiles._solve_tile((store, found), 0)
+    assert tile is not None
     views, one = solved(capture, normals, GLOSSY["waxed"])
     whole = with_lobes(capture, views, one)
     both = [lobes_of(fit) for fit in (found.normal_map.fit, whole)]

@@ -195,7 +195,7 @@ def test_a_dressed_body_has_the_nearest_cloth_of_all():
         np.minimum(far, np.linalg.norm(places - point, axis=1), out=far)
     far = np.where(far < DEEP, np.where(places[:, 2] > 3.0, far, -far), DEEP)
     jit = arrays()
-    found = np.array(dressed(lambda p: 0.0 * p.x + 1e3, [sheet])(jit.Array3f(*(np.float32(places.T)))))
+    found = np.array(dressed(lambda p: 0.0 * p.x + 1e3, [sheet])(jit.Array3f(*places.T.astype(np.float32))))
     assert (found < 0).any() and (found == np.float32(DEEP)).any()
     assert found == pytest.approx(far, abs=1e-4)
 
