@@ -209,7 +209,7 @@ def test_a_bad_capture_is_refused_in_one_line(tmp_path, top, frame, message):
 
 
 def test_a_capture_without_transforms_or_with_half_of_them_is_refused(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(InputError, match=r"has no transforms\.json: give a capture"):
         load_capture(tmp_path)
     text = (write_foreign(tmp_path, np.zeros((5, 7, 3), np.uint8)) / "transforms.json").read_text()
     (tmp_path / "transforms.json").write_text(text[: len(text) // 2])

@@ -15,7 +15,7 @@ from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.highlight_shift import highlight_shift
 from hagoromo.measurement.normals.normals import solve_with_one_lobe
-from hagoromo.measurement.normals.own_gloss import OwnGloss
+from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss
 from hagoromo.measurement.parameters import pack_theta
 from studies.coverage_bench import BENCHES, ball, drawn, exposed, observed
 from tests.inverse import simulated_ball
@@ -67,7 +67,7 @@ def test_intervals_on_solved_shape_see_a_lobe_that_is_not_of_the_fitted_kind(lob
     low, high = found.interval_95["gamma"]
     assert low <= truth["gamma"] <= high and high < np.pi / 2
     pixels = len(solved.fit.labels)
-    own = OwnGloss(solved.fit.rows[:, :2], np.tile(1e-4 * np.eye(2), (pixels, 1, 1)))
+    own = OwnGloss(solved.fit.rows[:, OWN], np.tile(1e-4 * np.eye(3), (pixels, 1, 1)))
     maps = solved_gloss_map(replace(solved, fit=replace(solved.fit, own=own)), [found], solved.labels)
     assert maps is not None
     known = maps.beta > 0.0
