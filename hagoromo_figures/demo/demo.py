@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -29,6 +29,7 @@ from hagoromo_figures.demo.figures import people
 from hagoromo_figures.demo.measured import measured, reflectances_of
 from hagoromo_figures.demo.report import Report, write_growing, write_report
 from hagoromo_figures.demo.size import SIZES, Size
+from hagoromo_figures.figure.wardrobe import WARDROBE, draped
 
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "colour-science", "scikit-image", "matplotlib")
 MEASURED, DRAWN = 0.15, 0.98  # of the time, when the materials are measured, and when the figures are there
@@ -71,18 +72,19 @@ def demo(
     if size not in SIZES:
         raise InputError(f"size is {size!r}: give one of small, full")
     steps, target = Steps(progress), Path(out)
-    with whole_folder(target, force or _is_unfinished(target)) as home:
-        report = _begun(home, size, SIZES[size], steps)
-    opened(target / "report.html")
-    try:
-        for name, files in _figures(target, SIZES[size], steps, scheduler):
-            for suffix, data in files.items():
-                write_bytes(target / "figures" / f"{name}{suffix}", data)
-            report.figures.append(name)
-            write_growing(target, report, steps.seconds)
-    except KeyboardInterrupt as interrupt:
-        there = f"{target} has the measurement and {len(report.figures)} of {len(SIZES[size].figures)} figures"
-        raise KeyboardInterrupt(f"{there}; the same command goes on") from interrupt
+    with _draping(SIZES[size], wanted=scheduler is None) as clothes_are_there:
+        with whole_folder(target, force or _is_unfinished(target)) as home:
+            report = _begun(home, size, SIZES[size], steps)
+        opened(target / "report.html")
+        try:
+            for name, files in _figures(target, SIZES[size], steps, scheduler, clothes_are_there):
+                for suffix, data in files.items():
+                    write_bytes(target / "figures" / f"{name}{suffix}", data)
+                report.figures.append(name)
+                write_growing(target, report, steps.seconds)
+        except KeyboardInterrupt as interrupt:
+            there = f"{target} has the measurement and {len(report.figures)} of {len(SIZES[size].figures)} figures"
+            raise KeyboardInterrupt(f"{there}; the same command goes on") from interrupt
     with steps.step("report", DRAWN, 1.0):
         record = {**report.record, "seconds": {key: round(value, 2) for key, value in steps.seconds.items()}}
         write_report(target, Report(record, report.part, report.figures))
@@ -96,7 +98,7 @@ def _begun(home: Path, name: str, size: Size, steps: Steps) -> Report:
     """All but the figures, in `home`."""
     with steps.step("measurement", 0.0, MEASURED) as progress:
         part = cache().kept(
-            ["measured", size.of_capture(), len(size.figures)],
+            _measured_key(size),
             lambda folder: _copied(folder, home),
             lambda: measured(home, size, progress),
             lambda part, folder: _keep(part, folder, home),
@@ -116,6 +118,20 @@ def _begun(home: Path, name: str, size: Size, steps: Steps) -> Report:
     return report
 
 
+def _measured_key(size: Size) -> list[Any]:
+    """What the measurement depends on, for the cache."""
+    return ["measured", size.of_capture(), len(size.figures)]
+
+
+def _draping(size: Size, wanted: bool) -> AbstractContextManager[Callable[[], None]]:
+    """Drape the clothes of the person of the first figures in another process, while the samples are measured."""
+    own, _ = _shared_out(size)
+    person = people(own[0])[0] if own else ""
+    worn = set(WARDROBE.get(person, ())) - set(size.without)
+    wanted = wanted and bool(worn) and cache().used and not cache().has(_measured_key(size))
+    return beside(draped, person, size.resolution, size.seed, wanted=wanted)
+
+
 def _keep(part: dict[str, Any], folder: Path, home: Path) -> None:
     shutil.copytree(home, folder / "files")
     write_json(folder / "part.json", part)
@@ -128,8 +144,10 @@ def _copied(folder: Path, home: Path) -> dict[str, Any]:
     return part
 
 
-def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) -> Iterator[tuple[str, Files]]:
-    """Every figure once it is drawn, here or on the workers of `scheduler`."""
+def _figures(
+    home: Path, size: Size, steps: Steps, scheduler: str | int | None, clothes_are_there: Callable[[], None]
+) -> Iterator[tuple[str, Files]]:
+    """Every figure once it is drawn, here or on the workers of `scheduler`; here after `clothes_are_there` returns."""
     found = reflectances_of(read_materials(home / "measure" / "materials.json"), size)
     materials = {name: reflectance.record() for name, reflectance in found.items()}
     shares = [MEASURED + (DRAWN - MEASURED) * k / len(size.figures) for k in range(len(size.figures) + 1)]
@@ -139,6 +157,7 @@ def _figures(home: Path, size: Size, steps: Steps, scheduler: str | int | None) 
         with beside(draw_all, missing, materials, size, wanted=bool(missing) and cache().used) as wait:
             for name, begin, end in zip((*own, *others, *_last(size)), shares[:-1], shares[1:], strict=True):
                 with steps.step(name.replace("_", " "), begin, end) as progress:
+                    clothes_are_there()
                     if name not in own and not is_drawn(name, materials, size):
                         wait()
                     files = drawn(name, materials, size, progress)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from hagoromo.errors import InputError
+from hagoromo.files.cache import cache
 from hagoromo.matter.cloth.draft import plain, twill
 from hagoromo.matter.cloth.fabric import woven
 from hagoromo.matter.cloth.weave import Woven
@@ -67,7 +71,7 @@ def garment_of(
     chart_mm = made.chart_mm / max(min(2.0 * resolution, 1.0), resolution)  # folds want it fine before yarns do
     reach = max(abs(block.bottom), abs(block.top)) * 1e3 + CHART_MARGIN * chart_mm
     period = block.period[0] * 1e3, block.period[1] * 1e3
-    sheets = [eased(sheet, NARROW * chart_mm) for sheet in _sheets(figure, resolution, seed)[name]]
+    sheets = [eased(sheet, NARROW * chart_mm) for sheet in draped(figure, resolution, seed)[name]]
     chart, bound, extent = sheet_chart(sheets, reach, HEM * chart_mm, period)
     record = {"kind": "figure", "figure": figure, "part": name, "resolution": resolution, "seed": seed}
     return shell(
@@ -77,9 +81,34 @@ def garment_of(
 
 
 @lru_cache(maxsize=2)
-def _sheets(figure: str, resolution: float, seed: int) -> dict[str, list[Sheet]]:
-    """The draped sheets of a figure: its garments fall together."""
-    return garments(figure, min(max(resolution, COARSEST), 1.0), seed)
+def draped(figure: str, resolution: float, seed: int) -> dict[str, list[Sheet]]:
+    """The draped sheets of a figure, whose garments fall together; from the cache where they fell before."""
+    drape_resolution = min(max(resolution, COARSEST), 1.0)
+    return cache().kept(
+        ["garments", figure, drape_resolution, seed],
+        _read_sheets,
+        lambda: garments(figure, drape_resolution, seed),
+        _write_sheets,
+    )
+
+
+def _write_sheets(worn: dict[str, list[Sheet]], folder: Path) -> None:
+    """Into `folder`: of every garment a file of the points, coordinates and widths of its sheets."""
+    for name, sheets in worn.items():
+        parts = {f"{key}{k}": getattr(s, key) for k, s in enumerate(sheets) for key in ("points", "u", "v", "around")}
+        np.savez(folder / f"{name}.npz", **parts)
+
+
+def _read_sheets(folder: Path) -> dict[str, list[Sheet]]:
+    """What `_write_sheets` wrote."""
+    worn = {}
+    for file in sorted(folder.glob("*.npz")):
+        with np.load(file, allow_pickle=False) as parts:
+            worn[file.stem] = [
+                Sheet(parts[f"points{k}"], parts[f"u{k}"], parts[f"v{k}"], float(parts[f"around{k}"]))
+                for k in range(len(parts.files) // 4)
+            ]
+    return worn
 
 
 @lru_cache(maxsize=4)

@@ -21,6 +21,7 @@ from hagoromo.image.compare import compare
 from hagoromo.image.image import read_image
 from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.photograph.capture import load_capture
 from hagoromo.publication.document import script_hash
 from hagoromo.reflectance.material.materials_file import read_materials
@@ -29,6 +30,7 @@ from hagoromo_figures.demo import drawn as drawing
 from hagoromo_figures.demo.demo import SIZES, demo
 from hagoromo_figures.demo.figures import people
 from hagoromo_figures.demo.samples import bench, bench_camera, true_reflectances
+from hagoromo_figures.figure import wardrobe
 from tests.judges import intervals_hold
 
 
@@ -143,6 +145,29 @@ def test_boxes_hold_what_was_measured(out):
     scene = read_image(out / "figures" / "figure_7_skin.exr").metadata["scene"]
     skin = scene["boxes"][0]["materials"][0]
     assert (skin["alpha"], skin["beta"], skin["element"]) == (measured["skin"].alpha, measured["skin"].beta, "sphere")
+
+
+def test_garments_fall_once(monkeypatch, tmp_path):
+    """Another process, or a later run, finds the sheets in the cache, with all their bits."""
+    random, sheets = np.random.default_rng(0), []
+    for around, shape in enumerate(((5, 6), (4, 9))):
+        points, u, v = random.normal(size=(*shape, 3)), random.normal(size=shape), random.normal(size=shape)
+        sheets.append(Sheet(points, u, v, float(around)))
+    fallen = []
+    monkeypatch.setenv("HAGOROMO_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(wardrobe, "garments", lambda *of: fallen.append(of) or {"veil": sheets[:1], "habit": sheets})
+    found = []
+    for _ in range(2):
+        wardrobe.draped.cache_clear()
+        found.append(wardrobe.draped("nun", 0.5, 3))
+    wardrobe.draped.cache_clear()
+    assert fallen == [("nun", wardrobe.COARSEST, 3)]
+    for worn in found:
+        assert {name: len(parts) for name, parts in worn.items()} == {"veil": 1, "habit": 2}
+        for sheet, true in zip([*worn["veil"], *worn["habit"]], [sheets[0], *sheets], strict=True):
+            assert sheet.around == true.around
+            for key in ("points", "u", "v"):
+                np.testing.assert_array_equal(getattr(sheet, key), getattr(true, key))
 
 
 def test_progress_is_told_by_stage_and_only_rises(told, out):
