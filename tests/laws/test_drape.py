@@ -14,6 +14,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.drape.collider import Collider
+from hagoromo.matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
 from hagoromo.matter.drape.cut import Cut
 from hagoromo.matter.drape.drape import over_ball as cloth_over_ball
 from hagoromo.matter.drape.dressed import DEEP, dressed
@@ -85,6 +86,36 @@ def test_cloth_lies_on_the_body_and_on_the_floor_and_not_in_them(over_ball):
     assert above.min() > 0.5
     assert over_ball.points[..., 2].min() > 0.59
     assert np.count_nonzero(above < 0.7) > 100  # it rests on the ball
+
+
+@pytest.mark.parametrize("reach", [1e-9, 1.8])
+def test_contacts_are_the_nearest_points_that_are_no_neighbours(reach):
+    """Against every pair by itself: a tube and an open sheet, on a grid of halves, so that distances are equal."""
+    random, shapes = np.random.default_rng(1), ((7, 9), (8, 6))
+    grids = [0.5 * random.permutation(200)[: rows * columns].reshape(rows, columns) for rows, columns in shapes]
+    places = [np.stack([0.5 * (grid // 0.5 // 16), grid % 8.0, grid % 1.5], axis=-1) for grid in grids]
+    sheets = [
+        Sheet(place, *np.zeros((2, *place.shape[:2])), around) for place, around in zip(places, (9.0, 0.0), strict=True)
+    ]
+    apart, narrow = random.random(63 + 48) < 0.3, np.full(63 + 48, 0.8)
+    points = np.concatenate([place.reshape(-1, 3) for place in places])
+    found = Contacts(sheets, apart, narrow).candidates(points, reach)
+    where = [(k, *place) for k, shape in enumerate(shapes) for place in np.ndindex(shape)]
+    touched = 0
+    for own, (sheet, row, column) in enumerate(where):
+        near = []
+        for other, (sheet2, row2, column2) in enumerate(where):
+            across = abs(column - column2)
+            across = min(across, 9 - across) if sheet == 0 else across
+            beside = sheet == sheet2 and abs(row - row2) <= NEIGHBOUR_ROWS and across * 0.8 <= NEIGHBOUR_ROWS
+            strange = sheet != sheet2 and (apart[own] or apart[other])
+            distance = np.linalg.norm(points[own] - points[other])
+            if distance <= reach and not beside and not strange:
+                near.append((distance, other))
+        touched += len(near)
+        nearest = [other for _, other in sorted(near)][:LARGEST_CONTACTS]
+        assert found[:, own].tolist() == nearest + [own] * (LARGEST_CONTACTS - len(nearest))
+    assert (touched > 8 * len(where)) == (reach > 1.0)
 
 
 def test_folds_do_not_pass_through_each_other(over_ball):
@@ -225,6 +256,7 @@ import gc
 import numpy as np
 from hagoromo.backend import arrays, lookup
 from hagoromo.matter.drape.collider import Collider
+from hagoromo.matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
 from hagoromo.matter.drape.cut import Cut
 from hagoromo.matter.drape.settle import Fabric, Fall, settled
 
