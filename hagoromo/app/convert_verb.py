@@ -75,7 +75,7 @@ def convert(
         )
     elif isinstance(result, list):
         what = "made up" if found == "glTF" and not out.suffix else "lost"
-        say(*(each if each.startswith("made up: ") else f"{what}: {each}" for each in result))
+        say(*(each if each.startswith(("made up: ", "lost: ")) else f"{what}: {each}" for each in result))
     elif isinstance(result, dict):
         if result:
             print(f"{len(result)} {'camera' if len(result) == 1 else 'cameras'}")

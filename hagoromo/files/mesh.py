@@ -100,10 +100,11 @@ def vertex_colours_of(mesh: Any, path: str | Path) -> tuple[Any, bool]:
     return stored, Path(path).suffix.lower() not in (".glb", ".gltf")
 
 
-def read_gltf(path: str | Path) -> tuple[dict[str, Any], Any]:
+def read_gltf(path: str | Path, numbered: bool = False) -> tuple[dict[str, Any], Any]:
     """The JSON of a .glb or .gltf file, and its meshes at their places, a `trimesh.Scene`, without textures.
 
-    `InputError` as of `read_mesh`.
+    numbered: whether the names of the materials of its meshes are replaced by their numbers in the file, see
+    `number_of_material`. `InputError` as of `read_mesh`.
     """
     import trimesh
 
@@ -118,11 +119,19 @@ def read_gltf(path: str | Path) -> tuple[dict[str, Any], Any]:
         _check_gltf(record, str(path))
         plain = {key: value for key, value in record.items() if key not in ("images", "textures", "samplers")}
         plain["materials"] = [_plain_material(one) for one in _tables(record, "materials")]
+        if numbered:
+            plain["materials"] = [one | {"name": str(k)} for k, one in enumerate(plain["materials"])]
         files = _folder_files(Path(path).parent, GROWTH[suffix])
         scene = trimesh.load_scene(
             io.BytesIO(_with_record(data, plain, suffix)), file_type=suffix[1:], resolver=files, process=False
         )
     return record, scene
+
+
+def number_of_material(mesh: Any) -> int:
+    """Which of its file's materials a mesh has that `read_gltf` gave `numbered`; −1 for none."""
+    name = str(getattr(getattr(mesh.visual, "material", None), "name", None) or "")
+    return int(name) if name.isdecimal() else -1
 
 
 def _plain_material(material: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Scenes of glTF 2.0: cameras, lamps (KHR_lights_punctual) and meshes → a folder with scene.toml, and a scene → .glb.
 
 The world is the file's, metres, y up in most. Lamps take candela and lux for our intensities; their colours become
-smooth spectra. Materials are matt, in their base colour; a cone of a spot becomes cos^μ that is half where the cone's
-smooth edge is.
+smooth spectra. Materials are matt, in their base colour or its texture; a cone of a spot becomes cos^μ that is half
+where the cone's smooth edge is.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.app.formats.gltf_textures import NEAREST, body_texture_of, is_of_squares, textured_visual, vertex_colours
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
 from hagoromo.errors import InputError
-from hagoromo.files.mesh import MOST_NODES, read_gltf
+from hagoromo.files.mesh import MOST_NODES, number_of_material, read_gltf
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
@@ -42,9 +43,10 @@ Matrix = NDArray[np.float64]
 def scene_from_gltf(path: str | Path, out: str | Path, force: bool = False) -> list[str]:
     """Write the scene in a .glb or .gltf file as a folder: scene.toml, a PLY for each mesh, cameras.json.
 
-    Returns what was made up: a camera or a lamp where the file has none. `InputError` where it has no mesh.
+    Returns what was made up: a camera or a lamp where the file has none; and what is lost. `InputError` where it has
+    no mesh.
     """
-    record, meshes = read_gltf(path)
+    record, meshes = read_gltf(path, numbered=True)
     made: list[str] = []
     with reading(path, "glTF"):
         placed = list(_placed(record))
@@ -59,7 +61,7 @@ def scene_from_gltf(path: str | Path, out: str | Path, force: bool = False) -> l
         lamps.append({"to_lamp": towards.tolist(), "name": "camera"})
         made.append("the file has no lamp: one shines from the camera")
     with whole_folder(out, force) as folder:
-        surfaces = list(_surfaces(meshes, folder, str(path)))
+        surfaces = list(_surfaces(meshes, record, folder, Path(path), made))
         write_transforms(folder / "cameras.json", cameras)
         camera = next(iter(cameras.values()))
         text = toml_text({
@@ -163,10 +165,13 @@ def _spectrum(rgb: Any) -> Spectrum:
     return Spectrum(red.wavelengths, values)
 
 
-def _surfaces(meshes: Any, folder: Path, where: str) -> Iterator[dict[str, Any]]:
-    nodes = list(meshes.graph.nodes_geometry)
+def _surfaces(
+    meshes: Any, record: Mapping[str, Any], folder: Path, path: Path, made: list[str]
+) -> Iterator[dict[str, Any]]:
+    """Records of surfaces as scene.toml has them; their files are written, and what is lost is added to `made`."""
+    nodes, materials = list(meshes.graph.nodes_geometry), record.get("materials", [])
     if not 0 < len(nodes) <= MOST_SURFACES:
-        raise InputError(f"{where} has {len(nodes)} meshes: a scene is made of 1 to {MOST_SURFACES}")
+        raise InputError(f"{path} has {len(nodes)} meshes: a scene is made of 1 to {MOST_SURFACES}")
     for number, node in enumerate(nodes):
         place, name = meshes.graph[node]
         mesh = meshes.geometry[name].copy()
@@ -176,10 +181,17 @@ def _surfaces(meshes: Any, folder: Path, where: str) -> Iterator[dict[str, Any]]
         file = f"mesh_{number + 1}.ply"
         colour = np.array(getattr(mesh.visual, "material", None) and mesh.visual.material.main_color, float)
         rgb = colour[:3] / 255.0 if colour.size >= 3 else np.full(3, 0.8)
-        mesh.visual = type(meshes.geometry[name])().visual
+        with reading(path, "glTF"):
+            material = materials[number_of_material(mesh)] if number_of_material(mesh) >= 0 else {}
+            colours = vertex_colours(meshes.geometry[name])
+            texture, lost = body_texture_of(path, record, material, mesh, colours, folder, f"texture_{number + 1}")
+        made += [f"lost: {each}" for each in lost]
+        if texture is None:
+            mesh.visual = type(meshes.geometry[name])().visual
         (folder / file).write_bytes(mesh.export(file_type="ply"))
         body = {"alpha": MATT, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": _spectrum(rgb).record()}
-        yield {"mesh": file, "name": f"mesh {number + 1}", "reflectance": body}  # trimesh's names are random
+        named = {"mesh": file, "name": f"mesh {number + 1}"}  # trimesh's names are random
+        yield named | {"reflectance": body} | ({"body_texture": texture} if texture else {})
 
 
 def _camera_of(bounds: Any) -> Camera:
@@ -192,31 +204,31 @@ def _camera_of(bounds: Any) -> Camera:
 
 
 def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
-    """Write camera, lamps and surfaces of a scene as .glb; returns what is lost: boxes, distortion, spectra."""
+    """Write camera, lamps and surfaces of a scene as .glb, with textures of body colours; returns what is lost."""
     import trimesh
     from trimesh.exchange.gltf import export_glb
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    meshes, colours = trimesh.Scene(), {}
+    meshes, colours, lost_textures, squares = trimesh.Scene(), {}, [], set()
     for number, surface in enumerate(scene.surfaces):
         name = f"{surface.name or surface.shape}_{number + 1}"
         vertices, faces = triangles_of(surface)
-        vertices = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
-        material = PBRMaterial(name=name, metallicFactor=0.0)
-        visual = TextureVisuals(material=material)
-        meshes.add_geometry(
-            trimesh.Trimesh(vertices, faces, process=False, visual=visual), node_name=name, geom_name=name
-        )
+        visual, lost_texture = textured_visual(surface, vertices, name)
+        lost_textures += [lost_texture] if lost_texture else []
+        placed = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
+        plain = TextureVisuals(material=PBRMaterial(name=name, metallicFactor=0.0))
+        mesh = trimesh.Trimesh(placed, faces, process=False, visual=visual or plain)
+        meshes.add_geometry(mesh, node_name=name, geom_name=name)
+        squares |= {name} if is_of_squares(surface.body_texture) else set()
         body = surface.reflectance
-        colours[name] = np.clip(np.pi * body.alpha * linear_colour(body.body_colour, Spectrum.named("D65")), 0.0, 1.0)
+        rgb = np.clip(np.pi * body.alpha * linear_colour(body.body_colour, Spectrum.named("D65")), 0.0, 1.0)
+        colours[name] = rgb if visual is None else np.ones(3)  # a factor on its texture
     if not meshes.geometry:
         raise InputError("the scene has no surface, and glTF holds no volume boxes: write these as .nrrd or .vti")
 
     def further(tree: dict[str, Any]) -> None:
-        for material in tree.get("materials", []):
-            rgb = colours[material["name"]]
-            material["pbrMetallicRoughness"] = {"baseColorFactor": [*rgb.tolist(), 1.0], "metallicFactor": 0.0}
+        _add_materials(tree, colours, squares)
         _add_camera(tree, scene.camera)
         _add_lamps(tree, scene.lamps)
 
@@ -228,8 +240,30 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost += [f"{len(scene.area_lamps)} area lamps"] if scene.area_lamps else []
     lost += ["the environment"] if scene.environment else []
     lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
-    lost += [f"surface {s.name!r}: its textures" for s in scene.surfaces if s.body_texture or s.beta_texture]
+    lost += lost_textures + [f"surface {s.name!r}: its beta_texture" for s in scene.surfaces if s.beta_texture]
     return [*lost, "spectra (colours are linear sRGB), gloss, where between two pixels the optical axis is"]
+
+
+def _add_materials(tree: dict[str, Any], colours: Mapping[str, NDArray[np.float64]], squares: set[str]) -> None:
+    """The factors of all materials. Each mesh has one of its name; trimesh makes none for colours of vertices.
+
+    squares: names of those whose texture is not interpolated.
+    """
+    materials = tree.setdefault("materials", [])
+    for mesh in tree["meshes"]:
+        for primitive in mesh["primitives"]:
+            if "material" not in primitive:
+                primitive["material"] = len(materials)
+                materials.append({"name": mesh["name"]})
+    for material in materials:
+        pbr = material.setdefault("pbrMetallicRoughness", {})
+        texture = pbr.get("baseColorTexture")
+        if texture and material["name"] in squares:
+            samplers = tree.setdefault("samplers", [])
+            tree["textures"][texture["index"]]["sampler"] = len(samplers)
+            samplers.append({"magFilter": NEAREST})
+        factors = {"baseColorFactor": [*colours[material["name"]].tolist(), 1.0], "metallicFactor": 0.0}
+        material["pbrMetallicRoughness"] = factors | ({"baseColorTexture": texture} if texture else {})
 
 
 def _add_node(tree: dict[str, Any], node: dict[str, Any], place: Matrix) -> None:

@@ -110,7 +110,8 @@ SURFACES = (
         "hagoromo.app.formats.gltf_scene:gltf_from_scene",
         "trimesh (meshes), our own (cameras, lamps)",
         "VTK, tests' own bytes",
-        "textures, gloss, spectra, orthographic cameras; out: volume boxes, distortion, the optical axis",
+        "textures but those of base colour, gloss, spectra, orthographic cameras; out: volume boxes, distortion, the "
+        "optical axis",
     ),
 )
 OTHERS = (
