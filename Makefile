@@ -64,6 +64,7 @@ bench: $(PEERS)
 	$(BIN)/python benchmarks/open_box.py --out out/bench/open_box.json
 	$(BIN)/python benchmarks/equal_error.py
 	$(BIN)/python benchmarks/orders.py
+	$(BIN)/python benchmarks/formats.py
 	$(BIN)/python benchmarks/peers.py --out out/bench
 	$(BIN)/python benchmarks/page.py
 

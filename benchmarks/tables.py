@@ -132,6 +132,15 @@ def page_frames_table(found: Rows) -> str:
     return table(head, [{**row, "mb": row["bytes"] / 1e6} for row in found])
 
 
+def formats_table(found: Rows) -> str:
+    """Seconds to read and to write a file of every format."""
+    head = {"format": "format", "sample": "sample", "mb": "size [MB]", "read_s": "read [s]", "write_s": "write [s]"}
+    seconds = [
+        {**row, **{f"{key}_s": f"{row[key]:.2g}" if key in row else "–" for key in ("read", "write")}} for row in found
+    ]
+    return table(head, seconds)
+
+
 def spectra_image_table(found: Rows) -> str:
     """Reflectance spectra of whole images."""
     head = {
