@@ -95,7 +95,7 @@ def test_contacts_are_the_nearest_points_that_are_no_neighbours(reach):
     grids = [0.5 * random.permutation(200)[: rows * columns].reshape(rows, columns) for rows, columns in shapes]
     places = [np.stack([0.5 * (grid // 0.5 // 16), grid % 8.0, grid % 1.5], axis=-1) for grid in grids]
     sheets = [
-        Sheet(place, np.zeros(place.shape[:2]), np.zeros(place.shape[:2]), around)
+        Sheet(place.astype(np.float64), np.zeros(place.shape[:2]), np.zeros(place.shape[:2]), around)
         for place, around in zip(places, (9.0, 0.0), strict=True)
     ]
     apart, narrow = random.random(63 + 48) < 0.3, np.full(63 + 48, 0.8)
