@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from turns import in_turn, medians, options, record
 
 import hagoromo as hg
@@ -167,23 +168,11 @@ def pictures(home: Path, random: np.random.Generator) -> dict[str, Case]:
 def surfaces(home: Path) -> dict[str, Case]:
     """A ball of 327,680 triangles."""
     import trimesh
-    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
     ball = trimesh.creation.icosphere(subdivisions=FINENESS)
     base, sample = home / "ball.ply", f"{len(ball.faces):,} triangles"
     ball.export(base)
-    points, cells, data, writer = vtkPoints(), vtkCellArray(), vtkPolyData(), vtkXMLPolyDataWriter()
-    points.SetData(numpy_to_vtk(np.asarray(ball.vertices), deep=True))
-    faces = np.column_stack([np.full(len(ball.faces), 3), ball.faces]).astype(np.int64)
-    cells.SetCells(len(faces), numpy_to_vtkIdTypeArray(faces.ravel(), deep=True))
-    data.SetPoints(points)
-    data.SetPolys(cells)
-    writer.SetFileName(str(home / "ball.vtp"))
-    writer.SetInputData(data)
-    writer.Write()
+    (home / "ball.vtp").write_text(vtp(np.asarray(ball.vertices), np.asarray(ball.faces)))
     (home / "surfaces").mkdir()
     found = {}
     for form in SURFACES:
@@ -194,6 +183,22 @@ def surfaces(home: Path) -> dict[str, Case]:
                 write()
             found[form.name] = Case(file, sample, lambda form=form, file=file: form.read(file), write)
     return found
+
+
+def vtp(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> str:
+    """Polygons of VTK as text."""
+
+    def array(about: str, numbers: NDArray[Any]) -> str:
+        return f'<DataArray {about} format="ascii">{" ".join(map(str, numbers.ravel().tolist()))}</DataArray>'
+
+    points = array('type="Float32" NumberOfComponents="3"', vertices)
+    corners = array('type="Int64" Name="connectivity"', faces)
+    ends = array('type="Int64" Name="offsets"', 3 * np.arange(1, len(faces) + 1))
+    return (
+        '<?xml version="1.0"?><VTKFile type="PolyData" version="1.0" byte_order="LittleEndian"><PolyData>'
+        f'<Piece NumberOfPoints="{len(vertices)}" NumberOfPolys="{len(faces)}">'
+        f"<Points>{points}</Points><Polys>{corners}{ends}</Polys></Piece></PolyData></VTKFile>"
+    )
 
 
 def scenes(home: Path) -> dict[str, Case]:
