@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, curves, meshes, mitsuba_scenes, pictures, records, usd_scenes, volumes
+from fuzz import boxes, curves, gltf_scenes, meshes, mitsuba_scenes, pictures, records, usd_scenes, volumes
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
 
@@ -245,8 +245,10 @@ SIMPLE = (
     Reader("mesh-inside.gltf", meshes.gltf_inside, READ_MESH),
     Reader("curves.hair", curves.hair, READ_CURVES),
     Reader("curves.abc", curves.abc, READ_CURVES, share=0.1, good=HAS_ALEMBIC),
+    Reader("curves.glb", curves.glb, READ_CURVES),
     Reader("curves.obj", records.text(curves.OBJ), READ_CURVES),
     Reader("mesh-gltf", meshes.gltf, READ_MESH, "a.gltf"),
+    Reader("scene.gltf", gltf_scenes.scene, gltf_scenes.read, share=0.5),
     Reader("mitsuba", mitsuba_scenes.scene, mitsuba_scenes.read, "a.xml", share=0.3),
     Reader("scene.usda", usd_scenes.scene, usd_scenes.read, share=0.1, good=HAS_USD),
     Reader("scene.usdc", usd_scenes.scene_binary if HAS_USD else usd_scenes.scene, usd_scenes.read, share=0.1,

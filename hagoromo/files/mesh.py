@@ -9,13 +9,13 @@ from __future__ import annotations
 import io
 import json
 import math
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes, sized_file
+from hagoromo.files.gltf import MOST_NODES, START, SUFFIXES, gltf_record
 from hagoromo.files.memory import require
 from hagoromo.files.mesh_abc import read_abc
 from hagoromo.files.mesh_vtp import read_vtp
@@ -35,9 +35,7 @@ BY_LIBRARY: dict[str, Callable[[Path], tuple[Any, Any]]] = {
 GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0, ABC: 300.0,
           **dict.fromkeys(USD, 60.0)}  # fmt: skip
 LARGEST_MESH = 1 << 32  # bytes
-MOST_NODES = 1 << 16  # places of a glTF at which a mesh may stand
 BYTES_PER_ENTRY = 300.0  # memory of a corner or an index of a glTF, at every place where it stands
-GLTF_START = struct.Struct("<4sIIII")  # of a binary one: magic, version, length, length and type of its JSON
 
 
 def read_mesh(path: str | Path, process: bool = True) -> Any:
@@ -52,8 +50,8 @@ def read_mesh(path: str | Path, process: bool = True) -> Any:
         raise InputError(f"{path} is no mesh file of a known format: give one of {', '.join(GROWTH)}")
     data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[suffix])
     with reading(path, "a mesh"), trimesh_silenced():
-        if suffix in (".glb", ".gltf"):
-            _check_gltf(_gltf_record(data, suffix), str(path))
+        if suffix in SUFFIXES:
+            _check_gltf(gltf_record(data, suffix), str(path))
         files = _folder_files(Path(path).parent, GROWTH[suffix])
         mesh = (
             trimesh.Trimesh(*BY_LIBRARY[suffix](Path(path)))
@@ -109,11 +107,11 @@ def read_gltf(path: str | Path, numbered: bool = False) -> tuple[dict[str, Any],
     import trimesh
 
     suffix = Path(path).suffix.lower()
-    if suffix not in (".glb", ".gltf"):
+    if suffix not in SUFFIXES:
         raise InputError(f"{path} is no glTF: give a .glb or .gltf")
     data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[suffix])
     with reading(path, "glTF"), trimesh_silenced():
-        record = _gltf_record(data, suffix)
+        record = gltf_record(data, suffix)
         if not isinstance(record, dict):
             raise InputError(f"{path} holds no glTF: it is damaged")
         _check_gltf(record, str(path))
@@ -147,9 +145,9 @@ def _with_record(data: bytes, record: Mapping[str, Any], suffix: str) -> bytes:
     if suffix == ".gltf":
         return text
     text += b" " * (-len(text) % 4)
-    magic, version, _, old, kind = GLTF_START.unpack_from(data)
-    rest = data[GLTF_START.size + old :]
-    return GLTF_START.pack(magic, version, GLTF_START.size + len(text) + len(rest), len(text), kind) + text + rest
+    magic, version, _, old, kind = START.unpack_from(data)
+    rest = data[START.size + old :]
+    return START.pack(magic, version, START.size + len(text) + len(rest), len(text), kind) + text + rest
 
 
 def _folder_files(folder: Path, growth: float) -> Any:
@@ -173,14 +171,6 @@ def _folder_files(folder: Path, growth: float) -> Any:
             return self
 
     return FolderFiles()
-
-
-def _gltf_record(data: bytes, suffix: str) -> Any:
-    """The JSON of a glTF (Khronos glTF 2.0, 4.4)."""
-    if suffix == ".glb":
-        length = GLTF_START.unpack_from(data)[3]
-        data = data[GLTF_START.size : GLTF_START.size + length]
-    return json.loads(data)
 
 
 def _check_gltf(record: Any, where: str) -> None:

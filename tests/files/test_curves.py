@@ -1,5 +1,7 @@
 """Curves of hair and lines are read as other programs write them: positions, thickness, places; damage is told."""
 
+import base64
+import json
 import struct
 import zipfile
 from pathlib import Path
@@ -54,6 +56,74 @@ def test_lines_of_obj_go_on_where_they_end(tmp_path):
     np.testing.assert_array_equal(lines.first, FIRST)
     np.testing.assert_allclose(lines.points, POINTS, rtol=1e-6)
     assert lines.diameter is None
+
+
+def lines_of_gltf(kind, mode, numbers=None, **more):
+    """POINTS as a primitive of a mesh of one node, twice as large and moved; numbers: its indices, of 16 bits."""
+    binary = b"" if numbers is None else np.array(numbers, "<u2").tobytes()
+    binary += b"\0" * (-len(binary) % 4)
+    start = len(binary)
+    binary += POINTS.astype("<f4").tobytes()
+    part = {"mode": mode, "attributes": {"POSITION": 0}} | ({} if numbers is None else {"indices": 1})
+    record = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": POINTS.nbytes},
+            {"buffer": 0, "byteLength": max(start, 1)},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(POINTS), "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": len(numbers or ()), "type": "SCALAR"},
+        ],
+        "meshes": [{"primitives": [part]}],
+        "nodes": [{"mesh": 0, "scale": [2.0, 2.0, 2.0], "translation": [1.0, 2.0, 3.0]}],
+        **more,
+    }
+    if kind == "gltf":
+        record["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+        return json.dumps(record).encode()
+    text = json.dumps(record).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(binary), len(text), 0x4E4F534A)
+    return head + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+
+
+@pytest.mark.parametrize("kind", ["glb", "gltf"])
+@pytest.mark.parametrize(
+    ("mode", "numbers", "chains"),
+    [
+        (3, None, [range(9)]),
+        (2, None, [[*range(9), 0]]),
+        (1, [0, 1, 1, 2, 2, 3, 5, 6, 6, 8], [[0, 1, 2, 3], [5, 6, 8]]),
+        (3, [8, 7, 2], [[8, 7, 2]]),
+    ],
+)
+def test_lines_of_gltf_stand_at_their_nodes(tmp_path, kind, mode, numbers, chains):
+    path = tmp_path / f"a.{kind}"
+    path.write_bytes(lines_of_gltf(kind, mode, numbers))
+    lines = read_curves(path)
+    np.testing.assert_array_equal(lines.first, np.cumsum([0, *(len(chain) for chain in chains)]))
+    expected = 2.0 * POINTS[[k for chain in chains for k in chain]] + np.array([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(lines.points, expected, rtol=1e-6, atol=1e-6)
+    assert lines.diameter is None
+
+
+@pytest.mark.parametrize(
+    ("mode", "numbers", "more", "said"),
+    [
+        (4, None, {}, "has no lines"),
+        (3, [0, 9], {}, "name point 9 of 9"),
+        (3, None, {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10, "type": "VEC3"}]}, "outside of"),
+        (3, None, {"nodes": [{"mesh": 0, "children": [0]}]}, "within themselves"),
+        (3, None, {"buffers": [{"byteLength": 8, "uri": "../a.bin"}]}, "outside"),
+    ],
+)
+def test_lines_of_gltf_that_are_none_are_refused(tmp_path, mode, numbers, more, said):
+    (tmp_path / "a.glb").write_bytes(lines_of_gltf("glb", mode, numbers, **more))
+    with pytest.raises(InputError, match=said) as refused:
+        read_curves(tmp_path / "a.glb")
+    assert "\n" not in str(refused.value)
 
 
 USD = """#usda 1.0
@@ -119,7 +189,7 @@ def test_a_damaged_obj_is_refused(tmp_path, text, said):
 
 def test_other_formats_are_refused_with_what_is_read(tmp_path):
     (tmp_path / "a.dxf").write_bytes(b"0")
-    with pytest.raises(InputError, match=r"\.hair, \.obj, \.abc, \.usd"):
+    with pytest.raises(InputError, match=r"\.hair, \.obj, \.abc, \.glb, \.gltf, \.usd"):
         read_curves(tmp_path / "a.dxf")
 
 

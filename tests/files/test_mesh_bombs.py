@@ -12,7 +12,8 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.files import memory
-from hagoromo.files.mesh import MOST_NODES, read_mesh
+from hagoromo.files.gltf import MOST_NODES
+from hagoromo.files.mesh import read_mesh
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32).tobytes()
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"

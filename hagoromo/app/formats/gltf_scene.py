@@ -8,7 +8,6 @@ where the cone's smooth edge is.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
 from hagoromo.errors import InputError
-from hagoromo.files.mesh import MOST_NODES, number_of_material, read_gltf
+from hagoromo.files.gltf import placed_nodes
+from hagoromo.files.mesh import number_of_material, read_gltf
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
@@ -49,7 +49,7 @@ def scene_from_gltf(path: str | Path, out: str | Path, force: bool = False) -> l
     record, meshes = read_gltf(path, numbered=True)
     made: list[str] = []
     with reading(path, "glTF"):
-        placed = list(_placed(record))
+        placed = list(placed_nodes(record))
         cameras = dict(_cameras(record, placed))
         lamps = list(_lamps(record, placed))
     if not cameras:
@@ -74,38 +74,6 @@ def scene_from_gltf(path: str | Path, out: str | Path, force: bool = False) -> l
         })  # fmt: skip
         write_text(folder / "scene.toml", text)
     return made
-
-
-def _placed(record: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], Matrix]]:
-    """The nodes of the scene with their places in the world, each once for every way to it."""
-    nodes, scenes = record.get("nodes", []), record.get("scenes", [])
-    roots = scenes[record.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
-    pending = deque((int(root), np.eye(4), 0) for root in roots)
-    count = 0
-    while pending:
-        number, above, depth = pending.popleft()
-        count += 1
-        if count > MOST_NODES or depth > len(nodes):
-            raise ValueError(f"its nodes are more than {MOST_NODES}, or lie within themselves")
-        place = above @ _transform(nodes[number])
-        yield nodes[number], place
-        pending += [(int(child), place, depth + 1) for child in nodes[number].get("children", [])]
-
-
-def _transform(node: Mapping[str, Any]) -> Matrix:
-    """Node to parent (glTF 2.0, 3.5.3): a matrix by columns, or translation, rotation (x, y, z, w) and scale."""
-    if "matrix" in node:
-        return np.reshape(np.array(node["matrix"], float), (4, 4)).T
-    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), float)
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-    place = np.eye(4)
-    place[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), float)
-    place[:3, 3] = np.array(node.get("translation", (0, 0, 0)), float)
-    return place
 
 
 def _cameras(record: Mapping[str, Any], placed: list[tuple[Mapping[str, Any], Matrix]]) -> Iterator[tuple[str, Camera]]:

@@ -7,28 +7,23 @@ material of a surface's texture.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside, read_bytes, sized_file
-from hagoromo.files.mesh import GLTF_START
+from hagoromo.files.gltf import image_bytes
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
-from hagoromo.files.reading import reading
 from hagoromo.image.surface import Surface
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import linear_colour, srgb_decode, srgb_encode
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
 
-LARGEST_FILE = 1 << 30  # [byte] of a file with images
 KINDS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg"}  # first bytes → suffix
 NEAREST, REPEAT = 9728, 10497  # a filter and a wrapping of a sampler
 OTHER_MAPS = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
@@ -95,33 +90,6 @@ def _painted(mesh: Any, colours: NDArray[np.uint8]) -> Any:
     from trimesh.visual import ColorVisuals
 
     return ColorVisuals(mesh, vertex_colors=colours)
-
-
-def image_bytes(path: Path, record: Mapping[str, Any], number: int) -> bytes:
-    """The bytes of an image of a glTF: in a buffer, in the JSON itself, or in a file of its folder."""
-    with reading(path, "glTF"):
-        image = record["images"][number]
-        if "uri" in image:
-            return _named(path, str(image["uri"]))
-        view = record["bufferViews"][image["bufferView"]]
-        buffer = record["buffers"][view["buffer"]]
-        whole = _named(path, str(buffer["uri"])) if "uri" in buffer else _binary(path)
-        begin, length = int(view.get("byteOffset", 0)), int(view["byteLength"])
-        if not (begin >= 0 and 0 < length <= len(whole) - begin):
-            raise ValueError(f"image {number} lies outside of its buffer")
-        return whole[begin : begin + length]
-
-
-def _named(path: Path, uri: str) -> bytes:
-    if uri.startswith("data:"):
-        return base64.b64decode(uri.partition(",")[2], validate=True)
-    return read_bytes(sized_file(inside(path.parent, unquote(uri)), LARGEST_FILE, "an image of a glTF"), 1.0)
-
-
-def _binary(path: Path) -> bytes:
-    """The second part of a .glb (Khronos glTF 2.0, 4.4)."""
-    data = read_bytes(sized_file(path, LARGEST_FILE, "a glTF with images"), 1.0)
-    return data[GLTF_START.size + GLTF_START.unpack_from(data)[3] + 8 :]
 
 
 def _written(data: bytes, factor: Array, folder: Path, name: str, path: Path) -> str:

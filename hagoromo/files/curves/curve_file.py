@@ -1,8 +1,8 @@
-"""Curve files: Yuksel's `.hair`, lines of OBJ, curves of Alembic and USD → polylines, in the file's units."""
+"""Curve files: Yuksel's `.hair`, lines of OBJ and glTF, curves of Alembic and USD → polylines, in the file's units."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.gltf import SUFFIXES as GLTF
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.usd_stage import USD
 
 # suffix → memory of the curves while they are read, in sizes of the file
 GROWTH = {".hair": 8.0, ".obj": 40.0, ".abc": 40.0}
-SUFFIXES = (*GROWTH, *USD)
+SUFFIXES = (*GROWTH, *GLTF, *USD)
 LARGEST_FILE = 1 << 32  # bytes
 LARGEST_PLACE = 1e9  # [units]
 
@@ -33,10 +34,7 @@ class Lines(NamedTuple):
 
 
 def read_curves(path: str | Path) -> Lines:
-    """The curves in a file of at least two points each; `InputError` when it is missing, damaged, or has none.
-
-    Lines of glTF are not read: write USD, Alembic or `.hair` in its place.
-    """
+    """The curves in a file of at least two points each; `InputError` when it is missing, damaged, or has none."""
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path} is no file of curves of a known format: give one of {', '.join(SUFFIXES)}")
@@ -51,6 +49,10 @@ def read_curves(path: str | Path) -> Lines:
 
         require(GROWTH[suffix] * Path(path).stat().st_size, str(path))
         lines = abc_lines(Path(path))
+    elif suffix in GLTF:
+        from hagoromo.files.curves.curve_gltf import gltf_lines
+
+        lines = gltf_lines(Path(path))
     else:
         from hagoromo.files.curves.curve_usd import usd_lines
 
@@ -88,19 +90,26 @@ def hair_lines(data: bytes, where: str) -> Lines:
 def obj_lines(data: bytes) -> Lines:
     """Curves of the lines `l` of an OBJ; a line that begins where the one before it ends goes on with it."""
     vertices: list[list[float]] = []
-    chains: list[list[int]] = []
+    pieces: list[list[int]] = []
     for row in data.decode("ascii", "replace").replace("\\\n", " ").splitlines():
         words = row.split()
         if words and words[0] == "v":
             vertices.append([float(word) for word in words[1:4]])
         elif words and words[0] == "l":
             numbers = [int(word.split("/")[0]) for word in words[1:]]
-            chain = [number - 1 if number > 0 else len(vertices) + number for number in numbers]
-            if chains and chain and chains[-1][-1] == chain[0]:
-                chains[-1] += chain[1:]
-            elif chain:
-                chains.append(chain)
-    return of_chains(np.array(vertices, np.float64).reshape(-1, 3), chains)
+            pieces.append([number - 1 if number > 0 else len(vertices) + number for number in numbers])
+    return of_chains(np.array(vertices, np.float64).reshape(-1, 3), chained(pieces))
+
+
+def chained(pieces: Iterable[list[int]]) -> list[list[int]]:
+    """Numbers of vertices of polylines: a piece that begins where the one before it ends goes on with it."""
+    chains: list[list[int]] = []
+    for piece in pieces:
+        if chains and piece and chains[-1][-1] == piece[0]:
+            chains[-1] += piece[1:]
+        elif piece:
+            chains.append(piece)
+    return chains
 
 
 def of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Lines:

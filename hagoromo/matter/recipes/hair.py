@@ -26,7 +26,7 @@ from hagoromo.volume.store.plan import BoxPlan
 class CurvesTable(Record, frozen=True):
     """Curves of a file, turned about x, then y, then z, and made as large as they are to be."""
 
-    file: Annotated[str, about("file of curves: .hair, .obj (lines), .abc, .usd, .usda, .usdc")]
+    file: Annotated[str, about("file of curves: .hair, .obj, .glb and .gltf (lines), .abc, .usd, .usda, .usdc")]
     unit_mm: Annotated[Positive | None, about("length of a unit of the file [mm]; default: 1")] = None
     height_mm: Annotated[Positive | None, about("height of all curves together [mm], in the place of unit_mm")] = None
     rotation_deg: Annotated[Vector, about("turns about x, y and z [°]")] = (0.0, 0.0, 0.0)

@@ -1,0 +1,51 @@
+"""A good sample of a glTF scene: a textured mesh, its image in the JSON, a camera and a lamp."""
+
+from __future__ import annotations
+
+import base64
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzz.meshes import ARRAYS, FLOAT, gltf_record
+
+UV = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], np.float32)
+
+
+def scene(path: Path) -> None:
+    """Text; its base colour is a factor times a PNG of 2 × 2 pixels."""
+    from hagoromo.files.png import png_bytes
+
+    record = gltf_record(_data(ARRAYS + UV.tobytes()))
+    record["bufferViews"].append({"buffer": 0, "byteOffset": len(ARRAYS), "byteLength": UV.nbytes})
+    record["buffers"][0]["byteLength"] += UV.nbytes
+    record["accessors"].append({"bufferView": 2, "componentType": FLOAT, "count": 4, "type": "VEC2"})
+    first = record["meshes"][0]["primitives"][0]
+    first["attributes"]["TEXCOORD_0"], first["material"] = 3, 0
+    pixels = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
+    light = {"type": "spot", "intensity": 3.0, "spot": {"outerConeAngle": 0.6}}
+    record |= {
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 1, 1, 1], "baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0, "sampler": 0}],
+        "samplers": [{"magFilter": 9728}],
+        "images": [{"uri": _data(png_bytes(pixels))}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
+        "extensions": {"KHR_lights_punctual": {"lights": [light]}},
+    }
+    record["nodes"][1] |= {"camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    path.write_text(json.dumps(record))
+
+
+def _data(content: bytes) -> str:
+    return "data:application/octet-stream;base64," + base64.b64encode(content).decode()
+
+
+def read(path: Path) -> Any:
+    """The scene as ours, in a folder that goes away."""
+    from hagoromo.app.formats.gltf_scene import scene_from_gltf
+
+    with tempfile.TemporaryDirectory() as folder:
+        return scene_from_gltf(path, Path(folder) / "out")
