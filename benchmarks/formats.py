@@ -136,7 +136,7 @@ def pictures(home: Path, random: np.random.Generator) -> dict[str, Case]:
     Image.fromarray(eight).save(home / "picture.jpg", quality=92)
     write_dng(home / "picture.dng", (4000 * linear[..., 0]).astype(np.uint16))
     scene = home / "small.toml"
-    scene.write_text(camera((256, 256), 300.0) + lamp("key", 0.5, -1.0, 1.0) + BALL)
+    scene.write_text(camera((256, 256), 300.0) + lamp("key", 0.5, -1.0, 1.0) + BALL, encoding="utf-8")
     image = hg.render(scene)
     image.save(home / "image.exr")
     channels = {name: linear[..., k] for k, name in enumerate("RGB")}
@@ -172,7 +172,7 @@ def surfaces(home: Path) -> dict[str, Case]:
     ball = trimesh.creation.icosphere(subdivisions=FINENESS)
     base, sample = home / "ball.ply", f"{len(ball.faces):,} triangles"
     ball.export(base)
-    (home / "ball.vtp").write_text(vtp(np.asarray(ball.vertices), np.asarray(ball.faces)))
+    (home / "ball.vtp").write_text(vtp(np.asarray(ball.vertices), np.asarray(ball.faces)), encoding="utf-8")
     (home / "surfaces").mkdir()
     found = {}
     for form in SURFACES:
@@ -206,7 +206,7 @@ def scenes(home: Path) -> dict[str, Case]:
     scene = home / "scene.toml"
     lamps = "".join(lamp(f"lamp {k}", 0.5 * k, -1.0, 1.0) for k in range(3))
     text = BALL.replace('shape = "sphere"\nscale = 0.15', 'mesh = "ball.ply"\nscale = 0.15')
-    scene.write_text(camera((640, 480), 600.0) + lamps + text)
+    scene.write_text(camera((640, 480), 600.0) + lamps + text, encoding="utf-8")
     (home / "scenes").mkdir()
     found, sample = {}, "a mesh of 327,680 triangles, a camera, three lamps ↔ scene.toml"
     for name, out, source in (
@@ -251,15 +251,16 @@ def others(home: Path) -> dict[str, Case]:
     around = np.linspace(0.0, 6.0, 48)
     lamps = [hg.Lamp(to_lamp=(0.6 * np.cos(t), 0.6 * np.sin(t), 0.8), name=f"{k}.png") for k, t in enumerate(around)]
     waves = np.arange(360.0, 831.0)
-    (home / "lamp.spd").write_text("".join(f"{w} {1.0 + 1e-3 * w}\n" for w in waves))
+    (home / "lamp.spd").write_text("".join(f"{w} {1.0 + 1e-3 * w}\n" for w in waves), encoding="utf-8")
     rows = "".join(f'<SpectralData wavelength="{w}">{1.0 + 1e-3 * w}</SpectralData>' for w in waves)
-    (home / "lamp.spdx").write_text(spdx(rows))
+    (home / "lamp.spdx").write_text(spdx(rows), encoding="utf-8")
     angles = " ".join(str(a) for a in np.linspace(0, 180, 181))
     candela = "\n".join(["100.0"] * 181)
     (home / "lamp.ies").write_text(
-        f"IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 181 1 1 2 0 0 0\n1 1 100\n{angles}\n0\n{candela}\n"
+        f"IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 181 1 1 2 0 0 0\n1 1 100\n{angles}\n0\n{candela}\n",
+        encoding="utf-8",
     )
-    (home / "lens.xml").write_text(LENS)
+    (home / "lens.xml").write_text(LENS, encoding="utf-8")
     capture = hg.simulate(home / "small.toml")
     capture.save(home / "capture")
     columns = {"wavelength_nm": waves, **{f"value {k}": waves + k for k in range(20)}}

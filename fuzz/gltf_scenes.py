@@ -36,7 +36,7 @@ def scene(path: Path) -> None:
         "extensions": {"KHR_lights_punctual": {"lights": [light]}},
     }
     record["nodes"][1] |= {"camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}
-    path.write_text(json.dumps(record))
+    path.write_text(json.dumps(record), encoding="utf-8")
 
 
 def _data(content: bytes) -> str:

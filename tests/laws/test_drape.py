@@ -335,7 +335,7 @@ def test_a_garment_is_a_box_of_cloth_around_its_sheets(monkeypatch, few_match_po
 
     To a step of a half float over the band, in every column of voxels over its area.
     """
-    monkeypatch.setattr(wardrobe, "_sheets", lambda *_: {"linen": [flat(15.0, 11.0, 20.0).sheet(1.0)]})
+    monkeypatch.setattr(wardrobe, "draped", lambda *_: {"linen": [flat(15.0, 11.0, 20.0).sheet(1.0)]})
     box = wardrobe.garment_of("nun", "linen", FIBRE, 0.4).box()
     assert box.texel is not None and {m.element for m in box.materials} == {"cylinder"}
     points, heights = kept(box)
