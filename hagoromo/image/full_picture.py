@@ -123,7 +123,7 @@ def light_of(
     """The light of higher orders in a prepared scene, and on its surfaces, solved unless `cache` holds it."""
     lamps = json.dumps([record_from_lamp(lamp) for lamp in scene.lamps], default=float)
     materials = tuple(material for box in scene.boxes for material in box.materials)
-    surfaces = tuple((s.figure, s.reflectance, s.body_texture, s.beta_texture, Same(s.uv)) for s in scene.surfaces)
+    surfaces = tuple((s.figure, s.reflectance, *s.textures, Same(s.uv)) for s in scene.surfaces)
     figures = (
         materials,
         surfaces,
@@ -137,7 +137,7 @@ def light_of(
 
     def build() -> tuple[Field | None, SurfaceLight | None]:
         colours = BandColours(bands, prepared.palette)
-        scattering = Scattering(reflectances_of(scene))
+        scattering = Scattering(reflectances_of(scene), prepared.gamma_rows)
         solver = None
         if prepared.medium is not None:
             channels = len(prepared.palette.lamps) * bands.count

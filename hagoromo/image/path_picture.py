@@ -121,7 +121,7 @@ def _walk(
 
 def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     """A prepared scene as walks need it."""
-    scattering = Scattering(reflectances_of(scene), prepared.lighting.materials)
+    scattering = Scattering(reflectances_of(scene), prepared.lighting.materials, prepared.gamma_rows)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
     first, lights = prepared.first_on_surface, lights_of(scene, prepared)
     optics = optics_of(scene, prepared, bands)
@@ -163,9 +163,8 @@ def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:
     groups = prepared.palette.lamp_groups[len(scene.lamps) :]
     placed = scene_from(scene, prepared.origin)
     emitters = emitters_of(placed.surfaces)
-    return Lights(
-        prepared.lighting.lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances_of(scene)
-    )
+    lamps, reflectances = prepared.lighting.lamps, reflectances_of(scene)
+    return Lights(lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances, prepared.gamma_rows)
 
 
 def walks_at_once(stream: _Stream, pixels: int) -> int:

@@ -30,14 +30,15 @@ from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import R3, Film
 from hagoromo.transport.film import tile_order as tile_order
+from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.lighting import Attenuation, Lighting
 from hagoromo.transport.march import march
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.palette import Palette, palette_of, position_of
-from hagoromo.transport.sample import Element, TexelHit
+from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
-from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface
+from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface, surface_element
 from hagoromo.volume.box import VolumeBox
 
 MODES = ("march", "full", "path")  # how light is computed
@@ -262,6 +263,7 @@ class PreparedScene:
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
         self.surfaces = _surfaces(world, cache, self.origin)
         self.surface_colours = surface_colours_of(scene, self.palette, cache)
+        self.gamma_rows = gamma_rows_of(scene)
         boxes_shade: Attenuation | None = None
         if self.medium and (
             settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))
@@ -299,10 +301,11 @@ class PreparedScene:
         if self.surfaces:
             hit = self.surfaces.hit(origin, direction)
             far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
-            element = Element(hit.normal, self.first_on_surface + hit.surface)
-            coefficients = self.lighting.materials.coefficients(element.material)
-            if self.surface_colours is not None:
-                coefficients = self.surface_colours.with_textures(coefficients, hit)
+            materials, textures = self.lighting.materials, self.surface_colours
+            element = surface_element(materials, self.first_on_surface, hit, textures)
+            coefficients = materials.coefficients(element.material)
+            if textures is not None:
+                coefficients = textures.with_textures(coefficients, hit)
             light, _ = self.lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
             channels = self.lighting.in_groups(light)
             if self.lighting.surface_light:
@@ -368,19 +371,28 @@ def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | Non
 
 def surface_colours_of(scene: Scene, palette: Palette, cache: SceneCache) -> SurfaceColours | None:
     """The textures of the surfaces of a scene on the device; None where there are none."""
-    textured = [surface for surface in scene.surfaces if surface.body_texture or surface.beta_texture]
-    if not textured:
+    if not any(texture for surface in scene.surfaces for texture in surface.textures):
         return None
     colours = len(palette.colours)
-    bodies, factors, key = [], [], []
+    bodies, factors, widths, key = [], [], [], []
     for surface in scene.surfaces:
         places = [position_of(s, palette.bodies) for s in surface.body_texture.spectra] if surface.body_texture else []
         bodies.append(_texture(surface, surface.body_texture, np.eye(len(palette.bodies), dtype=np.float32)[places]))
         factors.append(_texture(surface, surface.beta_texture, np.ones((1, 1), np.float32)))
-        key.append((surface.figure, Same(surface.uv), surface.body_texture, surface.beta_texture, tuple(places)))
+        widths.append(_texture(surface, surface.gamma_texture, np.ones((1, 1), np.float32)))
+        key.append((surface.figure, Same(surface.uv), *surface.textures, tuple(places)))
     first = len(palette.bodies)
     places = range(first, first + len(palette.interfaces))
-    return cache.get("textures", (colours, *key), lambda: SurfaceColours(bodies, factors, places))
+    return cache.get("textures", (colours, *key), lambda: SurfaceColours(bodies, factors, widths, places))
+
+
+def gamma_rows_of(scene: Scene) -> GammaRows | None:
+    """Rows of materials whose γ differs from place to place; None where no surface has a texture of it."""
+    reflectances = reflectances_of(scene)
+    first = len(reflectances) - len(scene.surfaces)
+    textures = {first + k: s.gamma_texture for k, s in enumerate(scene.surfaces) if s.gamma_texture is not None}
+    ranges = {k: (float(one.values.min()), float(one.values.max())) for k, one in textures.items()}
+    return GammaRows(reflectances, ranges) if ranges else None
 
 
 def _texture(

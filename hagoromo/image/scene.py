@@ -142,6 +142,7 @@ class Scene:
                 | ({"absorption": s.absorption.record()} if s.absorption else {})
                 | ({"body_texture": s.body_texture.record()} if s.body_texture else {})
                 | ({"beta_texture": s.beta_texture.record()} if s.beta_texture else {})
+                | ({"gamma_texture": s.gamma_texture.record()} if s.gamma_texture else {})
                 | ({"emission": s.emission.record()} if s.emission else {})
                 for s in self.surfaces
             ],

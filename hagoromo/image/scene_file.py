@@ -49,7 +49,14 @@ from hagoromo.image.scene_lights import (
     emission_from,
     environment_from,
 )
-from hagoromo.image.scene_textures import BetaTexture, BodyTexture, beta_texture_from, body_texture_from
+from hagoromo.image.scene_textures import (
+    BetaTexture,
+    BodyTexture,
+    GammaTexture,
+    beta_texture_from,
+    body_texture_from,
+    gamma_texture_from,
+)
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.light.spectrum import SOURCE, Spectrum
@@ -147,6 +154,11 @@ class SceneSurface(Place, frozen=True, kw_only=True):
     ] = None
     beta_texture: Annotated[
         dict[str, Any] | None, like(BetaTexture), about("factor on the reflectance's beta from place to place")
+    ] = None
+    gamma_texture: Annotated[
+        dict[str, Any] | None,
+        like(GammaTexture),
+        about("half width of the facets from place to place, in place of the reflectance's gamma"),
     ] = None
     emission: Annotated[dict[str, Any] | None, like(Emission), about("light that its front gives off")] = None
     name: Annotated[str, about("name of the surface")] = ""
@@ -367,6 +379,7 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
         "optics": key.optics or "",
         "absorption": None if key.absorption is None else Spectrum.load(key.absorption, folder),
         "beta_texture": beta_texture_from(key.beta_texture, folder, where),
+        "gamma_texture": gamma_texture_from(key.gamma_texture, folder, where),
         "emission": emission_from(key.emission, folder, where),
     }
     body = body_texture_from(key.body_texture, folder, where)

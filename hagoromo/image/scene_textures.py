@@ -1,10 +1,11 @@
-"""Textures of a surface of a scene TOML: body_texture and beta_texture of [[surface]]."""
+"""Textures of a surface of a scene TOML: body_texture, beta_texture and gamma_texture of [[surface]]."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta
 
 from hagoromo.errors import InputError, described
@@ -12,6 +13,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.record import Record, about, decode
 from hagoromo.image.surface_texture import MOST_SPECTRA, SurfaceTexture
 from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.reflectance.reflectance import LARGEST_GAMMA
 
 
 class BodyTexture(Record, frozen=True, kw_only=True):
@@ -32,6 +34,17 @@ class BetaTexture(Record, frozen=True, kw_only=True):
     """A factor on beta, 0…1, from place to place: the first channel of an image, linear."""
 
     file: Annotated[str, about("image on the UVs: PNG, JPEG, TIFF, EXR or .hdr, its first channel, linear")]
+    smooth: Annotated[bool, about("whether values between the middles of pixels are interpolated")] = True
+
+
+class GammaTexture(Record, frozen=True, kw_only=True):
+    """The half width of the facets γ from place to place: the first channel of an image, linear."""
+
+    file: Annotated[str, about("image on the UVs: PNG, JPEG, TIFF, EXR or .hdr, its first channel, linear")]
+    range: Annotated[
+        tuple[float, float],
+        about("γ [rad] of the values 0 and 1 of the image (of 8 bits: 0 and 255), in a straight line between them"),
+    ] = (0.0, 1.0)
     smooth: Annotated[bool, about("whether values between the middles of pixels are interpolated")] = True
 
 
@@ -62,3 +75,18 @@ def beta_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -
     key = decode(record, BetaTexture, where)
     with described(where):
         return SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False)
+
+
+def gamma_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -> SurfaceTexture | None:
+    """The half widths [rad] of a table gamma_texture of a file in `folder`; None without one."""
+    if record is None:
+        return None
+    where = f"{where} gamma_texture"
+    key = decode(record, GammaTexture, where)
+    if not all(0.0 <= end <= LARGEST_GAMMA for end in key.range):
+        given = ", ".join(f"{end:g}" for end in key.range)
+        raise InputError(f"{where}: range is [{given}]: give γ of the values 0 and 1, 0 to {LARGEST_GAMMA:.4g} rad")
+    with described(where):
+        stored = SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False)
+        first, last = map(np.float32, key.range)
+        return SurfaceTexture(first + (last - first) * stored.values, smooth=key.smooth, name=stored.name)

@@ -24,12 +24,14 @@ from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.light.surface_emission import SurfaceEmission
-from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
+from hagoromo.transport.gamma_rows import gammas_between
 from hagoromo.transport.path.optics import KINDS
 from hagoromo.transport.surface_colours import SurfaceHit
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 ROUND_SHAPES = ("sphere", "disk", "cylinder")
+TEXTURES = ("body_texture", "beta_texture", "gamma_texture")
 FINE_ROUND, FINE_SPHERE = 512, 5  # edges around a disk or cylinder that gives off light, halvings of a ball's
 MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
 LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which there is a warning
@@ -67,7 +69,9 @@ class Surface:
     absorption: coefficient a of glass [1/m], over wavelength; of light that goes d through it exp(−a d) is left
     (Beer–Lambert). None: clear glass.
     body_texture: the body colour from place to place, in place of that of the reflectance. beta_texture: a factor on
-    beta, 0…1, one value a place. uv: (n, 2) of the vertices of a mesh, which images need; shapes have Mitsuba's.
+    beta, 0…1, one value a place. gamma_texture: the half width γ of the facets [rad], one value a place, in place of
+    that of the reflectance, which becomes the mean; further lobes keep theirs. uv: (n, 2) of the vertices of a mesh,
+    which images need; shapes have Mitsuba's.
     emission: light that its front gives off.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
@@ -86,6 +90,7 @@ class Surface:
     absorption: Spectrum | None = None
     body_texture: SurfaceTexture | None = None
     beta_texture: SurfaceTexture | None = None
+    gamma_texture: SurfaceTexture | None = None
     uv: np.ndarray | None = None
     emission: SurfaceEmission | None = None
 
@@ -138,8 +143,7 @@ class Surface:
     def _check_textures(self, who: str) -> None:
         if self.uv is not None and self.shape != "mesh":
             raise InputError(f"{who}: uv are of a mesh, and a {self.shape} has its own: leave uv out")
-        for key in ("body_texture", "beta_texture"):
-            texture = getattr(self, key)
+        for key, texture in zip(TEXTURES, self.textures, strict=True):
             if texture is None:
                 continue
             if self.emission is not None and self.shape in ROUND_SHAPES:
@@ -156,10 +160,39 @@ class Surface:
         if self.beta_texture is not None:
             if self.beta_texture.values.shape[-1] != 1 or self.beta_texture.values.max() > 1.0:
                 raise InputError(f"{who}: beta_texture is a factor on beta: give one value 0…1 a place")
+        gammas = [] if self.gamma_texture is None else self._gammas(self.gamma_texture.values, who)
+        if self.body_texture is None and not gammas:
+            return
+        made = self.reflectance
         if self.body_texture is not None:
-            brightest = Spectrum.constant(self.body_texture.brightest())
+            body = Spectrum.constant(self.body_texture.brightest())
             with described(f"{who}: where its body_texture is brightest"):
-                replace(self.reflectance, body_colour=brightest)
+                made = replace(made, body_colour=body)
+        for gamma in gammas:
+            with described(f"{who}: where its gamma_texture is {gamma:.4g} rad"):
+                replace(made, gamma=gamma)
+        if self.gamma_texture is not None:
+            mean = float(self.gamma_texture.values.mean(dtype=np.float64))
+            object.__setattr__(self, "reflectance", replace(self.reflectance, gamma=mean))
+
+    def _gammas(self, values: np.ndarray, who: str) -> list[float]:
+        """γ [rad] from the least to the largest of a texture."""
+        if values.shape[-1] != 1:
+            raise InputError(f"{who}: gamma_texture has {values.shape[-1]} values a place: give one, γ [rad]")
+        wrong = ~((values >= np.float32(SMALLEST_GAMMA)) & (values <= np.float32(LARGEST_GAMMA)))
+        if wrong.any():
+            first = np.argwhere(wrong)[0]
+            where = f"row {first[0]}, column {first[1]}" if len(first) == 3 else f"vertex {first[0]}"
+            raise InputError(
+                f"{who}: gamma_texture has {int(wrong.sum())} values outside {SMALLEST_GAMMA:g}…{LARGEST_GAMMA:.4g} "
+                f"rad, first {values[tuple(first)]:.4g} in {where}: mend it, or give another range"
+            )
+        return gammas_between(float(values.min()), float(values.max()))
+
+    @property
+    def textures(self) -> tuple[SurfaceTexture | None, ...]:
+        """Of the body, of beta and of gamma, as TEXTURES."""
+        return self.body_texture, self.beta_texture, self.gamma_texture
 
     def __repr__(self) -> str:
         """The name, the shape and the reflectance's name."""

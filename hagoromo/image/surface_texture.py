@@ -1,7 +1,7 @@
 """SurfaceTexture: a parameter of a surface's reflectance that differs from place to place, by an image or by vertices.
 
 A body colour is a sum of a few spectra with weights of each place, so that pictures keep exact weights; R, G, B become
-the three spectra of Mallett & Yuksel 2019, as those of environments do. A factor on beta has no spectra.
+the three spectra of Mallett & Yuksel 2019, as those of environments do. Factors on beta and half widths γ have none.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
         if surface.emission is not None:
             yield f"surface {surface.name!r}: the light that it gives off"
-        if surface.body_texture is not None or surface.beta_texture is not None:
+        if any(surface.textures):
             yield f"surface {surface.name!r}: its textures; it has one reflectance"
     if scene.area_lamps:
         yield "area lamps hide what is behind them: Mitsuba's are bodies"

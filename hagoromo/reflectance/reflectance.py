@@ -34,7 +34,7 @@ from hagoromo.reflectance.transmission import (
 )
 
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
-LARGEST_GAMMA = math.pi / 2
+SMALLEST_GAMMA, LARGEST_GAMMA = 1e-4, math.pi / 2  # [rad]
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
 NEGLIGIBLE = 1e-6  # facet densities below this share of the peak are left out of the albedo
 MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
@@ -121,7 +121,7 @@ class Reflectance:
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
-        ranges = (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", 1e-4, LARGEST_GAMMA), ("n", 1, 10))
+        ranges = (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", SMALLEST_GAMMA, LARGEST_GAMMA), ("n", 1, 10))
         ranges = (*ranges, ("epsilon", *EPSILON_RANGE), ("sigma", *SIGMA_RANGE))
         for key, low, high in (*ranges, ("transmission", 0, 1), ("clearness", 0, 1)):
             value = getattr(self, key)
@@ -200,9 +200,10 @@ class Reflectance:
         if self.lobes and (len(self.lobes) > MOST_LOBES or not self.beta > 0.0):
             raise InputError(f"{who} has {len(self.lobes)} lobes more: give {MOST_LOBES} at most, and a beta above 0")
         for beta, gamma in self.lobes:
-            if not (0.0 <= beta <= 1e4 and 1e-4 <= gamma <= LARGEST_GAMMA):
+            if not (0.0 <= beta <= 1e4 and SMALLEST_GAMMA <= gamma <= LARGEST_GAMMA):
                 raise InputError(
-                    f"{who} has a lobe of beta {beta} and gamma {gamma}: give 0 to 1e4, and 1e-4 to {LARGEST_GAMMA:.4g}"
+                    f"{who} has a lobe of beta {beta} and gamma {gamma}: give 0 to 1e4, and {SMALLEST_GAMMA:g} to "
+                    f"{LARGEST_GAMMA:.4g}"
                 )
 
     @property

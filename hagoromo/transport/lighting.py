@@ -167,7 +167,7 @@ class Lighting:
             ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
             weights, lit = [], arrays().Bool(False)
             for element in elements:
-                each = self.materials.weights(element.material, element.axis, to_lamp, to_eye)
+                each = self.materials.weights(element.material, element.axis, to_lamp, to_eye, element.gamma)
                 lit |= sum(each[1:], each[0]) > 0.0
                 if element.scales and texel_hit:
                     factors = element.scales.at(*ways)  # fewer than weights where no element of a texel transmits

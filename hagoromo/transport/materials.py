@@ -75,14 +75,19 @@ class Materials:
         """Coefficients of a material's body and interface colours on the palette."""
         return [self.read(material, 5 + j) for j in range(len(self.palette.colours))]
 
-    def weights(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights | AllWeights:
-        """Body and interface weights of f for the element of `material` [1/sr]; `AllWeights` where some transmit."""
+    def weights(
+        self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float | None = None
+    ) -> Weights | AllWeights:
+        """Body and interface weights of f for the element of `material` [1/sr]; `AllWeights` where some transmit.
+
+        gamma: half width of the facets of planes [rad]; default: that of the material.
+        """
         if not self.transmit:
-            return self._reflected(material, axis, to_lamp, to_eye)
+            return self._reflected(material, axis, to_lamp, to_eye, gamma)
         transmitted = self._transmitted(material, axis, to_lamp, to_eye)
         if "plane" in self.elements:
             axis = self.facing(material, axis, to_eye)
-        return AllWeights(*self._reflected(material, axis, to_lamp, to_eye), *transmitted)
+        return AllWeights(*self._reflected(material, axis, to_lamp, to_eye, gamma), *transmitted)
 
     def facing(self, material: UInt, axis: Array3f, to_eye: Array3f) -> Array3f:
         """The normal of the side that the eye sees of a plane that transmits; other axes as they are."""
@@ -107,8 +112,11 @@ class Materials:
         through, twice = clear_lobes(axis, to_lamp, to_eye, self.read(material, 3), widths, table)
         return dr.fma(share, through, once), share * twice
 
-    def _reflected(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
-        alpha, beta, gamma, n, element = (self.read(material, entry) for entry in range(5))
+    def _reflected(
+        self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float | None
+    ) -> Weights:
+        alpha, beta, own, n, element = (self.read(material, entry) for entry in range(5))
+        gamma = own if gamma is None else gamma
         nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
         body_law = self.body_law(material)
         chosen: Weights | None = None

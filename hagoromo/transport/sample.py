@@ -24,7 +24,8 @@ class Element:
     """A kind of element in a sample: unit axis (world), material number, share of the sample 0…1, and the scales of its
     body and interface light in a texel.
 
-    shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any.
+    shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any. gamma: half width of the facets
+    [rad], None: that of the material.
     """
 
     axis: Array3f
@@ -32,6 +33,7 @@ class Element:
     share: Float = 1.0
     scales: LightScale | None = None
     shadow_bias: Float | None = None
+    gamma: Float | None = None
 
     def shadow_origin(self, point: Array3f, to_lamp: Array3f) -> Array3f:
         """Origin of the shadow ray of the element at `point`, offset by its shadow bias so as to miss its own skin.

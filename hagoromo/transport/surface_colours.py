@@ -1,4 +1,4 @@
-"""Surface colours: textures of surfaces on the device, and the colours of the places that rays hit.
+"""Surface colours: textures of surfaces on the device, and the colours, and γ, of the places that rays hit.
 
 A texture is an image over the UVs of a mesh or a shape, or values of the vertices of a mesh. Everything is read from
 tables, so that another texture needs no new kernel.
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, check_entries, lookup
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.sample import Element
 
 NONE, OWN_UV, MESH_UV, VERTICES = 0, 1, 2, 3  # where the values of a surface come from
 ROW = 8  # numbers of a row
@@ -140,19 +142,24 @@ class TextureTable:
 
 class SurfaceColours:
     """Coefficients on a palette where rays hit surfaces: `bodies` in place of a body colour, `interfaces` a factor on
-    that of the interface. A plain object: loops do not take its tables into their state.
+    that of the interface; and `widths` in place of γ. A plain object: loops do not take its tables into their state.
     """
 
     def __init__(
         self,
         bodies: Sequence[TextureOfSurface | None],
         interfaces: Sequence[TextureOfSurface | None],
+        widths: Sequence[TextureOfSurface | None],
         places: range,
     ) -> None:
-        """places: numbers of the interface colours on the palette, after those of bodies."""
+        """widths: of the facets, γ [rad]. places: numbers of the interface colours on the palette, after those of
+        bodies.
+        """
         self.places = places
-        self.bodies = TextureTable(bodies) if any(texture is not None for texture in bodies) else None
-        self.interfaces = TextureTable(interfaces) if any(texture is not None for texture in interfaces) else None
+        self.bodies, self.interfaces, self.widths = (
+            TextureTable(each) if any(texture is not None for texture in each) else None
+            for each in (bodies, interfaces, widths)
+        )
 
     def with_textures(self, coefficients: list[Float], hit: SurfaceHit) -> list[Float]:
         """`coefficients` of the materials that were hit, with the textures of their surfaces."""
@@ -166,6 +173,19 @@ class SurfaceColours:
             for j in self.places:
                 mixed[j] = mixed[j] * factor
         return mixed
+
+    def gamma(self, hit: SurfaceHit, plain: Float) -> Float | None:
+        """γ of the facets at hits [rad], `plain` of surfaces without a texture of it; None where no surface has one."""
+        if self.widths is None:
+            return None
+        return dr.select(self.widths.there(hit.surface), self.widths.at(hit)[0], plain)
+
+
+def surface_element(materials: Materials, first: UInt, hit: SurfaceHit, colours: SurfaceColours | None) -> Element:
+    """Surfaces as elements where rays hit them; first: number of the material of the first one."""
+    material = first + hit.surface
+    gamma = None if colours is None else colours.gamma(hit, materials.read(material, 2))
+    return Element(hit.normal, material, gamma=gamma)
 
 
 def _pixels(u: Float, v: Float, width: UInt, height: UInt, smooth: Bool) -> list[tuple[UInt, Float]]:

@@ -209,6 +209,7 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost += ["the environment"] if scene.environment else []
     lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
     lost += lost_textures + [f"surface {s.name!r}: its beta_texture" for s in scene.surfaces if s.beta_texture]
+    lost += [f"surface {s.name!r}: its gamma_texture" for s in scene.surfaces if s.gamma_texture]
     return [*lost, "spectra (colours are linear sRGB), gloss, where between two pixels the optical axis is"]
 
 

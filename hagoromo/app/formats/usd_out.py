@@ -79,7 +79,7 @@ def _lost(scene: Scene) -> Iterator[str]:
         made = surface.reflectance
         if surface.absorption is not None:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
-        if surface.body_texture is not None or surface.beta_texture is not None:
+        if any(surface.textures):
             yield f"surface {surface.name!r}: its textures"
         if surface.emission is not None:
             yield f"surface {surface.name!r}: the light that it gives off"

@@ -26,7 +26,7 @@ from hagoromo.transport.field.sweep import DEEPEST, Path, Ways
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.path.path import SurfaceHits
 from hagoromo.transport.sample import Element
-from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit
+from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit, surface_element
 
 BYTES_PER_RAY = 160  # memory of one ray, its hit and the light along it, about
 LARGEST_SCALE = 4.0  # of the nine numbers of a patch's light, so that their irradiance is that of its rays
@@ -48,6 +48,10 @@ class LitSurfaces:
         """Coefficients of surfaces on the palette where rays hit them."""
         plain = self.lighting.materials.coefficients(self.first + hit.surface)
         return plain if self.surface_colours is None else self.surface_colours.with_textures(plain, hit)
+
+    def element(self, hit: SurfaceHit) -> Element:
+        """Surfaces as elements where rays hit them."""
+        return surface_element(self.lighting.materials, self.first, hit, self.surface_colours)
 
     @property
     def channels(self) -> int:
@@ -72,7 +76,8 @@ class LitSurfaces:
         """Radiance, of every channel, that it sends to the eye of smooth incident light, nine numbers a channel."""
         colours, bands = self.colours.of(coefficients), self.colours.count
         towards = self.scattering.towards
-        parts = [towards(element.material, part, element.axis, to_eye) for part in range(self.scattering.parts)]
+        each = range(self.scattering.parts)
+        parts = [towards(element.material, part, element.axis, to_eye, element.gamma) for part in each]
         factors = [
             [sum(colours[j * bands + band] * part[k] for j, part in enumerate(parts)) for k in range(NUMBERS)]
             for band in range(bands)
@@ -154,7 +159,7 @@ class Links:
             self.point = self.point + normal * dr.copysign(2.0 * lit.patches.reach, self.cosine)
         hit = lit.surfaces.hit(self.point, self.towards)
         far, self.far, self.hit = hit.distance, hit.distance, hit.point
-        self.element, self.coefficients = Element(hit.normal, lit.first + hit.surface), lit.coefficients(hit)
+        self.element, self.coefficients = lit.element(hit), lit.coefficients(hit)
         self.there = dr.isfinite(far)
         self.patch: Patch = lit.patches.at(hit.point, hit.normal, self.there)
         _, self.passed = (
@@ -165,7 +170,7 @@ class Links:
         normal, material = self.element.axis, self.element.material
         dr.eval(self.towards, self.point, self.far, self.hit, normal, material, self.patch, self.passed)
         if lit.surface_colours is not None:
-            dr.eval(self.coefficients)
+            dr.eval(self.coefficients, self.element.gamma)
 
     def direct(self) -> Numbers:
         """Incident light that surfaces send on of the light of the lamps."""

@@ -27,6 +27,7 @@ from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albed
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, fresnel
 from hagoromo.reflectance.transmission import around_fibre, clear_lobes, facing, far_body, lobe_widths, table_from
 from hagoromo.transport.field.second_order import MEAN, SecondOrder, outer
+from hagoromo.transport.gamma_rows import GammaRows
 
 ENTRIES = 65  # of a table over the angle to the axis, on either side of it
 MOMENTS = 6
@@ -41,31 +42,42 @@ LEAST_GAMMA = 0.2  # [rad] narrower facets are widened, and keep their albedo: s
 class Scattering:
     """Tables of all materials, in the order of their numbers."""
 
-    def __init__(self, reflectances: Sequence[Reflectance]) -> None:
-        jit = arrays()
+    def __init__(self, reflectances: Sequence[Reflectance], gamma_rows: GammaRows | None = None) -> None:
+        """gamma_rows: of a scene with textures of γ."""
+        jit, self.gamma_rows = arrays(), gamma_rows
+        reflectances = gamma_rows.reflectances if gamma_rows else reflectances
         self.parts = REFLECTED + any(r.transmits for r in reflectances) + any(r.clear_share > 0.0 for r in reflectances)
         figures = [moments_and_blocks(*_figures(r), self.parts) for r in reflectances]
         self.moments_of = lookup(jit.Float, np.stack([f[0] for f in figures]).astype(np.float32))
         self.blocks_of = lookup(jit.Float, np.stack([f[1] for f in figures]).astype(np.float32))
         dr.eval(self.moments_of, self.blocks_of)
 
-    def moments(self, material: UInt, part: int, cosine: Float) -> list[Float]:
-        """The six moments of a part, as in `Palette.parts`, at μ = `cosine`."""
+    def moments(self, material: UInt, part: int, cosine: Float, gamma: Float | None = None) -> list[Float]:
+        """The six moments of a part, as in `Palette.parts`, at μ = `cosine`; gamma: in place of the material's."""
+        if gamma is None or self.gamma_rows is None:
+            return self._moments(material, part, cosine)
+        first, second, share = self.gamma_rows.at(material, gamma)
+        both = (self._moments(row, part, cosine) for row in (first, second))
+        return [dr.fma(share, b - a, a) for a, b in zip(*both, strict=True)]
+
+    def _moments(self, row: UInt, part: int, cosine: Float) -> list[Float]:
         jit = arrays()
         place = dr.acos(dr.fmin(dr.abs(cosine), 1.0)) * ((ENTRIES - 1) / (0.5 * math.pi))
         first = dr.minimum(jit.UInt(place), ENTRIES - 2)
         side = dr.select(cosine < 0.0, jit.UInt(1), 0)
-        start = (((material * self.parts + part) * 2 + side) * ENTRIES + first) * MOMENTS
+        start = (((row * self.parts + part) * 2 + side) * ENTRIES + first) * MOMENTS
         share = place - jit.Float(first)
         low, high = (
             [dr.gather(jit.Float, self.moments_of, start + (k * MOMENTS + m)) for m in range(MOMENTS)] for k in (0, 1)
         )
         return [dr.fma(share, b - a, a) for a, b in zip(low, high, strict=True)]
 
-    def towards(self, material: UInt, part: int, axis: Array3f, to_eye: Array3f) -> list[Float]:
+    def towards(
+        self, material: UInt, part: int, axis: Array3f, to_eye: Array3f, gamma: Float | None = None
+    ) -> list[Float]:
         """Factors on the nine numbers of the incident light whose sum is ∫ f L dω, the radiance towards the eye."""
         cosine, aside = along_and_across(axis, to_eye)
-        k, a_t, a_a, b_t, b_a, b_ta = self.moments(material, part, cosine)
+        k, a_t, a_a, b_t, b_a, b_ta = self.moments(material, part, cosine, gamma)
         v = aside * a_t + axis * a_a
         xx, yy, xy, xz, yz = (
             b_t * t + b_a * a + 2.0 * b_ta * ta

@@ -22,6 +22,7 @@ from hagoromo.light.environment import Environment
 from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.crossing import selected
+from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.lighting import LampRow
 from hagoromo.transport.path.area_light import area_light
 from hagoromo.transport.path.environment_light import EnvironmentLight
@@ -75,9 +76,11 @@ class Lights:
         emitters: Sequence[EmittingSurface],
         groups: Sequence[int],
         reflectances: Sequence[Reflectance],
+        gamma_rows: GammaRows | None = None,
     ) -> None:
         """groups: in the palette, of every area lamp, then of every part of the environment, then of every emitter.
-        reflectances: in the order of their materials; those of the surfaces are the last.
+        reflectances: in the order of their materials; those of the surfaces are the last. gamma_rows: of a scene with
+        textures of γ.
         """
         self.lamps, self.areas = lamps, [area_light(lamp) for lamp in area_lamps]
         self.emitters = [MeshLight(emitter.corners, emitter.emission) for emitter in emitters]
@@ -90,12 +93,21 @@ class Lights:
             numbers[[emitter.surface for emitter in emitters]] = np.arange(len(emitters)) + 1
             self.numbers, self.last_surface = lookup(arrays().UInt, numbers), len(numbers) - 1
         self.environment = None if environment is None else EnvironmentLight(environment)
-        sent = [math.pi * r.alpha + r.interface_albedo + r.transmission for r in reflectances]
+        self.gamma_rows, every = gamma_rows, gamma_rows.reflectances if gamma_rows else reflectances
+        sent = [math.pi * r.alpha + r.interface_albedo + r.transmission for r in every]
         self.albedo = lookup(arrays().Float, np.maximum(np.array(sent, np.float32), LEAST_ALBEDO))
 
-    def spread(self, material: UInt, light: Float) -> Float:
-        """About the density of the directions that a walk goes on in [1/sr]; light: f there, body and interface."""
-        return light / dr.gather(arrays().Float, self.albedo, material)
+    def spread(self, material: UInt, light: Float, gamma: Float | None = None) -> Float:
+        """About the density of the directions that a walk goes on in [1/sr]; light: f there, body and interface.
+
+        gamma: half width of the facets [rad]; default: that of the material.
+        """
+        kind = arrays().Float
+        if gamma is None or self.gamma_rows is None:
+            return light / dr.gather(kind, self.albedo, material)
+        first, second, share = self.gamma_rows.at(material, gamma)
+        low, high = (dr.gather(kind, self.albedo, row) for row in (first, second))
+        return light / dr.fma(share, high - low, low)
 
     def emitter(self, hit: SurfaceHit) -> UInt:
         """1 + the number of the emitter whose front rays hit; 0 for another surface, or a back."""

@@ -49,7 +49,8 @@ class SurfaceHits(Protocol):
 @dataclass
 class Event:
     """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0.
-    distance: from where the walk was before [m]; infinity: it hit nothing. emitter: see `Lights.emitter`.
+    distance: from where the walk was before [m]; infinity: it hit nothing. emitter: see `Lights.emitter`. gamma: half
+    width of the facets [rad]; None where all have that of their material.
     """
 
     there: Bool
@@ -60,6 +61,7 @@ class Event:
     material: UInt
     coefficients: list[Float]  # of its colours, on the palette
     emitter: UInt
+    gamma: Float | None = None
 
 
 class Walks:
@@ -113,8 +115,8 @@ class Walks:
             event = Event(dr.isfinite(far), far, hit.point, hit.normal, hit.flat, material, [], jit.UInt(0))
             event.emitter = jit.UInt(0) if self.lights is None else self.lights.emitter(hit)
         if self.matter is None:
-            event.coefficients = self._with_textures(materials.coefficients(event.material), hit, event.there)
-            return event, random
+            event.coefficients = materials.coefficients(event.material)
+            return self._with_textures(event, hit, event.there), random
         found, random = first_collision(self.matter, origin, direction, far, random)
         inside = dr.isfinite(found.distance)
         axis, material = self._element(found, direction, inside, random.next_float32())
@@ -131,15 +133,17 @@ class Walks:
         event.coefficients = materials.coefficients(event.material)
         if self.lighting.voxel_bases:
             event.coefficients = self._with_voxel_colour(event.coefficients, found, inside)
-        event.coefficients = self._with_textures(event.coefficients, hit, event.there & ~inside)
-        return event, random
+        return self._with_textures(event, hit, event.there & ~inside), random
 
-    def _with_textures(self, coefficients: list[Float], hit: SurfaceHit | None, there: Bool) -> list[Float]:
-        """`coefficients` of events, with the textures of those that are `there`, on a surface."""
+    def _with_textures(self, event: Event, hit: SurfaceHit | None, there: Bool) -> Event:
+        """Events with the textures of those that are `there`, on a surface."""
         if self.surface_colours is None or hit is None:
-            return coefficients
-        mixed = self.surface_colours.with_textures(coefficients, hit)
-        return [dr.select(there, own, old) for own, old in zip(mixed, coefficients, strict=True)]
+            return event
+        mixed = self.surface_colours.with_textures(event.coefficients, hit)
+        mixed = [dr.select(there, own, old) for own, old in zip(mixed, event.coefficients, strict=True)]
+        plain = self.lighting.materials.read(event.material, 2)
+        gamma = self.surface_colours.gamma(hit, plain)
+        return replace(event, coefficients=mixed, gamma=None if gamma is None else dr.select(there, gamma, plain))
 
     def _element(self, found: Collision, direction: Array3f, inside: Bool, number: Float) -> tuple[Array3f, UInt]:
         """Axis and material of what a ray collides with: of a texel's populations one, by its share of extinction."""
@@ -178,7 +182,7 @@ class Walks:
             lamp = lamp_drawn(self.lighting.lamps, event.point, random.next_float32())
         else:
             lamp, random = self.lights.drawn(event.point, self.groups, random)
-        weights = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye)
+        weights = self.lighting.materials.weights(event.material, event.axis, lamp.to_lamp, to_eye, event.gamma)
         f = sum(weights[1:], weights[0])
         lit = event.there & (f > 0.0) & (lamp.irradiance > 0.0)
         point = self.on_side(event, lamp.to_lamp).point
@@ -190,7 +194,7 @@ class Walks:
         seen = lit & (passed > 0.0)
         irradiance = lamp.irradiance * passed
         if self.lights is not None:
-            irradiance *= share_of_drawn(lamp, self.lights.spread(event.material, f))
+            irradiance *= share_of_drawn(lamp, self.lights.spread(event.material, f, event.gamma))
         return lamp, [dr.select(seen, irradiance * weight, 0.0) for weight in weights], random
 
     def on_side(self, event: Event, direction: Array3f) -> Event:
@@ -298,10 +302,10 @@ class Walks:
     ) -> Onwards:
         """What a walk takes along from an event; stays: the chance that it goes on."""
         assert self.lights is not None
-        f = self.lighting.materials.weights(event.material, event.axis, direction, to_eye)
+        f = self.lighting.materials.weights(event.material, event.axis, direction, to_eye, event.gamma)
         scale = dr.rcp(dr.fmax(stays, 1e-30))
         weights = [share * sent[part] * scale for share, part in zip(event.coefficients, self.parts, strict=True)]
-        return Onwards(self.lights.spread(event.material, sum(f[1:], f[0])), weights)
+        return Onwards(self.lights.spread(event.material, sum(f[1:], f[0]), event.gamma), weights)
 
 
 @dataclass
@@ -386,7 +390,7 @@ def light_of_walks(
         channels = walks.added(channels, events == 0, lamp, event.coefficients, weights, carried)
         events += dr.select(event.there, 1, jit.UInt(0))
         numbers = five_of(random)
-        direction, sent, good = walks.scattering.drawn(event.material, event.axis, to_eye, numbers)
+        direction, sent, good = walks.scattering.drawn(event.material, event.axis, to_eye, numbers, event.gamma)
         single = jit.Bool(False)
         sent = list(sent)
         if dr.hint(walks.optics is not None, mode="scalar"):

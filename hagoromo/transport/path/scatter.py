@@ -24,6 +24,7 @@ from hagoromo.reflectance.reflectance import Reflectance, interface_albedo
 from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
 from hagoromo.reflectance.transmission import AllWeights, along_fibre, longer_way, passed_at, turned_by
+from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.materials import Materials
 
 LEAST_SHARE = 0.1  # of the samples, for the body and for the interface together, where a reflectance has both
@@ -33,28 +34,41 @@ STRAIGHT = 0.8  # share of the samples of clear light that go straight through
 class Scattering:
     """The reflectances of a scene, to be drawn from. A row for each: share, β and γ of the lobes."""
 
-    def __init__(self, reflectances: Sequence[Reflectance], materials: Materials) -> None:
+    def __init__(
+        self, reflectances: Sequence[Reflectance], materials: Materials, gamma_rows: GammaRows | None = None
+    ) -> None:
+        """gamma_rows: of a scene with textures of γ."""
         self.materials, self.lobes = materials, 1 + max(len(r.lobes) for r in reflectances)
-        rows = np.array([_lobe_row(r, self.lobes) for r in reflectances], np.float32)
+        self.gamma_rows = gamma_rows
+        every = gamma_rows.reflectances if gamma_rows else reflectances
+        rows = np.array([_lobe_row(r, self.lobes) for r in every], np.float32)
         self.rows = lookup(arrays().Float, rows)
         passed = np.array([_passed_shares(r) for r in reflectances], np.float32)
         self.passed = lookup(arrays().Float, passed) if materials.transmit else None
         dr.eval(self.rows, self.passed)
 
-    def _lobe(self, material: UInt, lobe: int) -> list[Float]:
-        """Share of the samples, β and γ of a lobe."""
-        start = (material * self.lobes + lobe) * 3
+    def _lobe(self, material: UInt, lobe: int, gamma: Float | None) -> list[Float]:
+        """Share of the samples, β and γ of a lobe; gamma: of the first one, in place of that of the material."""
+        if gamma is None or self.gamma_rows is None:
+            return self._row(material, lobe)
+        first, second, share = self.gamma_rows.at(material, gamma)
+        (low, beta, own), (high, *_) = (self._row(row, lobe) for row in (first, second))
+        return [dr.fma(share, high - low, low), beta, own if lobe else gamma]
+
+    def _row(self, row: UInt, lobe: int) -> list[Float]:
+        start = (row * self.lobes + lobe) * 3
         return [dr.gather(arrays().Float, self.rows, start + k) for k in range(3)]
 
     def drawn(
-        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
+        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float], gamma: Float | None = None
     ) -> tuple[Array3f, Weights | AllWeights, Bool]:
         """A direction from where light comes, the weights of f over its density, and whether light may come from there.
 
-        axis, to_eye: unit, world. numbers: five, independent, uniform in [0, 1).
+        axis, to_eye: unit, world. numbers: five, independent, uniform in [0, 1). gamma: half width of the facets of
+        planes [rad]; default: that of the material.
         """
         if self.passed is None:
-            return self._reflected(material, axis, to_eye, numbers)
+            return self._reflected(material, axis, to_eye, numbers, gamma)
         far, clear = (dr.gather(arrays().Float, self.passed, material * 2 + k) for k in (0, 1))
         choice, rest = numbers[2], 1.0 - far - clear
         is_far, is_clear = choice < far, (choice >= far) & (choice < far + clear)
@@ -64,7 +78,7 @@ class Scattering:
         numbers = [*numbers[:2], again, *numbers[3:]]
         if "plane" in self.materials.elements:
             axis = self.materials.facing(material, axis, to_eye)
-        ways = [self._far(material, axis, to_eye, numbers), self._reflected(material, axis, to_eye, numbers)]
+        ways = [self._far(material, axis, to_eye, numbers), self._reflected(material, axis, to_eye, numbers, gamma)]
         (way, once, good), (back, reflected, back_good) = ways
         way, good = dr.select(is_far, way, back), dr.select(is_far, good, back_good)
         reflects = ~(is_far | is_clear)
@@ -121,15 +135,15 @@ class Scattering:
         return way, weight * once, weight * (1.0 - once), good
 
     def _reflected(
-        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
+        self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float], gamma: Float | None
     ) -> tuple[Array3f, Weights, Bool]:
         """As `drawn`, of what an element reflects."""
         normal, seen = self.visible_normal(material, axis, to_eye, *numbers[:2])
         frame = frame_about(normal)
         view = local(frame, to_eye)
-        to_lamp = self._to_lamp(material, view, numbers[2:])
-        density = self.density(material, to_lamp, view)
-        whole = self.plane(material, to_lamp, view)
+        to_lamp = self._to_lamp(material, view, numbers[2:], gamma)
+        density = self.density(material, to_lamp, view, gamma)
+        whole = self.plane(material, to_lamp, view, gamma)
         good = seen & (density > 0.0) & (to_lamp.z > 0.0)
         scale = dr.select(good, dr.rcp(dr.fmax(density, 1e-30)), 0.0)
         out = to_lamp.x * frame[0] + to_lamp.y * frame[1] + to_lamp.z * frame[2]
@@ -152,38 +166,38 @@ class Scattering:
             normal, seen = dr.select(own, here, normal), dr.select(own, visible, seen)
         return normal, seen
 
-    def density(self, material: UInt, to_lamp: Array3f, view: Array3f) -> Float:
+    def density(self, material: UInt, to_lamp: Array3f, view: Array3f, gamma: Float | None = None) -> Float:
         """Probability density of a direction for one normal, +z of the local axes [1/sr]."""
         left, total = arrays().Float(1), arrays().Float(0)
         for k in range(self.lobes):
-            share, _, gamma = self._lobe(material, k)
-            total = dr.fma(share, density_to_lamp(to_lamp, view, 1.0, gamma, self._nu(material, k)), total)
+            share, _, width = self._lobe(material, k, gamma)
+            total = dr.fma(share, density_to_lamp(to_lamp, view, 1.0, width, self._nu(material, k)), total)
             left = left - share
         return dr.fma(dr.fmax(left, 0.0), dr.fmax(to_lamp.z, 0.0) / math.pi, total)
 
-    def plane(self, material: UInt, to_lamp: Array3f, view: Array3f) -> Weights:
+    def plane(self, material: UInt, to_lamp: Array3f, view: Array3f, gamma: Float | None = None) -> Weights:
         """f of the plane with normal +z: its body and its interface weight, of all lobes [1/sr]."""
         normal, read = type(view)(0, 0, 1), self.materials.read
         alpha, n = read(material, 0), read(material, 3)
         body, interface = arrays().Float(0), arrays().Float(0)
         for k in range(self.lobes):
-            _, beta, gamma = self._lobe(material, k)
-            here = torrance_sparrow(normal, to_lamp, view, alpha, beta, gamma, n, self._nu(material, k))
+            _, beta, width = self._lobe(material, k, gamma)
+            here = torrance_sparrow(normal, to_lamp, view, alpha, beta, width, n, self._nu(material, k))
             body, interface = here.body, interface + here.interface
         if self.materials.have_body_laws:
             body = body * body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view), *self.materials.body_law(material))
         return Weights(body, interface)
 
-    def _to_lamp(self, material: UInt, view: Array3f, numbers: Sequence[Float]) -> Array3f:
+    def _to_lamp(self, material: UInt, view: Array3f, numbers: Sequence[Float], gamma: Float | None) -> Array3f:
         choice, u, v = numbers
-        share, _, gamma = self._lobe(material, 0)
+        share, _, width = self._lobe(material, 0, gamma)
         nu = self._nu(material, 0)
         for k in range(1, self.lobes):
-            more, _, own = self._lobe(material, k)
+            more, _, own = self._lobe(material, k, gamma)
             beyond = choice >= share
-            gamma, share = dr.select(beyond, own, gamma), share + more
+            width, share = dr.select(beyond, own, width), share + more
             nu = dr.select(beyond, dr.inf, nu) if self.materials.have_tails else nu
-        return sample_to_lamp(view, share, gamma, choice, u, v, nu)
+        return sample_to_lamp(view, share, width, choice, u, v, nu)
 
     def _nu(self, material: UInt, lobe: int) -> Float:
         """Exponent of a lobe's tails; only the first has any."""
