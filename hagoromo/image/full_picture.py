@@ -20,7 +20,7 @@ from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import scene_from
 from hagoromo.image.patch_meshes import patch_meshes
-from hagoromo.image.render import PreparedScene, SceneCache, metadata, reflectances_of, shadow_casters
+from hagoromo.image.render import PreparedScene, SceneCache, gamma_rows_of, metadata, reflectances_of, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.seen_lights import with_seen_lights
 from hagoromo.image.settings import Settings
@@ -137,7 +137,7 @@ def light_of(
 
     def build() -> tuple[Field | None, SurfaceLight | None]:
         colours = BandColours(bands, prepared.palette)
-        scattering = Scattering(reflectances_of(scene), prepared.gamma_rows)
+        scattering = Scattering(reflectances_of(scene), gamma_rows_of(scene))
         solver = None
         if prepared.medium is not None:
             channels = len(prepared.palette.lamps) * bands.count

@@ -19,13 +19,21 @@ from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.nesting import Glass
 from hagoromo.image.origin import scene_from
-from hagoromo.image.render import PreparedScene, SceneCache, metadata, palette_of_scene, reflectances_of
+from hagoromo.image.render import (
+    PreparedScene,
+    SceneCache,
+    gamma_rows_of,
+    metadata,
+    palette_of_scene,
+    reflectances_of,
+)
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import Stop, Sums
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.palette import distinct
 from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
@@ -121,9 +129,10 @@ def _walk(
 
 def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     """A prepared scene as walks need it."""
-    scattering = Scattering(reflectances_of(scene), prepared.lighting.materials, prepared.gamma_rows)
+    reflectances, rows = reflectances_of(scene), gamma_rows_of(scene)
+    scattering = Scattering(reflectances, prepared.lighting.materials, rows)
     matter = Matter(prepared.medium) if prepared.medium is not None else None
-    first, lights = prepared.first_on_surface, lights_of(scene, prepared)
+    first, lights = prepared.first_on_surface, lights_of(scene, prepared, rows)
     optics = optics_of(scene, prepared, bands)
     colours, sheets = prepared.surface_colours, any(surface.reflectance.transmits for surface in scene.surfaces)
     return Walks(
@@ -156,7 +165,7 @@ def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | N
     return Optics(kinds, prepared.lighting.materials, prepared.surfaces.shadow_bias, around, absorption)
 
 
-def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:
+def lights_of(scene: Scene, prepared: PreparedScene, rows: GammaRows | None) -> Lights | None:
     """The area lamps and the environment of a scene for walks; None where it has neither."""
     if not scene.has_wide_lights:
         return None
@@ -164,7 +173,7 @@ def lights_of(scene: Scene, prepared: PreparedScene) -> Lights | None:
     placed = scene_from(scene, prepared.origin)
     emitters = emitters_of(placed.surfaces)
     lamps, reflectances = prepared.lighting.lamps, reflectances_of(scene)
-    return Lights(lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances, prepared.gamma_rows)
+    return Lights(lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances, rows)
 
 
 def walks_at_once(stream: _Stream, pixels: int) -> int:

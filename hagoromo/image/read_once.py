@@ -32,12 +32,18 @@ def _once(read: Callable[[Path], Read]) -> Callable[[Path], Read]:
 
 
 def _meshes_once(read: Callable[..., Surface]) -> Callable[..., Surface]:
-    kept: dict[tuple[Path, bool], Surface] = {}
+    kept: dict[tuple[Path, bool, tuple[float, float] | None], Surface] = {}
 
-    def once(path: Path, reflectance: Reflectance, vertex_colours: bool = False, **record: Any) -> Surface:
-        key = path, vertex_colours
+    def once(
+        path: Path,
+        reflectance: Reflectance,
+        vertex_colours: bool = False,
+        vertex_gamma: tuple[float, float] | None = None,
+        **record: Any,
+    ) -> Surface:
+        key = path, vertex_colours, vertex_gamma
         if key not in kept:
-            kept[key] = read(path, reflectance, vertex_colours)
+            kept[key] = read(path, reflectance, *key[1:])
         return replace(kept[key], reflectance=reflectance, **record)
 
     return once

@@ -263,7 +263,6 @@ class PreparedScene:
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
         self.surfaces = _surfaces(world, cache, self.origin)
         self.surface_colours = surface_colours_of(scene, self.palette, cache)
-        self.gamma_rows = gamma_rows_of(scene)
         boxes_shade: Attenuation | None = None
         if self.medium and (
             settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))

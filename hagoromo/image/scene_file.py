@@ -59,6 +59,7 @@ from hagoromo.image.scene_textures import (
 )
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
 from hagoromo.image.surface import SHAPES, Surface
+from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.progress import Progress, silent
@@ -375,24 +376,30 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
     scale = key.scale if isinstance(key.scale, tuple) else (key.scale,) * 3
     pose = _pose(key, where) @ np.diag([*scale, 1.0])
     reflectance = reflectance_from_table(key.reflectance, folder, f"{where} reflectance")
-    further = {
+    further: dict[str, Any] = {
         "optics": key.optics or "",
         "absorption": None if key.absorption is None else Spectrum.load(key.absorption, folder),
         "beta_texture": beta_texture_from(key.beta_texture, folder, where),
-        "gamma_texture": gamma_texture_from(key.gamma_texture, folder, where),
         "emission": emission_from(key.emission, folder, where),
     }
     body = body_texture_from(key.body_texture, folder, where)
-    if key.shape is not None:
-        if body is True:
-            raise InputError(f"{where} body_texture: a shape has no vertices: give file (an image), or a mesh")
-        return Surface(reflectance, key.shape, pose=pose, name=key.name, body_texture=body or None, **further)
-    mesh = str(key.mesh)
+    gamma = gamma_texture_from(key.gamma_texture, folder, where)
+    if isinstance(body, SurfaceTexture):
+        further["body_texture"] = body
+    if isinstance(gamma, SurfaceTexture):
+        further["gamma_texture"] = gamma
     given = {"vertex_colours": True} if body is True else {}
+    given |= {"vertex_gamma": gamma} if isinstance(gamma, tuple) else {}
+    if key.shape is not None:
+        if given:
+            what = "body_texture" if body is True else "gamma_texture"
+            raise InputError(f"{where} {what}: a shape has no vertices: give file (an image), or a mesh")
+        return Surface(reflectance, key.shape, pose=pose, name=key.name, **further)
+    mesh = str(key.mesh)
     made = read.mesh(
         inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem, **given
     )
-    return replace(made, body_texture=made.body_texture if body is True else body, **further)
+    return replace(made, **further)
 
 
 def _pose(key: Place, where: str) -> NDArray[np.float64]:

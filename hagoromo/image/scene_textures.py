@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from msgspec import Meta
 
 from hagoromo.errors import InputError, described
@@ -38,9 +37,14 @@ class BetaTexture(Record, frozen=True, kw_only=True):
 
 
 class GammaTexture(Record, frozen=True, kw_only=True):
-    """The half width of the facets γ from place to place: the first channel of an image, linear."""
+    """The half width of the facets γ from place to place: the first channel of an image, or of colours of vertices."""
 
-    file: Annotated[str, about("image on the UVs: PNG, JPEG, TIFF, EXR or .hdr, its first channel, linear")]
+    file: Annotated[str | None, about("image on the UVs: PNG, JPEG, TIFF, EXR or .hdr, its first channel, linear")] = (
+        None
+    )
+    vertex_colours: Annotated[
+        bool, about("whether R of the colours of the mesh's vertices is taken, linear, in place of file")
+    ] = False
     range: Annotated[
         tuple[float, float],
         about("γ [rad] of the values 0 and 1 of the image (of 8 bits: 0 and 255), in a straight line between them"),
@@ -77,8 +81,12 @@ def beta_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -
         return SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False)
 
 
-def gamma_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -> SurfaceTexture | None:
-    """The half widths [rad] of a table gamma_texture of a file in `folder`; None without one."""
+def gamma_texture_from(
+    record: dict[str, Any] | None, folder: Path, where: str
+) -> SurfaceTexture | tuple[float, float] | None:
+    """The half widths [rad] of a table gamma_texture of a file in `folder`; its range for colours of the mesh's
+    vertices; None without one.
+    """
     if record is None:
         return None
     where = f"{where} gamma_texture"
@@ -86,7 +94,9 @@ def gamma_texture_from(record: dict[str, Any] | None, folder: Path, where: str) 
     if not all(0.0 <= end <= LARGEST_GAMMA for end in key.range):
         given = ", ".join(f"{end:g}" for end in key.range)
         raise InputError(f"{where}: range is [{given}]: give γ of the values 0 and 1, 0 to {LARGEST_GAMMA:.4g} rad")
+    if (key.file is None) != key.vertex_colours:
+        raise InputError(f"{where}: give either file (an image) or vertex_colours = true")
+    if key.file is None:
+        return key.range
     with described(where):
-        stored = SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False)
-        first, last = map(np.float32, key.range)
-        return SurfaceTexture(first + (last - first) * stored.values, smooth=key.smooth, name=stored.name)
+        return SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False).between(*key.range)

@@ -215,13 +215,19 @@ class Surface:
 
     @classmethod
     def from_file(
-        cls, path: str | Path, reflectance: Reflectance, vertex_colours: bool = False, **record: Any
+        cls,
+        path: str | Path,
+        reflectance: Reflectance,
+        vertex_colours: bool = False,
+        vertex_gamma: tuple[float, float] | None = None,
+        **record: Any,
     ) -> Surface:
         """The mesh in the file at `path` (PLY, OBJ, …, in metres) with its UVs; several parts become one mesh.
 
         vertex_colours: whether the colours of its vertices are the `body_texture`; those of a glTF are linear, others
-        sRGB. record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file without
-        faces, or without colours of vertices where they are asked for.
+        sRGB. vertex_gamma: γ [rad] where R of these colours is 0 and where it is 1, linear, whose line is the
+        `gamma_texture`. record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file
+        without faces, or without colours of vertices where they are asked for.
         """
         from hagoromo.files.mesh import read_mesh, uv_of, vertex_colours_of
 
@@ -239,6 +245,10 @@ class Surface:
             stored, encoded = vertex_colours_of(mesh, path)
             colours = srgb_decode(255.0 * stored) if encoded else stored
             record["body_texture"] = SurfaceTexture(colours, of="vertices", name=f"{path}: colours of vertices")
+        if vertex_gamma is not None:
+            red = vertex_colours_of(mesh, path)[0][:, 0]
+            stored = SurfaceTexture(red, of="vertices", name=f"{path}: R of vertices")
+            record["gamma_texture"] = stored.between(*vertex_gamma)
         return cls(reflectance, "mesh", vertices, np.asarray(mesh.faces), uv=uv_of(mesh), **record)
 
     @property

@@ -99,6 +99,11 @@ class SurfaceTexture:
             numbers = numbers[..., :1]
         return cls(numbers, spectra, smooth=smooth, name=str(path))
 
+    def between(self, first: float, last: float) -> SurfaceTexture:
+        """The first value v of each place as first + (last − first) v, without spectra: half widths γ [rad], say."""
+        low, high = np.float32(first), np.float32(last)
+        return SurfaceTexture(low + (high - low) * self.values[..., :1], of=self.of, smooth=self.smooth, name=self.name)
+
     def brightest(self) -> float:
         """The largest value of the sum Σ value_k · spectrum_k, anywhere, at any wavelength; a bound of it, up to 1."""
         flat = self.values.reshape(-1, self.values.shape[-1])

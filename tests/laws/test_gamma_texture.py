@@ -5,6 +5,7 @@ pixel, and its quadrature. Significance 0.1 %, fixed seeds.
 """
 
 import math
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +18,8 @@ import hagoromo as hg
 import hagoromo.image.patch_meshes as patch_meshes
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.read_once import read_once
+from hagoromo.image.scene_file import load_scene, readers, scene_from_tables
 from hagoromo.transport.field.scattering import Scattering as FieldScattering
 from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.materials import Materials
@@ -308,6 +310,21 @@ def test_a_scene_file_says_how_pixels_are_gamma(scene):
     assert surface.reflectance.gamma == pytest.approx(0.225)  # the mean, which files without textures get
 
 
+def test_a_scene_file_has_gamma_of_colours_of_vertices(scene, tmp_path):
+    """R, linear, of a mesh read anew or kept from the last table."""
+    lines = [f"v {x} {y} {z} {r} 0.5 0.5" for (x, y, z), r in zip(SQUARE, (0.0, 1.0, 0.4, 0.2), strict=True)]
+    (tmp_path / "square.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4"]), encoding="utf-8")
+    table = scene('shape = "rectangle"', 'mesh = "square.obj"').read_text(encoding="utf-8")
+    table = table.replace('file = "rough.png", ', "vertex_colours = true, ").replace(", smooth = false", "")
+    kept = read_once()
+    for read in (readers(), kept, kept):
+        (surface,) = scene_from_tables(tomllib.loads(table), tmp_path, tmp_path / "scene.toml", read)[0].surfaces
+        assert surface.gamma_texture is not None and surface.vertices is not None and surface.body_texture is None
+        places = [tuple(place[:2]) for place in surface.vertices]
+        corner = dict(zip(places, surface.gamma_texture.values[:, 0], strict=True))
+        assert corner == pytest.approx({(-1, -1): 0.05, (1, -1): 0.4, (1, 1): 0.19, (-1, 1): 0.12}, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -319,6 +336,8 @@ def test_a_scene_file_says_how_pixels_are_gamma(scene):
         ("0.05, 0.4", "0.4", "range"),
         ("rough.png", "../rough.png", "outside"),
         ("rough.png", "none.png", "none.png"),
+        ('file = "rough.png"', "vertex_colours = true", "a shape has no vertices: give file"),
+        ('file = "rough.png", ', "", "give either file (an image) or vertex_colours = true"),
         ("[0.05, 0.4]", "[0.05, 0.4], size = 2", "size"),
     ],
 )
