@@ -16,6 +16,7 @@ from hagoromo import __version__
 from hagoromo.backend import Array3f, Float, arrays, name
 from hagoromo.errors import InputError
 from hagoromo.image.cut import CutRays
+from hagoromo.image.gloss_texture import gloss_rows
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
@@ -389,9 +390,12 @@ def gamma_rows_of(scene: Scene) -> GammaRows | None:
     """Rows of materials whose γ differs from place to place; None where no surface has a texture of it."""
     reflectances = reflectances_of(scene)
     first = len(reflectances) - len(scene.surfaces)
-    textures = {first + k: s.gamma_texture for k, s in enumerate(scene.surfaces) if s.gamma_texture is not None}
-    ranges = {k: (float(one.values.min()), float(one.values.max())) for k, one in textures.items()}
-    return GammaRows(reflectances, ranges) if ranges else None
+    further = {
+        first + k: [(row.of(s.reflectance), row.factor) for row in gloss_rows(s.gamma_texture, s.beta_texture)]
+        for k, s in enumerate(scene.surfaces)
+        if s.gamma_texture is not None
+    }
+    return GammaRows(reflectances, further) if further else None
 
 
 def _texture(

@@ -19,13 +19,13 @@ import numpy as np
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError, described
+from hagoromo.image.gloss_texture import ends, widest_glosses
 from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
-from hagoromo.transport.gamma_rows import gammas_between
 from hagoromo.transport.path.optics import KINDS
 from hagoromo.transport.surface_colours import SurfaceHit
 
@@ -70,8 +70,8 @@ class Surface:
     (Beer–Lambert). None: clear glass.
     body_texture: the body colour from place to place, in place of that of the reflectance. beta_texture: a factor on
     beta, 0…1, one value a place. gamma_texture: the half width γ of the facets [rad], one value a place, in place of
-    that of the reflectance, which becomes the mean; further lobes keep theirs. uv: (n, 2) of the vertices of a mesh,
-    which images need; shapes have Mitsuba's.
+    that of the reflectance, which becomes the mean where β is the same everywhere; further lobes keep theirs.
+    uv: (n, 2) of the vertices of a mesh, which images need; shapes have Mitsuba's.
     emission: light that its front gives off.
 
     >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
@@ -160,23 +160,23 @@ class Surface:
         if self.beta_texture is not None:
             if self.beta_texture.values.shape[-1] != 1 or self.beta_texture.values.max() > 1.0:
                 raise InputError(f"{who}: beta_texture is a factor on beta: give one value 0…1 a place")
-        gammas = [] if self.gamma_texture is None else self._gammas(self.gamma_texture.values, who)
-        if self.body_texture is None and not gammas:
-            return
         made = self.reflectance
         if self.body_texture is not None:
             body = Spectrum.constant(self.body_texture.brightest())
             with described(f"{who}: where its body_texture is brightest"):
                 made = replace(made, body_colour=body)
-        for gamma in gammas:
-            with described(f"{who}: where its gamma_texture is {gamma:.4g} rad"):
-                replace(made, gamma=gamma)
         if self.gamma_texture is not None:
-            mean = float(self.gamma_texture.values.mean(dtype=np.float64))
-            object.__setattr__(self, "reflectance", replace(self.reflectance, gamma=mean))
+            self._check_gamma(self.gamma_texture.values, who)
+            for gloss in widest_glosses(self.gamma_texture, self.beta_texture, self.faces):
+                also = "" if self.beta_texture is None else f" and its beta_texture up to {gloss.factor:.3g}"
+                with described(f"{who}: where its gamma_texture is up to {gloss.gamma:.4g} rad{also}"):
+                    gloss.of(made)
+            if self.beta_texture is None:
+                mean = float(np.clip(self.gamma_texture.values.mean(dtype=np.float64), *ends(self.gamma_texture)))
+                object.__setattr__(self, "reflectance", replace(self.reflectance, gamma=mean))
 
-    def _gammas(self, values: np.ndarray, who: str) -> list[float]:
-        """γ [rad] from the least to the largest of a texture."""
+    def _check_gamma(self, values: np.ndarray, who: str) -> None:
+        """`InputError` for what is no γ [rad]."""
         if values.shape[-1] != 1:
             raise InputError(f"{who}: gamma_texture has {values.shape[-1]} values a place: give one, γ [rad]")
         wrong = ~((values >= np.float32(SMALLEST_GAMMA)) & (values <= np.float32(LARGEST_GAMMA)))
@@ -187,7 +187,6 @@ class Surface:
                 f"{who}: gamma_texture has {int(wrong.sum())} values outside {SMALLEST_GAMMA:g}…{LARGEST_GAMMA:.4g} "
                 f"rad, first {values[tuple(first)]:.4g} in {where}: mend it, or give another range"
             )
-        return gammas_between(float(values.min()), float(values.max()))
 
     @property
     def textures(self) -> tuple[SurfaceTexture | None, ...]:

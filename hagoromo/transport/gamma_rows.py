@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import drjit as dr
 import numpy as np
@@ -25,13 +24,21 @@ class GammaRows:
     A plain object: loops do not take its table into their state.
     """
 
-    def __init__(self, reflectances: Sequence[Reflectance], ranges: Mapping[int, tuple[float, float]]) -> None:
-        """ranges: least and largest γ [rad] of the materials whose γ differs, by their numbers."""
+    def __init__(
+        self, reflectances: Sequence[Reflectance], further: Mapping[int, Sequence[tuple[Reflectance, float]]]
+    ) -> None:
+        """further: by the numbers of the materials whose γ differs, theirs from the least γ to the largest in equal
+        steps of log γ, each with the factor by which its β, and those of its lobes, are lower than the material's.
+        """
         self.reflectances, table = list(reflectances), []
+        self.factors = [1.0] * len(self.reflectances)
         for number, one in enumerate(reflectances):
-            gammas = gammas_between(*ranges[number]) if number in ranges else [one.gamma]
-            first = len(self.reflectances) if number in ranges else number
-            self.reflectances += [replace(one, gamma=gamma) for gamma in gammas] if number in ranges else []
+            first, own = number, [one]
+            if number in further:
+                first, own = len(self.reflectances), [each for each, _ in further[number]]
+                self.reflectances += own
+                self.factors += [factor for _, factor in further[number]]
+            gammas = [each.gamma for each in own]
             span = math.log(gammas[-1] / gammas[0]) / (len(gammas) - 1) if len(gammas) > 1 else 1.0
             table.append((first, len(gammas) - 1, math.log(gammas[0]), span))
         self.table = lookup(arrays().Float, np.array(table, np.float32))
@@ -51,7 +58,7 @@ class GammaRows:
         return row, row + dr.select(last > 0.0, 1, jit.UInt(0)), share
 
 
-def gammas_between(least: float, largest: float) -> list[float]:
-    """γ [rad] from the least to the largest, each STEP times the one before at most; one, where they are the same."""
-    steps = math.ceil(math.log(largest / least) / math.log(STEP))
+def gammas_between(least: float, largest: float, step: float = STEP) -> list[float]:
+    """γ [rad] from the least to the largest, each `step` times the one before at most; one, where they are the same."""
+    steps = math.ceil(math.log(largest / least) / math.log(step))
     return np.geomspace(least, largest, steps + 1).tolist() if steps else [least]

@@ -21,7 +21,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.read_once import read_once
 from hagoromo.image.scene_file import load_scene, readers, scene_from_tables
 from hagoromo.transport.field.scattering import Scattering as FieldScattering
-from hagoromo.transport.gamma_rows import GammaRows
+from hagoromo.transport.gamma_rows import GammaRows, gammas_between
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from hagoromo.transport.path.path import random_numbers
@@ -52,6 +52,10 @@ def half(x, gamma, **more: Any):
     return hg.Surface(coat(gamma, **more), "mesh", corners, FACES, smooth=False)
 
 
+def steps(material, least, largest):
+    return [(replace(material, gamma=gamma), 1.0) for gamma in gammas_between(least, largest)]
+
+
 def beside_a_wall(*floors):
     """A white wall, and the lamp's light mirrored to the camera off the middle of the floor."""
     camera = hg.Camera(32, 24, (32, 32), (16, 12)).look_at((-0.3, -1.4, 2.0), (0.0, 0.0, 0.1))
@@ -78,34 +82,44 @@ def test_one_value_is_the_material_of_that_gamma(mode, lobes):
 
 
 @pytest.mark.parametrize("mode", ["march", "full", "path"])
-def test_two_values_are_two_materials_pixel_by_pixel(mode):
-    """First order, and the light that walks bring by the wall, to single precision."""
+@pytest.mark.parametrize("gloss", ["beta alike", "beta by gamma"])
+def test_two_values_are_two_materials_pixel_by_pixel(mode, gloss):
+    """First order, and the light that walks bring by the wall, to single precision; also with two values of β, of
+    which the larger one would give back too much at the wider γ.
+    """
     settings = hg.Settings(samples=4)
-    texture = hg.SurfaceTexture([[0.1, 0.3]], smooth=False)
-    one, two = (
-        hg.render(beside_a_wall(*floors), settings, mode=mode)
-        for floors in ((square(texture),), (half(-0.5, 0.1), half(0.5, 0.3)))
+    gammas, betas = ((0.1, 0.3), (0.6, 0.6)) if gloss == "beta alike" else ((0.06, 0.4), (4.0, 0.2))
+    factors = hg.SurfaceTexture([[1.0, betas[1] / betas[0]]], smooth=False)
+    whole = replace(
+        square(beta=betas[0], gamma=gammas[0]),
+        gamma_texture=hg.SurfaceTexture([gammas], smooth=False),
+        beta_texture=None if gloss == "beta alike" else factors,
     )
+    halves = half(-0.5, gammas[0], beta=betas[0]), half(0.5, gammas[1], beta=betas[1])
+    one, two = (hg.render(beside_a_wall(*floors), settings, mode=mode) for floors in ((whole,), halves))
     colours = len(one.palette.bodies) + len(one.palette.interfaces) if mode == "full" else None
     largest = float(two.weights.max())
     np.testing.assert_allclose(one.weights[..., :colours], two.weights[..., :colours], rtol=1e-4, atol=1e-5 * largest)
 
 
-def test_patches_with_two_values_send_on_as_two_materials():
-    """Facets alone, so that all light of higher orders off the floor is by γ: the mean of either half to 3 %, as the
-    patches are cut otherwise.
+@pytest.mark.parametrize("betas", [(0.6, 0.6), (0.6, 3.0)])
+def test_patches_with_two_values_send_on_as_two_materials(betas):
+    """Facets alone, so that all light of higher orders off the floor is by γ and β: the mean of either half to 3 %, as
+    the patches are cut otherwise.
     """
     texture = hg.SurfaceTexture([[0.3, 0.1]], smooth=False)
-    halves = half(-0.5, 0.3, alpha=0.0), half(0.5, 0.1, alpha=0.0)
+    factor = hg.SurfaceTexture([[betas[0] / betas[1], 1.0]], smooth=False)
+    whole = replace(square(alpha=0.0, beta=betas[1], gamma=0.1), gamma_texture=texture, beta_texture=factor)
+    halves = half(-0.5, 0.3, alpha=0.0, beta=betas[0]), half(0.5, 0.1, alpha=0.0, beta=betas[1])
     one, two = (
         hg.render(beside_a_wall(*floors), hg.Settings(samples=4), mode="full", layers=True)
-        for floors in ((square(texture, alpha=0.0),), halves)
+        for floors in ((whole,), halves)
     )
     assert two.layers is not None
     seen = [two.layers["material.id"] == number for number in (1, 2)]
     (left, right), expected = ([float(radiance(i.part("higher"))[s].mean()) for s in seen] for i in (one, two))
     assert (left, right) == pytest.approx(expected, rel=0.03)
-    assert left > 2.0 * right > 0.0
+    assert left > betas[0] / betas[1] * 2.0 * right > 0.0
 
 
 @pytest.mark.parametrize("of", ["image", "vertices", "rectangle"])
@@ -193,7 +207,7 @@ def test_directions_are_drawn_by_the_gamma_of_each_hit():
     """
     jit, count, gammas = arrays(), 60_000, (0.2, 0.27, 0.45, 0.7)
     material = coat(beta=0.25, alpha=0.01, lobes=((0.05, 0.5),))
-    rows = GammaRows([coat(0.05), material], {1: (gammas[0], gammas[-1])})
+    rows = GammaRows([coat(0.05), material], {1: steps(material, gammas[0], gammas[-1])})
     palette = palette_of([material], [], [])
     scattering = Scattering([coat(0.05), material], Materials([coat(0.05), material], palette), rows)
     lane = dr.arange(jit.UInt, len(gammas) * count)
@@ -226,7 +240,7 @@ def test_what_patches_send_on_between_two_rows_is_that_of_its_gamma():
     """The factors on smooth light, against tables of a material of that γ: 0.5 % of the largest."""
     jit, gammas = arrays(), np.geomspace(0.03, 0.9, 23)
     material, cosines = coat(beta=0.15), np.linspace(0.05, 1.0, 12)
-    scattering = FieldScattering([material], GammaRows([material], {0: (0.03, 0.9)}))
+    scattering = FieldScattering([material], GammaRows([material], {0: steps(material, 0.03, 0.9)}))
     eye = jit.Array3f(*(jit.Float(part.tolist()) for part in (np.sqrt(1.0 - cosines**2), 0.0 * cosines, cosines)))
     for gamma in gammas.tolist():
         alone = FieldScattering([replace(material, gamma=gamma)])
@@ -252,6 +266,11 @@ def test_patches_send_on_by_the_gamma_of_each_place():
     assert walked.max() > 5.0 * noise.max()
 
 
+def glossy(gammas, factors, smooth=False):
+    textures = (hg.SurfaceTexture([values], smooth=smooth) for values in (gammas, factors))
+    return replace(square(gamma=0.06, beta=4.0), **dict(zip(("gamma_texture", "beta_texture"), textures, strict=True)))
+
+
 BAD = {
     "gamma_texture has 2 values outside 0.0001…1.571 rad, first 0 in row 0, column 1": lambda: square(
         hg.SurfaceTexture([[0.2, 0.0, 1.6]])
@@ -261,9 +280,20 @@ BAD = {
     "first -0.1 in row 0, column 0": lambda: square(hg.SurfaceTexture([[-0.1, 0.2]])),
     "gamma_texture has 3 values a place": lambda: square(hg.SurfaceTexture([[(0.2, 0.3, 0.4)]])),
     "its mesh has no UVs": lambda: replace(square(RAMP), uv=None),
-    " rad: reflectance breaks energy": lambda: square(hg.SurfaceTexture([[0.1, 1.4]])),
+    "gamma_texture is up to 1.4 rad: reflectance breaks energy": lambda: square(hg.SurfaceTexture([[0.1, 1.4]])),
+    "is up to 0.4 rad and its beta_texture up to 1: reflectance breaks": lambda: glossy((0.06, 0.4), (0.5, 1)),
+    "is up to 0.4 rad and its beta_texture up to 0.5: reflectance": lambda: glossy((0.06, 0.4), (1, 0.5)),
+    "is up to 0.4 rad and its beta_texture up to 1: refl": lambda: glossy((0.06, 0.4), (1, 0.05), smooth=True),
     "has a gamma_texture: leave one": lambda: replace(square(RAMP), optics="mirror"),
 }
+
+
+def test_the_ends_of_gamma_are_taken_though_single_precision_is_beyond():
+    """float32 of 0.0001 is below it, and that of π/2 above."""
+    for gammas in ((1e-4, 0.2), (0.5, math.pi / 2)):
+        made = replace(square(beta=0.01), gamma_texture=hg.SurfaceTexture([gammas]))
+        image = hg.render(beside_a_wall(made), hg.Settings(samples=1), mode="path")
+        assert np.isfinite(image.weights).all()
 
 
 @pytest.mark.parametrize("message", BAD)

@@ -48,6 +48,8 @@ class Scattering:
         reflectances = gamma_rows.reflectances if gamma_rows else reflectances
         self.parts = REFLECTED + any(r.transmits for r in reflectances) + any(r.clear_share > 0.0 for r in reflectances)
         figures = [moments_and_blocks(*_figures(r), self.parts) for r in reflectances]
+        if gamma_rows:
+            figures = [(_brighter(m, factor), b) for (m, b), factor in zip(figures, gamma_rows.factors, strict=True)]
         self.moments_of = lookup(jit.Float, np.stack([f[0] for f in figures]).astype(np.float32))
         self.blocks_of = lookup(jit.Float, np.stack([f[1] for f in figures]).astype(np.float32))
         dr.eval(self.moments_of, self.blocks_of)
@@ -158,6 +160,13 @@ def moments_and_blocks(
     each = 0.5 * np.concatenate([weights, weights]) * area  # the mean over all directions of A times …
     blocks = np.stack([_blocks(moments, cosines, each) for moments in at_nodes])
     return by_side[:, :, :ENTRIES], blocks
+
+
+def _brighter(moments: NDArray, factor: float) -> NDArray:
+    """Moments of a reflectance whose β is not lower by a factor."""
+    scaled = moments.copy()
+    scaled[1] /= factor
+    return scaled
 
 
 def _figures(r: Reflectance) -> tuple:

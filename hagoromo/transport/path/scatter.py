@@ -52,7 +52,7 @@ class Scattering:
         if gamma is None or self.gamma_rows is None:
             return self._row(material, lobe)
         first, second, share = self.gamma_rows.at(material, gamma)
-        (low, beta, own), (high, *_) = (self._row(row, lobe) for row in (first, second))
+        (low, *_), (high, *_), (_, beta, own) = (self._row(row, lobe) for row in (first, second, material))
         return [dr.fma(share, high - low, low), beta, own if lobe else gamma]
 
     def _row(self, row: UInt, lobe: int) -> list[Float]:
