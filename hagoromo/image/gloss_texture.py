@@ -76,8 +76,10 @@ def _overall(beta: SurfaceTexture | None) -> float:
     return 1.0 if beta is None else max(float(beta.values.max()), LEAST_FACTOR)
 
 
-def alike(one: SurfaceTexture, other: SurfaceTexture) -> bool:
-    """Whether two textures have their values at the same places."""
+def alike(one: SurfaceTexture | None, other: SurfaceTexture | None) -> bool:
+    """Whether two textures are there and have their values at the same places."""
+    if one is None or other is None:
+        return False
     return (one.of, one.smooth) == (other.of, other.smooth) and one.values.shape[:-1] == other.values.shape[:-1]
 
 

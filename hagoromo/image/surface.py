@@ -19,7 +19,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError, described
-from hagoromo.image.gloss_texture import ends, widest_glosses
+from hagoromo.image.gloss_texture import alike, ends, widest_glosses
 from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
@@ -169,6 +169,8 @@ class Surface:
             self._check_gamma(self.gamma_texture.values, who)
             for gloss in widest_glosses(self.gamma_texture, self.beta_texture, self.faces):
                 also = "" if self.beta_texture is None else f" and its beta_texture up to {gloss.factor:.3g}"
+                if alike(*self.textures[1:]) and self.gamma_texture.of == "image" and self.gamma_texture.smooth:
+                    also += " at neighbours, as images repeat (smooth = false takes each pixel alone)"
                 with described(f"{who}: where its gamma_texture is up to {gloss.gamma:.4g} rad{also}"):
                     gloss.of(made)
             if self.beta_texture is None:

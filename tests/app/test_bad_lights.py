@@ -55,8 +55,9 @@ def test_textures_that_are_broken_are_refused(refused, scene, tmp_path, file, sa
     exr(tmp_path / "below.exr", spoilt=-1.0)
     exr(tmp_path / "nan.exr", spoilt=np.nan)
     (tmp_path / "cut.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
-    textured = scene(more=f'body_texture = {{file = "{file}"}}\n')
-    assert said in refused("render", textured, "--out", tmp_path / "a.exr")
+    for key in ("body_texture", "gamma_texture"):
+        textured = scene(more=f'{key} = {{file = "{file}"}}\n')
+        assert said in refused("render", textured, "--out", tmp_path / "a.exr")
 
 
 @pytest.mark.parametrize(

@@ -283,7 +283,7 @@ BAD = {
     "gamma_texture is up to 1.4 rad: reflectance breaks energy": lambda: square(hg.SurfaceTexture([[0.1, 1.4]])),
     "is up to 0.4 rad and its beta_texture up to 1: reflectance breaks": lambda: glossy((0.06, 0.4), (0.5, 1)),
     "is up to 0.4 rad and its beta_texture up to 0.5: reflectance": lambda: glossy((0.06, 0.4), (1, 0.5)),
-    "is up to 0.4 rad and its beta_texture up to 1: refl": lambda: glossy((0.06, 0.4), (1, 0.05), smooth=True),
+    "up to 0.4 rad and its beta_texture up to 1 at neighbours, as": lambda: glossy((0.06, 0.4), (1, 0.05), smooth=True),
     "has a gamma_texture: leave one": lambda: replace(square(RAMP), optics="mirror"),
 }
 
