@@ -74,6 +74,44 @@ def test_textures_are_written_as_the_specification_says(tmp_path):
     np.testing.assert_array_equal(colours[3, :3], [51, 102, 153])  # linear
 
 
+def test_half_widths_of_facets_are_written_as_roughness(tmp_path):
+    """GGX of the specification, D = α²/(π ((N·H)² (α² − 1) + 1)²) with α = roughness², has slopes, D cos⁴, half as
+    dense at γ as at 0; to half of a step of 8 bits.
+    """
+    gloss = replace(MATT, alpha=0.1, beta=0.3, gamma=0.15)
+    gammas = np.array([[0.05, 0.1, 0.2], [0.3, 0.4, 0.08]])
+    texture = hg.SurfaceTexture(gammas, smooth=False)
+    body = hg.SurfaceTexture(srgb_decode(PIXELS))
+    both = hg.Surface(gloss, "mesh", CORNERS, FACES, uv=UV, name="both", body_texture=body, gamma_texture=texture)
+    floor = replace(hg.Surface.floor(-1.0, 3.0, gloss), gamma_texture=texture)
+    ball = hg.Surface.sphere((0, 0, 3), 0.5, gloss, name="ball")
+    matt = hg.Surface.sphere((0, 0, 5), 0.5, MATT, name="matt")
+    lost_ball = replace(ball, name="lost", gamma_texture=texture)
+    scene = replace(textured_scene(), surfaces=(both, floor, ball, matt, lost_ball))
+    lost = gltf_from_scene(scene, tmp_path / "a.glb")
+    assert [each.split(",")[0] for each in lost if "texture" in each] == ["surface 'lost': its gamma_texture"]
+    record, binary = parts_of(tmp_path / "a.glb")
+    looks = {m["name"]: m["pbrMetallicRoughness"] for m in record["materials"]}
+    assert looks["matt_4"]["roughnessFactor"] == 1.0 and looks["both_1"]["baseColorFactor"] == [1.0] * 4
+    assert looks["floor_2"]["baseColorFactor"] == pytest.approx([0.1 * np.pi] * 3 + [1.0], rel=1e-3)
+
+    def half(gamma, rough):
+        alpha, cosine = rough**2, np.cos(gamma)
+        return alpha**4 / (cosine**2 * (alpha**2 - 1.0) + 1.0) ** 2 * cosine**4
+
+    assert half(0.15, looks["ball_3"]["roughnessFactor"]) == pytest.approx(0.5, rel=1e-6)
+    for name in ("both_1", "floor_2"):
+        assert looks[name]["roughnessFactor"] == 1.0 and looks[name]["metallicFactor"] == 0.0
+        one = record["textures"][looks[name]["metallicRoughnessTexture"]["index"]]
+        assert record["samplers"][one["sampler"]] == {"magFilter": 9728}
+        png = np.frombuffer(view(record, binary, record["images"][one["source"]]["bufferView"]), np.uint8)
+        pixels = cv2.imdecode(png, cv2.IMREAD_COLOR)
+        assert pixels is not None and pixels.shape == (2, 3, 3)
+        wider, narrower = ((pixels[..., 1] + step) / 255.0 for step in (0.51, -0.51))  # green
+        assert (half(gammas, wider) >= 0.5).all() and (half(gammas, narrower) <= 0.5).all()
+    assert "sampler" not in record["textures"][looks["both_1"]["baseColorTexture"]["index"]]
+
+
 def test_textures_come_back(tmp_path):
     """In the same places, to the 8 bits of the file: the pictures are the same to 1 % of white."""
     scene = textured_scene()

@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.formats.gltf_textures import NEAREST, body_texture_of, is_of_squares, textured_visual, vertex_colours
+from hagoromo.app.formats.gltf_textures import (
+    NEAREST,
+    body_texture_of,
+    is_of_squares,
+    roughness_of,
+    textured_visual,
+    vertex_colours,
+)
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
@@ -36,6 +43,7 @@ HEIGHT = 720  # px: a camera of glTF has a field of view and no pixels
 MOST_SURFACES = 2000
 WIDEST_CONE = math.pi / 2 - 1e-3
 AROUND = 128  # corners of what is round
+WRITTEN_MAPS = ("baseColorTexture", "metallicRoughnessTexture")
 MATT = 1.0 / math.pi  # alpha: the body colour is the albedo
 Matrix = NDArray[np.float64]
 
@@ -172,31 +180,33 @@ def _camera_of(bounds: Any) -> Camera:
 
 
 def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
-    """Write camera, lamps and surfaces of a scene as .glb, with textures of body colours; returns what is lost."""
+    """Write camera, lamps and surfaces of a scene as .glb, with textures of body and γ; returns what is lost."""
     import trimesh
     from trimesh.exchange.gltf import export_glb
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    meshes, colours, lost_textures, squares = trimesh.Scene(), {}, [], set()
+    meshes, looks, lost_textures, squares = trimesh.Scene(), {}, [], set()
     for number, surface in enumerate(scene.surfaces):
         name = f"{surface.name or surface.shape}_{number + 1}"
         vertices, faces = triangles_of(surface)
-        visual, lost_texture = textured_visual(surface, vertices, name)
-        lost_textures += [lost_texture] if lost_texture else []
+        visual, lost_here = textured_visual(surface, vertices, name)
+        lost_textures += lost_here
         placed = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
         plain = TextureVisuals(material=PBRMaterial(name=name, metallicFactor=0.0))
         mesh = trimesh.Trimesh(placed, faces, process=False, visual=visual or plain)
         meshes.add_geometry(mesh, node_name=name, geom_name=name)
-        squares |= {name} if is_of_squares(surface.body_texture) else set()
+        squares |= {(name, "baseColorTexture")} if is_of_squares(surface.body_texture) else set()
+        squares |= {(name, "metallicRoughnessTexture")} if is_of_squares(surface.gamma_texture) else set()
         body = surface.reflectance
         rgb = np.clip(np.pi * body.alpha * linear_colour(body.body_colour, Spectrum.named("D65")), 0.0, 1.0)
-        colours[name] = rgb if visual is None else np.ones(3)  # a factor on its texture
+        textured = visual is not None and surface.body_texture is not None  # then the colour is a factor
+        looks[name] = np.ones(3) if textured else rgb, float(roughness_of(body.gamma)) if body.beta > 0.0 else 1.0
     if not meshes.geometry:
         raise InputError("the scene has no surface, and glTF holds no volume boxes: write these as .nrrd or .vti")
 
     def further(tree: dict[str, Any]) -> None:
-        _add_materials(tree, colours, squares)
+        _add_materials(tree, looks, squares)
         _add_camera(tree, scene.camera)
         _add_lamps(tree, scene.lamps)
 
@@ -209,14 +219,16 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost += ["the environment"] if scene.environment else []
     lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
     lost += lost_textures + [f"surface {s.name!r}: its beta_texture" for s in scene.surfaces if s.beta_texture]
-    lost += [f"surface {s.name!r}: its gamma_texture" for s in scene.surfaces if s.gamma_texture]
-    return [*lost, "spectra (colours are linear sRGB), gloss, where between two pixels the optical axis is"]
+    lost.append("spectra (colours are linear sRGB), gloss but for its width")
+    return [*lost, "where between two pixels the optical axis is"]
 
 
-def _add_materials(tree: dict[str, Any], colours: Mapping[str, NDArray[np.float64]], squares: set[str]) -> None:
+def _add_materials(
+    tree: dict[str, Any], looks: Mapping[str, tuple[NDArray[np.float64], float]], squares: set[tuple[str, str]]
+) -> None:
     """The factors of all materials. Each mesh has one of its name; trimesh makes none for colours of vertices.
 
-    squares: names of those whose texture is not interpolated.
+    looks: colour and roughness by their names. squares: names, and keys of textures that are not interpolated.
     """
     materials = tree.setdefault("materials", [])
     for mesh in tree["meshes"]:
@@ -226,13 +238,16 @@ def _add_materials(tree: dict[str, Any], colours: Mapping[str, NDArray[np.float6
                 materials.append({"name": mesh["name"]})
     for material in materials:
         pbr = material.setdefault("pbrMetallicRoughness", {})
-        texture = pbr.get("baseColorTexture")
-        if texture and material["name"] in squares:
-            samplers = tree.setdefault("samplers", [])
-            tree["textures"][texture["index"]]["sampler"] = len(samplers)
-            samplers.append({"magFilter": NEAREST})
-        factors = {"baseColorFactor": [*colours[material["name"]].tolist(), 1.0], "metallicFactor": 0.0}
-        material["pbrMetallicRoughness"] = factors | ({"baseColorTexture": texture} if texture else {})
+        name, textures = material["name"], {key: pbr[key] for key in WRITTEN_MAPS if key in pbr}
+        for key, texture in textures.items():
+            if (name, key) in squares:
+                samplers = tree.setdefault("samplers", [])
+                tree["textures"][texture["index"]]["sampler"] = len(samplers)
+                samplers.append({"magFilter": NEAREST})
+        colour, rough = looks[name]
+        factors = {"baseColorFactor": [*colour.tolist(), 1.0], "metallicFactor": 0.0}
+        factors["roughnessFactor"] = 1.0 if "metallicRoughnessTexture" in textures else rough
+        material["pbrMetallicRoughness"] = factors | textures
 
 
 def _add_node(tree: dict[str, Any], node: dict[str, Any], place: Matrix) -> None:

@@ -1,4 +1,4 @@
-"""Textures of glTF 2.0: the base colour of a material as an image or colours of vertices, both ways.
+"""Textures of glTF 2.0: the base colour of a material as an image or colours of vertices, both ways; roughness out.
 
 A base colour is baseColorFactor · baseColorTexture · COLOR_0; images are sRGB, the others linear. Enters: the JSON of a
 file and one of its meshes. Leaves: files in the folder of a scene, and the table `body_texture` that names them; or the
@@ -7,12 +7,13 @@ material of a surface's texture.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.gltf import image_bytes
@@ -113,28 +114,41 @@ def _written(data: bytes, factor: Array, folder: Path, name: str, path: Path) ->
     return f"{name}.png"
 
 
-def textured_visual(surface: Surface, vertices: Array, name: str) -> tuple[Any, str]:
-    """The trimesh visual of a surface's body_texture, or None where it has none that glTF holds; and what is lost.
+def textured_visual(surface: Surface, vertices: Array, name: str) -> tuple[Any, list[str]]:
+    """The trimesh visual of a surface's body_texture and gamma_texture, None where glTF holds neither; what is lost.
 
-    Colours are those under D65, 8 bits; vertices: those of its triangles.
+    Colours are those under D65, 8 bits; γ is `roughness_of` it, 8 bits. vertices: those of its triangles.
     """
     from PIL import Image
     from trimesh.visual import ColorVisuals, TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    texture = surface.body_texture
-    if texture is None:
-        return None, ""
-    linear = np.clip(np.pi * surface.reflectance.alpha * (texture.values @ _colours_of_channels(texture)), 0.0, 1.0)
-    if texture.of == "vertices":
-        return ColorVisuals(vertex_colors=np.round(255.0 * linear).astype(np.uint8)), ""
-    uv = surface.uv
-    if surface.shape == "rectangle":
-        uv = 0.5 * (vertices[:, :2] + 1.0)
-    if uv is None:
-        return None, f"surface {surface.name!r}: the body_texture of its {surface.shape}"
-    image = Image.fromarray(srgb_encode(linear))
-    return TextureVisuals(uv, PBRMaterial(name=name, baseColorTexture=image, metallicFactor=0.0)), ""
+    body, gamma = surface.body_texture, surface.gamma_texture if surface.reflectance.beta > 0.0 else None
+    images, lost = {}, []
+    uv = 0.5 * (vertices[:, :2] + 1.0) if surface.shape == "rectangle" else surface.uv
+    linear = None
+    if body is not None:
+        linear = np.clip(np.pi * surface.reflectance.alpha * (body.values @ _colours_of_channels(body)), 0.0, 1.0)
+        if body.of == "image" and uv is None:
+            lost.append(f"surface {surface.name!r}: the body_texture of its {surface.shape}")
+        elif body.of == "image":
+            images["baseColorTexture"] = Image.fromarray(srgb_encode(linear))
+    painted = body is not None and body.of == "vertices"
+    if gamma is not None and (gamma.of == "vertices" or uv is None or painted):
+        lost.append(f"surface {surface.name!r}: its gamma_texture, as it, or its body_texture, is not on UVs")
+    elif gamma is not None:
+        rough = np.zeros((*gamma.values.shape[:2], 3), np.uint8)
+        rough[..., 1] = np.round(255.0 * roughness_of(gamma.values[..., 0]))
+        images["metallicRoughnessTexture"] = Image.fromarray(rough)
+    if painted and linear is not None:
+        return ColorVisuals(vertex_colors=np.round(255.0 * linear).astype(np.uint8)), lost
+    return TextureVisuals(uv, PBRMaterial(name=name, metallicFactor=0.0, **images)) if images else None, lost
+
+
+def roughness_of(gamma: ArrayLike) -> Array:
+    """Roughness 0…1 of renderers, √α of the GGX whose slopes are half as dense at tan γ = α √(√2 − 1); γ [rad]."""
+    width = np.tan(np.minimum(np.asarray(gamma, np.float64), 1.5)) / math.sqrt(math.sqrt(2.0) - 1.0)
+    return np.sqrt(np.minimum(width, 1.0))
 
 
 def _colours_of_channels(texture: SurfaceTexture) -> Array:

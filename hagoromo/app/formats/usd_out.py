@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.formats.gltf_scene import triangles_of, turned_z_to
+from hagoromo.app.formats.gltf_textures import roughness_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError
@@ -228,8 +229,7 @@ def _preview(made: Reflectance, optics: str) -> dict[str, Any]:
     body = _clipped(np.pi * made.alpha * _linear(made.body_colour))
     if not (made.beta > 0.0 or made.lobes):
         return {"diffuseColor": body, "roughness": 1.0, "useSpecularWorkflow": 1, "specularColor": [0.0, 0.0, 0.0]}
-    width = math.tan(made.gamma) / math.sqrt(math.sqrt(2.0) - 1.0)
-    return {"diffuseColor": body, "roughness": math.sqrt(min(width, 1.0)), "ior": float(made.n)}
+    return {"diffuseColor": body, "roughness": float(roughness_of(made.gamma)), "ior": float(made.n)}
 
 
 def _clipped(rgb: Any) -> list[float]:
