@@ -305,7 +305,7 @@ def relight(
         hg.write_measure_report(home / "measured" / "report.html", relighting.measurement)
         hg.write_relight_report(home / "report.html", relighting)
     for prediction in relighting.predictions:
-        figures = prediction.compared["boxes"]
+        figures = prediction.compared[prediction.of_boxes]
         say(
             f"{prediction.name}: volume boxes differ from the photograph by {100 * figures.relative_rmse:.1f} % "
             f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"

@@ -180,4 +180,5 @@ def test_real_photographs_are_relit(tmp_path):
     """
     for one in relit_objects(DATA / "uw_psm", tmp_path / "relit", ["cat"])["cat"]:
         assert one.compared["boxes"].relative_rmse < 0.2
+        assert one.compared["boxes_learnt"].relative_rmse < 1.05 * one.compared["learnt"].relative_rmse
     assert 'href="cat/relit/report.html"' in (tmp_path / "relit" / "index.html").read_text()

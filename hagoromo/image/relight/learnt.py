@@ -1,10 +1,12 @@
 """Learnt: what the photographs that were measured teach about the light under another lamp.
 
-    value / irradiance = Φ((h − μ) / σ) · fit + a · body + r
+    value / irradiance = s · fit + (1 − κ s) · a · body + r,   s = s₀ Φ((h − μ) / σ)
 
 h is the lamp's height over the relief's horizon (`height_over_horizon`), which the relief has to σ, off by μ: Φ is the
-share of the light that passes. a is light from all around, as the object sends to itself, per unit of body colour. r is
-what the fit leaves under the neighbouring lamps, interpolated over the lamps' directions (simple kriging).
+share of the light that passes; s₀ is that which passes in the volume boxes, 1 for the fit's own forecast. a is light
+from all around, as the object sends to itself, per unit of body colour; κ is 1 where the fit has taken that light for
+the lamp's wherever it shines, else 0. r is what the rest leaves under the neighbouring lamps, interpolated over the
+lamps' directions (simple kriging).
 
 Each photograph is left out in turn and its pixels are fitted to the rest. The numbers are those that predict the
 photographs left out best; a part that does not predict them better is not used.
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +30,8 @@ from hagoromo.photograph.capture import Capture
 
 OFFSETS = np.radians(np.arange(-4.0, 17.0, 2.0))  # candidates of μ
 SPREADS = np.radians([0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 11.0, 15.0])  # and of σ
+NO_HORIZON = (-np.pi, np.radians(0.5))  # μ and σ at which all light passes
+FITTED_SHARES = (0.0, 1.0)  # candidates of κ
 REACHES = np.radians([8.0, 13.0, 20.0, 30.0, 45.0])  # standard deviations of the kernel over lamps' directions
 NUGGETS = (0.3, 1.0, 3.0, 10.0)  # variance of what no neighbour tells, over that of the rest
 LEARNING_PIXELS = 4000  # at most
@@ -37,17 +42,24 @@ LEAST_GAIN = 0.05  # of the squared error of photographs left out: a part that g
 
 @dataclass(frozen=True)
 class Shadows:
-    """Shadows of a relief whose horizon is off by `offset` μ and known to `spread` σ [rad]; ambient a."""
+    """Shadows of a relief whose horizon is off by `offset` μ and known to `spread` σ [rad]; ambient a, of which the
+    share `fitted` κ is in the fit where the lamp shines.
+    """
 
     offset: float
     spread: float
     ambient: float
+    fitted: float = 0.0
 
     def share(self, height: Array) -> Array:
         """Share of the light that passes, of lamps at `height` [rad] over the horizon."""
         from scipy.special import ndtr
 
         return np.asarray(ndtr((height - self.offset) / self.spread), np.float64)
+
+    def ambient_share(self, share: Array) -> Array:
+        """Ambient light per unit of body colour where the fit has this share of the lamp's."""
+        return self.ambient * (1.0 - self.fitted * share)
 
 
 @dataclass(frozen=True)
@@ -81,11 +93,15 @@ class Learnt:
     gains: tuple[float, float]
     residuals: NDArray[np.float32] | None
 
-    def added(self, fitted: Array, to_lamp: Array) -> Array:
-        """(C, P) values per irradiance under a lamp in directions `to_lamp` (P, 3), of which the fit has `fitted`."""
+    def added(self, shown: Array, to_lamp: Array, passed: Array | float = 1.0) -> Array:
+        """(C, P) values per irradiance under a lamp in directions `to_lamp` (P, 3), `shown` before.
+
+        passed: (P,) share of the light s₀ that passes in what is shown.
+        """
+        fitted = shown
         if self.shadows is not None:
-            height = _heights(self.capture, self.solved.views, to_lamp)
-            fitted = self.shadows.share(height) * fitted + self.shadows.ambient * self.solved.fit.body
+            share = self.shadows.share(_heights(self.capture, self.solved.views, to_lamp))
+            fitted = share * shown + self.shadows.ambient_share(passed * share) * self.solved.fit.body
         if self.neighbours is not None:
             assert self.residuals is not None
             weights = self.neighbours.weights(_directions(self.solved.views.to_lamp), _directions(to_lamp[None])[0])
@@ -93,19 +109,24 @@ class Learnt:
         return np.maximum(fitted, 0.0)
 
 
-def learn(capture: Capture, solved: NormalMap, seed: int = 0) -> Learnt | None:
-    """What the photographs of `capture`, with its points, teach beyond their fit `solved`; None of too few."""
+def learn(capture: Capture, solved: NormalMap, seed: int = 0, passed: Array | None = None) -> Learnt | None:
+    """What the photographs of `capture`, with its points, teach beyond their fit `solved`; None of too few.
+
+    passed: (K, P) share of the light in each photograph that passes in what is to be corrected (None: all of it).
+    """
     views, fit = solved.views, solved.fit
     if len(views.values) < FEWEST_LAMPS:
         return None
     count, random = len(views.rows), np.random.default_rng(seed)
+    passed = np.ones((len(views.values), count)) if passed is None else passed
     some = np.sort(random.choice(count, min(count, LEARNING_PIXELS), replace=False))
-    cases = _cases(capture, views, fit, some)
-    shadows, first = _shadows(cases)
-    neighbours, second = _neighbours(cases, shadows)
+    cases = _cases(capture, views, fit, some, passed[:, some])
+    found = [(None, 0.0), *(_shadows(cases, share) for share in FITTED_SHARES)]
+    both = [(shadows, first, *_neighbours(cases, shadows)) for shadows, first in dict.fromkeys(found)]
+    shadows, first, neighbours, second = min(both, key=lambda one: (1.0 - one[1]) * (1.0 - one[3]))
     residuals = None
     if neighbours is not None:
-        whole = Case(-1, *_known(capture, views), *_predictions(capture, views, fit), fit.body)
+        whole = Case(-1, *_known(capture, views), *_predictions(capture, views, fit, passed), fit.body)
         residuals = whole.residuals(shadows).astype(np.float32)
     return Learnt(solved, capture, shadows, neighbours, (first, second), residuals)
 
@@ -113,8 +134,8 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0) -> Learnt | None:
 @dataclass(frozen=True, eq=False)
 class Case:
     """A fit without photograph `number`, and what it gives of all: values (K, C, P), trusted (K, P), fitted (K, C, P)
-    without cast shadows, height (K, P) of the lamps over the horizon, and even (K, P), by which lamps are uneven;
-    body (C, P).
+    under the shares of light that were given, passed (K, P), height (K, P) of the lamps over the horizon, and even
+    (K, P), by which lamps are uneven; body (C, P).
     """
 
     number: int
@@ -122,6 +143,7 @@ class Case:
     trusted: NDArray[np.bool_]
     directions: Array
     fitted: Array
+    passed: Array
     height: Array
     even: Array
     body: Array
@@ -130,8 +152,9 @@ class Case:
         """(K, C, P)"""
         if shadows is None:
             return self.fitted
-        ambient = shadows.ambient * self.even[:, None] * self.body
-        return shadows.share(self.height)[:, None] * self.fitted + ambient
+        share = shadows.share(self.height)
+        ambient = shadows.ambient_share(self.passed * share) * self.even
+        return share[:, None] * self.fitted + ambient[:, None] * self.body
 
     def residuals(self, shadows: Shadows | None) -> Array:
         """(K, C, P), 0 where a value is not valid, under even lamps."""
@@ -142,7 +165,7 @@ class Case:
     def own(self) -> Case:
         """The photograph that was left out alone."""
         one = np.s_[self.number : self.number + 1]
-        names = ("values", "trusted", "directions", "fitted", "height", "even")
+        names = ("values", "trusted", "directions", "fitted", "passed", "height", "even")
         return replace(self, number=0, **{name: getattr(self, name)[one] for name in names})
 
     @property
@@ -151,7 +174,7 @@ class Case:
         return max(float(np.sum(np.where(self.trusted[:, None], self.values, 0.0) ** 2)), 1e-30)
 
 
-def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp]) -> list[Case]:
+def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp], passed: Array) -> list[Case]:
     """A fit without each of LEFT_OUT photographs, of some of the pixels."""
     few, few_fit, place = views.pixels(some), fit.pixels(some), views.place[some]
     values, trusted, directions = _known(capture, few)
@@ -166,8 +189,8 @@ def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp]) -> 
         light = Light(few_fit.rows, even, precision(without, fit.model_error))
         pixels = fit_pixels(without, light, few_fit.normals, few_fit.body)
         one = replace(few_fit, normals=pixels.normals, body=pixels.body)
-        fitted = even[:, None] * predicted(one, few.to_lamp, few.to_eye)
-        cases.append(Case(number, values, trusted, directions, fitted, height, even, pixels.body))
+        fitted = (even * passed)[:, None] * predicted(one, few.to_lamp, few.to_eye)
+        cases.append(Case(number, values, trusted, directions, fitted, passed, height, even, pixels.body))
     return cases
 
 
@@ -178,12 +201,12 @@ def _known(capture: Capture, views: Views) -> tuple[Array, NDArray[np.bool_], Ar
     return values, trusted, _directions(views.to_lamp)
 
 
-def _predictions(capture: Capture, views: Views, fit: Fit) -> tuple[Array, Array, Array]:
-    """Of the fit to all photographs: fitted, height and even."""
+def _predictions(capture: Capture, views: Views, fit: Fit, passed: Array) -> tuple[Array, Array, Array, Array]:
+    """Of the fit to all photographs: fitted, passed, height and even."""
     even = fit.evenness(views.place)
-    fitted = even[:, None] * predicted(fit, views.to_lamp, views.to_eye)
+    fitted = (even * passed)[:, None] * predicted(fit, views.to_lamp, views.to_eye)
     height = np.stack([_heights(capture, views, to_lamp) for to_lamp in views.to_lamp])
-    return fitted, height, even
+    return fitted, passed, height, even
 
 
 def _heights(capture: Capture, views: Views, to_lamp: Array) -> Array:
@@ -198,30 +221,30 @@ def _directions(to_lamp: Array) -> Array:
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
 
-def _shadows(cases: Sequence[Case]) -> tuple[Shadows | None, float]:
+def _shadows(cases: Sequence[Case], fitted: float) -> tuple[Shadows | None, float]:
     """The horizon's offset and spread and the ambient light that predict best, and their gain."""
     own = [case.own for case in cases]
     before = _error(own, None)
     best, error = None, before
-    for offset in OFFSETS:
-        for spread in SPREADS:
-            dark = Shadows(float(offset), float(spread), 0.0)
-            trial = replace(dark, ambient=_ambient(own, dark))
-            found = _error(own, trial)
-            if found < error:
-                best, error = trial, found
+    for offset, spread in [NO_HORIZON, *product(OFFSETS, SPREADS)]:
+        dark = Shadows(float(offset), float(spread), 0.0, fitted)
+        trial = replace(dark, ambient=_ambient(own, dark))
+        found = _error(own, trial)
+        if found < error:
+            best, error = trial, found
     gain = 1.0 - error / max(before, 1e-300)
     return (best, gain) if gain >= LEAST_GAIN else (None, 0.0)
 
 
 def _ambient(own: Sequence[Case], shadows: Shadows) -> float:
     """The ambient light, 0 or more, that leaves least squares under these shadows."""
-    product = power = 0.0
+    shared = power = 0.0
     for case in own:
-        body = np.where(case.trusted[:, None], case.even[:, None] * case.body, 0.0)
-        product += float(np.sum(body * (case.values - case.model(shadows)))) / case.power
+        even = replace(shadows, ambient=1.0).ambient_share(case.passed * shadows.share(case.height)) * case.even
+        body = np.where(case.trusted[:, None], even[:, None] * case.body, 0.0)
+        shared += float(np.sum(body * (case.values - case.model(shadows)))) / case.power
         power += float(np.sum(body**2)) / case.power
-    return max(product / max(power, 1e-300), 0.0)
+    return max(shared / max(power, 1e-300), 0.0)
 
 
 def _error(own: Sequence[Case], shadows: Shadows | None) -> float:

@@ -1,8 +1,8 @@
 """Prediction: a photograph that was held out, and what the measured surface gives under its lamp in its camera.
 
-There are four predictions: the volume boxes, rendered with their shadows; the reflectance on the normals, computed for
+There are five predictions: the volume boxes, rendered with their shadows; the reflectance on the normals, computed for
 each pixel without shadows and for the measured view only, which shows what the boxes gain or lose; where the shape was
-solved, the same with what the photographs that were measured teach of shadows and misfit (`learnt`), and least-squares
+solved, both with what the photographs that were measured teach of shadows and misfit (`learnt`), and least-squares
 Lambert on them, a yardstick. With a rig all are times its field, and Lambert is given without it and with it.
 
 In the measured view every pixel of the object is compared, also where the boxes miss it; in another view those that the
@@ -11,7 +11,7 @@ boxes cover, but for their rim. Where the photograph is clipped, it and the pred
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -34,7 +34,7 @@ from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.material.material_objective import interface_of
-from hagoromo.measurement.normals.views import DARK
+from hagoromo.measurement.normals.views import DARK, Views
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
@@ -43,16 +43,19 @@ RELIEF_RIM_PX = 1  # [px] ignored along the edge of the boxes in another view th
 PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel that is the white of the pictures
 LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared in another view
 Array = NDArray[np.float64]
+LEAST_LIT = 1e-3  # of the brightest pixel: a darker one does not tell what share of the light passes
 CLIPPED = 0.98  # of the largest valid value: masked values from there on are clipped, and compared
 PREDICTIONS = {
     "boxes": "volume boxes, rendered",
+    "boxes_learnt": "volume boxes, with shadows and misfit learnt from the photographs measured",
     "normals": "reflectance on the normals, no shadows",
-    "learnt": "the same, with shadows and misfit learnt from the photographs measured",
+    "learnt": "reflectance on the normals, with shadows and misfit learnt from the photographs measured",
     "lambert": "least-squares Lambert, a yardstick",
     "lambert_rig": "least-squares Lambert, lamps evened by the rig",
 }
 FILE_STEMS = {
     "boxes": "predicted",
+    "boxes_learnt": "predicted_learnt",
     "normals": "normals",
     "learnt": "learnt",
     "lambert": "lambert",
@@ -93,8 +96,13 @@ class Prediction:
     lamps: tuple[str, ...]
     object_pixels: int
 
+    @property
+    def of_boxes(self) -> str:
+        """Key of what the volume boxes predict: with what was learnt, where photographs taught it."""
+        return "boxes_learnt" if "boxes_learnt" in self.predictions else "boxes"
+
     def __repr__(self) -> str:
-        figures = self.compared["boxes"]
+        figures = self.compared[self.of_boxes]
         return (
             f"Prediction({self.name[:40]!r}: relative rmse {100 * figures.relative_rmse:.1f} %, "
             f"ΔE00 {figures.delta_e_2000:.2f})"
@@ -112,7 +120,7 @@ class Prediction:
         }
 
     def write_into(self, folder: Path) -> None:
-        """Write {photograph,predicted,normals,learnt,lambert,lambert_rig}_NN, each as EXR and PNG, and mask_NN.png."""
+        """Write photograph_NN and the FILE_STEMS of the predictions, each as EXR and PNG, and mask_NN.png."""
         pictures = {"photograph": self.photograph} | {
             FILE_STEMS[key]: picture for key, picture in self.predictions.items()
         }
@@ -130,29 +138,35 @@ def predict(
     number: int,
     home: Path,
     yardsticks: Mapping[str, Array] | None = None,
-    learnt: Learnt | None = None,
+    learnt: Mapping[str, Learnt] | None = None,
     field: NDArray[np.floating] | None = None,
 ) -> Prediction:
     """Render the boxes of `stage`, whose files are in the folder `home`, as `photograph` shows them.
 
     The scene is written to `home` under the `number` of the photograph. yardsticks: their values (h, w, C), and learnt:
-    of the measured view. field: (h, w, C) of the rig, by which lamps in this view are uneven.
+    by its key of PREDICTIONS, both of the measured view. field: (h, w, C) of the rig, by which lamps in this view are
+    uneven.
     `InputError` for a photograph without a lamp, or one that shows nothing of the surface.
     """
     if not photograph.lamps:
         raise InputError(f"photograph {photograph.name!r} has no lamp: add its lamp, or do not hold it out")
-    scene, settings = load_scene(stage.write_scene(photograph, number, home))
-    image = render(scene, settings)
-    response = scene.camera.response
-    assert response is not None
-    values = {"boxes": image.expose(response).astype(np.float64)}
+    of_measured_view, learnt = stage.was_measured_in(photograph.camera), learnt or {}
+    alone = [replace(photograph, lamps=(lamp,)) for lamp in photograph.lamps]
+    several = of_measured_view and "boxes_learnt" in learnt and len(alone) > 1
+    by_lamp = [rendered(stage, one, number, home)[0] for one in alone] if several else []
+    boxes, covered = rendered(stage, photograph, number, home)  # last: its scene stays
+    values = {"boxes": boxes}
     clipped, white = _clipped(photograph)
-    shown, covered = photograph.mask | clipped, image.alpha > LEAST_COVERAGE
-    of_measured_view = stage.was_measured_in(photograph.camera)
+    shown = photograph.mask | clipped
     if of_measured_view:
-        values["normals"] = _on_normals(stage, photograph)
-        if learnt is not None:
-            values["learnt"] = _learnt(stage, photograph, learnt)
+        if "boxes_learnt" in learnt:
+            lit, one = by_lamp or [boxes], learnt["boxes_learnt"]
+            passed = [_passed(stage, *pair, one.solved.views) for pair in zip(alone, lit, strict=True)]
+            values["boxes_learnt"] = _with_learnt(alone, lit, passed, one)
+        values["normals"] = on_normals(stage, photograph)
+        if "learnt" in learnt:
+            lit = [on_normals(stage, one) for one in alone]
+            values["learnt"] = _with_learnt(alone, lit, [1.0] * len(lit), learnt["learnt"])
         covered = stage.relief.known() | _is_lit(photograph)
     if field is not None:
         values = {key: one * field for key, one in values.items()}
@@ -172,6 +186,31 @@ def predict(
     lamps = tuple(_described(lamp) for lamp in photograph.lamps)
     parts = photograph, shown, predictions, mask, compared, level, lamps
     return Prediction(photograph.name, number, *parts, object_pixels)
+
+
+def rendered(stage: Stage, photograph: Photograph, number: int, home: Path) -> tuple[Array, NDArray[np.bool_]]:
+    """Values (h, w, 3) of the boxes as `photograph` shows them, and where they cover it; writes the scene to `home`."""
+    scene, settings = load_scene(stage.write_scene(photograph, number, home))
+    image, response = render(scene, settings), scene.camera.response
+    assert response is not None
+    return image.expose(response).astype(np.float64), image.alpha > LEAST_COVERAGE
+
+
+def passed_by_boxes(stage: Stage, photographs: Sequence[Photograph], views: Views, home: Path) -> Array:
+    """(K, P) share of the light that the boxes let pass in photographs of the measured view.
+
+    Scenes are written to `home`.
+    """
+    return np.stack(
+        [_passed(stage, one, rendered(stage, one, number, home)[0], views) for number, one in enumerate(photographs)]
+    )
+
+
+def _passed(stage: Stage, photograph: Photograph, boxes: Array, views: Views) -> Array:
+    """(P,) share of the light in values (h, w, 3) of the boxes, 0 to 1: of the normals'; 1 where these are dark."""
+    passed, whole = (one[views.rows, views.columns].sum(axis=1) for one in (boxes, on_normals(stage, photograph)))
+    bright = whole > LEAST_LIT * whole.max(initial=0.0)
+    return np.where(bright, np.clip(passed / np.where(bright, whole, 1.0), 0.0, 1.0), 1.0)
 
 
 def _clipped(photograph: Photograph) -> tuple[NDArray[np.bool_], float]:
@@ -201,7 +240,7 @@ def _to_srgb(photograph: Photograph) -> Array:
     return np.eye(3) if response is None else srgb_from_camera(response, photograph.lamps[0].spectrum)
 
 
-def _on_normals(stage: Stage, photograph: Photograph) -> Array:
+def on_normals(stage: Stage, photograph: Photograph) -> Array:
     """(h, w, 3) values from the reflectance on the normals; 0 where the surface is unknown."""
     relief, known = stage.relief, stage.relief.known()
     values, matrix = np.zeros(photograph.values.shape), np.eye(3)
@@ -220,15 +259,22 @@ def _on_normals(stage: Stage, photograph: Photograph) -> Array:
     return values
 
 
-def _learnt(stage: Stage, photograph: Photograph, learnt: Learnt) -> Array:
-    """(h, w, 3) `_on_normals` with what was learnt, lamp by lamp; 0 where the surface is unknown."""
-    views, total = learnt.solved.views, np.zeros((len(learnt.solved.views.rows), photograph.values.shape[2]))
-    for lamp in photograph.lamps:
-        fitted = _on_normals(stage, replace(photograph, lamps=(lamp,)))[views.rows, views.columns]
-        to_lamp, light = light_of(lamp, photograph, views.points)
+def _with_learnt(
+    alone: Sequence[Photograph], lit: Sequence[Array], passed: Sequence[Array | float], learnt: Learnt
+) -> Array:
+    """(h, w, 3) values under all lamps, with what was learnt; as they are where nothing was fitted.
+
+    alone: the photograph under each of its lamps alone; lit: values (h, w, 3) under each; passed: share of its light,
+    see `Learnt.added`.
+    """
+    views, whole = learnt.solved.views, np.sum(lit, axis=0)
+    total = np.zeros((len(views.rows), whole.shape[2]))
+    for photograph, values, share in zip(alone, lit, passed, strict=True):
+        to_lamp, light = light_of(photograph.lamps[0], photograph, views.points)
         light = np.maximum(light, 1e-12 * light.max())
-        total += light * learnt.added((fitted / light).T, to_lamp).T
-    return np.asarray(views.image(total), np.float64)
+        total += light * learnt.added((values[views.rows, views.columns] / light).T, to_lamp, share).T
+    whole[views.rows, views.columns] = total
+    return np.asarray(whole, np.float64)
 
 
 def _described(lamp: Lamp) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.learnt import Learnt, learn
-from hagoromo.image.relight.prediction import predict
+from hagoromo.image.relight.prediction import passed_by_boxes, predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
 from hagoromo.image.relight.stage import Stage, check_channels, make_stage
 from hagoromo.image.relight.yardstick import Yardstick, yardstick_of
@@ -43,8 +43,9 @@ def relight(
 
     The others are measured (`measure`), and the surface is built as volume boxes. The boxes are rendered under the lamp
     and in the camera of each photograph to predict, and compared with it: every pixel of the object in the measured
-    view, every one that they cover in another; clipped ones cut off at white. Where the shape is solved, two further
-    predictions are compared: with shadows and misfit learnt from the photographs measured, and least-squares Lambert.
+    view, every one that they cover in another; clipped ones cut off at white. Where the shape is solved, further
+    predictions are compared: the boxes, and the reflectance on the normals, with shadows and misfit learnt from the
+    photographs measured; and least-squares Lambert.
 
     hold: names of the photographs that are held out, all at once (default: the last). against: another capture of the
     same object in the same world, under other lamps, spectra or cameras; all its photographs are predicted, and none is
@@ -66,7 +67,8 @@ def relight(
         measurement.write_into(home / MEASURED_FOLDER)
         stage = make_stage(even, home / MEASURED_FOLDER, measurement.normal_map is not None)
         stage.write_into(home)
-        predictions, learnt = [], _learnt(measurement)
+        same_view = any(stage.was_measured_in(photograph.camera) for photograph in held_out)
+        predictions, learnt = [], _learnt(measurement, stage, home) if same_view else {}
         yardsticks: dict[str, tuple[Yardstick | None, Rig | None]] = {
             "lambert": (yardstick_of(rest, measurement), None)
         }
@@ -106,11 +108,18 @@ def _of_yardsticks(
     }
 
 
-def _learnt(measurement: Measurement) -> Learnt | None:
-    """What the photographs teach beyond their fit, where the shape was solved."""
-    if measurement.capture is None or measurement.normal_map is None:
-        return None
-    return learn(measurement.capture, measurement.normal_map)
+def _learnt(measurement: Measurement, stage: Stage, home: Path) -> dict[str, Learnt]:
+    """What the photographs teach beyond their fit, and beyond the boxes of `stage`, where the shape was solved."""
+    capture, solved = measurement.capture, measurement.normal_map
+    if capture is None or solved is None:
+        return {}
+    of_fit = learn(capture, solved)
+    if of_fit is None:
+        return {}
+    passed = passed_by_boxes(stage, capture.photographs, solved.views, home)
+    of_boxes = learn(capture, solved, passed=passed)
+    assert of_boxes is not None  # of the same photographs
+    return {"boxes_learnt": of_boxes, "learnt": of_fit}
 
 
 def _loaded(capture: Capture | str | Path) -> Capture:

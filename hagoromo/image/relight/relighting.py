@@ -47,8 +47,8 @@ class Relighting:
 
         measured: the files of `Measurement.write_into`; relief.toml, camera.json and response.csv: the recipe of the
         volume box, for `build`; for each photograph scene_NN.toml with response_NN.csv, for `render`; photograph_NN,
-        predicted_NN, normals_NN, learnt_NN and lambert_NN as EXR and PNG and mask_NN.png, for `compare`; relit.json:
-        the figures.
+        predicted_NN, predicted_learnt_NN, normals_NN, learnt_NN and lambert_NN as EXR and PNG and mask_NN.png, for
+        `compare`; relit.json: the figures.
         """
         home = Path(folder)
         (home / MEASURED_FOLDER).mkdir()
@@ -85,7 +85,7 @@ def _rows(one: Prediction) -> str:
 def _pictures(one: Prediction) -> str:
     """Photograph and rendered boxes side by side, small."""
     step = max(-(-max(one.mask.shape) // LARGEST_PICTURE_PX), 1)
-    both = [one.photograph[::step, ::step], one.predictions["boxes"][::step, ::step]]
+    both = [one.photograph[::step, ::step], one.predictions[one.of_boxes][::step, ::step]]
     caption = f"{escape(one.name)}: photograph and prediction"
     uri = png_data_uri(srgb_encode(np.concatenate(both, axis=1)))
     return f'<figure><img alt="{caption}" src="{uri}"><figcaption>{caption}</figcaption></figure>'
