@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from studies.modes_scenes import ORDER, Sources, scene_of, title_of
-from studies.orders import BLOCK, MODES, images_of, in_blocks, row
+from studies.orders import BLOCK, MODES, beside_path, images_of, in_blocks, row
 
 WALKS = 100  # a pixel of mode path
 CLOSE = 0.05  # root mean square over blocks, over the mean, within which a mode is right on the page
@@ -38,6 +38,23 @@ def rendered(name: str, sources: Sources, out: Path, walks: int, modes: tuple[st
     record = row(title_of(name), images, seconds) | {"size": [scene.camera.width, scene.camera.height], "walks": walks}
     record["warnings"] = sorted({str(one.message) for one in said})
     xyz = {mode: image.xyz().astype(np.float32) for mode, image in images.items()}
+    with hg.whole_file(out / f"{name}.npz", force=True) as path, path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **xyz)
+    hg.write_json(out / f"{name}.json", record)
+
+
+def with_full_anew(name: str, sources: Sources, out: Path) -> None:
+    """Render a scene that is there by mode full alone; march and path stay."""
+    record = hg.read_json(out / f"{name}.json")
+    with np.load(out / f"{name}.npz") as kept:
+        xyz = {mode: kept[mode] for mode in kept}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        images, seconds = images_of(scene_of(name, sources), 4, ("full",))
+    xyz["full"] = images["full"].xyz().astype(np.float32)
+    record |= beside_path("full", {mode: values[..., 1].astype(float) for mode, values in xyz.items()})
+    record |= {"seconds": record["seconds"] | seconds, "field": images["full"].metadata.get("field")}
+    record["warnings"] = sorted({str(one.message) for one in said})
     with hg.whole_file(out / f"{name}.npz", force=True) as path, path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **xyz)
     hg.write_json(out / f"{name}.json", record)
@@ -95,7 +112,7 @@ def write_page(out: Path) -> dict[str, dict[str, Any]]:
 def main(
     demo: tyro.conf.Positional[Path], recipes: tyro.conf.Positional[Path], out: Path,
     data: Path = Path("../shared/data"), only: tuple[str, ...] = (), walks: int = WALKS,
-    without_full: bool = False, force: bool = False,
+    without_full: bool = False, force: bool = False, full_anew: bool = False,
 ) -> None:  # fmt: skip
     """Render every scene by every mode.
 
@@ -108,11 +125,15 @@ def main(
         walks: a pixel of mode path.
         without_full: leave mode full out, which needs much memory in large scenes.
         force: make scenes anew that are there.
+        full_anew: of scenes that are there, make the pictures of mode full anew.
     """
     out.mkdir(parents=True, exist_ok=True)
     modes = tuple(mode for mode in MODES if mode != "full" or not without_full)
     for name in only or ORDER:
-        if force or not (out / f"{name}.json").exists():
+        if full_anew and (out / f"{name}.json").exists():
+            print(name, flush=True)
+            with_full_anew(name, Sources(demo, recipes, data), out)
+        elif force or not (out / f"{name}.json").exists():
             print(name, flush=True)
             rendered(name, Sources(demo, recipes, data), out, walks, modes)
     write_page(out)

@@ -122,25 +122,26 @@ def scene_of(box: hg.VolumeBox, subject: Subject, pixels: int) -> hg.Scene:
 def row(title: str, images: Mapping[str, hg.Image], seconds: Mapping[str, float]) -> dict[str, Any]:
     """Figures of one subject, of those modes that it has; all are of Y."""
     light = {mode: image.xyz()[..., 1].astype(float) for mode, image in images.items()}
-    blocks = {mode: in_blocks(values) for mode, values in light.items()}
-    mean = light["path"].mean()
-    variance = images["path"].variance
+    mean, variance, full = light["path"].mean(), images["path"].variance, images.get("full")
     assert variance is not None
-    off = {
-        f"{mode}_off_path": float(np.sqrt(np.mean((blocks[mode] - blocks["path"]) ** 2)) / mean)
-        for mode in light
-        if mode != "path"
-    }
-    full = images.get("full")
     return {
         "title": title,
         "all_over_first": float(mean / light["march"].mean()),
-        **({"full_over_path": float(light["full"].mean() / mean)} if full else {}),
-        **off,
+        **beside_path("march", light),
+        **(beside_path("full", light) if full else {}),
         "noise_of_path": float(np.sqrt(variance.mean()) / mean),
         "noise_of_blocks": float(np.sqrt(variance.mean()) / mean / BLOCK),
         "seconds": dict(seconds),
         **({"field": full.metadata.get("field")} if full else {}),
+    }
+
+
+def beside_path(mode: str, light: Mapping[str, Array]) -> dict[str, float]:
+    """Light of a mode over that of path, and how far its blocks are off: root mean square over path's mean."""
+    mean, off = light["path"].mean(), in_blocks(light[mode]) - in_blocks(light["path"])
+    return {
+        f"{mode}_over_path": float(light[mode].mean() / mean),
+        f"{mode}_off_path": float(np.sqrt(np.mean(off**2)) / mean),
     }
 
 

@@ -162,7 +162,7 @@ def warn_if_deep(size: float, boxes: Sequence[VolumeBox]) -> None:
     if depth > DEEP_CELL:
         warnings.warn(
             f"the matter is {depth:.2g} mean free paths deep in a cell of light: where bright matter has hard faces "
-            "the picture is too dark; compare it with mode path",
+            "the picture may be off by more than 5 %; compare it with mode path",
             stacklevel=3,
         )
 

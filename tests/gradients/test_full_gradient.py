@@ -4,7 +4,6 @@ transpose.
 
 import math
 
-import drjit as dr
 import numpy as np
 import pytest
 
@@ -14,12 +13,12 @@ import hagoromo.image.full_picture as full_picture
 import hagoromo.transport.field.solve as solve
 from hagoromo.backend import arrays, lookup
 from hagoromo.image.render import PreparedScene, SceneCache, reflectances_of
-from hagoromo.transport.field.adjoint import averaged_back, fitted_back
+from hagoromo.transport.field.adjoint import fitted_back
 from hagoromo.transport.field.band_colours import BandColours
-from hagoromo.transport.field.fit import averaged, fitted
+from hagoromo.transport.field.fit import fitted
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.sent_back import incident_back
-from hagoromo.transport.field.sweep import sweep
+from hagoromo.transport.field.sweep import Ways, sweep
 from hagoromo.transport.field.swept_back import by_incident, swept_back
 from hagoromo.transport.path.bands import Bands
 
@@ -96,13 +95,13 @@ def test_the_gradient_by_body_colours_is_the_difference_of_pictures():
 
 
 def test_each_step_and_its_transpose_agree():
-    """⟨y, A x⟩ = ⟨Aᵀ y, x⟩ of sweeps, scattering, the fit and the mean, of random light."""
+    """⟨y, A x⟩ = ⟨Aᵀ y, x⟩ of sweeps, scattering and the fit, of random light."""
     scene = scene_of(constant(0.8), constant(0.6), LAMPS[:1])
     prepared = PreparedScene(scene, SETTINGS, SceneCache())
     assert prepared.medium is not None
     colours = BandColours(Bands(np.array([500.0]), 0.0), prepared.palette)
     solver = solve.Solver(prepared.medium, prepared.lighting, colours, Scattering(reflectances_of(scene)), CELL)
-    cells, fine, random = solver.cells, solver.fine_cells, np.random.default_rng(3)
+    cells, kept, random = solver.cells, solver.stored, np.random.default_rng(3)
 
     def numbers(count):
         return [[lookup(arrays().Float, random.random(count, np.float32) - 0.3) for _ in range(9)]]
@@ -114,15 +113,12 @@ def test_each_step_and_its_transpose_agree():
         size = math.sqrt(product(y, y) * product(ax, ax))
         assert abs(product(y, ax) - product(aty, x)) < 3e-6 * size and abs(product(y, ax)) > 1e-3 * size
 
-    of_cells, of_fine, stored = numbers(cells.filled), numbers(fine.filled), numbers(cells.count)
-    more, sent = numbers(cells.filled), numbers(cells.filled)
+    of_cells, more, sent, stored = *(numbers(cells.filled) for _ in range(3)), numbers(kept.count)
     scattering = solver.samples, solver.scattering
     agree(of_cells, solver.again(more), incident_back(*scattering, of_cells, 1), more)
-    agree(of_cells, averaged(cells, fine, of_fine), averaged_back(cells, fine, of_cells), of_fine)
-    agree(stored, fitted(cells, fine, of_fine)[0], fitted_back(cells, fine, stored), of_fine)
-    ways, everywhere = solver.ways(random, solver.grid), dr.arange(arrays().UInt, fine.filled)
-    arrived, _ = sweep(cells, sent, ways, fine, everywhere)
-    agree(of_fine, arrived, swept_back(cells, ways, fine, everywhere, by_incident(ways, of_fine), 1), sent)
+    agree(stored, fitted(kept, cells, more)[0], fitted_back(kept, cells, stored), more)
+    ways = Ways(solver.samples, cells, random)
+    agree(of_cells, sweep(ways, sent)[0], swept_back(ways, by_incident(ways, of_cells), 1), sent)
 
 
 def test_what_has_no_gradient_is_refused():

@@ -27,7 +27,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.field.cell_size import cell_size as real_cell_size
 from hagoromo.transport.field.cell_size import light_bytes
 from hagoromo.transport.field.cells import with_neighbours
-from hagoromo.transport.field.directions import few_directions, many_directions, turn
+from hagoromo.transport.field.directions import directions, turn
 from hagoromo.transport.field.scattering import Scattering, scattered
 from hagoromo.transport.field.second_order import projected, second_order
 from hagoromo.volume.box import VolumeBox
@@ -151,10 +151,9 @@ def radiance(scattering, part, axis, eyes, numbers):
     return sum(np.array(factor, float) * x for factor, x in zip(factors, numbers, strict=True))
 
 
-@pytest.mark.parametrize(("of", "degree"), [(few_directions, 5), (many_directions, 9)])
-def test_directions_integrate_polynomials_however_they_are_turned(of, degree):
+def test_directions_integrate_polynomials_however_they_are_turned():
     """The mean of x^2a y^2b z^2c is (2a − 1)!! (2b − 1)!! (2c − 1)!! / (2a + 2b + 2c + 1)!!, else 0; one is not."""
-    ways, weights = of()
+    degree, (ways, weights) = 5, directions()
     ways = ways @ turn(np.random.default_rng(4)).T
     odd = lambda n: math.prod(range(n, 0, -2))  # noqa: E731
     for powers in (p for p in np.ndindex(11, 11, 11) if sum(p) <= degree):
@@ -164,13 +163,14 @@ def test_directions_integrate_polynomials_however_they_are_turned(of, degree):
 
 
 def test_one_sweep_is_the_second_order_and_finer_cells_come_nearer(monkeypatch):
-    """Against quadrature along single rays: 2 % with cells of a quarter mean free path."""
+    """Against quadrature along single rays, over three seeds: 2 % with cells of a quarter mean free path."""
     origins, ways = rays_into_the_cube()
     oracle = np.array([two_orders(o, w, 3.0, 0.8) for o, w in zip(origins, ways, strict=True)])
     errors = []
     for size in (0.25, 1 / 12):
         monkeypatch.setattr(full, "cell_size", lambda boxes, channels, size=size: size)
-        _, higher = light_along(scene_of(cube(matter(albedo=0.8), 3.0)), origins, ways, orders=2)
+        scene = scene_of(cube(matter(albedo=0.8), 3.0))
+        higher = np.array([light_along(scene, origins, ways, orders=2, seed=seed)[1] for seed in range(3)])
         errors.append(np.sqrt(np.mean((higher - oracle) ** 2)) / oracle.mean())
     assert errors[1] < 0.02 and errors[1] < 0.5 * errors[0]
 
@@ -243,7 +243,7 @@ def test_light_that_is_not_solved_is_said(monkeypatch):
 
 
 def test_mirrored_lamps_give_mirrored_light():
-    """About the middle of a box across x; 3 %: directions are turned at random."""
+    """About the middle of a box across x; 4 %: directions are turned, and places in cells drawn, at random."""
     ways = spiral(30)
     origins = 0.5 + 0.2 * np.random.default_rng(5).uniform(-1, 1, ways.shape) - 2 * ways
     mirror = np.array([-1.0, 1.0, 1.0])
@@ -252,7 +252,7 @@ def test_mirrored_lamps_give_mirrored_light():
     _, other = light_along(
         scene_of(box, lamps=(TO_LAMP * mirror,)), np.array([1.0, 0, 0]) + origins * mirror, ways * mirror
     )
-    assert np.sqrt(np.mean((one - other) ** 2)) < 0.03 * one.mean()
+    assert np.sqrt(np.mean((one - other) ** 2)) < 0.04 * one.mean()
 
 
 def test_another_camera_costs_a_march_and_light_of_a_seed_has_the_same_bits(monkeypatch):
@@ -290,7 +290,7 @@ def test_light_takes_a_quarter_of_the_memory_of_the_bricks(side, channels):
 def test_matter_of_large_scenes_has_fewer_samples(monkeypatch):
     """As many as the memory is for, at least one a cell, and the light of higher orders stays within 5 %."""
     assert [solve.samples_along(8.0, cells, 100.0) for cells in (1e5, 1e6, 1e9)] == [4, 2, 1]
-    assert solve.samples_along(1.0, 1e3, 100.0) == 1
+    assert solve.samples_along(1.0, 1e3, 100.0) == 2
     scene = scene_of(cube(matter(), 3.0))
     with_all = render(scene, mode="full")
     monkeypatch.setattr(solve, "MOST_BYTES", 0.0)

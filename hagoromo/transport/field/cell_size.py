@@ -10,25 +10,26 @@ from hagoromo.transport.field.cells import Bounds, grid_over, matter_bounds, vox
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.path.majorants import texel_density
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.voxels import BRICK
+from hagoromo.volume.voxels import BRICK, unpacked_density
 
-DEEPEST_CELL = 0.5  # mean free paths a cell, where memory allows it
+DEEPEST_CELL = 1.0  # mean free paths of typical matter a cell, where memory allows it
+BRICKS_LOOKED_AT = 512  # of a box, for its typical density
 FEWEST_ACROSS = 24  # cells across the shortest side of all matter
 MEMORY_SHARE = 0.25  # of that of the bricks
 LITTLE = float(1 << 20)  # memory that is not worth saving [byte]
 PARTS = 8  # of a voxel, whose multiples cells are
-DEEP_CELL = 4.0  # mean free paths a cell, from which bright matter of hard faces loses more than 5 % of its light
+DEEP_CELL = 4.0  # mean free paths a cell, from which bright matter of hard faces is off by 5 % of its light
 PACKET = 4  # halves of a cell that are read at once
 
 
 def cell_size(boxes: Sequence[VolumeBox], channels: int) -> float:
-    """Edge of a cell [m]: DEEPEST_CELL mean free paths of the densest matter, or as much as keeps the light of
-    `channels` within MEMORY_SHARE of the memory of the bricks.
+    """Edge of a cell [m]: DEEPEST_CELL mean free paths of typical matter, or as much as keeps the light of `channels`
+    within MEMORY_SHARE of the memory of the bricks. The light is solved in cells of half the edge.
     """
     part = min(box.voxel_size for box in boxes) / PARTS
     corners = np.concatenate([box.matter_corners() for box in boxes])
     most = float(np.ptp(corners, axis=0).min()) / FEWEST_ACROSS
-    sigma = densest_extinction(boxes)
+    sigma = max((0.5 if box.extinction == "projected" else 1.0) * box.tau * typical(box) for box in boxes)
     bricks = {id(box.bricks): box.bricks.bytes for box in boxes}
     texels = {id(box.texel): box.texel.bytes for box in boxes if box.texel}
     allowed = max(MEMORY_SHARE * (sum(bricks.values()) + sum(texels.values())), LITTLE)
@@ -52,6 +53,17 @@ def densest_extinction(boxes: Sequence[VolumeBox]) -> float:
 def densest(box: VolumeBox) -> float:
     """The largest density of the matter in a box, 0…1."""
     return float(texel_density(box.texel)) if box.texel else box.bricks.densest
+
+
+def typical(box: VolumeBox) -> float:
+    """The density where the matter of a box is, 0…1: its mean, weighed with itself; of texels the largest."""
+    if box.texel:
+        return densest(box)
+    total = squares = 0.0
+    for brick in np.unique(np.linspace(0, box.bricks.kept - 1, BRICKS_LOOKED_AT).astype(int)):
+        density = unpacked_density(np.array(box.bricks.density.read(int(brick), int(brick) + 1))).astype(np.float64)
+        total, squares = total + density.sum(), squares + np.square(density).sum()
+    return squares / total if total > 0.0 else 0.0
 
 
 def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float:

@@ -33,10 +33,14 @@ class Cells:
     """
 
     def __init__(
-        self, low: NDArray[np.float64], size: float, filled: NDArray[np.bool_], centroids: NDArray[np.float64]
+        self,
+        low: NDArray[np.float64],
+        size: float,
+        filled: NDArray[np.bool_],
+        centroids: NDArray[np.float64] | None = None,
     ) -> None:
         """`filled`: (nz, ny, nx), whether a cell holds matter; none at the sides of the grid. centroids: (filled, 3) of
-        the matter, in the coordinates of the boxes.
+        the matter, in the coordinates of the boxes; None of a grid that does not receive light.
         """
         jit = arrays()
         stored = with_neighbours(filled)
@@ -56,7 +60,7 @@ class Cells:
         self.matter, self.matter_count = dr.opaque(jit.Int, self.filled), dr.opaque(jit.UInt, self.filled)
         self.middles = lookup(jit.Float, np.pad(self.places + 0.5, ((0, 0), (0, 1))).astype(np.float32))
         self.edge = dr.opaque(jit.Float, size)
-        self.centroids = lookup(jit.Float, np.pad((centroids - low) / size, ((0, 0), (0, 1))).astype(np.float32))
+        self.centroids = centroids
         dr.eval(self.table)
 
     @property
@@ -80,10 +84,13 @@ class Cells:
         x, y, z, _ = dr.gather(arrays().Array4f, self.middles, number)
         return arrays().Array3f(x, y, z)
 
-    def centroid(self, number: UInt) -> Array3f:
-        """Places of the centroids of the matter in filled cells, on the grid."""
-        x, y, z, _ = dr.gather(arrays().Array4f, self.centroids, number)
-        return arrays().Array3f(x, y, z)
+    def coarser(self, times: int) -> Cells:
+        """Cells with an edge `times` as long, of which those hold matter that a filled one is part of. The grid has a
+        whole number of them.
+        """
+        filled = np.zeros([n // times for n in self.shape[::-1]], bool)
+        filled[tuple(self.places[: self.filled].T[::-1] // times)] = True
+        return Cells(self.low, times * self.size, filled)
 
     def find(self, cell: Int, active: Bool = True) -> Int:
         """Number of the stored cell at `cell` (Array3i), or the distance [cells] to the next one, below 0."""

@@ -21,7 +21,7 @@ class Field:
     """
 
     def __init__(self, solver: Solver, solution: Solution, colours: BandColours) -> None:
-        jit, cells, incident = arrays(), solver.cells, solution.incident
+        jit, cells, incident = arrays(), solver.stored, solution.incident
         self.residual, self.sweeps, scattering = solution.residual, solution.sweeps, solver.scattering
         self.cells, self.colours, self.scattering, self.channels = cells, colours, scattering, len(incident)
         columns = [number for numbers in incident for number in numbers]

@@ -37,29 +37,6 @@ def fitted(cells: Cells, fine: Cells, light: Numbers) -> tuple[Numbers, Bool]:
     return [values[k : k + NUMBERS] for k in range(0, len(values), NUMBERS)], known
 
 
-def averaged(cells: Cells, fine: Cells, light: Numbers) -> Numbers:
-    """The mean over the filled `fine` cells in every filled cell."""
-    columns = [number for numbers in light for number in numbers]
-    *sums, count = inner_sums(cells, fine, Columns([*columns, dr.full(arrays().Float, 1.0, fine.filled)]))
-    means = [total / dr.fmax(count, 1.0) for total in sums]
-    dr.eval(means)
-    return [means[k : k + NUMBERS] for k in range(0, len(means), NUMBERS)]
-
-
-@dr.syntax
-def inner_sums(cells: Cells, fine: Cells, values: Columns) -> list[Float]:
-    """Sums over the filled fine cells in every filled cell."""
-    jit = arrays()
-    first = jit.Array3i(dr.floor(cells.centre(dr.arange(jit.UInt, cells.filled)))) * FINER
-    total = [dr.zeros(jit.Float, cells.filled) for _ in values.values]
-    k = jit.UInt(0)
-    while k < FINER**3:
-        number = fine.find(first + jit.Array3i(k % FINER, k // FINER % FINER, k // FINER**2))
-        total = values.added(total, 1.0, jit.UInt(number), fine.holds(number))
-        k += 1
-    return total
-
-
 class Columns:
     """Numbers of cells. A plain object: loops do not take them into their state."""
 

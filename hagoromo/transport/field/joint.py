@@ -11,13 +11,11 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, arrays
 from hagoromo.transport.field.cells import Cells
-from hagoromo.transport.field.directions import many_directions
-from hagoromo.transport.field.fit import averaged, fitted
 from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, smooth_extinction
 from hagoromo.transport.field.patches import SIDES, CornerLight
 from hagoromo.transport.field.sent_light import Numbers, added, nothing
 from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
-from hagoromo.transport.field.sweep import sweep
+from hagoromo.transport.field.sweep import Ways, balanced, sweep
 from hagoromo.transport.sample import Element
 
 PATCH_WAYS, LAST_WAYS = 96, 256  # rays of a patch, to both sides: of a sweep, and of the light that the camera sees
@@ -54,14 +52,11 @@ class Joint:
         self.cells = solver.cells.filled if solver else 0
         self.matter: SmoothMatter | None = None
         if solver:
-            solver.sight = self.sight
-            fine = solver.fine_cells, solver.fine_samples
-            self.ways = solver.ways(self.random, solver.grid, many_directions)
+            self.ways = Ways(solver.samples, solver.cells, self.random)
             self.sigma = smooth_extinction(self.ways)
             self.matter = SmoothMatter(solver.cells, self.sigma, [])
-            sigma = smooth_extinction(solver.ways(self.random, fine, many_directions))
-            self.single = SmoothMatter(solver.fine_cells, sigma, solver.single)
-            self.once_finely = solver.gathered_finely(self.random, fine, solver.single)
+            self.single = SmoothMatter(solver.cells, self.sigma, solver.single)
+            self.once_in_cells, self.own = sweep(self.ways, solver.single, self.sight)
             self.cell_links = self._cell_links(solver.cells)
         self.patch_links = self._patch_links(PATCH_WAYS)
 
@@ -74,7 +69,7 @@ class Joint:
         """The light of orders 1 … `orders` − 1 (None: of all) in the stored cells, and at the surfaces."""
         lit, residual, sweeps = self.lit, 0.0, 0
         if orders == 1:
-            cells = nothing(lit.channels, self.solver.cells.count) if self.solver else None
+            cells = nothing(lit.channels, self.solver.stored.count) if self.solver else None
             return Solution(cells, 0.0, 0) if cells else None, SurfaceLight(lit, dark(lit))
         light: Numbers | None = None
         if orders is None:
@@ -85,16 +80,18 @@ class Joint:
                 light, sweeps = added(once, self._swept(light)), sweeps + 1
         warn_if_unsettled(residual, sweeps)
         incident, arriving = self._parts(light) if light else (None, None)
-        surface = self._at_patches(self._patch_links(LAST_WAYS), incident, arriving)
-        return self._in_cells(incident, arriving, residual, sweeps + 1), SurfaceLight(lit, surface)
+        surface = SurfaceLight(lit, self._at_patches(self._patch_links(LAST_WAYS), incident, arriving))
+        if self.solver is None:
+            return None, surface
+        return self.solver.kept(incident or self._in_cells(), residual, sweeps + 1), surface
 
     def _once(self) -> Numbers:
         """Light that was scattered once before it arrives."""
-        cells = None
-        if self.solver:
-            swept = averaged(self.solver.cells, self.solver.fine_cells, self.once_finely)
-            cells = added(swept, self.cell_links.direct())
-        return self._together(cells, self._at_patches(self.patch_links, None, None))
+        return self._together(self._in_cells() if self.solver else None, self._at_patches(self.patch_links, None, None))
+
+    def _in_cells(self) -> Numbers:
+        """Light in the cells that was scattered once."""
+        return added(self.once_in_cells, self.cell_links.direct())
 
     def _swept(self, light: Numbers) -> Numbers:
         """What all send on of the light that arrives at all."""
@@ -102,10 +99,7 @@ class Joint:
         cells, patches = None, self.patch_links.again(arriving)
         if self.solver and incident:
             sent = self.solver.again(incident)
-            cells = added(
-                sweep(self.solver.cells, sent, self.ways, self.solver.cells, sight=self.sight)[0],
-                self.cell_links.again(arriving),
-            )
+            cells = added(balanced(self.ways, sent, self.sight), self.cell_links.again(arriving))
             patches = added(patches, self.patch_links.from_matter(SmoothMatter(self.solver.cells, self.sigma, sent)))
         return self._together(cells, patches)
 
@@ -121,21 +115,6 @@ class Joint:
                 total = added(total, links.from_matter(matter))
         return total
 
-    def _in_cells(
-        self, incident: Numbers | None, arriving: Numbers | None, residual: float, sweeps: int
-    ) -> Solution | None:
-        if self.solver is None:
-            return None
-        cells, fine = self.solver.cells, self.solver.fine_cells
-        links = self._cell_links(fine)
-        light = added(self.once_finely, links.direct())
-        if incident and arriving:
-            again = self.solver.gathered_finely(self.random, self.solver.grid, self.solver.again(incident))
-            light = added(light, again, links.again(arriving))
-        light, known = fitted(cells, fine, light)
-        cells.without(~known)
-        return Solution(light, residual, sweeps)
-
     def _accelerated(self) -> tuple[Numbers, float, int]:
         """Incident light of all orders, its residual, and the number of sweeps."""
         once = self._once()
@@ -146,9 +125,7 @@ class Joint:
         ones = dr.full(arrays().Float, 1.0, self.sides)
         if self.solver is None:
             return [ones] * self.lit.channels
-        unit = nothing(self.lit.channels, self.cells)
-        _, own = sweep(self.solver.cells, unit, self.ways, self.solver.cells, sight=self.sight)
-        return [dr.concat([gain, ones]) for gain in self.solver.own_gain(own, self.ways)]
+        return [dr.concat([gain, ones]) for gain in self.solver.own_gain(self.own, self.ways)]
 
     def _together(self, cells: Numbers | None, patches: Numbers) -> Numbers:
         if cells is None:
@@ -172,5 +149,5 @@ class Joint:
     def _cell_links(self, cells: Cells) -> Links:
         """Of the filled cells of a grid, from the centroids of their matter."""
         ways = int(np.clip(CELL_LANES // cells.filled, FEWEST_WAYS, MOST_WAYS))
-        points = cells.low + cells.size * np.array(cells.centroids, float).reshape(-1, 4)[: cells.filled, :3]
-        return Links(self.lit, points, None, ways, self.random, self.matter)
+        assert cells.centroids is not None
+        return Links(self.lit, cells.centroids, None, ways, self.random, self.matter)

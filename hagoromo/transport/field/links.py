@@ -22,13 +22,14 @@ from hagoromo.transport.field.patches import SIDES, Patch, Patches
 from hagoromo.transport.field.scattering import Scattering
 from hagoromo.transport.field.second_order import NUMBERS, projected, second_order
 from hagoromo.transport.field.sent_light import Numbers, nothing
-from hagoromo.transport.field.sweep import DEEPEST, Path, Ways
+from hagoromo.transport.field.sweep import Path, Ways
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.path.path import SurfaceHits
 from hagoromo.transport.sample import Element
 from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit, surface_element
 
 BYTES_PER_RAY = 160  # memory of one ray, its hit and the light along it, about
+DEEPEST = 9.0  # a ray ends beyond this optical depth, exp(−9) = 1e-4
 LARGEST_SCALE = 4.0  # of the nine numbers of a patch's light, so that their irradiance is that of its rays
 
 
@@ -124,11 +125,9 @@ def packed(columns: list[Float]) -> Float:
 def smooth_extinction(ways: Ways) -> list[Float]:
     """The nine numbers of σ of every cell, from σ along ways that integrate polynomials of the fourth degree."""
     jit = arrays()
-    cell, sigma = dr.arange(jit.UInt, ways.filled), [dr.zeros(jit.Float, ways.filled)] * NUMBERS
-    for k in range(ways.count):
-        towards, weight = ways.at(jit.UInt(k))
-        there = dr.gather(jit.Float, ways.sigma, cell + dr.opaque(jit.UInt, k * ways.filled)) * weight
-        sigma = [dr.fma(factor, there, old) for factor, old in zip(projected(towards), sigma, strict=True)]
+    sigma = [dr.zeros(jit.Float, ways.cells.filled)] * NUMBERS
+    for towards, weight, along in ways.sigma_of_all():
+        sigma = [dr.fma(factor, along * weight, old) for factor, old in zip(projected(towards), sigma, strict=True)]
     dr.eval(sigma)
     return sigma
 

@@ -69,6 +69,10 @@ class MatterSamples:
         colours, light = rest[6 : 6 + self.colours], rest[6 + self.colours :]
         return Sample(material, share, vector(*rest[:3]), vector(*rest[3:6]), colours, light)
 
+    def point(self, number: UInt) -> Array3f:
+        """Place of a sample, in the coordinates of the boxes."""
+        return arrays().Array3f(*(dr.gather(type(c), c, number) for c in self.columns[5:8]))
+
     def extinction(self, number: UInt, way: Array3f) -> Float:
         """What a sample adds to σ along a direction [1/m]."""
         material, share, x, y, z = (dr.gather(type(c), c, number) for c in self.columns[:5])
@@ -119,6 +123,15 @@ def sampled(
     moments = [np.add.reduceat(weight * np.array(column), starts[:-1]) for column in columns[5:8]]
     centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
     return Cells(low, size, filled, centroids), MatterSamples(first, columns, bands.columns, lighting.materials)
+
+
+def held_share(medium: Medium, low: NDArray, size: float, touched: NDArray) -> float:
+    """How much of the space of the cells that are `touched` (nz, ny, nx) holds matter, by one place in each."""
+    cells, found, boxes = np.argwhere(touched)[:, ::-1], 0, range(len(medium.boxes))
+    for begin in range(0, len(cells), SAMPLES_AT_ONCE):
+        point = _points(low, size, cells[begin : begin + SAMPLES_AT_ONCE], 1, 1.0)
+        found += sum(int(dr.count(matter_at(medium, number, point)[1] > 0.0)[0]) for number in boxes)
+    return found / max(len(cells), 1)
 
 
 def sample_bytes(bands: BandColours, lamps: int) -> float:

@@ -1,8 +1,10 @@
-"""Sweep: light sent by the cells, gathered at the middles of cells along a set of directions.
+"""Sweep: light sent by the cells, gathered at the cells along a set of directions.
 
-Along a ray the source S = (light sent per metre) / σ is that of a cell at the middle of the ray's way through it, and
-in between linear in the optical depth. At the edge of matter it goes on as it is. What arrives in a cell is the
-mean over the ray's way through it.
+Each cell looks along each direction from a place of its own in its matter, drawn at random: from the middles of cells
+alone the ways through them would be too long, and less light would leave the faces of matter than does. Along a ray the
+source S = (light sent per metre) / σ is that of a cell at the middle of the ray's way through it, and in between linear
+in the optical depth. At the edge of matter it goes on as it is. What arrives in a cell is the mean over the ray's way
+through it.
 
 Enters: σ and S of every cell and direction. Leaves: the incident light, nine numbers a cell and channel (see
 `second_order`), and the share of its own light that a cell gets back.
@@ -14,58 +16,96 @@ from collections.abc import Callable
 
 import drjit as dr
 import numpy as np
-from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, lookup
+from hagoromo.files.memory import require
 from hagoromo.transport.field.balance import Balance
 from hagoromo.transport.field.cells import Cells
+from hagoromo.transport.field.directions import directions, turn
+from hagoromo.transport.field.fit import FINER
 from hagoromo.transport.field.matter_samples import MatterSamples
 from hagoromo.transport.field.second_order import MEAN, NUMBERS, projected, second_order
+from hagoromo.transport.film import scrambled
 
-DEEPEST = 9.0  # a ray ends beyond this optical depth, exp(−9) = 1e-4; its last source stands for all behind it
+LEAST_PASSED = 1e-4  # of light along a ray, below which the ray ends; its last source stands for all behind it
 LEAST_DEPTH = 1e-6  # a way through a cell with less counts as empty
 NUDGE = 1e-4  # [cell] behind its begin where the next cell is looked up
-LANES_AT_ONCE = 1 << 22  # rays of one launch
+LANES_AT_ONCE = 1 << 22  # cells and ways whose sources are known together
+PARTS = FINER**3  # cells of a block, which have directions of their own
+BYTES_PER_WAY = 4.0  # of a cell
 FARTHEST = 1e9  # [cell] beyond all grids
+WITHIN = 0.4999  # [cell] of the middle of a cell, whatever the rounding
 LEAST_STEP = 5e-4  # [cell] so that rays go on whatever the rounding
 Sight = Callable[[Cells, Array3f, Array3f], Float]  # place on the grid, direction → distance to a surface [cell]
 
 
 class Ways:
-    """Directions of a sweep, towards the light, as kernels read them, and σ of every filled cell along each."""
+    """Directions of sweeps, towards the light, as kernels read them, and σ of every filled cell along each.
 
-    def __init__(self, samples: MatterSamples, cells: Cells, towards: NDArray[np.float64], weights: NDArray) -> None:
-        """`towards`: unit (n, 3). `weights`: (n,) [sr]."""
-        jit, self.count, self.filled = arrays(), len(weights), cells.filled
-        self.table = lookup(jit.Float, np.column_stack([towards, weights]).astype(np.float32))
-        lane = dr.arange(jit.UInt, self.count * cells.filled)
+    The eight cells of every block have other directions each, turned at random: together a block has eight times as
+    many. Each cell has `count` of them; that of number k of a cell in part p of its block is way k · PARTS + p.
+    """
+
+    def __init__(self, samples: MatterSamples, cells: Cells, random: np.random.Generator) -> None:
+        (towards, weights), jit, self.cells, self.samples = directions(), arrays(), cells, samples
+        self.count, filled = len(weights), cells.filled
+        require(BYTES_PER_WAY * self.count * PARTS * filled, "the directions of mode full")
+        turned = np.stack([towards @ turn(random).T for _ in range(PARTS)], axis=1)
+        table = np.concatenate([turned, np.broadcast_to(weights[:, None, None], (self.count, PARTS, 1))], axis=-1)
+        self.table = lookup(jit.Float, table.astype(np.float32))
+        place = cells.places[:filled] % FINER
+        self.part = lookup(jit.UInt, (place @ (1, FINER, FINER**2)).astype(np.uint32))
+        lane = dr.arange(jit.UInt, self.count * PARTS * filled)
         self.sigma = extinction(samples, lane % cells.matter_count, self.at(lane // cells.matter_count)[0])
         dr.eval(self.sigma)
 
-    def at(self, number: UInt) -> tuple[Array3f, Float]:
+    def at(self, way: UInt) -> tuple[Array3f, Float]:
         """Direction and weight."""
-        x, y, z, weight = dr.gather(arrays().Array4f, self.table, number)
+        x, y, z, weight = dr.gather(arrays().Array4f, self.table, way)
         return arrays().Array3f(x, y, z), weight
+
+    def of(self, number: UInt, cell: UInt) -> UInt:
+        """The way of a number of a cell."""
+        return number * PARTS + dr.gather(arrays().UInt, self.part, cell)
+
+    def along(self, way: UInt, cell: UInt) -> Float:
+        """σ of a cell [1/m]."""
+        return dr.gather(arrays().Float, self.sigma, way * self.cells.matter_count + cell)
+
+    def place(self, way: UInt, cell: UInt) -> Array3f:
+        """Where a cell looks along a way: at one of its samples of matter, on the grid; each way at another, if it
+        can.
+        """
+        cells, (first, end) = self.cells, self.samples.of_cell(cell)
+        drawn = first + (scrambled(cell) % 65536 + way // PARTS) % dr.maximum(end - first, 1)
+        middle = cells.centre(cell)
+        offset = cells.place(self.samples.point(drawn)) - middle
+        return middle + dr.minimum(dr.maximum(offset, -WITHIN), WITHIN)
+
+    def sigma_of_all(self) -> list[tuple[Array3f, Float, Float]]:
+        """Directions, the same for all cells, their weights, and σ of every cell along each."""
+        cell, ways = dr.arange(arrays().UInt, self.cells.filled), range(0, self.count * PARTS, PARTS)
+        return [(*self.at(way), self.along(way, cell)) for way in (dr.opaque(arrays().UInt, way) for way in ways)]
 
     def mean_sigma(self) -> Float:
         """Mean of σ over all directions."""
-        cell = dr.arange(arrays().UInt, self.filled)
-        sigma = dr.zeros(arrays().Float, self.filled)
-        for k in range(self.count):
-            there = dr.gather(arrays().Float, self.sigma, cell + dr.opaque(arrays().UInt, k * self.filled))
-            sigma = dr.fma(there, self.at(arrays().UInt(k))[1] * MEAN, sigma)
+        sigma = dr.zeros(arrays().Float, self.cells.filled)
+        for _, weight, along in self.sigma_of_all():
+            sigma = dr.fma(along, weight * MEAN, sigma)
         dr.eval(sigma)
         return sigma
 
 
 class Sources:
-    """σ and S of every cell along every direction. A plain object: loops do not take its arrays into their state."""
+    """σ and S of every cell along `count` ways from `first` on. A plain object: loops do not take its arrays into their
+    state.
+    """
 
-    def __init__(self, cells: Cells, ways: Ways, sent: list[list[Float]]) -> None:
-        jit, self.cells, self.sigma = arrays(), cells, ways.sigma
-        lane = dr.arange(jit.UInt, ways.count * cells.filled)
-        number, cell = lane // cells.matter_count, lane % cells.matter_count
-        away, inverse = -ways.at(number)[0], dr.rcp(dr.fmax(ways.sigma, 1e-30))
+    def __init__(self, ways: Ways, sent: list[list[Float]], first: int, count: int) -> None:
+        jit, self.cells, self.ways, self.first = arrays(), ways.cells, ways, dr.opaque(arrays().UInt, first)
+        lane = dr.arange(jit.UInt, count * ways.cells.filled)
+        way, cell = self.first + lane // self.cells.matter_count, lane % self.cells.matter_count
+        away, inverse = -ways.at(way)[0], dr.rcp(dr.fmax(ways.along(way, cell), 1e-30))
         self.sources = [
             second_order([dr.gather(jit.Float, n, cell) for n in numbers]).at(away) * inverse for numbers in sent
         ]
@@ -73,64 +113,59 @@ class Sources:
 
     def at(self, way: UInt, cell: Int) -> tuple[Float, list[Float]]:
         """σ [1/m] and S of a cell along a way; 0 where it holds no matter."""
-        kind, holds = arrays().Float, self.cells.holds(cell)
-        place = way * self.cells.matter_count + arrays().UInt(cell)
-        return dr.gather(kind, self.sigma, place, holds), [dr.gather(kind, s, place, holds) for s in self.sources]
+        kind, holds, count = arrays().Float, self.cells.holds(cell), self.cells.matter_count
+        place, cell = (way - self.first) * count + arrays().UInt(cell), arrays().UInt(cell)
+        sigma = dr.gather(kind, self.ways.sigma, way * count + cell, holds)
+        return sigma, [dr.gather(kind, s, place, holds) for s in self.sources]
 
 
 def sweep(
-    cells: Cells,
-    sent: list[list[Float]],
-    ways: Ways,
-    where: Cells,
-    places: UInt | None = None,
-    sight: Sight | None = None,
-    balance: Balance | None = None,
+    ways: Ways, sent: list[list[Float]], sight: Sight | None = None, balance: Balance | None = None
 ) -> tuple[list[list[Float]], Float]:
-    """Incident light of each channel at cells of the grid `where`, which has the corner of `cells`; and the share of
-    their own light that they get back, 0…1.
+    """Incident light of each channel at the filled cells, and the share of their own light that they get back, 0…1.
 
-    sent: per channel the nine numbers of the light that the filled `cells` send per metre. places: numbers of the cells
-    of `where`; by default all that hold matter. sight: how far rays go before a surface ends them; None: without end.
-    balance: what keeps the sums by which the light is scaled; by default one where all filled `cells` receive light.
+    sent: per channel the nine numbers of the light that the filled cells send per metre. sight: how far rays go before
+    a surface ends them; None: without end. balance: to which what cells send and receive is added.
     """
-    jit, sources = arrays(), Sources(cells, ways, sent)
-    places = dr.arange(jit.UInt, where.filled) if places is None else places
-    receivers = dr.width(places)
-    incident, own = [[dr.zeros(jit.Float, receivers)] * NUMBERS for _ in sent], dr.zeros(jit.Float, receivers)
-    scale = dr.opaque(jit.Float, where.size / cells.size)
-    if balance is None and where is cells and receivers == cells.filled:
-        balance = Balance(sent)
-    together = max(min(LANES_AT_ONCE // receivers, ways.count), 1)
+    jit, cells, filled = arrays(), ways.cells, ways.cells.filled
+    incident, own = [[dr.zeros(jit.Float, filled)] * NUMBERS for _ in sent], dr.zeros(jit.Float, filled)
+    together = max(min(LANES_AT_ONCE // (PARTS * filled), ways.count), 1)
     for first in range(0, ways.count, together):
         count = min(together, ways.count - first)
-        lane, each = dr.arange(jit.UInt, receivers * count), dr.opaque(jit.UInt, receivers)
-        way = lane // each + dr.opaque(jit.UInt, first)
-        place, towards = where.centroid(dr.gather(jit.UInt, places, lane % each)), ways.at(way)[0]
-        chord = tuple(length * scale for length in chord_through(place, towards))
-        place = place * scale
+        sources = Sources(ways, sent, PARTS * first, PARTS * count)
+        lane, begin = dr.arange(jit.UInt, filled * count), dr.opaque(jit.UInt, first)
+        cell = lane % cells.matter_count
+        way = ways.of(begin + lane // cells.matter_count, cell)
+        place, towards = ways.place(way, cell), ways.at(way)[0]
         far = sight(cells, place, towards) if sight else dr.opaque(jit.Float, FARTHEST)
-        light, back, leaves = gathered(cells, sources, place, chord, way, towards, far)
+        light, back, leaves = gathered(cells, sources, place, chord_through(place, towards), way, towards, far)
         dr.eval(light, back, leaves)
         if balance:
-            sigma, weight = dr.gather(jit.Float, ways.sigma, way * each + lane % each), ways.at(way)[1]
-            balance.add(lane % each, towards, weight, sigma, light, leaves)
-        incident, own = collected(Light(light, back, ways, first, receivers), incident, own, count)
+            balance.add(cell, towards, ways.at(way)[1], ways.along(way, cell), light, leaves)
+        incident, own = collected(Light(light, back, ways, begin), incident, own, count)
         dr.eval(incident, own)
-    return balance.scaled(incident) if balance else incident, own
+    return incident, own
+
+
+def balanced(ways: Ways, sent: list[list[Float]], sight: Sight | None = None) -> list[list[Float]]:
+    """Light of what cells send that arrives in them, as much as there is; see `sweep` and `Balance`."""
+    balance = Balance(sent)
+    return balance.scaled(sweep(ways, sent, sight, balance)[0])
 
 
 class Light:
-    """Light that arrived along some ways. A plain object: loops do not take its arrays into their state."""
+    """Light that arrived along some ways of each cell. A plain object: loops do not take its arrays into their state.
 
-    def __init__(self, light: list[Float], own: Float, ways: Ways, first: int, receivers: int) -> None:
-        self.light, self.own, self.ways = light, own, ways
-        self.first, self.receivers = (dr.opaque(arrays().UInt, n) for n in (first, receivers))
+    first: number of the first of these ways.
+    """
+
+    def __init__(self, light: list[Float], own: Float, ways: Ways, first: UInt) -> None:
+        self.light, self.own, self.ways, self.first = light, own, ways, first
 
     def added(self, k: UInt, cell: UInt, incident: list[list[Float]], own: Float) -> tuple[list[list[Float]], Float]:
         """`incident` and `own` of every cell with the light of one way."""
-        kind, place = arrays().Float, k * self.receivers + cell
-        towards, weight = self.ways.at(self.first + k)
+        kind, place = arrays().Float, k * self.ways.cells.matter_count + cell
+        towards, weight = self.ways.at(self.ways.of(self.first + k, cell))
         factors = [weight * factor for factor in projected(towards)]
         arrived = [dr.gather(kind, light, place) for light in self.light]
         incident = [
@@ -182,31 +217,29 @@ def gathered(
     path = Path(cells, place, towards)
     distance, whole = chord[0], chord[0] + chord[1]
     sigma, last = sources.at(way, cells.find(jit.Array3i(dr.floor(place))))
-    depth = -dr.log(mean_of_decay(sigma * whole * cells.edge))  # light that enters a chord, less its mean over it
-    own = 1.0 - dr.exp(-depth)
+    passed = mean_of_decay(sigma * whole * cells.edge)  # of light that enters a chord, its mean over it
+    own = 1.0 - passed
     light = with_ramp([dr.zeros(jit.Float, count) for _ in last], own, last, 0.0, last)
     open_depth = dr.zeros(jit.Float, count)
     cell = path.cell_behind(distance)
     inside = cells.inside(cell) & (distance < farthest)
-    while inside & (depth < DEEPEST):
+    while inside & (passed > LEAST_PASSED):
         number = cells.find(cell)
         end = dr.fmin(path.end(cell, number, distance), farthest)
         sigma, here = sources.at(way, number)
         half = 0.5 * sigma * (end - distance) * cells.edge
         matter, before = half > LEAST_DEPTH, open_depth > LEAST_DEPTH
         between = open_depth + half
-        near, far = ramp(between)
-        passed = dr.exp(-depth)
+        near, far, rest = ramp(between)
         back = selected(matter, here, last)
         light = with_ramp(light, passed * near, selected(before, last, here), passed * far, back)
         last = back
-        depth += between
+        passed *= rest
         open_depth = dr.select(matter, half, 0.0)
         distance = end
         cell = path.cell_behind(distance)
         inside = cells.inside(cell) & (distance < farthest)
-    rest = dr.select(depth < DEEPEST, 1.0 - dr.exp(-open_depth), 1.0)
-    passed = dr.exp(-depth)
+    rest = dr.select(passed > LEAST_PASSED, 1.0 - dr.exp(-open_depth), 1.0)
     return with_ramp(light, passed * rest, last, 0.0, last), own, passed * (1.0 - rest)
 
 
@@ -265,7 +298,10 @@ def mean_of_decay(depth: Float) -> Float:
     return dr.select(thin, 1.0 - depth * (0.5 - depth * (1.0 / 6.0)), (1.0 - dr.exp(-safe)) / safe)
 
 
-def ramp(depth: Float) -> tuple[Float, Float]:
-    """∫ exp(−t) (1 − t/D) dt and ∫ exp(−t) t/D dt over 0…D: weights of the sources at the ends of a linear ramp."""
-    mean = mean_of_decay(depth)
-    return 1.0 - mean, mean - dr.exp(-depth)
+def ramp(depth: Float) -> tuple[Float, Float, Float]:
+    """∫ exp(−t) (1 − t/D) dt and ∫ exp(−t) t/D dt over 0…D: weights of the sources at the ends of a linear ramp; and
+    exp(−D).
+    """
+    thin, rest = depth < 0.02, dr.exp(-depth)
+    mean = dr.select(thin, 1.0 - depth * (0.5 - depth * (1.0 / 6.0)), (1.0 - rest) / dr.select(thin, 1.0, depth))
+    return 1.0 - mean, mean - rest, rest

@@ -18,9 +18,10 @@ from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.second_order import projected
 from hagoromo.transport.field.sent_light import Numbers, nothing
 from hagoromo.transport.field.sweep import (
-    DEEPEST,
     LANES_AT_ONCE,
     LEAST_DEPTH,
+    LEAST_PASSED,
+    PARTS,
     Path,
     Ways,
     chord_through,
@@ -29,31 +30,28 @@ from hagoromo.transport.field.sweep import (
 )
 from hagoromo.transport.field.whole_sums import WholeSums
 
-# receiver (lane), way → the derivative by the light that arrives there, of every channel
+# receiver (its cell), way → the derivative by the light that arrives there, of every channel
 ByRay = Callable[[UInt, UInt], list[Float]]
 
 
-def swept_back(cells: Cells, ways: Ways, where: Cells, places: UInt | None, by_ray: ByRay, channels: int) -> Numbers:
-    """The derivative by what the filled `cells` send of each channel, nine numbers a cell; see `sweep`."""
-    jit = arrays()
-    places = dr.arange(jit.UInt, where.filled) if places is None else places
-    receivers, filled = dr.width(places), cells.filled
-    by_sent, scale = nothing(channels, filled), dr.opaque(jit.Float, where.size / cells.size)
-    together = max(min(LANES_AT_ONCE // max(receivers, filled * channels), ways.count), 1)
+def swept_back(ways: Ways, by_ray: ByRay, channels: int) -> Numbers:
+    """The derivative by what the filled cells send of each channel, nine numbers a cell; see `sweep`."""
+    jit, cells, filled = arrays(), ways.cells, ways.cells.filled
+    by_sent = nothing(channels, filled)
+    together = max(min(LANES_AT_ONCE // (PARTS * filled * channels), ways.count), 1)
     for first in range(0, ways.count, together):
         count = min(together, ways.count - first)
-        lane, each = dr.arange(jit.UInt, receivers * count), dr.opaque(jit.UInt, receivers)
-        own_way = lane // each
-        way = own_way + dr.opaque(jit.UInt, first)
-        place, towards = where.centroid(dr.gather(jit.UInt, places, lane % each)), ways.at(way)[0]
-        chord = tuple(length * scale for length in chord_through(place, towards))
-        by_light = by_ray(lane % each, way)
+        lane, begin = dr.arange(jit.UInt, filled * count), dr.opaque(jit.UInt, first)
+        cell = lane % cells.matter_count
+        way = ways.of(begin + lane // cells.matter_count, cell)
+        place, towards, by_light = ways.place(way, cell), ways.at(way)[0], by_ray(cell, way)
         dr.eval(by_light)
         most = max(float(dr.max(dr.abs(one))[0]) for one in by_light)
-        sources = SourcesBack(cells, ways, own_way, channels, WholeSums(count * filled * channels, most))
-        followed_back(cells, sources, place * scale, chord, way, towards, by_light)
+        sums = WholeSums(PARTS * count * filled * channels, most)
+        sources = SourcesBack(ways, way - PARTS * begin, channels, sums)
+        followed_back(cells, sources, place, chord_through(place, towards), way, towards, by_light)
         dr.eval(sources.sums.sums)
-        by_sent = _together(sources, by_sent, dr.opaque(jit.UInt, first), count)
+        by_sent = _together(sources, by_sent, PARTS * begin, PARTS * count)
         dr.eval(by_sent)
     return by_sent
 
@@ -61,8 +59,8 @@ def swept_back(cells: Cells, ways: Ways, where: Cells, places: UInt | None, by_r
 class SourcesBack:
     """Sums of the derivative by the source S of every cell along some ways; σ as in `Sources`. A plain object."""
 
-    def __init__(self, cells: Cells, ways: Ways, own_way: UInt, channels: int, sums: WholeSums) -> None:
-        self.cells, self.ways, self.own_way, self.channels, self.sums = cells, ways, own_way, channels, sums
+    def __init__(self, ways: Ways, own_way: UInt, channels: int, sums: WholeSums) -> None:
+        self.cells, self.ways, self.own_way, self.channels, self.sums = ways.cells, ways, own_way, channels, sums
 
     def sigma(self, way: UInt, cell: Int) -> Float:
         """σ [1/m] of a cell along a way."""
@@ -112,30 +110,29 @@ def followed_back(
     path = Path(cells, place, towards)
     distance, whole = chord[0], chord[0] + chord[1]
     last = cells.find(jit.Array3i(dr.floor(place)))
-    depth = -dr.log(mean_of_decay(sources.sigma(way, last) * whole * cells.edge))
-    sources.add(1.0 - dr.exp(-depth), last, by_light)
+    passed = mean_of_decay(sources.sigma(way, last) * whole * cells.edge)
+    sources.add(1.0 - passed, last, by_light)
     open_depth = dr.zeros(jit.Float, count)
     cell = path.cell_behind(distance)
     inside = cells.inside(cell)
-    while inside & (depth < DEEPEST):
+    while inside & (passed > LEAST_PASSED):
         number = cells.find(cell)
         end = path.end(cell, number, distance)
         half = 0.5 * sources.sigma(way, number) * (end - distance) * cells.edge
         matter, before = half > LEAST_DEPTH, open_depth > LEAST_DEPTH
         between = open_depth + half
-        near, far = ramp(between)
-        passed = dr.exp(-depth)
+        near, far, rest = ramp(between)
         back = dr.select(matter, number, last)
         sources.add(passed * near, dr.select(before, last, number), by_light)
         sources.add(passed * far, back, by_light)
         last = back
-        depth += between
+        passed *= rest
         open_depth = dr.select(matter, half, 0.0)
         distance = end
         cell = path.cell_behind(distance)
         inside = cells.inside(cell)
-    rest = dr.select(depth < DEEPEST, 1.0 - dr.exp(-open_depth), 1.0)
-    sources.add(dr.exp(-depth) * rest, last, by_light)
+    rest = dr.select(passed > LEAST_PASSED, 1.0 - dr.exp(-open_depth), 1.0)
+    sources.add(passed * rest, last, by_light)
 
 
 def along(way: Array3f) -> list[Float]:
@@ -145,13 +142,13 @@ def along(way: Array3f) -> list[Float]:
 
 
 def by_incident(ways: Ways, by_numbers: Numbers) -> ByRay:
-    """The derivative by the light of each ray, from that by the nine numbers of every receiver."""
+    """The derivative by the light of each ray, from that by the nine numbers of every filled cell."""
 
-    def by_ray(receiver: UInt, way: UInt) -> list[Float]:
+    def by_ray(cell: UInt, way: UInt) -> list[Float]:
         towards, weight = ways.at(way)
         factors = [weight * factor for factor in projected(towards)]
         return [
-            sum(f * dr.gather(arrays().Float, n, receiver) for f, n in zip(factors, numbers, strict=True))
+            sum(f * dr.gather(arrays().Float, n, cell) for f, n in zip(factors, numbers, strict=True))
             for numbers in by_numbers
         ]
 
