@@ -33,7 +33,7 @@ from hagoromo.transport.medium import Medium
 
 RESIDUAL = 2e-3  # largest change of the light by a sweep at the end, root mean square over all light
 MOST_SWEEPS = 60
-HISTORY = 6  # sweeps that are combined
+HISTORY = 4  # sweeps that are combined: each takes as much memory as the light, twice
 LARGEST_OWN = 1.0 - 1e-5  # share of its own light that a cell is taken to get back at most
 LEAST_SIDE, MOST_SIDE = 2, 4  # samples of matter along the edge of a cell: one a voxel within these
 MOST_BYTES = float(2 << 30)  # of the samples of a grid, beyond which there are fewer; twice that while they are sorted
