@@ -11,6 +11,7 @@ from trimesh.visual import TextureVisuals
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
+from hagoromo.matter.drape import drape
 from hagoromo.matter.drape.mesh_chart import mesh_chart
 from hagoromo.matter.drape.uv_mesh import UvMesh, uv_mesh
 
@@ -124,6 +125,25 @@ def test_presence_is_a_half_on_the_hem(tmp_path):
     assert np.abs(chart["presence"] - np.clip(0.5 - out / 1.6, 0, 1)).max() < 2e-3
     assert np.abs(chart["u"] - (20 + out)).max() < 1e-3
     assert np.abs(chart["height"] + 0.3).max() < 1e-5
+
+
+def test_recipes_drape_cloth_over_a_body_and_refuse_one_without_it(tmp_path, monkeypatch):
+    """The cloth hangs from a box of 12 mm: on its top and down to the floor, and not in it."""
+    monkeypatch.setattr(drape, "POINTS", 20)
+    trimesh.creation.box((10.0, 10.0, 12.0)).export(tmp_path / "a.ply")
+    shape = {"form": "mesh", "file": str(tmp_path / "a.ply"), "height_mm": 12.0}
+    record = {"kind": "cloth", "lay": "draped", "shape": shape, "width_mm": 36.0, "height_mm": 32.0, "voxel_mm": 0.25}
+    record |= {"threads_per_cm": 10.0, "warp": {"diameter_mm": 0.5}, "material": FIBRE, "variants": 1}
+    box = build(record)
+    low, high = (1e3 * end for end in box.band)
+    code = box.bricks.dense()[0].astype(float)
+    index = np.argwhere((code > 2e-3) & (code < 0.999))
+    height = low + code[tuple(index.T)] * (high - low)
+    place = 1e3 * ((index[:, ::-1] + 0.5) * box.voxel_size + box.pose[:3, 3])[np.abs(height) < 0.2]
+    assert 12.0 < place[:, 2].max() < 15.0 and place[:, 2].min() < 1.5
+    assert not ((np.abs(place[:, :2]).max(axis=1) < 4.0) & (place[:, 2] < 11.5)).any()
+    with pytest.raises(InputError, match=r'lay = "draped" or "mesh" and \[shape\] go together'):
+        build({name: value for name, value in record.items() if name != "shape"})
 
 
 def test_recipes_lay_cloth_and_knit_on_a_mesh_and_refuse_one_without_a_map(tmp_path):

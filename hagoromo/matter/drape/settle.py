@@ -49,13 +49,15 @@ class Fabric(NamedTuple):
 
 class Fall(NamedTuple):
     """The simulation: spacing of the points [mm], seconds of fall on the coarsest grid, levels of grids, each
-    twice as fine as the one before, seed of the small disorder from which folds begin.
+    twice as fine as the one before, seed of the small disorder from which folds begin. guard: least distance of the
+    points from bodies [spacings]: above √½ nothing slips between them, however thin.
     """
 
     spacing: float = 1.5
     seconds: float = 1.2
     levels: int = 2
     seed: int = 0
+    guard: float = 0.0
 
 
 def settled(
@@ -70,7 +72,8 @@ def settled(
     for level in range(fall.levels):
         spacing, seconds = fall.spacing * 2.0 ** (fall.levels - 1 - level), fall.seconds / 2.0**level
         begin = [cut.sheet(spacing, sheet) for cut, sheet in zip(cuts, sheets, strict=True)]
-        sheets[:] = _after(cuts, begin, collider, fabric, spacing, seconds, fall.seed + level)
+        clear = max(fabric.clear, fall.guard * spacing)
+        sheets[:] = _after(cuts, begin, collider, fabric._replace(clear=clear), spacing, seconds, fall.seed + level)
     return [sheet for sheet in sheets if sheet is not None]
 
 

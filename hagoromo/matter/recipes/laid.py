@@ -3,6 +3,7 @@
 lay = "flat"      a patch, width_mm × height_mm, that stands on z = 0 and faces −y
 lay = "hanging"   the same, gathered into folds: their number, and fold_depth_mm at the hem
 lay = "ball"      the same, fallen over a ball of radius_mm on the floor z = 0
+lay = "draped"    the same, fallen over the body of [shape] on the floor z = 0
 lay = "patch"     a flat patch without a texel, all of its voxels its own: for close-ups smaller than a repeat
 lay = "mesh"      on the mesh of [shape], by its UV map, of which a unit is uv_mm = [u, v] of cloth
 
@@ -20,7 +21,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.files.record import NotNegative, Positive, about, decode, from_to, like, one_of
 from hagoromo.matter.cloth.fabric import Fabric
-from hagoromo.matter.drape.drape import over_ball
+from hagoromo.matter.drape.drape import over_ball, over_body
 from hagoromo.matter.drape.eased import eased
 from hagoromo.matter.drape.hanging import flat, hanging
 from hagoromo.matter.drape.mesh_chart import mesh_chart
@@ -28,7 +29,7 @@ from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.drape.uv_mesh import UvMesh, uv_mesh
 from hagoromo.matter.fill import MM, blocks_in
-from hagoromo.matter.recipes.form import Mesh
+from hagoromo.matter.recipes.form import FORMS, Mesh, shape_of
 from hagoromo.matter.recipes.recipe import Recipe, RecipeTable
 from hagoromo.matter.shape import coverage, rounded_box
 from hagoromo.matter.texel.micro_structure import texel
@@ -48,15 +49,20 @@ class LaidTable(RecipeTable, frozen=True, kw_only=True):
 
     lay: Annotated[
         str,
-        one_of("flat", "hanging", "ball", "patch", "mesh"),
-        about("flat, hanging in folds, over a ball, a flat patch without repeat, or on a mesh by its UV map"),
+        one_of("flat", "hanging", "ball", "draped", "patch", "mesh"),
+        about(
+            "flat, hanging in folds, fallen over a ball or over the body of shape, a flat patch without repeat, or on "
+            "a mesh by its UV map"
+        ),
     ] = "flat"
     width_mm: Annotated[Positive, about("width of the cloth [mm]")] = 30.0
     height_mm: Annotated[Positive, about("height of the cloth [mm]")] = 30.0
     folds: Annotated[int, from_to(0, MOST_FOLDS), about("number of folds of a hanging cloth")] = 3
     fold_depth_mm: Annotated[NotNegative, about("depth of the folds at the hem [mm]")] = 7.0
     radius_mm: Annotated[Positive, about("radius of the ball under the cloth [mm]")] = 12.0
-    shape: Annotated[dict[str, Any] | None, like(Mesh), about("mesh that the cloth is laid on, of lay = mesh")] = None
+    shape: Annotated[
+        dict[str, Any] | None, like(*FORMS), about("body that the cloth is draped over, or mesh that it is laid on")
+    ] = None
     uv_mm: Annotated[
         tuple[Positive, Positive] | None,
         about("cloth on a unit of the mesh's UV map, along u and v; default: as much as it stretches least [mm]"),
@@ -70,8 +76,8 @@ L = TypeVar("L", bound=LaidTable)
 
 def laid(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], name: str) -> BoxPlan:
     """The plan of a box of `fabric` as the recipe lays it; one material per population."""
-    if (recipe.table.lay == "mesh") != (recipe.table.shape is not None):
-        raise InputError(f'{recipe.where}: lay = "mesh" and [shape] go together: give both or none')
+    if (recipe.table.lay in ("draped", "mesh")) != (recipe.table.shape is not None):
+        raise InputError(f'{recipe.where}: lay = "draped" or "mesh" and [shape] go together: give both or none')
     if recipe.table.lay == "patch":
         return _patch(recipe, fabric, materials, name)
     voxel, carrier = recipe.fineness.voxel_mm, recipe.table.carrier_mm
@@ -125,4 +131,7 @@ def _sheets(recipe: Recipe[L], narrow: float) -> list[Sheet]:
         return [hanging(size, recipe.table.folds, recipe.table.fold_depth_mm, recipe.table.seed)]
     if recipe.table.lay == "ball":
         return [eased(over_ball(size, recipe.table.radius_mm, recipe.table.seed), narrow)]
+    if recipe.table.lay == "draped":
+        body, (low, high) = shape_of(recipe.table.shape or {}, f"{recipe.where} [shape]", recipe.file)
+        return [eased(over_body(size, body, low, high, recipe.table.seed), narrow)]
     return [flat(size)]
