@@ -148,8 +148,10 @@ def light_of(
             assert solver is not None
             return Field(solver, solver.solved(settings.seed, settings.orders), colours), None
         patches = Patches(patch_meshes(scene_from(scene, prepared.origin)))
-        first, textures = prepared.first_on_surface, prepared.surface_colours
-        lit = LitSurfaces(prepared.surfaces, patches, prepared.lighting, colours, scattering, first, textures)
+        lit = LitSurfaces(
+            prepared.surfaces, patches, prepared.lighting, colours, scattering,
+            prepared.first_on_surface, prepared.surface_colours, prepared.thickness,
+        )  # fmt: skip
         solution, surface_light = Joint(solver, lit, settings.seed).solved(settings.orders)
         return Field(solver, solution, colours) if solver and solution else None, surface_light
 

@@ -134,9 +134,9 @@ def walks_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Walks:
     matter = Matter(prepared.medium) if prepared.medium is not None else None
     first, lights = prepared.first_on_surface, lights_of(scene, prepared, rows)
     optics = optics_of(scene, prepared, bands)
-    colours, sheets = prepared.surface_colours, any(surface.reflectance.transmits for surface in scene.surfaces)
+    colours, thickness = prepared.surface_colours, prepared.thickness
     return Walks(
-        matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics, colours, sheets
+        matter, prepared.surfaces, first, prepared.lighting, scattering, bands, lights, optics, colours, thickness
     )
 
 

@@ -263,6 +263,8 @@ class PreparedScene:
         self.medium = _medium(scene, settings, cache)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
         self.surfaces = _surfaces(world, cache, self.origin)
+        sheets = any(surface.reflectance.transmits for surface in scene.surfaces)
+        self.thickness = 2.0 * self.surfaces.shadow_bias if self.surfaces and sheets else None  # see `surface_element`
         self.surface_colours = surface_colours_of(scene, self.palette, cache)
         boxes_shade: Attenuation | None = None
         if self.medium and (
@@ -302,7 +304,7 @@ class PreparedScene:
             hit = self.surfaces.hit(origin, direction)
             far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
             materials, textures = self.lighting.materials, self.surface_colours
-            element = surface_element(materials, self.first_on_surface, hit, textures)
+            element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)
             coefficients = materials.coefficients(element.material)
             if textures is not None:
                 coefficients = textures.with_textures(coefficients, hit)

@@ -150,13 +150,8 @@ class Scene:
 
 
 def check_no_optics(scene: Scene) -> None:
-    """`InputError` for a mirror, glass or a sheet that lets light through, which only walks follow."""
+    """`InputError` for a mirror or glass, which only walks follow."""
     for surface in scene.surfaces:
-        if surface.reflectance.transmits:
-            raise InputError(
-                f"surface {surface.name!r} has transmission: only mode path follows light through a surface: use "
-                "--mode path, or give transmission = 0"
-            )
         if surface.optics:
             raise InputError(
                 f"surface {surface.name!r} is {surface.optics}: only mode path follows it: use --mode path"

@@ -25,7 +25,8 @@ class Element:
     body and interface light in a texel.
 
     shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any. gamma: half width of the facets
-    [rad], None: that of the material.
+    [rad], None: that of the material. across: of surfaces, from their front to their back where they let light through
+    [m], 0 of others; None where none does.
     """
 
     axis: Array3f
@@ -34,13 +35,16 @@ class Element:
     scales: LightScale | None = None
     shadow_bias: Float | None = None
     gamma: Float | None = None
+    across: Array3f | None = None
 
     def shadow_origin(self, point: Array3f, to_lamp: Array3f) -> Array3f:
         """Origin of the shadow ray of the element at `point`, offset by its shadow bias so as to miss its own skin.
 
         The offset along the axis lets light in at grazing angles; it ends shadows too early. That towards the lamp
-        moves none.
+        moves none. Of a sheet it is on the side of the lamp.
         """
+        if self.across is not None:
+            point = dr.select(dr.dot(self.across, to_lamp) > 0.0, point + self.across, point)
         return (
             point if self.shadow_bias is None else dr.fma(self.axis + BIAS_TO_LAMP * to_lamp, self.shadow_bias, point)
         )

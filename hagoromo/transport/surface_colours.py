@@ -181,11 +181,19 @@ class SurfaceColours:
         return dr.select(self.widths.there(hit.surface), self.widths.at(hit)[0], plain)
 
 
-def surface_element(materials: Materials, first: UInt, hit: SurfaceHit, colours: SurfaceColours | None) -> Element:
-    """Surfaces as elements where rays hit them; first: number of the material of the first one."""
+def surface_element(
+    materials: Materials, first: UInt, hit: SurfaceHit, colours: SurfaceColours | None, thickness: Float | None
+) -> Element:
+    """Surfaces as elements where rays hit them; first: number of the material of the first one.
+
+    thickness: of sheets, between the points of hits on their two sides [m]; None where no surface lets light through.
+    """
     material = first + hit.surface
     gamma = None if colours is None else colours.gamma(hit, materials.read(material, 2))
-    return Element(hit.normal, material, gamma=gamma)
+    across = None
+    if thickness is not None:
+        across = hit.flat * dr.select(materials.passed(material, 0) > 0.0, -thickness, 0.0)
+    return Element(hit.normal, material, gamma=gamma, across=across)
 
 
 def _pixels(u: Float, v: Float, width: UInt, height: UInt, smooth: Bool) -> list[tuple[UInt, Float]]:

@@ -39,7 +39,7 @@ class SurfaceLight:
     ) -> list[Float]:
         """Radiance of every channel that the surface sends to the eye; 0 where it is not `there`."""
         patch = self.lit.patches.at(point, element.axis, there)
-        light = self.lit.again(element, coefficients, to_eye, self.light.at(patch))
+        light = self.lit.again(element, coefficients, to_eye, patch, self.light)
         return [dr.select(patch.there, each, 0.0) for each in light]
 
 

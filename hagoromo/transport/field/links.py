@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import numpy as np
@@ -19,7 +19,7 @@ from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.patches import SIDES, Patch, Patches
-from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.scattering import REFLECTED, Scattering
 from hagoromo.transport.field.second_order import NUMBERS, projected, second_order
 from hagoromo.transport.field.sent_light import Numbers, nothing
 from hagoromo.transport.field.sweep import Path, Ways
@@ -30,12 +30,23 @@ from hagoromo.transport.surface_colours import SurfaceColours, SurfaceHit, surfa
 
 BYTES_PER_RAY = 160  # memory of one ray, its hit and the light along it, about
 DEEPEST = 9.0  # a ray ends beyond this optical depth, exp(−9) = 1e-4
+THROUGH_SHEETS = range(REFLECTED, REFLECTED + 1)  # parts of the scattering, see `Palette.parts`
 LARGEST_SCALE = 4.0  # of the nine numbers of a patch's light, so that their irradiance is that of its rays
+
+
+class LightAtPatches(Protocol):
+    """Smooth light that arrives at the sides of patches."""
+
+    def at(self, patch: Patch) -> list[list[Float]]:
+        """Nine numbers of every channel; 0 where no patch is there."""
+        ...
 
 
 @dataclass
 class LitSurfaces:
-    """The surfaces of a scene, their patches, lamps and colours. first: number of the first surface's material."""
+    """The surfaces of a scene, their patches, lamps and colours. first: number of the first surface's material.
+    thickness: of sheets, see `surface_element`; None where no surface lets light through.
+    """
 
     surfaces: SurfaceHits
     patches: Patches
@@ -44,6 +55,7 @@ class LitSurfaces:
     scattering: Scattering
     first: UInt
     surface_colours: SurfaceColours | None = None
+    thickness: Float | None = None
 
     def coefficients(self, hit: SurfaceHit) -> list[Float]:
         """Coefficients of surfaces on the palette where rays hit them."""
@@ -52,7 +64,7 @@ class LitSurfaces:
 
     def element(self, hit: SurfaceHit) -> Element:
         """Surfaces as elements where rays hit them."""
-        return surface_element(self.lighting.materials, self.first, hit, self.surface_colours)
+        return surface_element(self.lighting.materials, self.first, hit, self.surface_colours, self.thickness)
 
     @property
     def channels(self) -> int:
@@ -72,17 +84,26 @@ class LitSurfaces:
         ]
 
     def again(
-        self, element: Element, coefficients: list[Float], to_eye: Array3f, incident: list[list[Float]]
+        self, element: Element, coefficients: list[Float], to_eye: Array3f, patch: Patch, light: LightAtPatches
     ) -> list[Float]:
-        """Radiance, of every channel, that it sends to the eye of smooth incident light, nine numbers a channel."""
+        """Radiance, of every channel, that it sends to the eye of the smooth light at `patch`, where it is there."""
+        total = self._sent(element, coefficients, to_eye, range(REFLECTED), light.at(patch))
+        if self.thickness is not None:
+            through = self._sent(element, coefficients, to_eye, THROUGH_SHEETS, light.at(self.patches.behind(patch)))
+            total = [one + other for one, other in zip(total, through, strict=True)]
+        return total
+
+    def _sent(
+        self, element: Element, coefficients: list[Float], to_eye: Array3f, parts: range, incident: list[list[Float]]
+    ) -> list[Float]:
+        """What some parts of the scattering, see `Palette.parts`, send of incident light, nine numbers a channel."""
         colours, bands = self.colours.of(coefficients), self.colours.count
-        towards = self.scattering.towards
-        each = range(self.scattering.parts)
-        parts = [towards(element.material, part, element.axis, to_eye, element.gamma) for part in each]
+        towards = [self.scattering.towards(element.material, j, element.axis, to_eye, element.gamma) for j in parts]
         factors = [
-            [sum(colours[j * bands + band] * part[k] for j, part in enumerate(parts)) for k in range(NUMBERS)]
+            [sum(colours[j * bands + band] * part[k] for j, part in zip(parts, towards, strict=True))
+             for k in range(NUMBERS)]
             for band in range(bands)
-        ]
+        ]  # fmt: skip
         return [
             dr.fmax(sum(f * n for f, n in zip(factors[k % bands], numbers, strict=True)), 0.0)
             for k, numbers in enumerate(incident)
@@ -168,6 +189,7 @@ class Links:
         )
         normal, material = self.element.axis, self.element.material
         dr.eval(self.towards, self.point, self.far, self.hit, normal, material, self.patch, self.passed)
+        dr.eval(self.element.across)
         if lit.surface_colours is not None:
             dr.eval(self.coefficients, self.element.gamma)
 
@@ -177,9 +199,8 @@ class Links:
 
     def again(self, light: Numbers) -> Numbers:
         """Incident light that surfaces send on of the `light` that arrives at the sides of the patches."""
-        there = self.patch.there
-        incident = [[dr.gather(arrays().Float, n, self.patch.side, there) for n in numbers] for numbers in light]
-        return self._gathered(self.lit.again(self.element, self.coefficients, -self.towards, incident), surface=True)
+        sent = self.lit.again(self.element, self.coefficients, -self.towards, self.patch, FlatLight(light))
+        return self._gathered(sent, surface=True)
 
     def from_matter(self, matter: SmoothMatter) -> Numbers:
         """Incident light that the cells send."""
@@ -204,6 +225,18 @@ class Links:
         smooth = irradiance(numbers, _vectors(normals))
         scale = dr.select(smooth > 0.0, dr.fmin(exact / dr.fmax(smooth, 1e-30), LARGEST_SCALE), 0.0)
         return [number * scale for number in numbers]
+
+
+class FlatLight:
+    """Light at the sides of patches, the same all over each. A plain object: loops do not take its values."""
+
+    def __init__(self, light: Numbers) -> None:
+        self.light = light
+
+    def at(self, patch: Patch) -> list[list[Float]]:
+        """Nine numbers of every channel."""
+        kind = arrays().Float
+        return [[dr.gather(kind, number, patch.side, patch.there) for number in numbers] for numbers in self.light]
 
 
 class Rays:

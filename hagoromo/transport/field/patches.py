@@ -80,6 +80,12 @@ class Patches:
         shares = dr.select(there, jit.Array3f(1.0 - u - v, u, v), 0.0)
         return Patch(face + dr.select(back, jit.UInt(self.count), 0), there, face, shares)
 
+    def behind(self, patch: Patch) -> Patch:
+        """The same places on the other side."""
+        back = patch.side >= self.count
+        side = dr.select(back, patch.side - self.count, patch.side + self.count)
+        return Patch(side, patch.there, patch.face, patch.shares)
+
     def normal(self, face: UInt) -> Array3f:
         """Unit normal of triangles, to their front."""
         x, y, z, _ = dr.gather(arrays().Array4f, self.normal_of, face)

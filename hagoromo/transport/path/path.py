@@ -78,13 +78,13 @@ class Walks:
         lights: Lights | None = None,
         optics: Optics | None = None,
         surface_colours: SurfaceColours | None = None,
-        sheets: bool = False,
+        thickness: Float | None = None,
     ) -> None:
         """first_on_surface: number of the material of the first surface. lights: of a scene with lamps of a size.
-        optics: of one with mirrors or glass. surface_colours: of one with textures. sheets: whether some surfaces let
-        light through.
+        optics: of one with mirrors or glass. surface_colours: of one with textures. thickness: of sheets, see
+        `surface_element`.
         """
-        self.sheets = sheets
+        self.thickness = thickness
         self.optics, self.surface_colours = optics, surface_colours
         self.matter, self.surfaces, self.first_on_surface = matter, surfaces, first_on_surface
         self.lighting, self.scattering, self.bands, self.lights = lighting, scattering, bands, lights
@@ -199,11 +199,10 @@ class Walks:
 
     def on_side(self, event: Event, direction: Array3f) -> Event:
         """An event on a sheet on the side of it to which a direction points; others as they are."""
-        if not self.sheets:
+        if self.thickness is None:
             return event
-        assert self.surfaces is not None
         behind = (dr.dot(event.face, direction) < 0.0) & (self.lighting.materials.passed(event.material, 0) > 0.0)
-        across = event.point - event.face * (2.0 * self.surfaces.shadow_bias)
+        across = event.point - event.face * self.thickness
         return replace(
             event,
             point=dr.select(behind, across, event.point),
