@@ -183,14 +183,6 @@ def test_materials_side_by_side_keep_their_own_transmission():
             assert np.abs(mine[part] - own).max() <= 0.01 * max(np.abs(own).max(), 1e-6)
 
 
-def test_only_walks_follow_light_through_a_surface():
-    scene = fibres_in_front_of_a_lamp(matter("cylinder"))
-    sheet = replace(scene, surfaces=(replace(hg.Surface.floor(0.0, 1.0, matter("plane")), name="floor"),))
-    for mode in ("march", "full"):
-        with pytest.raises(InputError, match="surface 'floor' has transmission: only mode path"):
-            hg.render(sheet, mode=mode)
-
-
 def test_a_measured_material_may_be_said_to_transmit(tmp_path):
     """It is not measured: the table that names the material states it, and the default colour is white."""
     hg.write_materials([material()], tmp_path / "materials.json")
