@@ -17,7 +17,7 @@ from fuzz.verbs import SLOW
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
 FILES = sorted(path for path in CORPUS.rglob("*") if path.is_file())
-COUNT = 16
+COUNT = 10
 QUICK = [name for name in READERS if name.removeprefix("verb-") not in SLOW]
 
 

@@ -102,7 +102,7 @@ def test_cells_of_samples_without_weight_hold_no_matter(monkeypatch):
 
     def half_of_it(*arguments):
         parts = kept(*arguments)
-        for _, share, _, _, _, x, *_ in parts:
+        for _, _, share, _, _, _, x, *_ in parts:
             share[x > 0.5] = 0.0
         return parts
 

@@ -46,11 +46,15 @@ class Sample:
 class MatterSamples:
     """Samples of all cells: σ(ω) = Σ share · A(a·ω). Those of cell k are numbered first[k] … first[k + 1] − 1.
 
-    A plain object: loops do not take its arrays into their state.
+    The columns of a sample: material, share, axis and place, its light, then its colours, but where `by_material` has
+    those of every material. A plain object: loops do not take its arrays into their state.
     """
 
-    def __init__(self, first: UInt, columns: list[Float], colours: int, materials: Materials) -> None:
+    def __init__(
+        self, first: UInt, columns: list[Float], colours: int, materials: Materials, by_material: Float | None
+    ) -> None:
         self.first, self.columns, self.colours, self.materials = first, columns, colours, materials
+        self.by_material = by_material
 
     @property
     def count(self) -> int:
@@ -64,10 +68,14 @@ class MatterSamples:
 
     def at(self, number: UInt) -> Sample:
         """Sample of a number."""
-        vector = arrays().Array3f
+        jit = arrays()
         material, share, *rest = (dr.gather(type(column), column, number) for column in self.columns)
-        colours, light = rest[6 : 6 + self.colours], rest[6 + self.colours :]
-        return Sample(material, share, vector(*rest[:3]), vector(*rest[3:6]), colours, light)
+        if self.by_material is None:
+            light, colours = rest[6 : -self.colours], rest[-self.colours :]
+        else:
+            light, row = rest[6:], material * self.colours
+            colours = [dr.gather(jit.Float, self.by_material, row + k) for k in range(self.colours)]
+        return Sample(material, share, jit.Array3f(*rest[:3]), jit.Array3f(*rest[3:6]), colours, light)
 
     def point(self, number: UInt) -> Array3f:
         """Place of a sample, in the coordinates of the boxes."""
@@ -94,7 +102,7 @@ def sampled(
     jit = arrays()
     candidates = np.argwhere(touched)[:, ::-1]
     each = max(SAMPLES_AT_ONCE // side**3, 1)
-    parts, owners = [], []
+    parts: list[list[NDArray]] = []
     for begin in range(0, len(candidates), each):
         for number, box in enumerate(medium.boxes):
             spread = _spread(box, size / side)
@@ -104,25 +112,35 @@ def sampled(
             if dr.width(kept) > 0:
                 twice = 1.0 if box.extinction == "projected" else 2.0  # for the area ½ of a sphere
                 some = _kept(medium, lighting, bands, kept, (number, step, density * (twice / side**3), point))
-                parts += some
-                owners += [begin + np.array(kept).astype(np.int64) // side**3] * len(some)
-    joined = [dr.concat(list(column)) for column in zip(*parts, strict=True)]
-    some = np.flatnonzero(np.array(joined[1]) > 0.0) if joined else np.zeros(0, np.intp)  # a cell of none holds nothing
-    if not len(some):
+                parts += [[begin + place // side**3, *columns] for place, *columns in map(_with_share, some)]
+    if not any(len(owner) for owner, *_ in parts):
         raise InputError("no volume box holds matter: render in mode march")
-    owner = np.concatenate(owners)[some]
+    owner = np.concatenate([part.pop(0) for part in parts])
     order = np.argsort(owner, kind="stable")
-    index, owner = jit.UInt(some[order].astype(np.uint32)), owner[order]
-    columns = [dr.gather(type(column), column, index) for column in joined]
-    dr.eval(columns)
-    held, counts = np.unique(owner, return_counts=True)
+    columns = [_joined(parts, order) for _ in range(len(parts[0]))]
+    held, counts = np.unique(owner[order], return_counts=True)
     filled = np.zeros(touched.shape, bool)
     filled[tuple(candidates[held].T[::-1])] = True
     starts = np.concatenate([[0], np.cumsum(counts)])
     first, weight = lookup(jit.UInt, starts.astype(np.uint32)), np.array(columns[1], np.float64)
     moments = [np.add.reduceat(weight * np.array(column), starts[:-1]) for column in columns[5:8]]
     centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
-    return Cells(low, size, filled, centroids), MatterSamples(first, columns, bands.columns, lighting.materials)
+    by_material = None if lighting.voxel_bases else colours_by_material(bands, lighting.materials)
+    samples = MatterSamples(first, columns, bands.columns, lighting.materials, by_material)
+    return Cells(low, size, filled, centroids), samples
+
+
+def _joined(parts: list[list[NDArray]], order: NDArray[np.intp]) -> Float:
+    """The first column that all parts have, in another order. It leaves the parts: no two columns stand twice."""
+    column = np.concatenate([part.pop(0) for part in parts])
+    return lookup(arrays().UInt if column.dtype == np.uint32 else arrays().Float, column[order])
+
+
+def colours_by_material(bands: BandColours, materials: Materials) -> Float:
+    """Colours in every band of each material, row after row."""
+    jit = arrays()
+    columns = bands.of(materials.coefficients(dr.arange(jit.UInt, materials.count)))
+    return lookup(jit.Float, np.stack([np.broadcast_to(np.array(c), materials.count) for c in columns], axis=1))
 
 
 def held_share(medium: Medium, low: NDArray, size: float, touched: NDArray) -> float:
@@ -134,9 +152,9 @@ def held_share(medium: Medium, low: NDArray, size: float, touched: NDArray) -> f
     return found / max(len(cells), 1)
 
 
-def sample_bytes(bands: BandColours, lamps: int) -> float:
-    """Memory of one sample: its material, share, axis, place, colours and light [byte]."""
-    return 4.0 * (8 + bands.parts * bands.count + lamps)
+def sample_bytes(bands: BandColours, lighting: Lighting) -> float:
+    """Memory of one sample [byte]: material, share, axis, place and light, and colours where voxels have their own."""
+    return 4.0 * (8 + len(lighting.lamps) + bands.columns * bool(lighting.voxel_bases))
 
 
 def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:
@@ -157,8 +175,8 @@ def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]
     return step, dr.if_stmt((step,), inside & (brick >= 0), density, lambda step: jit.Float(0))
 
 
-def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, where: tuple) -> list[list[Float]]:
-    """Columns of the samples that are `kept` of those at `where`; of every element.
+def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, where: tuple) -> list[list[NDArray]]:
+    """Of every element, which of those at `where` are `kept`, and the columns of these samples.
 
     where: number of the box, step, density share and point.
     """
@@ -173,15 +191,23 @@ def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, wh
         if lighting.voxel_bases and k == 0:
             coefficients = lighting.with_voxel_colour(coefficients, step.ray.box, medium.colour(step))
         light = _light(lighting, element, point, share, texel_hit)
-        columns = [share * element.share, *element.axis, *point, *bands.of(coefficients), *light]
+        colours = bands.of(coefficients) if lighting.voxel_bases else []
+        columns = [share * element.share, *element.axis, *point, *light, *colours]
         count = dr.width(kept)
         columns = [
+            kept,
             element.material + dr.zeros(arrays().UInt, count),
             *(c + dr.zeros(arrays().Float, count) for c in columns),
         ]
         dr.eval(columns)
-        parts.append(columns)
+        parts.append([np.array(column) for column in columns])
     return parts
+
+
+def _with_share(columns: list[NDArray]) -> list[NDArray]:
+    """Of columns of `_kept` those with a share in their cell: a cell of none holds nothing."""
+    holds = columns[2] > 0.0
+    return [column[holds] for column in columns]
 
 
 def _light(

@@ -36,7 +36,8 @@ MOST_SWEEPS = 60
 HISTORY = 4  # sweeps that are combined: each takes as much memory as the light, twice
 LARGEST_OWN = 1.0 - 1e-5  # share of its own light that a cell is taken to get back at most
 LEAST_SIDE, MOST_SIDE = 2, 4  # samples of matter along the edge of a cell: one a voxel within these
-MOST_BYTES = float(2 << 30)  # of the samples of a grid, beyond which there are fewer; twice that while they are sorted
+MOST_BYTES = float(2 << 30)  # of the samples of a grid, beyond which there are fewer
+SORTING = 24.0  # memory that each sample takes besides while they are sorted [byte]
 REGULAR = 1e-10  # of the normal equations of the combined sweeps
 
 
@@ -53,10 +54,10 @@ class Solver:
         self.scattering, self.bands = scattering, colours.count
         low, touched = grid_over([matter_bounds(box) for box in medium.boxes], size)
         voxel = min(float(box.texel.edges[0]) if box.texel else box.voxel_size for box in medium.boxes)
-        fine, each = size / FINER, sample_bytes(colours, len(lighting.lamps))
+        fine, each = size / FINER, sample_bytes(colours, lighting)
         held = held_share(medium, low, size, touched) * float(np.count_nonzero(touched)) * FINER**3
         side = samples_along(fine / voxel, held, each)
-        require(2.0 * each * held * side**3, "the samples of matter of mode full")
+        require((each + SORTING) * held * side**3, "the samples of matter of mode full")
         self.cells, self.samples = sampled(medium, lighting, low, fine, finer(touched), side, colours)
         self.stored = self.cells.coarser(FINER)
         self.single = sent_from_lamps(self.samples, scattering, lighting, self.bands, self.cells.filled)
@@ -145,6 +146,7 @@ def accelerated(
         dr.eval(light)
         if residual <= RESIDUAL:
             break
+        dr.flush_malloc_cache()  # keeps memory of every size that a sweep has used
         new, count = swept(light), count + 1
     return light, residual, count
 
@@ -163,28 +165,26 @@ class Anderson:
     """Steps of one channel."""
 
     def __init__(self) -> None:
-        self.lights: list[Float] = []
-        self.changes: list[Float] = []
+        self.lights: list[list[Float]] = []
+        self.changes: list[list[Float]] = []
         self.products = np.zeros((0, 0))  # of the changes with each other
 
     def __call__(self, light: list[Float], change: list[Float]) -> list[Float]:
         """The next light from the last one and its change by a sweep."""
         self.lights, self.changes = (
-            [*old, dr.concat(list(new))][-HISTORY:] for old, new in ((self.lights, light), (self.changes, change))
+            [*old, new][-HISTORY:] for old, new in ((self.lights, light), (self.changes, change))
         )
         dr.eval(self.lights, self.changes)
-        shares = self._shares()
-        mixed = sum(float(w) * (x + c) for w, x, c in zip(shares, self.lights, self.changes, strict=True))
-        cells = dr.width(mixed) // NUMBERS
-        lane = dr.arange(arrays().UInt, cells)
-        return [dr.gather(type(mixed), mixed, lane + dr.opaque(arrays().UInt, k * cells)) for k in range(NUMBERS)]
+        steps = [(dr.opaque(arrays().Float, float(w)), x, c)
+                 for w, x, c in zip(self._shares(), self.lights, self.changes, strict=True)]  # fmt: skip
+        return [sum(share * (x[k] + c[k]) for share, x, c in steps) for k in range(NUMBERS)]
 
     def _shares(self) -> np.ndarray:
         """Shares, whose sum is 1, of the last changes that together are least."""
         count, last = len(self.changes), self.changes[-1]
         gram = np.zeros((count, count))
         gram[:-1, :-1] = self.products[-(count - 1) :, -(count - 1) :] if count > 1 else 0.0
-        gram[-1] = gram[:, -1] = [_dot(change, last) for change in self.changes]
+        gram[-1] = gram[:, -1] = [sum(map(_dot, change, last)) for change in self.changes]
         self.products, size = gram, np.trace(gram)
         if not size > 0.0:
             return np.eye(count)[-1]
