@@ -16,7 +16,8 @@ from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.mitsuba.bsdf import NAME, NUMBERS
-from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.facets import HALF_OF_GGX
+from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance
 from hagoromo.reflectance.torrance_sparrow import fresnel
 
 Table = Mapping[str, Any]
@@ -31,6 +32,7 @@ METALS = {"none": (1.0, 1.0, 1.0), "Ag": (0.971, 0.960, 0.915), "Al": (0.913, 0.
 MIRROR = {"alpha": 0.0, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0}
 SMOOTH_COAT = 0.02  # roughness that stands for a smooth coat
 CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that of any other
+SMALL = 1e-6  # a β whose light is asked
 TAILS = 2.0  # exponent of GGX at small angles: (1 + tan²θ/α²)^−2
 
 
@@ -184,23 +186,14 @@ class Converter:
         width = min(max(width, 1e-3), 1.0)
         record: dict[str, Any] = {"beta": factor / (4.0 * math.pi * width * width)}
         if bsdf.get("distribution", "beckmann") == "ggx":
-            return record | {"gamma": math.atan(width * math.sqrt(math.sqrt(2.0) - 1.0)), "nu": TAILS}
+            return record | {"gamma": math.atan(width * HALF_OF_GGX), "nu": TAILS}
         return record | {"gamma": math.atan(width * math.sqrt(math.log(2.0)))}
 
     def conserving(self, record: dict[str, Any], colour: Spectrum, who: str) -> dict[str, Any]:
         """With the colour of its gloss, and so much of it that the surface gives back no more than it receives."""
         record = record | {"interface_colour": colour.record()}
-        body = record["body_colour"]
-        body = Spectrum.constant(body) if isinstance(body, float) else Spectrum(body["wavelengths"], body["values"])
-        keys = {key: record[key] for key in ("alpha", "gamma", "n")} | {"nu": record.get("nu", math.inf)}
-        part = 1.0
-        while part > 1e-3:
-            try:
-                Reflectance(beta=part * record["beta"], body_colour=body, interface_colour=colour, **keys)
-            except InputError:
-                part *= 0.9
-            else:
-                break
+        most = largest_beta(record, record["body_colour"], colour)
+        part = min(most / max(record["beta"], 1e-30), 1.0)
         if part < 1.0:
             self.say(
                 f"{who}: {1.0 - part:.0%} of its gloss, which would give back more than it receives at grazing angles"
@@ -215,6 +208,19 @@ KINDS: dict[str, Callable[[Converter, Table, str], dict[str, Any]]] = {
 }  # fmt: skip
 WRAPPERS = ("twosided", "bumpmap", "normalmap", "mask")
 ALL_KINDS = {*KINDS, *WRAPPERS, "null"}
+
+
+def largest_beta(numbers: Table, body_colour: Any, colour: Spectrum) -> float:
+    """The largest β with which a surface gives back no more light than it receives.
+
+    numbers: alpha, gamma, n and nu. body_colour: a number or the record of a spectrum.
+    """
+    body = body_colour if isinstance(body_colour, float) else Spectrum(**body_colour)
+    body = Spectrum.constant(body) if isinstance(body, float) else body
+    keys = {key: numbers[key] for key in ("alpha", "gamma", "n")} | {"nu": numbers.get("nu", math.inf)}
+    left = 1.0 - Reflectance(beta=0.0, body_colour=body, **keys).body_albedo
+    glossy = Reflectance(beta=SMALL, body_colour=Spectrum.constant(0.0), interface_colour=colour, **keys)
+    return min(SMALL * left / max(float(glossy.directional_albedo().max()), 1e-30), LARGEST_BETA)
 
 
 def diffuse_fresnel(n: float) -> float:

@@ -20,13 +20,13 @@ from hagoromo.files.volumes.mitsuba_volume import write_mitsuba_volume
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.mitsuba.colours import LIMITS
 from hagoromo.mitsuba.xml_text import Element, plugin
+from hagoromo.reflectance.facets import HALF_OF_GGX
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 
 ANGLES = 721  # of a tabulated phase function, alike in the cosine
 NARROWEST = 0.02  # roughness of SGGX: with less, single precision has no flakes
 PROJECTED_MEAN = 0.5  # projected area of an element, mean over all directions
-HALF_OF_GGX = math.sqrt(math.sqrt(2.0) - 1.0)  # tangent of the half width at half maximum, over the roughness
 BYTES = 80.0  # memory of a voxel while its grids are written
 
 

@@ -35,6 +35,7 @@ from hagoromo.reflectance.transmission import (
 
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 SMALLEST_GAMMA, LARGEST_GAMMA = 1e-4, math.pi / 2  # [rad]
+LARGEST_BETA = 1e4  # [1/sr]
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
 NEGLIGIBLE = 1e-6  # facet densities below this share of the peak are left out of the albedo
 MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
@@ -121,7 +122,7 @@ class Reflectance:
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
-        ranges = (("alpha", 0, 1), ("beta", 0, 1e4), ("gamma", SMALLEST_GAMMA, LARGEST_GAMMA), ("n", 1, 10))
+        ranges = (("alpha", 0, 1), ("beta", 0, LARGEST_BETA), ("gamma", SMALLEST_GAMMA, LARGEST_GAMMA), ("n", 1, 10))
         ranges = (*ranges, ("epsilon", *EPSILON_RANGE), ("sigma", *SIGMA_RANGE))
         for key, low, high in (*ranges, ("transmission", 0, 1), ("clearness", 0, 1)):
             value = getattr(self, key)

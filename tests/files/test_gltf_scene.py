@@ -13,6 +13,8 @@ from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.errors import InputError
 from hagoromo.files.mesh import read_mesh
 from hagoromo.image.scene_file import load_scene
+from hagoromo.light.colour import linear_colour
+from hagoromo.light.spectrum import Spectrum
 from tests.ball_scene import ball_scene
 
 HALF = math.sqrt(0.5)
@@ -23,7 +25,9 @@ FAR = "[[lamp]]\nto_lamp = [0.0, -0.6, 0.8]\nintensity = 2.0\n"
 def write(folder, more=()):
     """The mesh of the fuzzer, at two places; a camera that a parent turns and moves; three lamps."""
     record = gltf_record("a.bin")
-    record["materials"] = [{"name": "red", "pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.0, 0.0, 1.0]}}]
+    record["materials"] = [
+        {"name": "red", "pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.0, 0.0, 1.0], "metallicFactor": 0.0}}
+    ]
     for primitive in record["meshes"][0]["primitives"]:
         primitive["material"] = 0
     record["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.8, "aspectRatio": 1.5, "znear": 0.1}}]
@@ -72,7 +76,7 @@ def test_cameras_lamps_and_meshes_stand_where_the_file_says(tmp_path):
     for corner in np.array(expected)[:, :3]:
         assert np.abs(vertices - corner).max(axis=1).min() < 1e-6
     red = scene.surfaces[0].reflectance.body_colour
-    assert red.at(650.0) == pytest.approx(1.0, abs=1e-3) and red.at(450.0) == pytest.approx(0.0, abs=1e-3)
+    assert linear_colour(red, Spectrum.named("D65")) == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
 
 
 def test_a_file_without_camera_or_lamp_gets_them_and_says_so(tmp_path):

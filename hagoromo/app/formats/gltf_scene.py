@@ -1,8 +1,8 @@
 """Scenes of glTF 2.0: cameras, lamps (KHR_lights_punctual) and meshes → a folder with scene.toml, and a scene → .glb.
 
 The world is the file's, metres, y up in most. Lamps take candela and lux for our intensities; their colours become
-smooth spectra. Materials are matt, in their base colour or its texture; a cone of a spot becomes cos^μ that is half
-where the cone's smooth edge is.
+smooth spectra. Materials become ours as `pbr` says, with textures of base colour and gloss; a cone of a spot becomes
+cos^μ that is half where the cone's smooth edge is.
 """
 
 from __future__ import annotations
@@ -18,11 +18,16 @@ from numpy.typing import NDArray
 from hagoromo.app.formats.gltf_textures import (
     NEAREST,
     body_texture_of,
+    extensions_of,
+    holds_body,
+    holds_maps,
     is_of_squares,
-    roughness_of,
+    lost_maps,
+    material_of,
     textured_visual,
     vertex_colours,
 )
+from hagoromo.app.formats.pbr import PbrMaterial, linear, lost_gloss, pbr_of, surface_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
@@ -37,6 +42,7 @@ from hagoromo.image.surface import Surface
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
+from hagoromo.mitsuba.bsdfs import Converter
 
 LIGHTS = "KHR_lights_punctual"
 HEIGHT = 720  # px: a camera of glTF has a field of view and no pixels
@@ -44,7 +50,6 @@ MOST_SURFACES = 2000
 WIDEST_CONE = math.pi / 2 - 1e-3
 AROUND = 128  # corners of what is round
 WRITTEN_MAPS = ("baseColorTexture", "metallicRoughnessTexture")
-MATT = 1.0 / math.pi  # alpha: the body colour is the albedo
 Matrix = NDArray[np.float64]
 
 
@@ -148,6 +153,7 @@ def _surfaces(
     nodes, materials = list(meshes.graph.nodes_geometry), record.get("materials", [])
     if not 0 < len(nodes) <= MOST_SURFACES:
         raise InputError(f"{path} has {len(nodes)} meshes: a scene is made of 1 to {MOST_SURFACES}")
+    to = Converter(folder, [])
     for number, node in enumerate(nodes):
         place, name = meshes.graph[node]
         mesh = meshes.geometry[name].copy()
@@ -155,19 +161,29 @@ def _surfaces(
             continue
         mesh.apply_transform(place)
         file = f"mesh_{number + 1}.ply"
-        colour = np.array(getattr(mesh.visual, "material", None) and mesh.visual.material.main_color, float)
-        rgb = colour[:3] / 255.0 if colour.size >= 3 else np.full(3, 0.8)
+        texture_name = f"texture_{number + 1}"
         with reading(path, "glTF"):
-            material = materials[number_of_material(mesh)] if number_of_material(mesh) >= 0 else {}
+            used = number_of_material(mesh)
+            material = materials[used] if used >= 0 else {}
             colours = vertex_colours(meshes.geometry[name])
-            texture, lost = body_texture_of(path, record, material, mesh, colours, folder, f"texture_{number + 1}")
-        made += [f"lost: {each}" for each in lost]
-        if texture is None:
+            look, lost = material_of(path, record, material, mesh, folder, texture_name)
+            texture, largest, lost_body = body_texture_of(path, record, material, mesh, colours, folder, texture_name)
+            if look.mapped and "vertex_colours" in (texture or {}):
+                lost.append(f"{texture_name}: its textures of gloss, as its colours are of vertices")
+                look = look._replace(roughness_map=None, specular_map=None)
+        if largest is not None:
+            look = look._replace(base=largest, textured=True)
+        tables = surface_of(look, to, f"material {material.get('name') or used}", folder, texture_name)
+        if tables.get("optics") and texture:
+            lost.append(f"{texture_name}: the texture of its mirror or glass")
+            texture = None
+        made += [f"lost: {each}" for each in [*lost_body, *lost]]
+        if texture is None and not any("texture" in key for key in tables):
             mesh.visual = type(meshes.geometry[name])().visual
         (folder / file).write_bytes(mesh.export(file_type="ply"))
-        body = {"alpha": MATT, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": _spectrum(rgb).record()}
         named = {"mesh": file, "name": f"mesh {number + 1}"}  # trimesh's names are random
-        yield named | {"reflectance": body} | ({"body_texture": texture} if texture else {})
+        yield named | tables | ({"body_texture": texture} if texture else {})
+    made += [f"lost: {each}" for each in to.lost]
 
 
 def _camera_of(bounds: Any) -> Camera:
@@ -190,18 +206,19 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     for number, surface in enumerate(scene.surfaces):
         name = f"{surface.name or surface.shape}_{number + 1}"
         vertices, faces = triangles_of(surface)
-        visual, lost_here = textured_visual(surface, vertices, name)
-        lost_textures += lost_here
+        look = pbr_of(surface, holds_maps(surface, vertices))
+        visual, lost_here = textured_visual(surface, look, vertices, name)
+        lost_textures += [*lost_here, *lost_maps(surface, look)]
         placed = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
         plain = TextureVisuals(material=PBRMaterial(name=name, metallicFactor=0.0))
         mesh = trimesh.Trimesh(placed, faces, process=False, visual=visual or plain)
         meshes.add_geometry(mesh, node_name=name, geom_name=name)
         squares |= {(name, "baseColorTexture")} if is_of_squares(surface.body_texture) else set()
-        squares |= {(name, "metallicRoughnessTexture")} if is_of_squares(surface.gamma_texture) else set()
-        body = surface.reflectance
-        rgb = np.clip(np.pi * body.alpha * linear_colour(body.body_colour, Spectrum.named("D65")), 0.0, 1.0)
-        textured = visual is not None and surface.body_texture is not None  # then the colour is a factor
-        looks[name] = np.ones(3) if textured else rgb, float(roughness_of(body.gamma)) if body.beta > 0.0 else 1.0
+        squares |= set() if look.smooth else {(name, "metallicRoughnessTexture")}
+        if look.textured:
+            held = holds_body(surface, vertices)
+            look = look._replace(base=np.ones(3) if held else look.base * linear(surface.reflectance.body_colour))
+        looks[name] = look
     if not meshes.geometry:
         raise InputError("the scene has no surface, and glTF holds no volume boxes: write these as .nrrd or .vti")
 
@@ -218,17 +235,15 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost += [f"{len(scene.area_lamps)} area lamps"] if scene.area_lamps else []
     lost += ["the environment"] if scene.environment else []
     lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
-    lost += lost_textures + [f"surface {s.name!r}: its beta_texture" for s in scene.surfaces if s.beta_texture]
-    lost.append("spectra (colours are linear sRGB), gloss but for its width")
+    lost += lost_textures + list(lost_gloss(scene.surfaces))
+    lost.append("spectra (colours are linear sRGB)")
     return [*lost, "where between two pixels the optical axis is"]
 
 
-def _add_materials(
-    tree: dict[str, Any], looks: Mapping[str, tuple[NDArray[np.float64], float]], squares: set[tuple[str, str]]
-) -> None:
+def _add_materials(tree: dict[str, Any], looks: Mapping[str, PbrMaterial], squares: set[tuple[str, str]]) -> None:
     """The factors of all materials. Each mesh has one of its name; trimesh makes none for colours of vertices.
 
-    looks: colour and roughness by their names. squares: names, and keys of textures that are not interpolated.
+    looks: by their names. squares: names, and keys of textures that are not interpolated.
     """
     materials = tree.setdefault("materials", [])
     for mesh in tree["meshes"]:
@@ -244,10 +259,11 @@ def _add_materials(
                 samplers = tree.setdefault("samplers", [])
                 tree["textures"][texture["index"]]["sampler"] = len(samplers)
                 samplers.append({"magFilter": NEAREST})
-        colour, rough = looks[name]
-        factors = {"baseColorFactor": [*colour.tolist(), 1.0], "metallicFactor": 0.0}
-        factors["roughnessFactor"] = 1.0 if "metallicRoughnessTexture" in textures else rough
-        material["pbrMetallicRoughness"] = factors | textures
+        look = looks[name]
+        factors = {"baseColorFactor": [*look.base.tolist(), 1.0], "metallicFactor": look.metallic}
+        material["pbrMetallicRoughness"] = factors | {"roughnessFactor": look.roughness} | textures
+        material["extensions"] = extensions_of(look, textures.get("metallicRoughnessTexture"))
+        tree["extensionsUsed"] = sorted({*tree.get("extensionsUsed", ()), *material["extensions"]})
 
 
 def _add_node(tree: dict[str, Any], node: dict[str, Any], place: Matrix) -> None:

@@ -1,22 +1,23 @@
-"""Textures of glTF 2.0: the base colour of a material as an image or colours of vertices, both ways; roughness out.
+"""Materials of glTF 2.0 and their textures, both ways: base colour, roughness, KHR_materials_specular and _ior.
 
-A base colour is baseColorFactor · baseColorTexture · COLOR_0; images are sRGB, the others linear. Enters: the JSON of a
-file and one of its meshes. Leaves: files in the folder of a scene, and the table `body_texture` that names them; or the
-material of a surface's texture.
+A base colour is baseColorFactor · baseColorTexture · COLOR_0; images of it are sRGB, the others linear. Enters: the
+JSON of a file and one of its meshes. Leaves: files in the folder of a scene, and the tables that name them; or the
+material of a surface.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from hagoromo.app.formats.pbr import PbrMaterial, of_one_size
 from hagoromo.errors import InputError
 from hagoromo.files.gltf import image_bytes
+from hagoromo.files.mesh import uv_of
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
 from hagoromo.image.surface import Surface
@@ -27,8 +28,11 @@ from hagoromo.light.spectrum import Spectrum
 
 KINDS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg"}  # first bytes → suffix
 NEAREST, REPEAT = 9728, 10497  # a filter and a wrapping of a sampler
-OTHER_MAPS = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
+OTHER_MAPS = ("normalTexture", "occlusionTexture", "emissiveTexture")
+SPECULAR, IOR, GLASS = (f"KHR_materials_{name}" for name in ("specular", "ior", "transmission"))
+READ = (SPECULAR, IOR, GLASS)
 ROWS_AT_ONCE = 256
+GLASS_FROM = 0.5  # transmission
 Array = NDArray[np.float64]
 
 
@@ -40,8 +44,9 @@ def body_texture_of(
     colours: Array | None,
     folder: Path,
     name: str,
-) -> tuple[dict[str, Any] | None, list[str]]:
-    """The table `body_texture` of a mesh of a material, None where it has one colour; and what is lost.
+) -> tuple[dict[str, Any] | None, Array | None, list[str]]:
+    """The table `body_texture` of a mesh of a material and the largest of its colours (3,), None where it has one
+    colour; and what is lost.
 
     mesh: a `trimesh.Trimesh`, whose colours of vertices become those of the base colour where they are taken. colours:
     of its vertices, see `vertex_colours`. An image is written into `folder` as `name` and its suffix. `InputError` for
@@ -51,25 +56,91 @@ def body_texture_of(
     factor = np.clip(np.array(pbr.get("baseColorFactor", (1, 1, 1, 1)), float)[:3], 0.0, 1.0)
     lost = [f"{name}: its {key}" for key in OTHER_MAPS if key in pbr or key in material]
     texture = pbr.get("baseColorTexture")
-    uv = getattr(mesh.visual, "uv", None)
-    if texture is not None and (uv is None or np.shape(uv) != (len(mesh.vertices), 2) or texture.get("texCoord", 0)):
+    if texture is not None and not _on_uvs(texture, mesh):
         lost.append(f"{name}: its baseColorTexture, as only one on the first UVs is read")
         texture = None
     if texture is None:
         if colours is None:
-            return None, lost
+            return None, None, lost
         mesh.visual = _painted(mesh, srgb_encode(colours * factor))
-        return {"vertex_colours": True}, lost
+        return {"vertex_colours": True}, colours.max(axis=0) * factor, lost
     if colours is not None:
         lost.append(f"{name}: the colours of its vertices, by which its texture is multiplied")
+    smooth = _sampled(record, texture, name, lost)
+    file, largest = _written(_image_of(path, record, texture), factor, folder, name, path)
+    return {"file": file} | ({} if smooth else {"smooth": False}), largest, lost
+
+
+def material_of(
+    path: Path, record: Mapping[str, Any], material: Mapping[str, Any], mesh: Any, folder: Path, name: str
+) -> tuple[PbrMaterial, list[str]]:
+    """A material without the texture of its base colour, and what is lost; `InputError` as of `body_texture_of`."""
+    pbr, more = material.get("pbrMetallicRoughness") or {}, material.get("extensions") or {}
+    specular, clear = more.get(SPECULAR), more.get(GLASS, {}).get("transmissionFactor", 0.0)
+    lost = [f"{name}: its {key}" for key in more if key not in READ]
+    if any(material.get("emissiveFactor", ())):
+        lost.append(f"{name}: its own light")
+    if 0.0 < clear < 1.0:
+        lost.append(f"{name}: its transmission of {clear:g}; it is {'glass' if clear >= GLASS_FROM else 'opaque'}")
+    base = np.array(pbr.get("baseColorFactor", (1, 1, 1, 1)), float)[:3]
+    made = PbrMaterial(
+        base, float(pbr.get("roughnessFactor", 1.0)), float(pbr.get("metallicFactor", 1.0)) if material else 0.0,
+        float(more.get(IOR, {}).get("ior", 1.5)),
+    )  # fmt: skip
+    if clear >= GLASS_FROM:
+        return made._replace(glass=True), lost
+    maps: dict[str, Any] = {}
+    if specular is not None:
+        tint = np.array(specular.get("specularColorFactor", (1, 1, 1)), float)
+        made = made._replace(specular=float(specular.get("specularFactor", 1.0)), tint=np.clip(tint, 0.0, None))
+        if "specularColorTexture" in specular:
+            lost.append(f"{name}: its specularColorTexture")
+        if (alpha := _channel(path, record, specular.get("specularTexture"), 3, mesh, folder, name, lost)) is not None:
+            maps["specular_map"], maps["smooth"] = alpha
+    both = pbr.get("metallicRoughnessTexture")
+    if (green := _channel(path, record, both, 1, mesh, folder, name, lost)) is not None:
+        maps["roughness_map"], maps["smooth"] = green
+        metal = _channel(path, record, both, 2, mesh, folder, name, [])
+        mean = 0.0 if metal is None else float(metal[0].mean())
+        if metal is not None and made.metallic > 0.0 and np.ptp(metal[0]) > 0.0:
+            lost.append(f"{name}: its metal by place, of which the mean stands")
+        made = made._replace(metallic=made.metallic * mean)
+    return made._replace(**maps), lost
+
+
+def _on_uvs(texture: Mapping[str, Any], mesh: Any) -> bool:
+    """Whether a texture lies on the first UVs, and the mesh has them."""
+    return uv_of(mesh) is not None and not texture.get("texCoord", 0)
+
+
+def _sampled(record: Mapping[str, Any], texture: Mapping[str, Any], name: str, lost: list[str]) -> bool:
+    """Whether a texture is interpolated; how else it is sampled is lost."""
     if "KHR_texture_transform" in texture.get("extensions", {}):
         lost.append(f"{name}: the transform of its texture")
     one = record["textures"][texture["index"]]
     sampler = record["samplers"][one["sampler"]] if "sampler" in one else {}
     if {sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT)} != {REPEAT}:
         lost.append(f"{name}: how its texture ends: here it repeats")
-    file = _written(image_bytes(path, record, int(one["source"])), factor, folder, name, path)
-    return {"file": file} | ({"smooth": False} if sampler.get("magFilter") == NEAREST else {}), lost
+    return sampler.get("magFilter") != NEAREST
+
+
+def _image_of(path: Path, record: Mapping[str, Any], texture: Mapping[str, Any]) -> bytes:
+    return image_bytes(path, record, int(record["textures"][texture["index"]]["source"]))
+
+
+def _channel(
+    path: Path, record: Mapping[str, Any], texture: Mapping[str, Any] | None, number: int, mesh: Any,
+    folder: Path, name: str, lost: list[str],
+) -> tuple[NDArray[np.float32], bool] | None:  # fmt: skip
+    """A channel (h, w), 0…1, of a texture that is not of colours, and whether it is interpolated; None for none."""
+    if texture is None:
+        return None
+    if not _on_uvs(texture, mesh):
+        lost.append(f"{name}: its texture of gloss, as only one on the first UVs is read")
+        return None
+    smooth = _sampled(record, texture, name, lost)
+    data = _image_of(path, record, texture)
+    return channel_of(picture_of(data, folder, name, path), number), smooth
 
 
 def vertex_colours(mesh: Any) -> Array | None:
@@ -93,62 +164,125 @@ def _painted(mesh: Any, colours: NDArray[np.uint8]) -> Any:
     return ColorVisuals(mesh, vertex_colors=colours)
 
 
-def _written(data: bytes, factor: Array, folder: Path, name: str, path: Path) -> str:
-    """Write an image into `folder`, each colour times its factor; returns the name of its file."""
-    suffix = next((suffix for start, suffix in KINDS.items() if data.startswith(start)), "")
-    if not suffix:
-        raise InputError(f"{path}: the image of {name} is neither PNG nor JPEG: give one of them")
-    file = folder / f"{name}{suffix}"
-    file.write_bytes(data)
-    values = read_picture(file)  # refuses what is damaged or too large
-    if not (factor < 1.0).any():
-        return file.name
-    file.unlink()
+def _written(data: bytes, factor: Array, folder: Path, name: str, path: Path) -> tuple[str, Array]:
+    """Write an image into `folder`, each colour times its factor; returns the name of its file, and the largest."""
+    suffix, values = _suffix(data, name, path), picture_of(data, folder, name, path)
     values = values[..., None] if values.ndim == 2 else values
     channels = values[..., :3] if values.shape[-1] >= 3 else np.repeat(values[..., :1], 3, axis=2)
     top, coloured = np.iinfo(channels.dtype).max, np.empty(channels.shape, np.uint8)
+    largest = srgb_decode(channels.max(axis=(0, 1)) * (255.0 / top)) * factor
+    if not (factor < 1.0).any():
+        (folder / f"{name}{suffix}").write_bytes(data)
+        return f"{name}{suffix}", largest
     for first in range(0, len(channels), ROWS_AT_ONCE):
         rows = slice(first, first + ROWS_AT_ONCE)
         coloured[rows] = srgb_encode(srgb_decode(channels[rows] * (255.0 / top)) * factor)
-    write_png(file.with_suffix(".png"), coloured)
-    return f"{name}.png"
+    write_png(folder / f"{name}.png", coloured)
+    return f"{name}.png", largest
 
 
-def textured_visual(surface: Surface, vertices: Array, name: str) -> tuple[Any, list[str]]:
-    """The trimesh visual of a surface's body_texture and gamma_texture, None where glTF holds neither; what is lost.
+def _suffix(data: bytes, name: str, path: Path) -> str:
+    suffix = next((suffix for start, suffix in KINDS.items() if data.startswith(start)), "")
+    if not suffix:
+        raise InputError(f"{path}: the image of {name} is neither PNG nor JPEG: give one of them")
+    return suffix
 
-    Colours are those under D65, 8 bits; γ is `roughness_of` it, 8 bits. vertices: those of its triangles.
+
+def picture_of(data: bytes, folder: Path, name: str, path: Path) -> NDArray[Any]:
+    """The pixels of a PNG or JPEG of the file `path`; `InputError` for one that is damaged or too large."""
+    file = folder / f"{name}{_suffix(data, name, path)}"
+    file.write_bytes(data)
+    try:
+        return read_picture(file)
+    finally:
+        file.unlink()
+
+
+def channel_of(picture: NDArray[Any], number: int) -> NDArray[np.float32]:
+    """One of R, G, B, A of a picture, 0…1: of a grey one its value, and A of what has none 1."""
+    top = np.float32(np.iinfo(picture.dtype).max)
+    channels = picture.reshape(*picture.shape[:2], -1)
+    count = channels.shape[-1]
+    if number == 3 and count not in (2, 4):
+        return np.ones(picture.shape[:2], np.float32)
+    chosen = -1 if number == 3 else min(number, count - 1) if count >= 3 else 0
+    return channels[..., chosen].astype(np.float32) / top
+
+
+def textured_visual(surface: Surface, look: PbrMaterial, vertices: Array, name: str) -> tuple[Any, list[str]]:
+    """The trimesh visual of a surface's body_texture and of the maps of its look, None for none; what is lost.
+
+    Colours are those under D65, 8 bits. Green of the other image is roughness, its alpha the factor on F.
+    vertices: those of its triangles.
     """
     from PIL import Image
     from trimesh.visual import ColorVisuals, TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    body, gamma = surface.body_texture, surface.gamma_texture if surface.reflectance.beta > 0.0 else None
-    images, lost = {}, []
-    uv = 0.5 * (vertices[:, :2] + 1.0) if surface.shape == "rectangle" else surface.uv
-    linear = None
-    if body is not None:
-        linear = np.clip(np.pi * surface.reflectance.alpha * (body.values @ _colours_of_channels(body)), 0.0, 1.0)
-        if body.of == "image" and uv is None:
-            lost.append(f"surface {surface.name!r}: the body_texture of its {surface.shape}")
-        elif body.of == "image":
-            images["baseColorTexture"] = Image.fromarray(srgb_encode(linear))
-    painted = body is not None and body.of == "vertices"
-    if gamma is not None and (gamma.of == "vertices" or uv is None or painted):
-        lost.append(f"surface {surface.name!r}: its gamma_texture, as it, or its body_texture, is not on UVs")
-    elif gamma is not None:
-        rough = np.zeros((*gamma.values.shape[:2], 3), np.uint8)
-        rough[..., 1] = np.round(255.0 * roughness_of(gamma.values[..., 0]))
-        images["metallicRoughnessTexture"] = Image.fromarray(rough)
-    if painted and linear is not None:
+    body, images, lost = surface.body_texture, {}, []
+    uv = uvs_of(surface, vertices)
+    linear = None if body is None else colours_of(body, look)
+    if body is not None and linear is not None and body.of == "image" and uv is not None:
+        images["baseColorTexture"] = Image.fromarray(srgb_encode(linear))
+    elif body is not None and body.of == "image":
+        lost.append(f"surface {surface.name!r}: the body_texture of its {surface.shape}")
+    if (image := gloss_image(look)) is not None:
+        images["metallicRoughnessTexture"] = Image.fromarray(image)
+    if body is not None and body.of == "vertices" and linear is not None:
         return ColorVisuals(vertex_colors=np.round(255.0 * linear).astype(np.uint8)), lost
     return TextureVisuals(uv, PBRMaterial(name=name, metallicFactor=0.0, **images)) if images else None, lost
 
 
-def roughness_of(gamma: ArrayLike) -> Array:
-    """Roughness 0…1 of renderers, √α of the GGX whose slopes are half as dense at tan γ = α √(√2 − 1); γ [rad]."""
-    width = np.tan(np.minimum(np.asarray(gamma, np.float64), 1.5)) / math.sqrt(math.sqrt(2.0) - 1.0)
-    return np.sqrt(np.minimum(width, 1.0))
+def uvs_of(surface: Surface, vertices: Array) -> Array | None:
+    """UVs of the triangles of a surface, v up; None where it has none."""
+    return 0.5 * (vertices[:, :2] + 1.0) if surface.shape == "rectangle" else surface.uv
+
+
+def holds_maps(surface: Surface, vertices: Array) -> bool:
+    """Whether its images of γ and β can stand beside its body_texture: they need UVs, and not colours of vertices."""
+    body = surface.body_texture
+    return uvs_of(surface, vertices) is not None and (body is None or body.of == "image")
+
+
+def holds_body(surface: Surface, vertices: Array) -> bool:
+    """Whether glTF and USD hold its body_texture: it is of vertices, or there are UVs."""
+    body = surface.body_texture
+    return body is not None and (body.of == "vertices" or uvs_of(surface, vertices) is not None)
+
+
+def extensions_of(look: PbrMaterial, texture: Mapping[str, Any] | None) -> dict[str, Any]:
+    """KHR_materials_specular, _ior and _transmission of a look, whose maps lie in `texture`."""
+    made: dict[str, Any] = {} if look.metallic else {IOR: {"ior": look.n}}
+    if look.glass:
+        return made | {GLASS: {"transmissionFactor": 1.0}}
+    if look.specular is not None:
+        made[SPECULAR] = {"specularFactor": look.specular, "specularColorFactor": look.tint.tolist()}
+        if texture is not None and look.specular_map is not None:
+            made[SPECULAR]["specularTexture"] = dict(texture)
+    return made
+
+
+def lost_maps(surface: Surface, look: PbrMaterial) -> Iterator[str]:
+    """A line for each texture of gloss that is not in a look."""
+    if surface.reflectance.beta > 0.0:
+        for key, texture in (("gamma", surface.gamma_texture), ("beta", surface.beta_texture)):
+            if texture is not None and not look.mapped:
+                yield f"surface {surface.name!r}: its {key}_texture, as it, or its body_texture, is not on UVs"
+
+
+def colours_of(texture: SurfaceTexture, look: PbrMaterial) -> Array:
+    """The base colours of a body_texture, linear, 0…1."""
+    return np.clip(look.base * (texture.values @ _colours_of_channels(texture)), 0.0, 1.0)
+
+
+def gloss_image(look: PbrMaterial) -> NDArray[np.uint8] | None:
+    """R, G, B, A of 8 bits: roughness in G, the factor on F in A; None for a look without maps."""
+    if not look.mapped:
+        return None
+    rough, specular = of_one_size(look.roughness_map, look.specular_map)
+    image = np.zeros((*rough.shape, 4), np.uint8)
+    image[..., 1], image[..., 3] = np.round(255.0 * rough), np.round(255.0 * specular)
+    return image
 
 
 def _colours_of_channels(texture: SurfaceTexture) -> Array:

@@ -110,8 +110,8 @@ SURFACES = (
         "hagoromo.app.formats.gltf_scene:gltf_from_scene",
         "trimesh (meshes), our own (cameras, lamps)",
         "VTK, tests' own bytes",
-        "textures but those of base colour, gloss, spectra, orthographic cameras; out: volume boxes, distortion, the "
-        "optical axis",
+        "textures but those of base colour, roughness and specular, metals by place, spectra, orthographic cameras; "
+        "out: volume boxes, distortion, the optical axis, tails of facets",
     ),
 )
 OTHERS = (

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.formats.gltf_scene import triangles_of, turned_z_to
-from hagoromo.app.formats.gltf_textures import roughness_of
+from hagoromo.app.formats.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel, pbr_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError
@@ -20,11 +20,8 @@ from hagoromo.files.whole import replaceable_file, whole_file
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.area_lamp import AreaLamp
-from hagoromo.light.colour import linear_colour
 from hagoromo.light.environment import Environment
 from hagoromo.light.lamp import Lamp
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.reflectance import Reflectance
 
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
 FAR_FOCUS = 1e6  # m
@@ -77,16 +74,14 @@ def _lost(scene: Scene) -> Iterator[str]:
     if not all(light.visible for light in lights):
         yield "which lights the camera sees: programs show them or not"
     for surface in scene.surfaces:
-        made = surface.reflectance
         if surface.absorption is not None:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
         if any(surface.textures):
             yield f"surface {surface.name!r}: its textures"
         if surface.emission is not None:
             yield f"surface {surface.name!r}: the light that it gives off"
-        if not surface.optics and (made.beta > 0.0 or made.lobes):
-            yield f"surface {surface.name!r}: its gloss, but for its width and n"
-    yield "spectra (colours are linear sRGB under D65), how bodies darken and brighten at grazing angles"
+    yield from lost_gloss(scene.surfaces)
+    yield "spectra (colours are linear sRGB under D65)"
 
 
 class _Writer:
@@ -148,7 +143,7 @@ class _Writer:
 
     def lamp(self, lamp: Lamp) -> None:
         """Far: lux of a lamp without size. Near: a sphere as a point, of 4 I by its area; cos^μ is shaping:focus."""
-        rgb, place = _linear(lamp.spectrum) * float(np.mean(lamp.intensity)), np.eye(4)
+        rgb, place = linear(lamp.spectrum) * float(np.mean(lamp.intensity)), np.eye(4)
         if lamp.position is None:
             place[:3, :3] = turned_z_to(np.asarray(lamp.to_lamp, float))
             self.light("DistantLight", lamp.name, place, rgb, angle=0.0)
@@ -163,7 +158,7 @@ class _Writer:
             self.set(prim, **{"inputs:shaping:focus": lamp.axis_power, "inputs:shaping:cone:angle": 90.0})
 
     def area_lamp(self, lamp: AreaLamp) -> None:
-        rgb, place = _linear(lamp.spectrum) * lamp.radiance, np.eye(4)
+        rgb, place = linear(lamp.spectrum) * lamp.radiance, np.eye(4)
         place[:3, 3] = lamp.position
         if lamp.radius is not None:
             self.light("SphereLight", lamp.name, place, rgb, radius=lamp.radius)
@@ -178,7 +173,7 @@ class _Writer:
         rows = np.reshape(environment.values.mean(axis=1), (len(environment.values), -1))
         weights = np.sin(np.pi * (np.arange(len(rows)) + 0.5) / len(rows))
         mean = weights @ rows / weights.sum() * np.ones(3)
-        self.light("DomeLight", environment.name, np.eye(4), environment.scale * mean * _linear(environment.spectrum))
+        self.light("DomeLight", environment.name, np.eye(4), environment.scale * mean * linear(environment.spectrum))
 
     def surface(self, surface: Surface) -> None:
         if surface.shape in ("sphere", "cube"):
@@ -188,7 +183,7 @@ class _Writer:
         else:
             smooth = surface.shape == "mesh" and surface.smooth
             prim = self.mesh(surface.name or surface.shape, *triangles_of(surface), surface.pose, smooth)
-        numbers = _preview(surface.reflectance, surface.optics)
+        numbers = _preview(pbr_of(surface, on_uvs=False))
         colour = library("pxr.Vt").Vec3fArray([self.numbers.Vec3f(*numbers["diffuseColor"])])
         self.geometry.Gprim(prim).CreateDisplayColorAttr(colour)
         material = self.shade.Material.Define(self.stage, f"/scene/materials/material_{self.count}")
@@ -220,24 +215,16 @@ class _Writer:
         return prim
 
 
-def _preview(made: Reflectance, optics: str) -> dict[str, Any]:
-    """A UsdPreviewSurface: albedo, and facets of GGX as wide at half height; without gloss a black specular colour."""
-    colour = _linear(made.interface_colour)
-    if optics:
-        look = {"metallic": 1.0} if optics == "mirror" else {"opacity": 0.0, "ior": float(made.n)}
-        return {"diffuseColor": _clipped(colour), "roughness": 0.0, **look}
-    body = _clipped(np.pi * made.alpha * _linear(made.body_colour))
-    if not (made.beta > 0.0 or made.lobes):
-        return {"diffuseColor": body, "roughness": 1.0, "useSpecularWorkflow": 1, "specularColor": [0.0, 0.0, 0.0]}
-    return {"diffuseColor": body, "roughness": float(roughness_of(made.gamma)), "ior": float(made.n)}
+def _preview(look: PbrMaterial) -> dict[str, Any]:
+    """Inputs of a UsdPreviewSurface; its gloss is its specularColor, F0."""
+    if look.glass:
+        return {"diffuseColor": _clipped(look.base), "roughness": 0.0, "opacity": 0.0, "ior": look.n}
+    made: dict[str, Any] = {"diffuseColor": _clipped(look.base), "roughness": look.roughness}
+    if look.metallic:
+        return {**made, "metallic": look.metallic}
+    gloss = _clipped((look.specular or 0.0) * normal_fresnel(look.n) * look.tint)
+    return {**made, "ior": look.n, "useSpecularWorkflow": 1, "specularColor": gloss}
 
 
 def _clipped(rgb: Any) -> list[float]:
     return [float(x) for x in np.clip(rgb, 0.0, 1.0)]
-
-
-def _linear(spectrum: Spectrum) -> Matrix:
-    """Linear sRGB of a lamp or, under D65, of a reflectance; (1, 1, 1) of a constant spectrum of 1."""
-    if np.ptp(spectrum.values) == 0.0:
-        return np.full(3, spectrum.values[0])
-    return np.clip(linear_colour(spectrum, Spectrum.named("D65")), 0.0, None)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.app.formats.pbr import PbrMaterial, normal_fresnel, rgb, surface_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl
@@ -184,37 +185,30 @@ class _Scene:
         if known is None:
             if colour is None:
                 self.lost.append(f"made up: {who!r} and others without a material are light grey")
-            return self.bodies.surface({"type": "diffuse", "reflectance": _rgb(colour or GREY)}, who) or {}
+            return self.bodies.surface({"type": "diffuse", "reflectance": rgb(colour or GREY)}, who) or {}
         if not known:
             self.lost.append(f"material {path}: it is no UsdPreviewSurface; a matt one of the display colour stands")
-            return self.bodies.surface({"type": "diffuse", "reflectance": _rgb(colour or GREY)}, who) or {}
+            return self.bodies.surface({"type": "diffuse", "reflectance": rgb(colour or GREY)}, who) or {}
         if known["textured"]:
             self.lost.append(f"material {path}: textures of {', '.join(known['textured'])}")
         if "diffuseColor" in known["textured"]:
             known = known | {"diffuseColor": colour or GREY}
-        return self.bodies.surface(self.bsdf(known, path), f"material {path}") or {}
+        return surface_of(self.look(known, path), self.bodies, f"material {path}", self.folder, "")
 
-    def bsdf(self, known: Table, path: str) -> Table:
-        """A UsdPreviewSurface as the material of Mitsuba that it is nearest to."""
-        width, n = max(float(known["roughness"]), 0.0) ** 2, max(float(known["ior"]), 1.0)
+    def look(self, known: Table, path: str) -> PbrMaterial:
+        """A UsdPreviewSurface. Where it states the colour of its gloss, F0, that is a factor on that of its index."""
         if any(known["emissiveColor"]) or known["clearcoat"]:
             self.lost.append(f"material {path}: its own light or clear coat")
+        n = max(float(known["ior"]), 1.0)
         if known["opacity"] < 0.5:
-            return {"type": "roughdielectric" if width else "dielectric", "int_ior": n, "ext_ior": 1.0}
+            return PbrMaterial(np.ones(3), float(known["roughness"]), n=n, glass=True)
         if known["opacity"] < 1.0:
             self.lost.append(f"material {path}: its opacity of {known['opacity']:g}; it is opaque")
-        gloss = {"alpha": width, "distribution": "ggx"}
-        if known["useSpecularWorkflow"] and not any(known["specularColor"]):
-            return {"type": "diffuse", "reflectance": _rgb(known["diffuseColor"])}
-        if known["useSpecularWorkflow"]:
-            self.lost.append(f"material {path}: the colour of its gloss")
-        if 0.0 < known["metallic"] < 1.0:
-            self.lost.append(f"material {path}: it is partly metal; it is the one or the other")
-        if known["metallic"] >= 0.5:
-            kind = {"type": "roughconductor", **gloss} if width else {"type": "conductor"}
-            return kind | {"material": "none", "specular_reflectance": _rgb(known["diffuseColor"])}
-        return {"type": "roughplastic", **gloss, "int_ior": n, "ext_ior": 1.0,
-                "diffuse_reflectance": _rgb(known["diffuseColor"])}  # fmt: skip
+        made = PbrMaterial(np.array(known["diffuseColor"], float), float(known["roughness"]), n=n)
+        if not known["useSpecularWorkflow"]:
+            return made._replace(metallic=float(known["metallic"]))
+        tint = np.array(known["specularColor"], float) / max(normal_fresnel(n), 1e-6)
+        return made._replace(specular=min(float(tint.max()), 1.0), tint=tint / max(min(float(tint.max()), 1.0), 1e-6))
 
     def lamp(self, table: Table, who: str) -> None:
         rgb = np.array(table["color"], float) * float(table["intensity"]) * 2.0 ** float(table["exposure"])
@@ -327,10 +321,6 @@ class _Scene:
 
 def _matrix(table: Table) -> Matrix:
     return np.array(table["place"], np.float64).reshape(4, 4)
-
-
-def _rgb(colour: Any) -> Table:
-    return {"type": "rgb", "value": np.clip(np.asarray(colour, float), 0.0, 1.0)}
 
 
 def _light(strength: str, rgb: Matrix) -> Table:

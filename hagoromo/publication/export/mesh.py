@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.publication.export.lit import three_channels
 from hagoromo.publication.surface_maps import SurfaceMaps
+from hagoromo.reflectance.facets import HALF_OF_GGX
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 STEEPEST = 10.0  # times the median step of depth of a pixel: squares that step further are left open
@@ -60,12 +61,12 @@ def write_mesh(paths: dict[str, Path], maps: SurfaceMaps, albedo: Array) -> None
 def roughness(material: MaterialEstimate) -> float:
     """Roughness of GGX renderers, √α with the α whose facets are half as dense at γ; 1 without an interface.
 
-    D(γ)/D(0) = 1/2 of GGX gives, to first order in γ², α = γ / √(√2 − 1). Walter et al. 2007, "Microfacet models for
+    D(γ)/D(0) = 1/2 of GGX over slopes gives α = tan γ / √(√2 − 1). Walter et al. 2007, "Microfacet models for
     refraction through rough surfaces".
     """
     if material.beta <= 0.0:
         return 1.0
-    return float(np.clip(np.sqrt(material.gamma / np.sqrt(np.sqrt(2.0) - 1.0)), 0.02, 1.0))
+    return float(np.clip(np.sqrt(np.tan(min(material.gamma, 1.5)) / HALF_OF_GGX), 0.02, 1.0))
 
 
 def albedo_map(maps: SurfaceMaps) -> Array:
