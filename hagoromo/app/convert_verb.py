@@ -35,8 +35,8 @@ def convert(
     """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
     (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a volume box; a box → OpenVDB, NRRD, VTI, .vol;
     a picture → EXR, HDR, TIFF (16 bits), PNG; a photograph → its camera, by lensfun;
-    a glTF, USD or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, .usda, .usdc, or without a
-    suffix a folder for Mitsuba;
+    a glTF, USD or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, .usda, .usdc, .usdz, or
+    without a suffix a folder for Mitsuba;
     a mesh → PLY, OBJ, STL, OFF, GLB, USD.
 
     Args:

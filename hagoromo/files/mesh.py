@@ -72,6 +72,19 @@ def read_mesh(path: str | Path, process: bool = True) -> Any:
     return mesh
 
 
+def read_coloured_mesh(path: str | Path) -> Any:
+    """As `read_mesh`, but that vertices in one place stay apart where their colours differ."""
+    import numpy as np
+
+    mesh = read_mesh(path, process=False)
+    rows = np.column_stack([mesh.vertices, vertex_colours_of(mesh, path)[0]])
+    _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(np.unique(mesh.vertices, axis=0)):
+        return read_mesh(path)
+    mesh.update_vertices(first, inverse.ravel())
+    return mesh
+
+
 def uv_of(mesh: Any) -> Any:
     """UVs (n, 2) of the vertices of a mesh that `read_mesh` gave, v up; None where it has none."""
     import numpy as np

@@ -19,7 +19,7 @@ from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.polygons import fans
 from hagoromo.files.reading import reading
-from hagoromo.files.usd_stage import Places, open_stage, shown, usd_file, value
+from hagoromo.files.usd_stage import Places, open_stage, shown, unpacked, usd_file, value
 
 BYTES_PER_CORNER = 100.0
 SHAPES = {"Sphere": {"radius": 1.0}, "Cube": {"size": 2.0}, "Plane": {"width": 2.0, "length": 2.0, "axis": "Z"}}
@@ -40,11 +40,23 @@ SURFACE = {
     "diffuseColor": (0.18, 0.18, 0.18), "roughness": 0.5, "metallic": 0.0, "ior": 1.5, "opacity": 1.0,
     "useSpecularWorkflow": 0, "specularColor": (0.0, 0.0, 0.0), "emissiveColor": (0.0, 0.0, 0.0), "clearcoat": 0.0,
 }  # fmt: skip
-PREVIEW = "UsdPreviewSurface"
+PREVIEW, TEXTURE = "UsdPreviewSurface", "UsdUVTexture"
+READERS = ("UsdPrimvarReader_float2", "UsdPrimvarReader_float3")
+MAPS = ("normal", "occlusion", "displacement")  # inputs that nothing here has
+SAMPLER = {
+    "file": None, "wrapS": "useMetadata", "wrapT": "useMetadata", "sourceColorSpace": "auto",
+    "scale": (1.0, 1.0, 1.0, 1.0), "bias": (0.0, 0.0, 0.0, 0.0),
+}  # fmt: skip
+COLOUR, UVS = "displayColor", "st"
+NEXT_SHADERS = 8  # from a texture to its UVs
 
 
 class UsdMesh(NamedTuple):
-    """Triangles (m, 3) of vertices (n, 3) [m], world. smooth: normals change within a triangle. material: its path."""
+    """Triangles (m, 3) of vertices (n, 3) [m], world. smooth: normals change within a triangle. material: its path.
+
+    colour: the mean of its displayColor, linear, and colours (n, 3) where it differs from place to place. uv: (n, 2), v
+    up, those that the material's textures lie on.
+    """
 
     name: str
     vertices: NDArray[np.float64]
@@ -52,13 +64,17 @@ class UsdMesh(NamedTuple):
     smooth: bool
     material: str
     colour: list[float] | None
+    uv: NDArray[np.float64] | None
+    colours: NDArray[np.float64] | None
 
 
 class UsdParts(NamedTuple):
     """What is in a file. Of shapes, cameras and lamps, tables with kind, name, place (16 numbers) and their numbers.
 
-    materials: path → numbers of a UsdPreviewSurface, and textured, the inputs that are pictures; empty: of another
-    kind. size: (width, height) [px] of its render settings. lost: a line for each thing that is not read.
+    materials: path → numbers of a UsdPreviewSurface, textures: input → numbers of the picture that gives it, uvs: the
+    name of those that they lie on, painted: whether displayColor is its colour, textured: the inputs that something
+    else gives; empty: of another kind. size: (width, height) [px] of its render settings. lost: a line
+    for each thing that is not read.
     """
 
     meshes: list[UsdMesh]
@@ -73,10 +89,14 @@ class UsdParts(NamedTuple):
 
 def read_usd(path: str | Path) -> UsdParts:
     """What is in a USD file; `InputError` when it is missing, damaged, too large, or names other files."""
-    arrays = read_apart(parts_by_usd, usd_file(path), "USD")
+    with unpacked(path) as file:
+        arrays = read_apart(parts_by_usd, usd_file(file), "USD")
     record = json.loads(arrays["record"].tobytes())
-    meshes = [UsdMesh(**table, vertices=arrays[f"v{k}"], faces=arrays[f"f{k}"])
-              for k, table in enumerate(record.pop("meshes"))]  # fmt: skip
+    meshes = [
+        UsdMesh(**table, vertices=arrays[f"v{k}"], faces=arrays[f"f{k}"], uv=arrays.get(f"u{k}"),
+                colours=arrays.get(f"c{k}"))
+        for k, table in enumerate(record.pop("meshes"))
+    ]  # fmt: skip
     return UsdParts(meshes=meshes, **record)
 
 
@@ -156,7 +176,7 @@ class _Reader:
         if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
             raise ValueError(f"{prim.GetPath()} names points that it does not have")
         place = self.places.of(prim)
-        triangles, polygon = fans(counts, corners)
+        triangles, polygon = fans(counts, np.arange(len(corners)))
         if (value(prim, "orientation", "rightHanded") == "leftHanded") != (np.linalg.det(place[:3, :3]) < 0.0):
             triangles = triangles[:, ::-1]
         if "MeshLightAPI" in prim.GetAppliedSchemas():
@@ -166,14 +186,45 @@ class _Reader:
             self.lost.append(f"{prim.GetPath()}: its subdivision, its cage is read")
         smooth = cage or self.smooth(prim, counts, corners)
         world = points @ place[:3, :3].T + place[:3, 3]
+        colour, colours = self.colour(prim, True), self.by_corner(prim, COLOUR, 3, counts, corners)
         for material, chosen in self.subsets(prim, len(counts)):
             faces = triangles[chosen[polygon]]
-            if len(faces):
-                used, inverse = np.unique(faces, return_inverse=True)
-                number = len(self.meshes)
-                self.found |= {f"v{number}": world[used], f"f{number}": inverse.reshape(-1, 3)}
-                self.meshes.append({"name": prim.GetDisplayName() or prim.GetName(), "smooth": smooth,
-                                    "material": material, "colour": self.colour(prim)})  # fmt: skip
+            if not len(faces):
+                continue
+            known = self.materials.get(material, {})
+            uv = self.by_corner(prim, known["uvs"], 2, counts, corners) if known.get("textures") else None
+            painted = None if known and not known["painted"] else colours
+            split = [each for each in (uv, painted) if each is not None]
+            vertex = corners
+            if split:
+                vertex = np.unique(np.column_stack([corners, *split]), axis=0, return_inverse=True)[1].ravel()
+            _, first, inverse = np.unique(vertex[faces], return_index=True, return_inverse=True)
+            place_of, number = faces.ravel()[first], len(self.meshes)
+            self.found |= {f"v{number}": world[corners[place_of]], f"f{number}": inverse.reshape(-1, 3)}
+            for key, values in (("u", uv), ("c", painted)):
+                if values is not None:
+                    self.found[f"{key}{number}"] = values[place_of]
+            self.meshes.append({"name": prim.GetDisplayName() or prim.GetName(), "smooth": smooth,
+                                "material": material, "colour": colour})  # fmt: skip
+
+    def by_corner(
+        self, prim: Any, name: str, width: int, counts: NDArray[np.int64], corners: NDArray[np.int64]
+    ) -> NDArray[np.float64] | None:
+        """The values (corners, width) of a primvar that differs from place to place; None without one."""
+        primvar = library("pxr.UsdGeom").PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+        if not primvar or not primvar.HasAuthoredValue():
+            return None
+        flat = primvar.ComputeFlattened(library("pxr.Usd").TimeCode.EarliestTime())
+        values, kind = np.array(() if flat is None else flat, np.float64), primvar.GetInterpolation()
+        if values.ndim != 2 or values.shape[1] != width or (len(values) <= 1 and width == 3):
+            return None
+        every = np.repeat(np.arange(len(counts)), counts)
+        places = {"vertex": corners, "varying": corners, "faceVarying": np.arange(len(corners)), "uniform": every}
+        of = places.get(kind, np.zeros(len(corners), np.int64))
+        if of.max(initial=0) >= len(values) or not np.isfinite(values).all():
+            self.lost.append(f"{prim.GetPath()}: its {name}, which has {len(values)} values")
+            return None
+        return values[of] if width == 2 or np.ptp(values, axis=0).max() > 0.0 else None
 
     def smooth(self, prim: Any, counts: NDArray[np.int64], corners: NDArray[np.int64]) -> bool:
         """Whether the normals of the file change within faces."""
@@ -213,27 +264,63 @@ class _Reader:
             self.materials[path] = _preview(shader) if known else {}
         return path
 
-    def colour(self, prim: Any) -> list[float] | None:
-        """Its displayColor, the mean of all."""
+    def colour(self, prim: Any, by_place: bool = False) -> list[float] | None:
+        """Its displayColor, the mean of all; by_place: whether it may differ from place to place."""
         values = np.array(value(prim, "primvars:displayColor", ()), float).reshape(-1, 3)
-        if len(values) > 1 and np.ptp(values, axis=0).max() > 0.0:
+        if not by_place and len(values) > 1 and np.ptp(values, axis=0).max() > 0.0:
             self.lost.append(f"{prim.GetPath()}: its colours by place, of which the mean stands")
         return values.mean(axis=0).tolist() if len(values) else None
 
 
 def _preview(shader: Any) -> dict[str, Any]:
-    """Numbers of a UsdPreviewSurface; textured: names of those that something else gives."""
-    shade, numbers, textured = library("pxr.UsdShade"), dict[str, Any](SURFACE), list[str]()
-    for name in SURFACE:
-        given = shader.GetInput(name)
-        if not given:
-            continue
-        for attribute in shade.Utils.GetValueProducingAttributes(given):
-            if shade.Utils.GetType(attribute.GetName()) == shade.AttributeType.Output:
-                textured.append(name)
-            elif (stated := attribute.Get()) is not None:
+    """Numbers of a UsdPreviewSurface; textured: names of those that something else than a picture gives."""
+    numbers, textured, textures = dict[str, Any](SURFACE), list[str](), dict[str, dict[str, Any]]()
+    painted, uvs = False, UVS
+    for name in (*SURFACE, *MAPS):
+        stated, source, output = _given(shader, name)
+        if source is None:
+            if stated is not None and name in SURFACE:
                 numbers[name] = stated
-    return numbers | {"textured": textured}
+            continue
+        kind = str(source.GetIdAttr().Get())
+        if kind == TEXTURE and name in SURFACE:
+            texture = {key: default if (found := _given(source, key)[0]) is None else found
+                       for key, default in SAMPLER.items()}  # fmt: skip
+            uvs, moved = _uvs_of(source)
+            textures[name] = texture | {"output": output, "uvs": uvs, "moved": moved}
+        elif kind == READERS[1] and name == "diffuseColor" and str(_given(source, "varname")[0]) == COLOUR:
+            painted = True
+        else:
+            textured.append(name)
+    sets = {each["uvs"] for each in textures.values()}
+    uvs = textures.get("diffuseColor", {}).get("uvs", uvs)
+    textured += [f"{name} on other UVs" for name, each in textures.items() if len(sets) > 1 and each["uvs"] != uvs]
+    kept = {name: each for name, each in textures.items() if each["uvs"] == uvs}
+    return numbers | {"textured": textured, "textures": kept, "painted": painted, "uvs": uvs}
+
+
+def _given(shader: Any, name: str) -> tuple[Any, Any, str]:
+    """What an input states, or else the shader that gives it and the name of its output."""
+    shade, given = library("pxr.UsdShade"), shader.GetInput(name)
+    for attribute in shade.Utils.GetValueProducingAttributes(given) if given else ():
+        base, kind = shade.Utils.GetBaseNameAndType(attribute.GetName())
+        if kind == shade.AttributeType.Output:
+            return None, shade.Shader(attribute.GetPrim()), str(base)
+        return attribute.Get(library("pxr.Usd").TimeCode.EarliestTime()), None, ""
+    return None, None, ""
+
+
+def _uvs_of(texture: Any) -> tuple[str, bool]:
+    """The name of the UVs that a texture lies on, and whether they are moved."""
+    moved, shader = False, texture
+    for _ in range(NEXT_SHADERS):
+        shader = _given(shader, "in" if moved else "st")[1]
+        if shader is None:
+            break
+        if str(shader.GetIdAttr().Get()) == READERS[0]:
+            return str(_given(shader, "varname")[0] or UVS), moved
+        moved = True
+    return UVS, moved
 
 
 def _plain(number: Any) -> Any:

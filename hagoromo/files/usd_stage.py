@@ -1,13 +1,16 @@
 """USD: how every file of it is opened, in a process of its own, and which of its objects are shown.
 
 A file that names other files to be composed is refused, as they could lie anywhere; so is one whose references to
-itself make more objects than fit, and more memory than is free is not given to the process. Archives (.usdz) are not
-opened.
+itself make more objects than fit, and more memory than is free is not given to the process. What is in an archive
+(.usdz) is brought into a folder first.
 """
 
 from __future__ import annotations
 
+import shutil
+import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import sized_file
+from hagoromo.files.checks import inside, sized_file
 from hagoromo.files.library import library
 from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory, require
+from hagoromo.files.reading import reading
+from hagoromo.files.whole import scratch_folder
 
-USD = (".usd", ".usda", ".usdc")
 ARCHIVE = ".usdz"
+PLAIN = (".usd", ".usda", ".usdc")
+USD = (*PLAIN, ARCHIVE)
+MOST_FILES = 10_000  # in an archive
 GROWTH = 40.0  # memory of what is in a file, in sizes of the file
 LARGEST_FILE = 1 << 32  # bytes
 MOST_OBJECTS = 100_000  # with those that references put in place
@@ -35,14 +42,42 @@ def usd_file(path: str | Path) -> Path:
     Asked before the other process starts.
     """
     suffix = Path(path).suffix.lower()
-    if suffix == ARCHIVE:
-        raise InputError(f"{path} is an archive, and archives are not opened: give the {', '.join(USD)} in it")
-    if suffix not in USD:
+    if suffix not in PLAIN:
         raise InputError(f"{path} is no USD file: give one of {', '.join(USD)}")
     file = sized_file(path, LARGEST_FILE, "a USD file")
     require(GROWTH * file.stat().st_size, str(path))
     library("pxr.Usd")
     return file
+
+
+@contextmanager
+def unpacked(path: str | Path) -> Iterator[Path]:
+    """`path`, or of an archive the file that it begins with, in a folder that is removed when the block ends.
+
+    `InputError` for a damaged archive, one that is packed, and names that lead out of the folder.
+    """
+    if Path(path).suffix.lower() != ARCHIVE:
+        yield Path(path)
+        return
+    source = sized_file(path, LARGEST_FILE, "a USD file")
+    with scratch_folder() as folder:
+        with reading(path, "a USD archive"), zipfile.ZipFile(source) as archive:
+            entries = [entry for entry in archive.infolist() if not entry.is_dir()]
+            if not 0 < len(entries) <= MOST_FILES:
+                raise InputError(f"{path} holds {len(entries)} files: an archive has 1 to {MOST_FILES}")
+            packed = [entry.filename for entry in entries if entry.compress_type != zipfile.ZIP_STORED]
+            if packed or sum(entry.file_size for entry in entries) > source.stat().st_size:
+                raise InputError(f"{path} is packed, which archives of USD are not: make it with usdzip")
+            if not entries[0].filename.lower().endswith(PLAIN):
+                raise InputError(f"{path} begins with {entries[0].filename!r}, no USD file: make it with usdzip")
+            places = [inside(folder, entry.filename) for entry in entries]
+            if not all(place.resolve().is_relative_to(folder.resolve()) for place in places):  # also of allowed ones
+                raise InputError(f"{path} has files with names that lead out of it: make it with usdzip")
+            for entry, place in zip(entries, places, strict=True):
+                place.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(entry) as stored, place.open("wb") as out:
+                    shutil.copyfileobj(stored, out)
+        yield places[0]
 
 
 def open_stage(path: Path) -> Any:

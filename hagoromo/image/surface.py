@@ -230,9 +230,9 @@ class Surface:
         `gamma_texture`. record: further fields of the Surface, such as pose, smooth or name. `InputError` for a file
         without faces, or without colours of vertices where they are asked for.
         """
-        from hagoromo.files.mesh import read_mesh, uv_of, vertex_colours_of
+        from hagoromo.files.mesh import read_coloured_mesh, read_mesh, uv_of, vertex_colours_of
 
-        mesh = read_mesh(path)
+        mesh = (read_coloured_mesh if vertex_colours or vertex_gamma is not None else read_mesh)(path)
         vertices = np.asarray(mesh.vertices)
         rounding = float(np.spacing(np.float32(np.abs(vertices).max())))
         size = float(np.linalg.norm(np.ptp(vertices, axis=0)))

@@ -81,8 +81,8 @@ def convert(
     Cameras: returns the views, image file → camera; to: format (None: by the suffix of `out`); images: folder of the
     images, a capture is then written and returned instead. An `out` that ends in .lp gets the far lamps of lamps.json.
     A photograph with `options.lens` becomes the camera that took it, by lensfun; returned is how well it fits.
-    A glTF, USD or scene of Mitsuba becomes a folder with scene.toml, a scene.toml a .glb, .usda or .usdc, or, where
-    `out` is a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
+    A glTF, USD or scene of Mitsuba becomes a folder with scene.toml, a scene.toml a .glb, .usda, .usdc or .usdz, or,
+    where `out` is a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
     .vol. `options`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and

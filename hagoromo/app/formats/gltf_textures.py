@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.app.formats.pbr import PbrMaterial, of_one_size
 from hagoromo.errors import InputError
 from hagoromo.files.gltf import image_bytes
+from hagoromo.files.memory import require
 from hagoromo.files.mesh import uv_of
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
@@ -32,6 +33,7 @@ OTHER_MAPS = ("normalTexture", "occlusionTexture", "emissiveTexture")
 SPECULAR, IOR, GLASS = (f"KHR_materials_{name}" for name in ("specular", "ior", "transmission"))
 READ = (SPECULAR, IOR, GLASS)
 ROWS_AT_ONCE = 256
+BYTES_PER_PIXEL = 100.0  # of memory, of what is made of the textures of gloss
 GLASS_FROM = 0.5  # transmission
 Array = NDArray[np.float64]
 
@@ -67,7 +69,7 @@ def body_texture_of(
     if colours is not None:
         lost.append(f"{name}: the colours of its vertices, by which its texture is multiplied")
     smooth = _sampled(record, texture, name, lost)
-    file, largest = _written(_image_of(path, record, texture), factor, folder, name, path)
+    file, largest = written_image(_image_of(path, record, texture), factor, folder, name, path)
     return {"file": file} | ({} if smooth else {"smooth": False}), largest, lost
 
 
@@ -164,19 +166,25 @@ def _painted(mesh: Any, colours: NDArray[np.uint8]) -> Any:
     return ColorVisuals(mesh, vertex_colors=colours)
 
 
-def _written(data: bytes, factor: Array, folder: Path, name: str, path: Path) -> tuple[str, Array]:
-    """Write an image into `folder`, each colour times its factor; returns the name of its file, and the largest."""
+def written_image(
+    data: bytes, factor: Array, folder: Path, name: str, path: Path, srgb: bool = True
+) -> tuple[str, Array]:
+    """Write an image into `folder`, each colour times its factor; returns the name of its file, and the largest.
+
+    srgb: whether its values are encoded so; else they are linear, and what is written is encoded.
+    """
     suffix, values = _suffix(data, name, path), picture_of(data, folder, name, path)
     values = values[..., None] if values.ndim == 2 else values
     channels = values[..., :3] if values.shape[-1] >= 3 else np.repeat(values[..., :1], 3, axis=2)
     top, coloured = np.iinfo(channels.dtype).max, np.empty(channels.shape, np.uint8)
-    largest = srgb_decode(channels.max(axis=(0, 1)) * (255.0 / top)) * factor
-    if not (factor < 1.0).any():
+    decode = srgb_decode if srgb else lambda values: values / 255.0
+    largest = decode(channels.max(axis=(0, 1)) * (255.0 / top)) * factor
+    if srgb and not (factor < 1.0).any():
         (folder / f"{name}{suffix}").write_bytes(data)
         return f"{name}{suffix}", largest
     for first in range(0, len(channels), ROWS_AT_ONCE):
         rows = slice(first, first + ROWS_AT_ONCE)
-        coloured[rows] = srgb_encode(srgb_decode(channels[rows] * (255.0 / top)) * factor)
+        coloured[rows] = srgb_encode(decode(channels[rows] * (255.0 / top)) * factor)
     write_png(folder / f"{name}.png", coloured)
     return f"{name}.png", largest
 
@@ -190,10 +198,12 @@ def _suffix(data: bytes, name: str, path: Path) -> str:
 
 def picture_of(data: bytes, folder: Path, name: str, path: Path) -> NDArray[Any]:
     """The pixels of a PNG or JPEG of the file `path`; `InputError` for one that is damaged or too large."""
-    file = folder / f"{name}{_suffix(data, name, path)}"
+    file = folder / f"read_{name}{_suffix(data, name, path)}"
     file.write_bytes(data)
     try:
-        return read_picture(file)
+        picture = read_picture(file)
+        require(BYTES_PER_PIXEL * picture.shape[0] * picture.shape[1], str(path))
+        return picture
     finally:
         file.unlink()
 

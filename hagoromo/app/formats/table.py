@@ -99,8 +99,8 @@ SURFACES = (
         "hagoromo.app.formats.usd_out:usd_from_scene",
         "usd-core, in a process of its own",
         "tinyusdz; Blender",
-        "files that a file names, textures, IES, motion, instancers, cages' subdivision; out: volume boxes, maps of "
-        "environments, distortion, profiles of lamps, spectra",
+        "files that are composed, textures but those of colour and gloss, IES, motion, instancers, cages' subdivision; "
+        "out: textures, volume boxes, maps of environments, distortion, profiles of lamps, spectra",
     ),
     Format(
         "glTF",

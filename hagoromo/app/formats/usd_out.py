@@ -1,4 +1,4 @@
-"""A scene, or a mesh, as USD (.usda text, .usdc binary): metres, z up, in one file."""
+"""A scene, or a mesh, as USD (.usda text, .usdc binary, .usdz archive): metres, z up, in one file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError
 from hagoromo.files.library import library
-from hagoromo.files.whole import replaceable_file, whole_file
+from hagoromo.files.usd_stage import ARCHIVE
+from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.area_lamp import AreaLamp
@@ -25,6 +26,7 @@ from hagoromo.light.lamp import Lamp
 
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
 FAR_FOCUS = 1e6  # m
+ROOT = "scene.usdc"  # of an archive
 POINT = 0.005  # m, the radius by which programs show a lamp without size
 Matrix = NDArray[np.float64]
 
@@ -96,7 +98,14 @@ class _Writer:
 
     def write(self, out: str | Path, force: bool) -> None:
         with whole_file(out, force) as partial:
-            self.stage.GetRootLayer().Export(str(partial))
+            if Path(out).suffix.lower() != ARCHIVE:
+                self.stage.GetRootLayer().Export(str(partial))
+                return
+            with scratch_folder() as folder:
+                root = folder / ROOT
+                self.stage.GetRootLayer().Export(str(root))
+                done = library("pxr.UsdUtils").CreateNewUsdzPackage(str(root), str(partial))
+                check_written(partial, out, done)
 
     def define(self, kind: str, name: str, place: Matrix) -> Any:
         """A new object at a place, whose path holds its name; names of any letters stand as its display name."""

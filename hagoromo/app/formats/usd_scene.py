@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.formats.pbr import PbrMaterial, normal_fresnel, rgb, surface_of
+from hagoromo.app.formats.usd_textures import UsdTextures
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl
@@ -24,10 +25,12 @@ from hagoromo.files.checks import inside, sized_file
 from hagoromo.files.exr import write_exr
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
-from hagoromo.files.usd_parts import UsdParts, read_usd
+from hagoromo.files.usd_parts import UsdMesh, UsdParts, read_usd
+from hagoromo.files.usd_stage import unpacked
 from hagoromo.files.whole import whole_folder, write_text
 from hagoromo.image.scene_file import load_scene
-from hagoromo.light.colour import linear_colour
+from hagoromo.image.surface import TEXTURES
+from hagoromo.light.colour import linear_colour, srgb_encode
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.mitsuba.bsdfs import Converter
@@ -39,6 +42,7 @@ HEIGHT = 720  # px, where the file has no render settings
 MOST_SURFACES = 2000
 GREY = (0.8, 0.8, 0.8)  # of what has neither material nor colour
 TENTH = 0.1  # of a unit: that of focal lengths and apertures
+MUCH_COLOUR = 0.02  # of the largest value: colours of gloss that differ by so much are several
 SAME_RATIO = 0.01  # of pictures and apertures, that they are one
 MOST_CONE = 179.0  # degrees
 # columns: axes of our maps in the frame of DomeLight (pole +y, middle +z, +x a quarter to its left)
@@ -52,23 +56,30 @@ def scene_from_usd(path: str | Path, out: str | Path, force: bool = False) -> li
 
     Returns what is lost, a line each, or "made up: …". `InputError` where it has no surface, and as of `read_usd`.
     """
-    parts = read_usd(path)
+    with unpacked(path) as file:
+        return _scene_from(file, Path(path), out, force)
+
+
+def _scene_from(file: Path, path: Path, out: str | Path, force: bool) -> list[str]:
+    parts = read_usd(file)
     if not (parts.meshes or parts.shapes):
         raise InputError(f"{path} has no mesh and no shape: give a scene with surfaces")
     if len(parts.meshes) + len(parts.shapes) > MOST_SURFACES:
         raise InputError(f"{path} has more than {MOST_SURFACES} surfaces: join them")
     with whole_folder(out, force) as folder, reading(path, "USD"):
-        scene = _Scene(parts, Path(path).parent, folder)
+        scene = _Scene(parts, path, file.parent, folder)
         write_text(folder / "scene.toml", toml_text(scene.record()))
         load_scene(folder / "scene.toml")  # what is no scene is refused here
     return list(dict.fromkeys(scene.lost))
 
 
 class _Scene:
-    def __init__(self, parts: UsdParts, home: Path, folder: Path) -> None:
+    def __init__(self, parts: UsdParts, path: Path, home: Path, folder: Path) -> None:
         self.parts, self.home, self.folder = parts, home, folder
         self.lost = list(parts.lost)
         self.bodies = Converter(home, self.lost)
+        self.textures = UsdTextures(path, home, folder, self.lost)
+        self.known: dict[tuple[str, bool, bool], Table] = {}  # tables of materials
         self.environment: Table | None = None
         self.lamps: list[Table] = []
         self.area_lamps: list[Table] = []
@@ -150,16 +161,21 @@ class _Scene:
 
     def meshes(self) -> list[Table]:
         import trimesh
+        from trimesh.visual import ColorVisuals, TextureVisuals
 
         tables = []
         for number, mesh in enumerate(self.parts.meshes):
             file = f"mesh_{number + 1}.ply"
-            data: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="ply")
+            body, visual = self.body(mesh.material, mesh.colour, mesh.name, mesh), None
+            if any("file" in body.get(key, ()) for key in TEXTURES):
+                visual = TextureVisuals(mesh.uv)
+            elif "body_texture" in body and mesh.colours is not None:
+                visual = ColorVisuals(vertex_colors=srgb_encode(np.clip(mesh.colours, 0.0, 1.0)))
+            whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, visual=visual)
+            data: Any = whole.export(file_type="ply")
             (self.folder / file).write_bytes(data)
             smooth = {} if mesh.smooth else {"smooth": False}
-            tables.append(
-                {"mesh": file, "name": mesh.name, **smooth, **self.body(mesh.material, mesh.colour, mesh.name)}
-            )
+            tables.append({"mesh": file, "name": mesh.name, **smooth, **body})
         if any(mesh.smooth for mesh in self.parts.meshes):
             self.lost.append("normals: those of the surfaces stand in their place")
         return tables
@@ -179,21 +195,59 @@ class _Scene:
         body = self.body(table["material"], table["colour"], table["name"])
         return {"shape": kind, "pose": place.ravel().tolist(), "name": table["name"], **body}
 
-    def body(self, path: str, colour: list[float] | None, who: str) -> Table:
-        """The keys reflectance and optics of a surface, of its material or else its displayColor."""
+    def body(self, path: str, colour: list[float] | None, who: str, mesh: UsdMesh | None = None) -> Table:
+        """The keys reflectance, optics and textures of a surface, of its material or else its displayColor."""
         known = self.parts.materials.get(path)
-        if known is None:
-            if colour is None:
-                self.lost.append(f"made up: {who!r} and others without a material are light grey")
-            return self.bodies.surface({"type": "diffuse", "reflectance": rgb(colour or GREY)}, who) or {}
+        painted = {} if mesh is None or mesh.colours is None else {"body_texture": {"vertex_colours": True}}
         if not known:
-            self.lost.append(f"material {path}: it is no UsdPreviewSurface; a matt one of the display colour stands")
-            return self.bodies.surface({"type": "diffuse", "reflectance": rgb(colour or GREY)}, who) or {}
+            if known is not None:
+                self.lost.append(
+                    f"material {path}: it is no UsdPreviewSurface; a matt one of the display colour stands"
+                )
+            elif colour is None:
+                self.lost.append(f"made up: {who!r} and others without a material are light grey")
+            plain = {"type": "diffuse", "reflectance": rgb(colour or GREY)}
+            return (self.bodies.surface(plain, who) or {}) | painted
+        uv = None if mesh is None else mesh.uv
+        key = path, uv is not None, bool(painted)
+        if key not in self.known or (known["painted"] and not painted):
+            self.known[key] = self.made(known, path, colour, mesh) | (painted if known["painted"] else {})
+        return self.known[key]
+
+    def made(self, known: Table, path: str, colour: list[float] | None, mesh: UsdMesh | None) -> Table:
+        """The keys of a material, whose files are written."""
+        who, name, textures = f"material {path}", f"texture_{len(self.known) + 1}", known["textures"]
         if known["textured"]:
-            self.lost.append(f"material {path}: textures of {', '.join(known['textured'])}")
-        if "diffuseColor" in known["textured"]:
+            self.lost.append(f"{who}: textures of {', '.join(known['textured'])}")
+        uv = None if mesh is None else mesh.uv
+        lost = list(textures) if uv is None else [key for key in textures if known["painted"]]
+        if lost:
+            why = "where a surface has no UVs" if uv is None else "beside colours of vertices"
+            self.lost.append(f"{who}: textures of {', '.join(lost)}, {why}")
+            textures = {key: each for key, each in textures.items() if key not in lost}
+        if {"diffuseColor"} & {*lost, *known["textured"]} or known["painted"]:
             known = known | {"diffuseColor": colour or GREY}
-        return surface_of(self.look(known, path), self.bodies, f"material {path}", self.folder, "")
+        if known["painted"] and mesh is not None and mesh.colours is not None:
+            known = known | {"diffuseColor": np.full(3, np.clip(mesh.colours, 0.0, 1.0).max())}
+        specular = textures.get("specularColor") if known["useSpecularWorkflow"] else None
+        maps = {}
+        if specular is not None:
+            colours = self.textures.colours(specular, name)
+            largest, mean = colours.max(axis=2), colours.mean(axis=(0, 1))
+            top = float(largest.max())
+            if np.ptp(colours - largest[..., None] * (mean / max(float(mean.max()), 1e-9))) > MUCH_COLOUR * top:
+                self.lost.append(f"{who}: the colour of its gloss by place, of which the mean stands")
+            known = known | {"specularColor": top * mean / max(float(mean.max()), 1e-9)}
+            maps = {} if known["painted"] else {"specular_map": largest / max(top, 1e-9)}
+        look, body = self.look(known, path)._replace(**maps), None
+        if uv is not None:
+            rest = {key: each for key, each in textures.items() if key != "specularColor"}
+            look, body = self.textures.of(look, rest, uv, who, name)
+        if look.glass and body is not None:
+            self.lost.append(f"{who}: the texture of its glass")
+            body = None
+        look = look._replace(textured=look.textured or known["painted"])
+        return surface_of(look, self.bodies, who, self.folder, name) | ({"body_texture": body} if body else {})
 
     def look(self, known: Table, path: str) -> PbrMaterial:
         """A UsdPreviewSurface. Where it states the colour of its gloss, F0, that is a factor on that of its index."""

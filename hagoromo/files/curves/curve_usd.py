@@ -14,12 +14,13 @@ from hagoromo.files.curves.control_points import evaluated, joined
 from hagoromo.files.curves.curve_file import Lines, of_arrays
 from hagoromo.files.library import library
 from hagoromo.files.reading import reading
-from hagoromo.files.usd_stage import open_stage, shown, usd_file
+from hagoromo.files.usd_stage import open_stage, shown, unpacked, usd_file
 
 
 def usd_lines(path: Path) -> Lines:
     """Curves of a USD file; `InputError` where it is damaged or usd-core is not installed."""
-    return of_arrays(read_apart(lines_by_usd, usd_file(path), "USD"))
+    with unpacked(path) as file:
+        return of_arrays(read_apart(lines_by_usd, usd_file(file), "USD"))
 
 
 def lines_by_usd(path: Path) -> Mapping[str, NDArray[Any]]:

@@ -1,0 +1,174 @@
+"""Textures of USD, both ways: what others write as text, and what we write, read by tinyusdz and from the text."""
+
+import math
+import zipfile
+
+import cv2
+import numpy as np
+import pytest
+
+from hagoromo.app.formats.usd_scene import scene_from_usd
+from hagoromo.errors import InputError
+from hagoromo.image.scene_file import load_scene
+from hagoromo.light.colour import srgb_decode
+
+pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
+
+TEXT = """#usda 1.0
+(
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+def Material "m" {
+    token outputs:surface.connect = </m/s.outputs:surface>
+    def Shader "s" { uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </m/base.outputs:rgb>
+        float inputs:roughness.connect = </m/gloss.outputs:g>
+        token outputs:surface
+    }
+    def Shader "uvs" { uniform token info:id = "UsdPrimvarReader_float2"
+        string inputs:varname = "map1"
+        float2 outputs:result
+    }
+    def Shader "base" { uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @./maps/base.png@
+        token inputs:sourceColorSpace = "auto"
+        float4 inputs:scale = (0.5, 0.5, 0.5, 1)
+        token inputs:wrapS = "repeat"
+        token inputs:wrapT = "repeat"
+        float2 inputs:st.connect = </m/uvs.outputs:result>
+        float3 outputs:rgb
+    }
+    def Shader "gloss" { uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @maps/gloss.png@
+        token inputs:sourceColorSpace = "raw"
+        token inputs:wrapS = "repeat"
+        token inputs:wrapT = "repeat"
+        float2 inputs:st.connect = </m/uvs.outputs:result>
+        float outputs:g
+    }
+}
+def Mesh "square" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </m>
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    texCoord2f[] primvars:map1 = [(0, 0), (0.5, 0), (0.5, 1), (0.5, 0), (1, 1), (0.5, 1)] (
+        interpolation = "faceVarying")
+}
+"""
+BASE = np.array([[[250, 10, 40], [30, 200, 90]], [[255, 255, 255], [10, 60, 220]]], np.uint8)  # R, G, B
+ROUGH = np.array([[120, 200], [90, 255]], np.uint8)
+
+
+def write(folder, text=TEXT):
+    (folder / "maps").mkdir()
+    gloss = np.zeros((2, 2, 3), np.uint8)
+    gloss[..., 1] = ROUGH
+    cv2.imwrite(str(folder / "maps" / "base.png"), np.ascontiguousarray(BASE[..., ::-1]))
+    cv2.imwrite(str(folder / "maps" / "gloss.png"), gloss)
+    (folder / "a.usda").write_text(text, encoding="utf-8")
+    return folder / "a.usda"
+
+
+def read(file, folder):
+    lost = scene_from_usd(file, folder / "scene")
+    return load_scene(folder / "scene" / "scene.toml")[0].surfaces[0], lost
+
+
+def archive(folder, packed=False, more=()):
+    file = write(folder)
+    with zipfile.ZipFile(folder / "a.usdz", "w", zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED) as out:
+        for name in ("a.usda", "maps/base.png", "maps/gloss.png"):
+            out.write(folder / name, name)
+        for name in more:
+            out.writestr(name, "text")
+    file.unlink()
+    return folder / "a.usdz"
+
+
+@pytest.mark.parametrize("source", ["folder", "archive"])
+def test_textures_lie_where_usd_says(tmp_path, source):
+    """sRGB · scale, the first row at the top (t = 1); the corner that two faces share has the UVs of each."""
+    surface, lost = read((write if source == "folder" else archive)(tmp_path), tmp_path)
+    body, gamma = surface.body_texture, surface.gamma_texture
+    assert body is not None and gamma is not None and surface.uv is not None
+    assert body.values == pytest.approx(0.5 * srgb_decode(BASE), abs=0.004)
+    expected = np.arctan((ROUGH / 255.0) ** 2 * math.sqrt(math.sqrt(2.0) - 1.0))
+    assert gamma.values[..., 0] == pytest.approx(expected, rel=1e-5)
+    corners = {(*np.round(p, 6).tolist(), *np.round(t, 6).tolist())
+               for p, t in zip(np.asarray(surface.vertices)[:, :2], surface.uv, strict=True)}  # fmt: skip
+    assert corners == {(0, 0, 0, 0), (1, 0, 0.5, 0), (1, 1, 0.5, 1), (0, 0, 0.5, 0), (1, 1, 1, 1), (0, 1, 0.5, 1)}
+    assert not any("texture" in each for each in lost)
+
+
+def test_raw_colours_are_linear_and_metal_is_said(tmp_path):
+    text = TEXT.replace('"auto"', '"raw"')
+    text = text.replace("token outputs:surface\n", "float inputs:metallic = 0.7\ntoken outputs:surface\n")
+    surface, lost = read(write(tmp_path, text), tmp_path)
+    assert surface.body_texture is not None
+    assert surface.body_texture.values == pytest.approx(0.5 * BASE / 255.0, abs=0.004)
+    assert any("its metal (0.7)" in each for each in lost)
+
+
+def test_colours_of_a_specular_workflow_are_factors_on_f0(tmp_path):
+    """F0 of n = 1.5 is 0.04: a specularColor of 0.02 is half of it."""
+    plain = "int inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (0.02, 0.01, 0.02)\n"
+    plain += "float inputs:roughness = 0.5\n"
+    text = TEXT.replace("float inputs:roughness.connect = </m/gloss.outputs:g>\n", plain)
+    made = read(write(tmp_path, text), tmp_path)[0].reflectance
+    assert made.beta == pytest.approx(0.5 / (4.0 * math.pi * 0.5**4), rel=1e-6) and made.n == 1.5
+
+
+@pytest.mark.parametrize("kind", ["vertex", "faceVarying", "uniform", "bound"])
+def test_display_colours_become_those_of_vertices(tmp_path, kind):
+    colours = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.5, 0.2, 0.1), (1, 1, 0), (0.2, 0.2, 0.2)]
+    count = {"vertex": 4, "faceVarying": 6, "uniform": 2, "bound": 4}[kind]
+    how = "vertex" if kind == "bound" else kind
+    line = f'color3f[] primvars:displayColor = {list(colours[:count])} (interpolation = "{how}")\n'
+    text = TEXT.replace("int[] faceVertexCounts", f"{line}int[] faceVertexCounts")
+    if kind == "bound":
+        text = text.replace("</m/base.outputs:rgb>", "</m/paint.outputs:result>")
+        paint = 'def Shader "paint" { uniform token info:id = "UsdPrimvarReader_float3"\n'
+        paint += 'string inputs:varname = "displayColor"\nfloat3 outputs:result\n}\n'
+        text = text.replace('def Shader "uvs"', f'{paint}def Shader "uvs"')
+    else:
+        text = text.replace("rel material:binding = </m>\n", "")
+    surface, lost = read(write(tmp_path, text), tmp_path)
+    body = surface.body_texture
+    assert body is not None and body.of == "vertices"
+    corner = {"vertex": [0, 1, 2, 0, 2, 3], "faceVarying": range(6), "uniform": [0, 0, 0, 1, 1, 1]}[how]
+    found = body.values[np.asarray(surface.faces).ravel()]
+    assert found == pytest.approx(np.array([colours[k] for k in corner], float), abs=0.005)
+    assert any("beside colours of vertices" in each for each in lost) == (kind == "bound")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("@./maps/base.png@", "@../base.png@", "outside"),
+        ("@./maps/base.png@", "@/etc/passwd@", "outside"),
+        ("@./maps/base.png@", "@https://example.org/a.png@", "does not exist"),
+        ("@./maps/base.png@", "@a.usda@", "neither PNG nor JPEG"),
+    ],
+)
+def test_textures_that_are_elsewhere_or_none_are_refused(tmp_path, old, new, said):
+    file = write(tmp_path, TEXT.replace(old, new))
+    with pytest.raises(InputError, match=said):
+        read(file, tmp_path)
+    assert not (tmp_path / "scene").exists()
+
+
+def test_archives_that_are_packed_or_lead_out_are_refused(tmp_path, monkeypatch):
+    for name, packed, more, said in (("packed", True, (), "is packed"), ("out", False, ("../b.txt",), "outside")):
+        (tmp_path / name).mkdir()
+        with pytest.raises(InputError, match=said):
+            read(archive(tmp_path / name, packed, more), tmp_path)
+    (tmp_path / "allowed").mkdir()
+    monkeypatch.setenv("HAGOROMO_ALLOW", "/")  # reading elsewhere may be allowed, writing there never is
+    with pytest.raises(InputError, match="lead out"):
+        read(archive(tmp_path / "allowed", more=["../b.txt"]), tmp_path)
+    (tmp_path / "none.usdz").write_bytes(b"PK")
+    with pytest.raises(InputError, match="archive"):
+        read(tmp_path / "none.usdz", tmp_path)
