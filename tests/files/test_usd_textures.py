@@ -1,16 +1,22 @@
 """Textures of USD, both ways: what others write as text, and what we write, read by tinyusdz and from the text."""
 
 import math
+import re
 import zipfile
+from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+import hagoromo as hg
+from hagoromo.app.formats.usd_out import usd_from_scene
 from hagoromo.app.formats.usd_scene import scene_from_usd
 from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode
+from tests.files.test_gltf_textures import CORNERS, FACES, UV
 
 pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
 
@@ -172,3 +178,98 @@ def test_archives_that_are_packed_or_lead_out_are_refused(tmp_path, monkeypatch)
     (tmp_path / "none.usdz").write_bytes(b"PK")
     with pytest.raises(InputError, match="archive"):
         read(tmp_path / "none.usdz", tmp_path)
+
+
+GAMMAS = np.array([[0.15, 0.1, 0.2], [0.3, 0.4, 0.25]])
+BETAS = np.array([[1.0, 0.5, 0.8], [0.2, 0.1, 0.3]])
+PIXELS = np.array(
+    [[[250, 10, 40], [30, 200, 90], [0, 0, 0]], [[255, 255, 255], [128, 64, 32], [10, 60, 220]]], np.uint8
+)
+VERTICES = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0.2, 0.4, 0.6]])
+
+
+def a_scene():
+    """A square with textures of colour and gloss, one with colours of vertices, a ball that has no UVs."""
+    gloss = hg.Reflectance(0.1, 0.3, 0.15, 1.5, hg.Spectrum.constant(1.0))
+    matt = hg.Reflectance(1.0 / math.pi, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0))
+    body = hg.SurfaceTexture(srgb_decode(PIXELS))
+    maps: dict[str, Any] = {"gamma_texture": hg.SurfaceTexture(GAMMAS), "beta_texture": hg.SurfaceTexture(BETAS)}
+    image = hg.Surface(gloss, "mesh", CORNERS, FACES, uv=UV, name="image", body_texture=body, **maps)
+    painted = hg.SurfaceTexture(VERTICES, of="vertices")
+    vertices = hg.Surface(matt, "mesh", CORNERS, FACES, name="vertices", body_texture=painted)
+    ball = hg.Surface.sphere((0, 0, 3), 0.5, matt, name="ball")
+    camera = hg.Camera(64, 48, (60, 60), (32, 24)).look_at((0.5, -4.0, 3.0), (0.5, 0.5, 0.0))
+    return hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, -0.6, 0.8)),), (), (image, vertices, ball))
+
+
+@pytest.mark.parametrize("name", ["a.usda", "a.usdz"])
+def test_textures_that_are_written_come_back(tmp_path, name):
+    """Colours to the 8 bits of the file, of alpha · texture; γ to half a step of roughness, β to one of its factor."""
+    lost = usd_from_scene(a_scene(), tmp_path / name)
+    assert not any("texture" in each for each in lost)
+    files = {each.name for each in tmp_path.iterdir()}
+    assert len(files) == (4 if name == "a.usda" else 1)
+    lost = scene_from_usd(tmp_path / name, tmp_path / "again")
+    assert not any("texture" in each or "of its gloss, which" in each for each in lost)
+    again = {s.name: s for s in load_scene(tmp_path / "again" / "scene.toml")[0].surfaces}
+    found = again["image"]
+    assert found.body_texture is not None and found.gamma_texture is not None and found.beta_texture is not None
+    alpha = found.reflectance.alpha * found.body_texture.values
+    assert alpha == pytest.approx(0.1 * srgb_decode(PIXELS), abs=0.005 * 0.1 * math.pi)
+    rough = np.sqrt(np.tan(GAMMAS) / math.sqrt(math.sqrt(2.0) - 1.0))
+    got = np.sqrt(np.tan(found.gamma_texture.values[..., 0]) / math.sqrt(math.sqrt(2.0) - 1.0))
+    assert np.abs(got - rough).max() <= 0.501 / 255.0
+    strength = 4.0 * math.pi * got**4 * 0.3 * BETAS
+    betas = found.reflectance.beta * found.beta_texture.values[..., 0]
+    assert (np.abs(betas - 0.3 * BETAS) <= 0.51 / 255.0 * strength.max() / (4.0 * math.pi * got**4)).all()
+    assert found.uv == pytest.approx(UV, abs=1e-6)
+    painted = again["vertices"].body_texture
+    assert painted is not None and painted.values == pytest.approx(VERTICES, abs=0.005)
+
+
+@pytest.mark.parametrize("name", ["a.usda", "a.usdc"])
+def test_another_reader_finds_textures_and_uvs(tmp_path, name):
+    """tinyusdz, and OpenCV for the pictures: at the peak, F0 s / (4π a²) is β F0, to half a step of the pictures.
+
+    It takes no colours of vertices for those of a surface: that one is left out.
+    """
+    tiny = pytest.importorskip("tinyusdz", reason="needs tinyusdz, another reader of USD")
+    scene = a_scene()
+    usd_from_scene(replace(scene, surfaces=(scene.surfaces[0], scene.surfaces[2])), tmp_path / name)
+    found = tiny.tydra.convert_to_render_scene(tiny.load(str(tmp_path / name)))
+    (mesh,) = (each for each in found.meshes() if each.display_name == "image")
+    np.testing.assert_allclose(np.array(mesh.texcoord(0)), UV, atol=1e-6)
+    look = found.materials()[mesh.material_id].preview_surface
+    images, textures = found.images(), found.textures()
+    used = {key: textures[look[key]["texture_id"]] for key in ("diffuse_color", "roughness", "specular_color")}
+    files = {key: tmp_path / images[each.texture_image_id].asset_identifier for key, each in used.items()}
+    stored = {key: np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)) for key, file in files.items()}
+    assert {each.varname_uv for each in used.values()} == {"st"}
+    assert [each.output_channel for each in used.values()] == ["rgb", "r", "rgb"]
+    rough, grey = stored["roughness"] / 255.0, stored["specular_color"][..., 0] / 255.0
+    normal = used["specular_color"].scale[0] * grey
+    step = 0.51 / 255.0 * used["specular_color"].scale[0]
+    assert (np.abs(normal - 0.04 * 0.3 * BETAS * 4.0 * math.pi * rough**4) <= step).all()
+    albedo = srgb_decode(stored["diffuse_color"][..., ::-1]) * (1.0 - normal.mean())
+    assert albedo == pytest.approx(0.1 * math.pi * srgb_decode(PIXELS), abs=0.0025)  # half a step at a third
+
+
+def test_the_text_says_how_pictures_and_colours_of_vertices_are_meant(tmp_path):
+    usd_from_scene(a_scene(), tmp_path / "a.usda")
+    text = (tmp_path / "a.usda").read_text(encoding="utf-8")
+    spaces = re.findall(r"inputs:file = @\./a_2_(\w+)\.png@.*?inputs:sourceColorSpace = \"(\w+)\"", text, re.DOTALL)
+    assert dict(spaces) == {"diffuseColor": "sRGB", "roughness": "raw", "specularColor": "raw"}
+    (values,) = re.findall(r"primvars:displayColor = \[(.*?)\] \(\s*interpolation = \"vertex\"", text)
+    assert np.array(re.findall(r"[\d.]+", values), float).reshape(-1, 3) == pytest.approx(VERTICES, abs=1e-6)
+    assert "inputs:diffuseColor.connect = </scene/materials/material_3/colours.outputs:result>" in text
+
+
+def test_what_is_written_passes_the_checks_of_usd(tmp_path):
+    """All validators that come with usd-core; of an empty stage they find faults."""
+    usd, validation = (pytest.importorskip(f"pxr.{name}") for name in ("Usd", "UsdValidation"))
+    context = validation.ValidationContext(validation.ValidationRegistry().GetOrLoadAllValidators())
+    assert context.Validate(usd.Stage.CreateInMemory())
+    for name in ("a.usda", "a.usdz"):
+        usd_from_scene(a_scene(), tmp_path / name)
+        found = context.Validate(usd.Stage.Open(str(tmp_path / name)))
+        assert not [f"{each.GetName()}: {each.GetMessage()}" for each in found]

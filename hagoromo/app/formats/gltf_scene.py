@@ -19,15 +19,13 @@ from hagoromo.app.formats.gltf_textures import (
     NEAREST,
     body_texture_of,
     extensions_of,
-    holds_body,
-    holds_maps,
     is_of_squares,
-    lost_maps,
+    look_of,
     material_of,
     textured_visual,
     vertex_colours,
 )
-from hagoromo.app.formats.pbr import PbrMaterial, linear, lost_gloss, pbr_of, surface_of
+from hagoromo.app.formats.pbr import PbrMaterial, lost_gloss, surface_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
@@ -206,18 +204,15 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     for number, surface in enumerate(scene.surfaces):
         name = f"{surface.name or surface.shape}_{number + 1}"
         vertices, faces = triangles_of(surface)
-        look = pbr_of(surface, holds_maps(surface, vertices))
-        visual, lost_here = textured_visual(surface, look, vertices, name)
-        lost_textures += [*lost_here, *lost_maps(surface, look)]
+        look, colours = look_of(surface, vertices)
+        visual, lost_here = textured_visual(surface, look, colours, vertices, name)
+        lost_textures += lost_here
         placed = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
         plain = TextureVisuals(material=PBRMaterial(name=name, metallicFactor=0.0))
         mesh = trimesh.Trimesh(placed, faces, process=False, visual=visual or plain)
         meshes.add_geometry(mesh, node_name=name, geom_name=name)
         squares |= {(name, "baseColorTexture")} if is_of_squares(surface.body_texture) else set()
         squares |= set() if look.smooth else {(name, "metallicRoughnessTexture")}
-        if look.textured:
-            held = holds_body(surface, vertices)
-            look = look._replace(base=np.ones(3) if held else look.base * linear(surface.reflectance.body_colour))
         looks[name] = look
     if not meshes.geometry:
         raise InputError("the scene has no surface, and glTF holds no volume boxes: write these as .nrrd or .vti")

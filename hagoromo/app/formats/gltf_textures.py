@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.formats.pbr import PbrMaterial, of_one_size
+from hagoromo.app.formats.pbr import PbrMaterial, linear, of_one_size, pbr_of
 from hagoromo.errors import InputError
 from hagoromo.files.gltf import image_bytes
 from hagoromo.files.memory import require
@@ -219,45 +219,57 @@ def channel_of(picture: NDArray[Any], number: int) -> NDArray[np.float32]:
     return channels[..., chosen].astype(np.float32) / top
 
 
-def textured_visual(surface: Surface, look: PbrMaterial, vertices: Array, name: str) -> tuple[Any, list[str]]:
-    """The trimesh visual of a surface's body_texture and of the maps of its look, None for none; what is lost.
+def textured_visual(
+    surface: Surface, look: PbrMaterial, colours: Array | None, vertices: Array, name: str
+) -> tuple[Any, list[str]]:
+    """The trimesh visual of a surface's look and its colours, see `look_of`, None without textures; what is lost.
 
-    Colours are those under D65, 8 bits. Green of the other image is roughness, its alpha the factor on F.
+    Images have 8 bits. Green of the one of gloss is roughness, its alpha the factor on F.
     vertices: those of its triangles.
     """
     from PIL import Image
     from trimesh.visual import ColorVisuals, TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    body, images, lost = surface.body_texture, {}, []
-    uv = uvs_of(surface, vertices)
-    linear = None if body is None else colours_of(body, look)
-    if body is not None and linear is not None and body.of == "image" and uv is not None:
-        images["baseColorTexture"] = Image.fromarray(srgb_encode(linear))
-    elif body is not None and body.of == "image":
-        lost.append(f"surface {surface.name!r}: the body_texture of its {surface.shape}")
+    images = {}
+    if colours is not None and colours.ndim == 3:
+        images["baseColorTexture"] = Image.fromarray(srgb_encode(colours))
     if (image := gloss_image(look)) is not None:
         images["metallicRoughnessTexture"] = Image.fromarray(image)
-    if body is not None and body.of == "vertices" and linear is not None:
-        return ColorVisuals(vertex_colors=np.round(255.0 * linear).astype(np.uint8)), lost
-    return TextureVisuals(uv, PBRMaterial(name=name, metallicFactor=0.0, **images)) if images else None, lost
+    lost = list(lost_textures(surface, look, colours))
+    if colours is not None and colours.ndim == 2:
+        return ColorVisuals(vertex_colors=np.round(255.0 * colours).astype(np.uint8)), lost
+    made = PBRMaterial(name=name, metallicFactor=0.0, **images)
+    return TextureVisuals(uvs_of(surface, vertices), made) if images else None, lost
+
+
+def look_of(surface: Surface, vertices: Array) -> tuple[PbrMaterial, Array | None]:
+    """What is nearest to a surface, and the base colours of its body_texture, linear, 0…1: (h, w, 3) of an image on its
+    UVs, (n, 3) of vertices; None without one. vertices: those of its triangles.
+    """
+    body, uv = surface.body_texture, uvs_of(surface, vertices)
+    look = pbr_of(surface, uv is not None and (body is None or body.of == "image"))
+    if body is None:
+        return look, None
+    if body.of == "image" and uv is None:
+        return look._replace(base=look.base * linear(surface.reflectance.body_colour)), None
+    colours = np.clip(look.base * (body.values @ _colours_of_channels(body)), 0.0, 1.0)
+    return look._replace(base=np.ones(3)), colours
+
+
+def lost_textures(surface: Surface, look: PbrMaterial, colours: Array | None) -> Iterator[str]:
+    """A line for each texture of a surface that is not in its look and colours."""
+    if surface.body_texture is not None and colours is None:
+        yield f"surface {surface.name!r}: the body_texture of its {surface.shape}"
+    if surface.reflectance.beta > 0.0:
+        for key, texture in (("gamma", surface.gamma_texture), ("beta", surface.beta_texture)):
+            if texture is not None and not look.mapped:
+                yield f"surface {surface.name!r}: its {key}_texture, as it, or its body_texture, is not on UVs"
 
 
 def uvs_of(surface: Surface, vertices: Array) -> Array | None:
     """UVs of the triangles of a surface, v up; None where it has none."""
     return 0.5 * (vertices[:, :2] + 1.0) if surface.shape == "rectangle" else surface.uv
-
-
-def holds_maps(surface: Surface, vertices: Array) -> bool:
-    """Whether its images of γ and β can stand beside its body_texture: they need UVs, and not colours of vertices."""
-    body = surface.body_texture
-    return uvs_of(surface, vertices) is not None and (body is None or body.of == "image")
-
-
-def holds_body(surface: Surface, vertices: Array) -> bool:
-    """Whether glTF and USD hold its body_texture: it is of vertices, or there are UVs."""
-    body = surface.body_texture
-    return body is not None and (body.of == "vertices" or uvs_of(surface, vertices) is not None)
 
 
 def extensions_of(look: PbrMaterial, texture: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -270,19 +282,6 @@ def extensions_of(look: PbrMaterial, texture: Mapping[str, Any] | None) -> dict[
         if texture is not None and look.specular_map is not None:
             made[SPECULAR]["specularTexture"] = dict(texture)
     return made
-
-
-def lost_maps(surface: Surface, look: PbrMaterial) -> Iterator[str]:
-    """A line for each texture of gloss that is not in a look."""
-    if surface.reflectance.beta > 0.0:
-        for key, texture in (("gamma", surface.gamma_texture), ("beta", surface.beta_texture)):
-            if texture is not None and not look.mapped:
-                yield f"surface {surface.name!r}: its {key}_texture, as it, or its body_texture, is not on UVs"
-
-
-def colours_of(texture: SurfaceTexture, look: PbrMaterial) -> Array:
-    """The base colours of a body_texture, linear, 0…1."""
-    return np.clip(look.base * (texture.values @ _colours_of_channels(texture)), 0.0, 1.0)
 
 
 def gloss_image(look: PbrMaterial) -> NDArray[np.uint8] | None:

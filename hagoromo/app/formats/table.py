@@ -98,9 +98,9 @@ SURFACES = (
         MESH,
         "hagoromo.app.formats.usd_out:usd_from_scene",
         "usd-core, in a process of its own",
-        "tinyusdz; Blender",
+        "tinyusdz, the validators of usd-core; Blender",
         "files that are composed, textures but those of colour and gloss, IES, motion, instancers, cages' subdivision; "
-        "out: textures, volume boxes, maps of environments, distortion, profiles of lamps, spectra",
+        "out: volume boxes, maps of environments, distortion, profiles of lamps, spectra",
     ),
     Format(
         "glTF",

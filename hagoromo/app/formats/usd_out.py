@@ -11,22 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.formats.gltf_scene import triangles_of, turned_z_to
-from hagoromo.app.formats.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel, pbr_of
+from hagoromo.app.formats.gltf_textures import look_of, lost_textures, uvs_of
+from hagoromo.app.formats.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError
 from hagoromo.files.library import library
+from hagoromo.files.png import write_png
 from hagoromo.files.usd_stage import ARCHIVE
-from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file
+from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.colour import srgb_encode
 from hagoromo.light.environment import Environment
 from hagoromo.light.lamp import Lamp
 
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
 FAR_FOCUS = 1e6  # m
-ROOT = "scene.usdc"  # of an archive
+ROOT = Path("scene.usdc")  # of an archive
 POINT = 0.005  # m, the radius by which programs show a lamp without size
 Matrix = NDArray[np.float64]
 
@@ -36,7 +39,7 @@ def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[s
     if not (scene.surfaces or scene.lamps or scene.area_lamps):
         raise InputError("the scene has no surface and no lamp, and this USD holds no volume boxes: write an OpenVDB")
     replaceable_file(out, force)
-    writer = _Writer()
+    writer = _Writer(Path(out))
     writer.camera(scene.camera)
     for surface in scene.surfaces:
         writer.surface(surface)
@@ -47,12 +50,12 @@ def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[s
     if scene.environment:
         writer.dome(scene.environment)
     writer.write(out, force)
-    return list(_lost(scene))
+    return [*writer.lost, *_lost(scene)]
 
 
 def write_usd_mesh(vertices: Any, faces: Any, out: str | Path, force: bool = False) -> None:
     """Write triangles (m, 3) of vertices (n, 3) [m] as USD."""
-    writer = _Writer()
+    writer = _Writer(Path(out))
     writer.mesh("mesh", np.asarray(vertices, float), np.asarray(faces), np.eye(4))
     writer.write(out, force)
 
@@ -78,8 +81,6 @@ def _lost(scene: Scene) -> Iterator[str]:
     for surface in scene.surfaces:
         if surface.absorption is not None:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
-        if any(surface.textures):
-            yield f"surface {surface.name!r}: its textures"
         if surface.emission is not None:
             yield f"surface {surface.name!r}: the light that it gives off"
     yield from lost_gloss(scene.surfaces)
@@ -87,7 +88,10 @@ def _lost(scene: Scene) -> Iterator[str]:
 
 
 class _Writer:
-    def __init__(self) -> None:
+    def __init__(self, out: Path) -> None:
+        self.archive = out.suffix.lower() == ARCHIVE
+        self.stem, self.images = ROOT.stem if self.archive else out.stem, dict[str, NDArray[np.uint8]]()
+        self.lost = list[str]()
         self.usd, self.geometry, self.shade = (library(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdShade"))
         self.layers, self.numbers = library("pxr.Sdf"), library("pxr.Gf")
         self.stage = self.usd.Stage.CreateInMemory()
@@ -97,15 +101,20 @@ class _Writer:
         self.count = 0
 
     def write(self, out: str | Path, force: bool) -> None:
-        with whole_file(out, force) as partial:
-            if Path(out).suffix.lower() != ARCHIVE:
+        """The file and its images beside it, or all in an archive."""
+        if not self.archive:
+            beside = [Path(out).parent / name for name in self.images]
+            with whole_files((out, *beside), force) as (partial, *images):
                 self.stage.GetRootLayer().Export(str(partial))
-                return
-            with scratch_folder() as folder:
-                root = folder / ROOT
-                self.stage.GetRootLayer().Export(str(root))
-                done = library("pxr.UsdUtils").CreateNewUsdzPackage(str(root), str(partial))
-                check_written(partial, out, done)
+                for place, image in zip(images, self.images.values(), strict=True):
+                    write_png(place, image)
+            return
+        with whole_file(out, force) as partial, scratch_folder() as folder:
+            self.stage.GetRootLayer().Export(str(folder / ROOT))
+            for name, image in self.images.items():
+                write_png(folder / name, image)
+            done = library("pxr.UsdUtils").CreateNewUsdzPackage(str(folder / ROOT), str(partial))
+            check_written(partial, out, done)
 
     def define(self, kind: str, name: str, place: Matrix) -> Any:
         """A new object at a place, whose path holds its name; names of any letters stand as its display name."""
@@ -185,25 +194,93 @@ class _Writer:
         self.light("DomeLight", environment.name, np.eye(4), environment.scale * mean * linear(environment.spectrum))
 
     def surface(self, surface: Surface) -> None:
+        vertices, faces = triangles_of(surface)
+        look, colours = look_of(surface, vertices)
+        self.lost += lost_textures(surface, look, colours)
+        if any(each is not None and not each.smooth for each in surface.textures):
+            self.lost.append(f"surface {surface.name!r}: pixels that are not interpolated, as programs do")
         if surface.shape in ("sphere", "cube"):
             kind = {"sphere": "Sphere", "cube": "Cube"}[surface.shape]
             prim = self.define(kind, surface.name or surface.shape, surface.pose)
             self.set(prim, **({"radius": 1.0} if kind == "Sphere" else {"size": 2.0}))
         else:
             smooth = surface.shape == "mesh" and surface.smooth
-            prim = self.mesh(surface.name or surface.shape, *triangles_of(surface), surface.pose, smooth)
-        numbers = _preview(pbr_of(surface, on_uvs=False))
-        colour = library("pxr.Vt").Vec3fArray([self.numbers.Vec3f(*numbers["diffuseColor"])])
-        self.geometry.Gprim(prim).CreateDisplayColorAttr(colour)
+            prim = self.mesh(surface.name or surface.shape, vertices, faces, surface.pose, smooth)
+        mean = look.base if colours is None else colours.reshape(-1, 3).mean(axis=0)
+        self.paint(prim, mean[None] if colours is None or colours.ndim == 3 else colours)
         material = self.shade.Material.Define(self.stage, f"/scene/materials/material_{self.count}")
-        shader = self.shade.Shader.Define(self.stage, material.GetPath().AppendChild("surface"))
-        shader.CreateIdAttr("UsdPreviewSurface")
-        for name, given in numbers.items():
-            kind = "Color3f" if isinstance(given, list) else "Int" if isinstance(given, int) else "Float"
-            stated = self.numbers.Vec3f(*given) if isinstance(given, list) else given
-            shader.CreateInput(name, getattr(self.layers.ValueTypeNames, kind)).Set(stated)
+        path = material.GetPath()
+        shader = self.shader(path.AppendChild("surface"), "UsdPreviewSurface", **_preview(look))
+        if colours is not None and colours.ndim == 2:
+            reader = self.shader(path.AppendChild("colours"), "UsdPrimvarReader_float3", varname="displayColor")
+            self.connect(shader, "diffuseColor", reader, "result")
+        if colours is not None and colours.ndim == 3:
+            self.texture(shader, "diffuseColor", srgb_encode(colours), "sRGB")
+        if look.roughness_map is not None:
+            self.texture(shader, "roughness", _bytes(look.roughness_map))
+        if look.specular_map is not None:
+            grey = np.repeat(_bytes(look.specular_map)[..., None], 3, axis=2)
+            self.texture(shader, "specularColor", grey, scale=(*_preview(look)["specularColor"], 1.0))
+        uv = uvs_of(surface, vertices)
+        if uv is not None and (look.mapped or colours is not None):
+            kinds = self.layers.ValueTypeNames
+            primvar = self.geometry.PrimvarsAPI(prim).CreatePrimvar("st", kinds.TexCoord2fArray, "vertex")
+            primvar.Set(library("pxr.Vt").Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
         material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
         self.shade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+    def paint(self, prim: Any, colours: Matrix) -> None:
+        """displayColor: one colour, or those of all vertices."""
+        values = library("pxr.Vt").Vec3fArray.FromNumpy(np.clip(colours, 0.0, 1.0).astype(np.float32))
+        kinds, how = self.layers.ValueTypeNames, "constant" if len(colours) == 1 else "vertex"
+        self.geometry.PrimvarsAPI(prim).CreatePrimvar("displayColor", kinds.Color3fArray, how).Set(values)
+
+    def shader(self, path: Any, kind: str, **inputs: Any) -> Any:
+        """A shader with the numbers, colours, texts and files of its inputs."""
+        shader, kinds = self.shade.Shader.Define(self.stage, path), self.layers.ValueTypeNames
+        shader.CreateIdAttr(kind)
+        for name, given in inputs.items():
+            of = {float: kinds.Float, int: kinds.Int, str: kinds.String, list: kinds.Color3f, tuple: kinds.Float4}
+            stated = given
+            if isinstance(given, list):
+                stated = self.numbers.Vec3f(*given)
+            elif isinstance(given, tuple):
+                stated = self.numbers.Vec4f(*given)
+            token = name in ("sourceColorSpace", "wrapS", "wrapT")
+            typed = kinds.Asset if name == "file" else kinds.Token if token else of[type(given)]
+            shader.CreateInput(name, typed).Set(stated)
+        return shader
+
+    def connect(self, shader: Any, name: str, source: Any, output: str) -> None:
+        """Have an output of a shader give an input of another."""
+        kinds = self.layers.ValueTypeNames
+        of = {
+            "diffuseColor": kinds.Color3f,
+            "specularColor": kinds.Color3f,
+            "roughness": kinds.Float,
+            "st": kinds.Float2,
+        }
+        made = source.CreateOutput(output, {"r": kinds.Float, "result": of[name]}.get(output, kinds.Float3))
+        given = shader.GetInput(name) or shader.CreateInput(name, of[name])
+        given.GetAttr().Clear()
+        given.ConnectToSource(made)
+
+    def texture(
+        self,
+        shader: Any,
+        name: str,
+        image: NDArray[np.uint8],
+        space: str = "raw",
+        scale: tuple[float, ...] | None = None,
+    ) -> None:
+        """A picture on the UVs that gives an input of a surface."""
+        path, file = shader.GetPath().GetParentPath(), f"{self.stem}_{self.count}_{name}.png"
+        self.images[file] = image
+        inputs = {"file": f"./{file}", "sourceColorSpace": space, "wrapS": "repeat", "wrapT": "repeat"}
+        made = self.shader(path.AppendChild(name), "UsdUVTexture", **inputs, **({"scale": scale} if scale else {}))
+        reader = self.shader(path.AppendChild(f"{name}_uvs"), "UsdPrimvarReader_float2", varname="st")
+        self.connect(made, "st", reader, "result")
+        self.connect(shader, name, made, "rgb" if image.ndim == 3 else "r")
 
     def mesh(self, name: str, vertices: Any, faces: Any, place: Matrix, smooth: bool = False) -> Any:
         arrays, prim = library("pxr.Vt"), self.define("Mesh", name, place)
@@ -233,6 +310,10 @@ def _preview(look: PbrMaterial) -> dict[str, Any]:
         return {**made, "metallic": look.metallic}
     gloss = _clipped((look.specular or 0.0) * normal_fresnel(look.n) * look.tint)
     return {**made, "ior": look.n, "useSpecularWorkflow": 1, "specularColor": gloss}
+
+
+def _bytes(values: Any) -> NDArray[np.uint8]:
+    return np.round(255.0 * values).astype(np.uint8)
 
 
 def _clipped(rgb: Any) -> list[float]:
