@@ -393,9 +393,9 @@ def gamma_rows_of(scene: Scene) -> GammaRows | None:
     reflectances = reflectances_of(scene)
     first = len(reflectances) - len(scene.surfaces)
     further = {
-        first + k: [(row.of(s.reflectance), row.factor) for row in gloss_rows(s.gamma_texture, s.beta_texture)]
+        first + k: [(row.of(brightest), row.factor) for row in gloss_rows(gamma, s.beta_texture)]
         for k, s in enumerate(scene.surfaces)
-        if s.gamma_texture is not None
+        for gamma, brightest in ([(s.gamma_texture, s.brightest)] if s.gamma_texture is not None else [])
     }
     return GammaRows(reflectances, further) if further else None
 

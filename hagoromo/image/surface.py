@@ -160,11 +160,8 @@ class Surface:
         if self.beta_texture is not None:
             if self.beta_texture.values.shape[-1] != 1 or self.beta_texture.values.max() > 1.0:
                 raise InputError(f"{who}: beta_texture is a factor on beta: give one value 0…1 a place")
-        made = self.reflectance
-        if self.body_texture is not None:
-            body = Spectrum.constant(self.body_texture.brightest())
-            with described(f"{who}: where its body_texture is brightest"):
-                made = replace(made, body_colour=body)
+        with described(f"{who}: where its body_texture is brightest"):
+            made = self.brightest
         if self.gamma_texture is not None:
             self._check_gamma(self.gamma_texture.values, who)
             for gloss in widest_glosses(self.gamma_texture, self.beta_texture, self.faces):
@@ -175,7 +172,7 @@ class Surface:
                     gloss.of(made)
             if self.beta_texture is None:
                 mean = float(np.clip(self.gamma_texture.values.mean(dtype=np.float64), *ends(self.gamma_texture)))
-                object.__setattr__(self, "reflectance", replace(self.reflectance, gamma=mean))
+                object.__setattr__(self, "reflectance", replace(self.brightest, gamma=mean))
 
     def _check_gamma(self, values: np.ndarray, who: str) -> None:
         """`InputError` for what is no γ [rad]."""
@@ -189,6 +186,13 @@ class Surface:
                 f"{who}: gamma_texture has {int(wrong.sum())} values outside {SMALLEST_GAMMA:g}…{LARGEST_GAMMA:.4g} "
                 f"rad, first {values[tuple(first)]:.4g} in {where}: mend it, or give another range"
             )
+
+    @property
+    def brightest(self) -> Reflectance:
+        """Its reflectance with the brightest body colour of its body_texture."""
+        if self.body_texture is None:
+            return self.reflectance
+        return replace(self.reflectance, body_colour=Spectrum.constant(self.body_texture.brightest()))
 
     @property
     def textures(self) -> tuple[SurfaceTexture | None, ...]:

@@ -11,11 +11,11 @@ import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
-from hagoromo.image.any_picture import read_any_picture
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.mitsuba.bsdf import NAME, NUMBERS
+from hagoromo.mitsuba.textures import Values, linear_bitmap, written_bitmap
 from hagoromo.reflectance.facets import HALF_OF_GGX
 from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance
 from hagoromo.reflectance.torrance_sparrow import fresnel
@@ -40,10 +40,16 @@ AIR, SAME_INDEX = 1.000277, 1e-3  # refractive index, and how near two are alike
 
 
 class Converter:
-    """Turns BSDFs into tables [surface.reflectance] of a scene.toml. `lost` grows by a line for each loss."""
+    """Turns BSDFs into tables [surface.reflectance] of a scene.toml. `lost` grows by a line for each loss.
 
-    def __init__(self, folder: Path, lost: list[str]) -> None:
-        self.folder, self.lost = folder, lost
+    folder: of the scene's files. out: of those that are written. on_top: whether images lie with their first row at
+    v = 1 on the surface that is read; None for one without UVs, on which the means of images stand.
+    """
+
+    def __init__(self, folder: Path, out: Path, lost: list[str]) -> None:
+        self.folder, self.out, self.lost = folder, out, lost
+        self.on_top: bool | None = None
+        self.images = 0
         self.glass: list[tuple[dict[str, Any], float, float, str]] = []  # reflectance, index inside, around; whose
 
     def surface(self, bsdf: Table | None, who: str) -> dict[str, Any] | None:
@@ -93,8 +99,11 @@ class Converter:
             return Spectrum.named("D65") * float(part.get("scale", 1.0))
         if kind == "bitmap":
             self.say(f"{who}: its texture {part.get('filename', '')!r}, of which the mean colour stands")
-            linear = read_any_picture(inside(self.folder, str(part.get("filename", "")))).linear
+            linear = linear_bitmap(part, self.folder)
             return upsampled(np.broadcast_to(linear.reshape(-1, linear.shape[2]).mean(axis=0), 3))
+        if kind == "mesh_attribute":
+            self.say(f"{who}: its values by vertex, {part.get('name', '')!r}, for which half their scale stands")
+            return Spectrum.constant(0.5 * float(part.get("scale", 1.0)))
         if kind == "checkerboard":
             self.say(f"{who}: its checkerboard, of which the mean colour stands")
             both = (
@@ -105,26 +114,53 @@ class Converter:
             f"{who} has a texture {kind!r}, which is not read: give rgb, a spectrum, bitmap or checkerboard"
         )
 
+    def body(
+        self, part: Any, default: Spectrum, who: str, sent: Callable[[Values], Values] = np.asarray
+    ) -> tuple[Spectrum, dict[str, Any]]:
+        """The body colour of what a base reflects, and the key body_texture of a bitmap on UVs; its colour is then the
+        brightest. sent: what the surface sends on of the light that its base reflects.
+        """
+        if not self.is_placed(part):
+            base = _reflecting(self.colour(part, default, who))
+            return Spectrum(base.wavelengths, sent(base.values)), {}
+        values = sent(np.clip(linear_bitmap(part, self.folder), 0.0, 1.0))
+        return Spectrum.constant(float(values.max())), {"body_texture": self.image(values, part)}
+
+    def is_placed(self, part: Any) -> bool:
+        """Whether a texture is a bitmap that lies on the UVs of the surface as our images do."""
+        if not (isinstance(part, Mapping) and part["type"] == "bitmap" and self.on_top is not None):
+            return False
+        return "to_uv" not in part and part.get("wrap_mode", "repeat") == "repeat"
+
+    def image(self, values: Values, part: Table) -> dict[str, Any]:
+        """The table of a texture whose image, of the values of a bitmap, is written."""
+        self.images += 1
+        return written_bitmap(values, part, bool(self.on_top), self.out / f"texture_{self.images}.exr")
+
     def diffuse(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Exact, but for the other side: here both reflect."""
-        return {"reflectance": self.lambert(_reflecting(self.colour(bsdf.get("reflectance"), GREY, who)))}
+        colour, texture = self.body(bsdf.get("reflectance"), GREY, who)
+        return {"reflectance": self.lambert(colour), **texture}
 
     def plastic(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Body: Lambert's with the light that a diffuse base below the coat sends out; gloss: the coat's facets."""
         n = max(_ior(bsdf.get("int_ior"), 1.49, who) / _ior(bsdf.get("ext_ior"), AIR, who), 1.0)
-        base, out = _reflecting(self.colour(bsdf.get("diffuse_reflectance"), GREY, who)), diffuse_fresnel(n)
+        out = diffuse_fresnel(n)
         within = 1.0 - (1.0 - out) / (n * n)
-        values = base.values * (1.0 - out)
-        if bsdf.get("nonlinear", False):
-            values = values * (1.0 - within) / (1.0 - base.values * within)
+
+        def sent(base: Values) -> Values:
+            values = base * (1.0 - out)
+            return values * (1.0 - within) / (1.0 - base * within) if bsdf.get("nonlinear", False) else values
+
+        body, texture = self.body(bsdf.get("diffuse_reflectance"), GREY, who, sent)
         rough = bsdf["type"] == "roughplastic"
         self.say(
             f"{who}: how its coat dims the body at grazing angles" + ("" if rough else "; its coat has facets of 0.7°")
         )
         width = float(bsdf.get("alpha", 0.1)) if rough else SMOOTH_COAT
         coat = self.colour(bsdf.get("specular_reflectance"), WHITE, who)
-        made = {"alpha": 1.0 / math.pi, "n": n, "body_colour": Spectrum(base.wavelengths, values).record()}
-        return {"reflectance": self.conserving(made | self.facets(bsdf, width, 1.0, who), coat, who)}
+        made = {"alpha": 1.0 / math.pi, "n": n, "body_colour": body.record()}
+        return {"reflectance": self.conserving(made | self.facets(bsdf, width, 1.0, who), coat, who), **texture}
 
     def conductor(self, bsdf: Table, who: str) -> dict[str, Any]:
         """Smooth: a mirror; rough: facets without a body."""
@@ -175,11 +211,24 @@ class Converter:
         """Our own plugin: as it is."""
         if "file" in bsdf:
             raise InputError(f"{who} names a materials file: give its parameters, or name the file in the scene.toml")
-        record: dict[str, Any] = {key: float(bsdf[key]) for key in (*NUMBERS, "nu", "epsilon", "sigma") if key in bsdf}
+        record: dict[str, Any] = {}
+        textures: dict[str, Any] = {}
+        for key in (*NUMBERS, "nu", "epsilon", "sigma"):
+            given = bsdf.get(key)
+            if key in ("beta", "gamma") and self.is_placed(given):
+                assert isinstance(given, Mapping)
+                values = linear_bitmap({**given, "raw": True}, self.folder)[..., :1]
+                record[key] = float(values.max()) if key == "beta" else float(values.mean())
+                factor = max(record[key], 1e-9) if key == "beta" else 1.0
+                textures[f"{key}_texture"] = self.image(values / factor, given)
+            elif given is not None:
+                record[key] = float(self.colour(given, WHITE, who).mean())
         if bsdf.get("lobes"):
             record["lobes"] = [[float(x) for x in pair.split()] for pair in str(bsdf["lobes"]).split(",")]
-        colours = {key: self.colour(bsdf.get(key), WHITE, who).record() for key in ("body_colour", "interface_colour")}
-        return {"reflectance": record | colours}
+        body, texture = self.body(bsdf.get("body_colour"), WHITE, who)
+        interface = self.colour(bsdf.get("interface_colour"), WHITE, who)
+        record |= {"body_colour": body.record(), "interface_colour": interface.record()}
+        return {"reflectance": record, **textures, **texture}
 
     def facets(self, bsdf: Table, width: float, factor: float, who: str) -> dict[str, Any]:
         """β and γ of facets of roughness `width`: at the peak D F G / 4 cosθ_r is that of Mitsuba's."""

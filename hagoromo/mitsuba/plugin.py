@@ -4,10 +4,10 @@
         <string name="file" value="materials.json"/> <string name="material" value="silk"/>
     </bsdf>
 
-or by its parameters alpha, beta, gamma, n (and nu, epsilon, sigma, lobes) as numbers, body_colour and interface_colour
-as spectra or textures. Mitsuba's `wi` is the direction to the eye, `wo` that to the lamp, and its value is the
-radiance for a unit irradiance that faces the lamp, cosine included: the weights of `torrance_sparrow`. Surfaces
-reflect alike on both sides.
+or by its parameters alpha, beta, gamma, n (and nu, epsilon, sigma, lobes) as numbers, of which beta and gamma may be
+raw textures; body_colour and interface_colour as spectra or textures. Mitsuba's `wi` is the direction to the eye, `wo`
+that to the lamp, and its value is the radiance for a unit irradiance that faces the lamp, cosine included: the weights
+of `torrance_sparrow`. Surfaces reflect alike on both sides.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from hagoromo.mitsuba.colours import colour_of, variant
 from hagoromo.reflectance.body import body_factor
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.material.material_table import reflectance_from_table
-from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
 from hagoromo.transport.path.scatter import lobe_shares
 
 COLOURS = ("body_colour", "interface_colour")
+PLACED = ("beta", "gamma")  # numbers that may be textures
 SHAPE = ("nu", "epsilon", "sigma")
 
 
@@ -61,7 +62,8 @@ def _kind(name: str) -> Any:
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
             given = {key: props.get_unbounded_texture(key) for key in COLOURS if key in props}
-            made = _reflectance(props, {key: _largest(texture) for key, texture in given.items()})
+            self.placed = {key: props.get_unbounded_texture(key) for key in PLACED if _is_texture(props, key)}
+            made = _reflectance(props, {key: _largest(texture) for key, texture in (given | self.placed).items()})
             self.colours = [given.get(key) or mi.load_dict(colour_of(getattr(made, key))) for key in COLOURS]
             self.numbers = {key: mi.Float(getattr(made, key)) for key in NUMBERS}
             self.law = None if made.has_lambert_body else (mi.Float(made.epsilon), mi.Float(made.sigma))
@@ -74,14 +76,14 @@ def _kind(name: str) -> Any:
 
         def traverse(self, cb: Any) -> None:
             for key in self.numbers:
-                cb.put(key, self.numbers[key], mi.ParamFlags.Differentiable)
+                cb.put(key, self.placed.get(key, self.numbers[key]), mi.ParamFlags.Differentiable)
             for key, texture in zip(COLOURS, self.colours, strict=True):
                 cb.put(key, texture, mi.ParamFlags.Differentiable)
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> tuple[Any, Any]:
             view, sign = _seen(si.wi)
             shares = self._shares(ctx)
-            gammas = [self.numbers["gamma"], *(gamma for _, gamma in self.lobes)]
+            gammas = [self._gamma(si, active), *(gamma for _, gamma in self.lobes)]
             share, gamma, nu = shares[0], gammas[0], self.nu
             for more, other in zip(shares[1:], gammas[1:], strict=True):
                 beyond = sample1 >= share
@@ -108,12 +110,13 @@ def _kind(name: str) -> Any:
             view, sign = _seen(si.wi)
             to_lamp = mi.Vector3f(wo.x, wo.y, wo.z * sign)
             good = active & (view.z > 0.0) & (to_lamp.z > 0.0)
-            weights = self._weights(to_lamp, view)
+            gamma, beta = self._gamma(si, active), self._beta(si, active)
+            weights = self._weights(to_lamp, view, beta, gamma)
             value = mi.UnpolarizedSpectrum(0.0)
             for number, kind in enumerate((flags.DiffuseReflection, flags.GlossyReflection)):
                 if ctx.is_enabled(kind, number):
                     value += self.colours[number].eval(si, active) * weights[number]
-            return dr.select(good, value, 0.0), dr.select(good, self._density(ctx, to_lamp, view), 0.0)
+            return dr.select(good, value, 0.0), dr.select(good, self._density(ctx, to_lamp, view, gamma), 0.0)
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
             return self.colours[0].eval(si, active) * self.numbers["alpha"] * dr.pi
@@ -126,9 +129,19 @@ def _kind(name: str) -> Any:
             whole = mi.Float(1.0) if has_body else dr.fmax(sum(self.shares, mi.Float(0.0)), 1e-6)
             return [share / whole for share in self.shares]
 
-        def _density(self, ctx: Any, to_lamp: Any, view: Any) -> Any:
+        def _beta(self, si: Any, active: Any) -> Any:
+            placed = self.placed.get("beta")
+            return self.numbers["beta"] if placed is None else dr.maximum(placed.eval_1(si, active), 0.0)
+
+        def _gamma(self, si: Any, active: Any) -> Any:
+            placed = self.placed.get("gamma")
+            if placed is None:
+                return self.numbers["gamma"]
+            return dr.clip(placed.eval_1(si, active), SMALLEST_GAMMA, LARGEST_GAMMA)
+
+        def _density(self, ctx: Any, to_lamp: Any, view: Any, first: Any) -> Any:
             shares = self._shares(ctx)
-            gammas = [self.numbers["gamma"], *(gamma for _, gamma in self.lobes)]
+            gammas = [first, *(gamma for _, gamma in self.lobes)]
             left = mi.Float(1.0) - sum(shares, mi.Float(0.0))
             density = dr.fmax(left, 0.0) * dr.fmax(to_lamp.z, 0.0) / dr.pi
             for number, (share, gamma) in enumerate(zip(shares, gammas, strict=True)):
@@ -136,8 +149,8 @@ def _kind(name: str) -> Any:
                 density += share * density_to_lamp(to_lamp, view, 1.0, gamma, nu)
             return density
 
-        def _weights(self, to_lamp: Any, view: Any) -> Weights:
-            alpha, beta, gamma, n = (self.numbers[key] for key in NUMBERS)
+        def _weights(self, to_lamp: Any, view: Any, beta: Any, gamma: Any) -> Weights:
+            alpha, n = self.numbers["alpha"], self.numbers["n"]
             normal = mi.Vector3f(0, 0, 1)
             body, interface = torrance_sparrow(normal, to_lamp, view, alpha, beta, gamma, n, self.nu)
             for more, width in self.lobes:
@@ -157,14 +170,18 @@ def _kind(name: str) -> Any:
     return Dichromatic
 
 
+def _is_texture(props: Any, key: str) -> bool:
+    return key in props and not isinstance(props.get(key), (int, float))
+
+
 def _reflectance(props: Any, largest: dict[str, float]) -> Reflectance:
-    """The reflectance that the properties of the plugin state. largest: values of its colours that are textures."""
+    """The reflectance that the properties of the plugin state. largest: values of those that are textures."""
     where = f"bsdf {NAME!r} {props.id()!r}" if props.id() else f"bsdf {NAME!r}"
     if "file" in props:
         texts = {key: str(props.get(key)) for key in ("file", "material", "response", "lamp") if key in props}
         made = reflectance_from_table(texts | {"file": _resolved(texts["file"])}, None, where)
     else:
-        stated = {key: float(props.get(key)) for key in (*NUMBERS, *SHAPE) if key in props}
+        stated = {key: float(props.get(key)) for key in (*NUMBERS, *SHAPE) if key in props and key not in largest}
         record = {**stated, "lobes": _lobes(str(props.get("lobes", "")), where), "body_colour": 1.0, **largest}
         made = reflectance_from_table(record, None, where)
     numbers_of(made)  # refuses what is no surface
@@ -187,8 +204,12 @@ def _lobes(text: str, where: str) -> list[list[float]]:
 
 
 def _largest(texture: Any) -> float:
-    """The largest value of a texture; 1 where it does not say it."""
-    try:
-        return float(np.max(np.array(texture.max())))
-    except RuntimeError:
-        return 1.0
+    """The largest value of a texture: of a bitmap that of its pixels, of attributes of a mesh 0…1 times their scale; 1
+    where neither is there.
+    """
+    import mitsuba as mi
+
+    keys: Any = mi.traverse(texture)
+    if "data" in keys:
+        return float(np.max(np.array(keys["data"])))
+    return float(keys["scale"]) if "scale" in keys else 1.0

@@ -20,13 +20,14 @@ from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, sized_file
 from hagoromo.files.exr import write_exr
-from hagoromo.files.mesh import read_mesh
+from hagoromo.files.mesh import read_mesh, uv_of
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
 from hagoromo.image.scene_file import load_scene
 from hagoromo.mitsuba.bsdfs import ALL_KINDS, WHITE, Converter
 from hagoromo.mitsuba.serialized import read_serialized
+from hagoromo.mitsuba.textures import ply_of
 from hagoromo.mitsuba.write import ENVIRONMENT_FROM_MITSUBA
 from hagoromo.mitsuba.xml_tree import read_xml
 
@@ -94,7 +95,7 @@ class _Scene:
     def __init__(self, home: Path, folder: Path) -> None:
         self.home, self.folder = home, folder
         self.lost: list[str] = []
-        self.bsdfs = Converter(home, self.lost)
+        self.bsdfs = Converter(home, folder, self.lost)
         self.cameras: dict[str, Camera] = {}
         self.sections: dict[str, list[dict[str, Any]]] = {"lamp": [], "area_lamp": [], "surface": []}
         self.environment: dict[str, Any] | None = None
@@ -228,6 +229,8 @@ class _Scene:
         if any(each.get("tag") == "medium" or name in ("interior", "exterior") for name, each in part.items()
                if isinstance(each, Mapping)):  # fmt: skip
             self.bsdfs.say(f"{who}: the medium in it")
+        on_top = part.get("flip_tex_coords", part["type"] == "obj") is True
+        self.bsdfs.on_top = None if mesh is not None and mesh[2] is None else on_top and mesh is not None
         bsdfs = (each for each in _parts(part) if each["type"] in ALL_KINDS or each.get("tag") == "bsdf")
         keys = self.bsdfs.surface(next(bsdfs, None), who)
         if keys is None:
@@ -240,21 +243,22 @@ class _Scene:
                 _radius(pose, who)
             self.sections["surface"].append({"shape": part["type"], "pose": pose.ravel().tolist(), **keys, **name})
             return
-        vertices, faces = mesh
+        vertices, faces, uv = mesh
+        columns = {} if uv is None else dict(zip("uv", uv.T, strict=True))
         file = f"mesh_{number}.ply"
-        _write_ply(self.folder / file, vertices @ place[:3, :3].T + place[:3, 3], faces)
+        (self.folder / file).write_bytes(ply_of(vertices @ place[:3, :3].T + place[:3, 3], faces, columns))
         smooth = {"smooth": False} if part.get("face_normals") is True else {}
         self.sections["surface"].append({"mesh": file, **smooth, **keys, **name})
 
-    def mesh(self, part: Table, who: str) -> tuple[Matrix, NDArray[Any]]:
-        """Vertices and faces before the place."""
+    def mesh(self, part: Table, who: str) -> tuple[Matrix, NDArray[Any], Matrix | None]:
+        """Vertices before the place, faces and the UVs of the vertices."""
         path = inside(self.home, str(part.get("filename", "")))
         if part["type"] == "serialized":
-            return read_serialized(path, int(part.get("shape_index", 0)))
+            return *read_serialized(path, int(part.get("shape_index", 0))), None
         if path.suffix.lower() != f".{part['type']}":
             raise InputError(f"{who} names {path.name}: give a .{part['type']}")
         mesh = read_mesh(path)
-        return np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+        return np.asarray(mesh.vertices, float), np.asarray(mesh.faces), uv_of(mesh)
 
     def area_lamp(self, part: Table, light: Table, place: Matrix, mesh: Any, who: str) -> None:
         """A sphere or rectangle that shines. Other shapes: a rectangle if it is one, else a sphere of the same area."""
@@ -373,13 +377,6 @@ def _area_and_middle(vertices: Matrix, faces: NDArray[Any]) -> tuple[float, Matr
     if not total > 0.0:
         raise InputError("a lamp of the scene has no area: give its shape one")
     return total, (areas @ corners.mean(axis=1)) / total
-
-
-def _write_ply(path: Path, vertices: Matrix, faces: NDArray[Any]) -> None:
-    import trimesh
-
-    data: Any = trimesh.Trimesh(vertices, faces, process=False).export(file_type="ply")
-    path.write_bytes(data)
 
 
 def angles_of(turn: Matrix) -> list[float]:

@@ -23,6 +23,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.mitsuba.bsdf import NAME, numbers_of
 from hagoromo.mitsuba.medium import box_shape
+from hagoromo.mitsuba.textures import is_coloured, ply_of, textures_of
 from hagoromo.mitsuba.xml_text import VERSION, Element, plugin, text_of
 
 ENVIRONMENT_FROM_MITSUBA = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of our map from those of `envmap`
@@ -64,7 +65,7 @@ def _fill(scene: Scene, folder: Path) -> list[str]:
         root.extend(_environment(scene.environment, folder))
     around = _around_glass(scene.surfaces)
     for number, surface in enumerate(scene.surfaces):
-        root.append(_surface(surface, folder, f"mesh_{number + 1}.ply", around.get(number, 1.0)))
+        root.append(_surface(surface, folder, number + 1, around.get(number, 1.0)))
     for number, box in enumerate(scene.boxes):
         shape, missing = box_shape(box, folder, f"box_{number + 1}")
         root.append(shape)
@@ -89,8 +90,8 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
         if surface.emission is not None:
             yield f"surface {surface.name!r}: the light that it gives off"
-        if any(surface.textures):
-            yield f"surface {surface.name!r}: its textures; it has one reflectance"
+        if is_coloured(surface.body_texture):
+            yield f"surface {surface.name!r}: the spectra of its body_texture: Mitsuba has its linear sRGB under D65"
     if scene.area_lamps:
         yield "area lamps hide what is behind them: Mitsuba's are bodies"
     if any(seen) and not all(seen):
@@ -202,26 +203,31 @@ def _around_glass(surfaces: Sequence[Surface]) -> dict[int, float]:
     return {one: float(surfaces[outer].reflectance.n) for one, outer in around.items() if outer is not None}
 
 
-def _surface(surface: Surface, folder: Path, file: str, around: float) -> Element:
-    parts = [_optics(surface, around) if surface.optics else reflecting(surface)]
+def _surface(surface: Surface, folder: Path, number: int, around: float) -> Element:
+    textures, columns = textures_of(surface, folder, number)
+    parts = [_optics(surface, around) if surface.optics else _reflecting(surface, textures)]
     if surface.shape != "mesh":
         return plugin("shape", surface.shape, parts=parts, to_world=np.asarray(surface.pose, float))
     import trimesh
 
     assert surface.vertices is not None and surface.faces is not None
     placed = surface.vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
-    mesh = trimesh.Trimesh(placed, surface.faces, process=False)
-    data: Any = mesh.export(file_type="ply", vertex_normal=surface.smooth)
-    (folder / file).write_bytes(data)
+    if surface.smooth:
+        normals = np.asarray(trimesh.Trimesh(placed, surface.faces, process=False).vertex_normals)
+        columns |= dict(zip(("nx", "ny", "nz"), normals.T, strict=True))
+    if surface.uv is not None:
+        columns |= dict(zip("uv", np.asarray(surface.uv).T, strict=True))
+    file = f"mesh_{number}.ply"
+    (folder / file).write_bytes(ply_of(placed, surface.faces, columns))
     return plugin("shape", "ply", parts=parts, filename=file, face_normals=not surface.smooth)
 
 
-def reflecting(surface: Surface) -> Element:
-    """The BSDF of a surface."""
-    made = surface.reflectance
-    return plugin(
-        "bsdf", NAME, **numbers_of(made), body_colour=made.body_colour, interface_colour=made.interface_colour
-    )
+def _reflecting(surface: Surface, textures: Sequence[Element]) -> Element:
+    """The BSDF of a surface. textures: stand in place of the parameters that they are named as."""
+    made, placed = surface.reflectance, {texture.get("name") for texture in textures}
+    values = {**numbers_of(made), "body_colour": made.body_colour, "interface_colour": made.interface_colour}
+    plain = {key: value for key, value in values.items() if key not in placed}
+    return plugin("bsdf", NAME, parts=textures, **plain)
 
 
 def _optics(surface: Surface, around: float) -> Element:

@@ -11,10 +11,13 @@ import pytest
 import hagoromo as hg
 import hagoromo.mitsuba as hm
 from hagoromo import backend
+from hagoromo.files.exr import write_exr
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import colour_matching, xyz_from_srgb
 from hagoromo.light.spectrum import integrate_product
+from hagoromo.mitsuba.bsdfs import diffuse_fresnel
 from hagoromo.mitsuba.medium import flakes
+from hagoromo.mitsuba.textures import ply_of
 from tests.agreement.test_mitsuba import INTENSITY, LAMP, TAU, VOXELS, cloud
 from tests.agreement.test_mitsuba import camera as camera_of_cloud
 from tests.judges import blocks_agree
@@ -69,6 +72,84 @@ def test_our_reflectance_sends_light_on_in_mitsuba_as_here():
     """Plates and a ball, by a near and a far lamp, all orders."""
     lamps = hg.Lamp(position=(0.5, -2, 1.2), intensity=5.0), hg.Lamp(to_lamp=(-1, -1, 0.6), intensity=0.5)
     assert_same_radiance(hg.Scene(FRAME, lamps, surfaces=plates()), 256)
+
+
+SHEET = np.array([[-0.8, -0.8, 0.0], [0.8, -0.8, 0.0], [0.8, 0.8, 0.2], [-0.8, 0.8, 0.2]])
+TWO = np.array([[0, 1, 2], [0, 2, 3]])
+TWO_LAMPS = hg.Lamp(position=(0.5, -2, 1.2), intensity=5.0), hg.Lamp(to_lamp=(-1, -1, 0.6), intensity=0.5)
+
+
+def test_textures_lie_in_mitsuba_as_here_and_come_back(tmp_path):
+    """Images of body, beta and gamma that repeat on a mesh, one on a ball, and values by vertex; all orders."""
+    random = np.random.default_rng(0)
+    body = hg.SurfaceTexture(0.1 + 0.8 * random.random((6, 8)))
+    gloss = {"gamma_texture": hg.SurfaceTexture(0.1 + 0.3 * random.random((5, 4)), smooth=False),
+             "beta_texture": hg.SurfaceTexture(random.random((4, 4)))}  # fmt: skip
+    uv, pose = np.array([[0, 0], [2, 0], [2, 1.5], [0, 1.5]]), np.diag([0.25, 0.25, 0.25, 1.0])
+    pose[2, 3] = 0.5
+    by_vertex = {"body_texture": hg.SurfaceTexture([0.1, 0.9, 0.4, 0.6], of="vertices"),
+                 "gamma_texture": hg.SurfaceTexture([0.1, 0.4, 0.3, 0.2], of="vertices")}  # fmt: skip
+    surfaces = (
+        hg.Surface(SILK, vertices=SHEET, faces=TWO, uv=uv, smooth=False, body_texture=body, **gloss),
+        hg.Surface(SILK, "sphere", pose=pose, body_texture=body),
+        hg.Surface(PLASTER, vertices=0.3 * SHEET + [0.5, 0.1, 0.4], faces=TWO, smooth=False, **by_vertex),
+    )
+    scene = hg.Scene(FRAME, TWO_LAMPS, surfaces=surfaces)
+    assert_same_radiance(scene, 384)
+    assert hm.write_mitsuba(scene, tmp_path / "there") == []
+    lost = hm.scene_from_mitsuba(tmp_path / "there" / "scene.xml", tmp_path / "back")
+    assert len(lost) == 2 and all("half their scale" in line for line in lost)
+    back = load_scene(tmp_path / "back" / "scene.toml")[0].surfaces
+    for mine, other in zip(surfaces[:2], back, strict=False):
+        assert other.reflectance.beta * _largest(other.beta_texture) == pytest.approx(0.6 * _largest(mine.beta_texture))
+        for one, read in zip(mine.textures, other.textures, strict=True):
+            assert (one is None) == (read is None)
+            if one is not None and read is not None:
+                assert read.smooth == one.smooth
+                assert np.allclose(read.values / _largest(read), one.values / _largest(one), rtol=1e-5)
+
+
+def _largest(texture):
+    return 1.0 if texture is None else texture.values.max()
+
+
+def test_bitmaps_of_mitsuba_lie_here_as_there(tmp_path):
+    """On an OBJ, whose images Mitsuba turns upside down, a PLY and a rectangle; one is transformed: its mean stands."""
+    values = (0.1 + 0.8 * np.random.default_rng(3).random((6, 8))).astype(np.float32)
+    write_exr(tmp_path / "image.exr", {"Y": values})
+    uv = [(0, 0), (1.5, 0), (1.5, 1), (0, 1)]
+    lines = [f"v {x} {y} {z}" for x, y, z in SHEET] + [f"vt {u} {v}" for u, v in uv]
+    (tmp_path / "sheet.obj").write_text("\n".join([*lines, "f 1/1 2/2 3/3", "f 1/1 3/3 4/4", ""]))
+    columns = dict(zip("uv", np.array(uv).T, strict=True))
+    (tmp_path / "small.ply").write_bytes(ply_of(0.3 * SHEET + [-0.4, 0.2, 0.5], TWO, columns))
+    image = "<texture type='bitmap' name='{}'><string name='filename' value='image.exr'/>"
+    matt = f"<bsdf type='twosided'><bsdf type='diffuse'>{image.format('reflectance')}</texture></bsdf></bsdf>"
+    coat = f"<bsdf type='roughplastic'>{image.format('diffuse_reflectance')}</texture></bsdf>"
+    flat = "<boolean name='face_normals' value='true'/>"
+    text = f"""<scene version="3.0.0"><integrator type="path"/>
+<sensor type="perspective"><float name="fov" value="44"/>
+  <transform name="to_world"><lookat origin="0,-3,1" target="0,0,0.3" up="0,0,1"/></transform>
+  <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/><rfilter type="box"/>
+  <string name="component_format" value="float32"/></film></sensor>
+<emitter type="point"><point name="position" x="0.5" y="-2" z="1.2"/><spectrum name="intensity" value="5"/></emitter>
+<shape type="obj"><string name="filename" value="sheet.obj"/>{flat}{matt}</shape>
+<shape type="ply"><string name="filename" value="small.ply"/>{flat}{matt}</shape>
+<shape type="rectangle">{matt}
+  <transform name="to_world"><scale value="0.25"/><translate x="0.4" z="0.5"/></transform></shape>
+</scene>"""
+    (tmp_path / "scene.xml").write_text(text)
+    assert hm.scene_from_mitsuba(tmp_path / "scene.xml", tmp_path / "here") == []
+    scene = load_scene(tmp_path / "here" / "scene.toml")[0]
+    assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "scene.xml")))
+    turned = "<transform name='to_uv'><scale value='2'/></transform></texture>"
+    (tmp_path / "scene.xml").write_text(text.replace(matt, matt.replace("</texture>", turned), 1).replace(matt, coat))
+    lost = hm.scene_from_mitsuba(tmp_path / "scene.xml", tmp_path / "other")
+    assert any("the mean colour stands" in line for line in lost) and any("how its coat dims" in line for line in lost)
+    other = load_scene(tmp_path / "other" / "scene.toml")[0].surfaces
+    assert [surface.body_texture is None for surface in other] == [True, False, False]
+    assert other[0].reflectance.body_colour.at(550.0) == pytest.approx(values.mean(), rel=1e-5)
+    kept = 1.0 - diffuse_fresnel(1.49 / 1.000277)  # of what the base reflects, by the coat
+    assert np.allclose(other[1].textures[0].values, kept * scene.surfaces[1].textures[0].values, rtol=1e-5)
 
 
 @pytest.mark.slow

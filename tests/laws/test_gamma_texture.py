@@ -355,6 +355,18 @@ def test_a_scene_file_has_gamma_of_colours_of_vertices(scene, tmp_path):
         assert corner == pytest.approx({(-1, -1): 0.05, (1, -1): 0.4, (1, 1): 0.19, (-1, 1): 0.12}, rel=1e-6)
 
 
+@pytest.mark.parametrize("mode", ["march", "full", "path"])
+def test_a_dark_image_leaves_room_for_wide_facets(mode):
+    """A body whose own colour would be too bright beside them: its image stands in its place, and is dark."""
+    image, wide = hg.SurfaceTexture([[0.2, 0.3]]), hg.SurfaceTexture([[0.1, 0.5]])
+    bright = hg.Reflectance(0.28, 0.6, 0.1, 1.5, WHITE)
+    with pytest.raises(InputError, match="energy"):
+        hg.Surface(bright, "rectangle", gamma_texture=wide)
+    surface = hg.Surface(bright, "rectangle", gamma_texture=wide, body_texture=image)
+    view = hg.Camera(4, 3, (9, 9), (2, 1.5)).look_at((0, -1, 3), (0, 0, 0))
+    assert (hg.render(hg.Scene(view, (LAMP,), surfaces=(surface,)), mode=mode).weights > 0.0).any()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
