@@ -5,6 +5,8 @@ Pictures are judged as in `test_mitsuba_orders.py`, with the variance of both so
 brighter.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -83,11 +85,11 @@ def test_textures_lie_in_mitsuba_as_here_and_come_back(tmp_path):
     """Images of body, beta and gamma that repeat on a mesh, one on a ball, and values by vertex; all orders."""
     random = np.random.default_rng(0)
     body = hg.SurfaceTexture(0.1 + 0.8 * random.random((6, 8)))
-    gloss = {"gamma_texture": hg.SurfaceTexture(0.1 + 0.3 * random.random((5, 4)), smooth=False),
+    gloss: dict[str, Any] = {"gamma_texture": hg.SurfaceTexture(0.1 + 0.3 * random.random((5, 4)), smooth=False),
              "beta_texture": hg.SurfaceTexture(random.random((4, 4)))}  # fmt: skip
     uv, pose = np.array([[0, 0], [2, 0], [2, 1.5], [0, 1.5]]), np.diag([0.25, 0.25, 0.25, 1.0])
     pose[2, 3] = 0.5
-    by_vertex = {"body_texture": hg.SurfaceTexture([0.1, 0.9, 0.4, 0.6], of="vertices"),
+    by_vertex: dict[str, Any] = {"body_texture": hg.SurfaceTexture([0.1, 0.9, 0.4, 0.6], of="vertices"),
                  "gamma_texture": hg.SurfaceTexture([0.1, 0.4, 0.3, 0.2], of="vertices")}  # fmt: skip
     surfaces = (
         hg.Surface(SILK, vertices=SHEET, faces=TWO, uv=uv, smooth=False, body_texture=body, **gloss),
@@ -149,7 +151,8 @@ def test_bitmaps_of_mitsuba_lie_here_as_there(tmp_path):
     assert [surface.body_texture is None for surface in other] == [True, False, False]
     assert other[0].reflectance.body_colour.at(550.0) == pytest.approx(values.mean(), rel=1e-5)
     kept = 1.0 - diffuse_fresnel(1.49 / 1.000277)  # of what the base reflects, by the coat
-    assert np.allclose(other[1].textures[0].values, kept * scene.surfaces[1].textures[0].values, rtol=1e-5)
+    plain, coated = scene.surfaces[1].body_texture, other[1].body_texture
+    assert plain is not None and coated is not None and np.allclose(coated.values, kept * plain.values, rtol=1e-5)
 
 
 @pytest.mark.slow
